@@ -1,0 +1,109 @@
+"""Checks of what a caller hands in: a `ValueError` names argument, value and need.
+
+Concrete values are checked; traced ones pass, because their numbers are not known yet.
+Shapes and dtypes are known while tracing and are always checked.
+"""
+
+__all__ = ["float_array", "is_concrete", "one_of", "positive_int", "real_number"]
+
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+
+def is_concrete(value: Any) -> bool:
+    """Tell whether every leaf of `value` has numbers that Python can read now."""
+    return not any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(value))
+
+
+def _as_array(name: str, value: Any) -> jax.Array | np.ndarray:
+    if isinstance(value, jax.Array):
+        return value
+    try:
+        # A list that holds tracers has no numbers for numpy to read.
+        array = np.asarray(value) if is_concrete(value) else jnp.asarray(value)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"{name} must hold numbers, got {value!r}") from error
+    return array
+
+
+def _is_real(array: jax.Array | np.ndarray) -> bool:
+    return jnp.issubdtype(array.dtype, np.integer) or jnp.issubdtype(
+        array.dtype, np.floating
+    )
+
+
+def real_number(
+    name: str, value: Any, *, positive: bool = False, unit: str | None = None
+) -> Any:
+    """Return `value` as a Python float, or as it is where it is traced.
+
+    A Python float takes the precision of whatever it meets, so one camera serves
+    single and double precision.
+    """
+    need = "a positive number" if positive else "a finite number"
+    if unit is not None:
+        need += f" in {unit}"
+    array = _as_array(name, value)
+    if array.shape != () or not _is_real(array):
+        raise ValueError(f"{name} must be {need}, got {value!r}")
+    if not is_concrete(value):
+        return value
+    number = float(array)
+    if not np.isfinite(number) or (positive and number <= 0):
+        raise ValueError(f"{name} must be {need}, got {number}")
+    return number
+
+
+def positive_int(name: str, value: Any, unit: str) -> int:
+    """Return `value` as a positive Python int."""
+    if (
+        isinstance(value, bool)
+        or not isinstance(value, int | np.integer)
+        or int(value) <= 0
+    ):
+        raise ValueError(f"{name} must be a positive whole number of {unit}, "
+                         f"got {value!r}")  # fmt: skip
+    return int(value)
+
+
+def float_array(
+    name: str, value: Any, shape: Sequence[int | None], unit: str = "numbers"
+) -> Float[Array, "..."]:
+    """Return `value` as a finite floating-point array whose last axes are `shape`.
+
+    Args:
+        name: Name of the argument, for the error.
+        value: Numbers, or a traced array.
+        shape: Expected trailing shape; `None` stands for any length.
+        unit: Unit of the numbers, for the error.
+    """
+    array = _as_array(name, value)
+    trailing = (
+        array.shape[array.ndim - len(shape) :] if array.ndim >= len(shape) else ()
+    )
+    fits = len(trailing) == len(shape) and all(
+        need is None or need == have for need, have in zip(shape, trailing, strict=True)
+    )
+    if not fits or not _is_real(array):
+        raise ValueError(
+            f"{name} must be {unit} of shape {tuple(shape)}, "
+            f"got {array.dtype} of shape {array.shape}"
+        )
+    if is_concrete(array) and not np.all(np.isfinite(np.asarray(array))):
+        raise ValueError(f"{name} must be finite {unit}, got {np.asarray(array)}")
+    if isinstance(array, jax.Array):
+        return array.astype(jnp.result_type(float, array.dtype))
+    # A plain Python or numpy number has no precision of its own: take jax's default.
+    return jnp.asarray(array, dtype=jnp.result_type(float))
+
+
+def one_of(name: str, value: Any, allowed: Iterable[str]) -> None:
+    """Raise unless `value` is one of the `allowed` names."""
+    names = tuple(allowed)
+    if value not in names:
+        raise ValueError(f"{name} must be one of {', '.join(names)}; got {value!r}")

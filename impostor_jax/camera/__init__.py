@@ -1,0 +1,1 @@
+"""Cameras: which ray each pixel sees, and which pixel a point falls on."""

@@ -1,0 +1,59 @@
+"""What every camera promises."""
+
+__all__ = ["AbstractCamera"]
+
+import abc
+
+import equinox as eqx
+from jaxtyping import Array, Bool, Float
+from numpy.typing import DTypeLike
+
+from impostor_jax.camera.pixels import PixelBox, Tile
+from impostor_jax.geometry.frames import RigidTransform
+from impostor_jax.geometry.rays import Ray
+
+
+class AbstractCamera(eqx.Module):
+    """A camera looks along +z of its own frame: x right, y down, z forward.
+
+    Attributes:
+        width: Number of columns of the image.
+        height: Number of rows of the image.
+        camera_from_world: Pose; None where the camera frame is the world frame.
+    """
+
+    width: eqx.AbstractVar[int]
+    height: eqx.AbstractVar[int]
+    camera_from_world: eqx.AbstractVar[RigidTransform | None]
+
+    @property
+    @abc.abstractmethod
+    def frame(self) -> Tile:
+        """The whole image as a tile."""
+
+    @abc.abstractmethod
+    def rays(self, tile: Tile, dtype: DTypeLike) -> Ray:
+        """Rays through the pixel centers of a tile, in the camera frame.
+
+        Directions have z = 1, so the ray parameter of a point is its depth.
+
+        Derivatives:
+            In every field of the camera, its lens coefficients included.
+        """
+
+    @abc.abstractmethod
+    def valid_pixels(self, tile: Tile) -> Bool[Array, "h w"] | None:
+        """Pixels of a tile that see anything; None where all of them do."""
+
+    @abc.abstractmethod
+    def pixel_box(self, low: Float[Array, "2"], high: Float[Array, "2"]) -> PixelBox:
+        """Smallest block of pixels that holds every ray (x, y, 1) of a box.
+
+        Args:
+            low: Smallest x and y of the box in the plane z = 1.
+            high: Largest x and y.
+        """
+
+    @abc.abstractmethod
+    def project(self, points: Float[Array, "*batch 3"]) -> Float[Array, "*batch 2"]:
+        """Image coordinates (u, v), in pixels, of points of the camera frame, z > 0."""

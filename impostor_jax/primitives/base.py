@@ -1,0 +1,37 @@
+"""What every primitive promises."""
+
+__all__ = ["AbstractPrimitive"]
+
+import abc
+from typing import Self
+
+import equinox as eqx
+from jaxtyping import Array, Float
+
+from impostor_jax.geometry.frames import RigidTransform
+from impostor_jax.geometry.rays import Hit, Ray
+from impostor_jax.geometry.vec3 import Vec3
+
+
+class AbstractPrimitive(eqx.Module):
+    """A solid with a closed-form intersection; lengths are in meters."""
+
+    @abc.abstractmethod
+    def intersect(self, ray: Ray) -> Hit:
+        """First surface in front of the ray's origin.
+
+        A ray that starts inside the solid sees the surface where it leaves. Values and
+        derivatives are finite on every ray but for `t`, which is `+inf` on a miss.
+        """
+
+    @abc.abstractmethod
+    def normal(self, ray: Ray, hit: Hit) -> Vec3:
+        """Unit normal at a hit, turned towards the ray's origin; zero on a miss."""
+
+    @abc.abstractmethod
+    def implicit(self, point: Vec3) -> Float[Array, "*batch"]:
+        """Signed distance from the surface in meters, negative inside."""
+
+    @abc.abstractmethod
+    def transformed(self, target_from_source: RigidTransform) -> Self:
+        """Express the same shape in another frame."""

@@ -1,0 +1,191 @@
+"""Right circular cylinder with flat end caps.
+
+The solid is an infinite round wall cut by a slab. Both are convex, so a ray spends one
+interval in each and their overlap in the solid; the surface hit is the bound entered
+last (or, from inside, the one left first), and which bound that was tells wall from
+cap.
+
+The derivative of the hit does not pass through that construction. The hit point p
+satisfies F(p, parameters) = 0 with F the wall's or the cap's equation, so
+
+    dt = -(dF in the parameters and the ray, t held) / (n . d),
+
+with n the outward normal and d the ray's direction: shorter than the derivative of the
+formulas, finite on every ray, and the same in forward and reverse mode.
+"""
+
+__all__ = ["Cylinder"]
+
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+from typing_extensions import override
+
+from impostor_jax.arguments import float_array, is_concrete
+from impostor_jax.geometry.frames import RigidTransform
+from impostor_jax.geometry.rays import (
+    Hit,
+    Ray,
+    slab_interval,
+    wall_interval,
+)
+from impostor_jax.geometry.vec3 import Vec3
+from impostor_jax.numerics import safe_norm, safe_sqrt, smallest_slope
+from impostor_jax.primitives.base import AbstractPrimitive
+
+
+class Cylinder(AbstractPrimitive):
+    """Right circular cylinder with flat end caps, in the world frame.
+
+    Args:
+        center: Midpoint of the axis between the caps, (*batch, 3), in meters.
+        axis: Direction of the axis, (*batch, 3); any nonzero length, kept as a unit
+            vector.
+        radius: In meters, positive, (*batch,).
+        height: Full length from cap to cap in meters, positive, (*batch,).
+
+    Derivatives:
+        The depth of a pixel is smooth in every field while the same surface is seen and
+        jumps where the outline or the rim crosses the pixel. It grows without bound as
+        a ray grazes the wall; on a ray that grazes to rounding it is 0.
+
+    Raises:
+        ValueError: A concrete value is out of range, or a shape does not fit.
+    """
+
+    center: Float[Array, "*batch 3"]
+    axis: Float[Array, "*batch 3"]
+    radius: Float[Array, "*batch"]
+    height: Float[Array, "*batch"]
+
+    def __init__(self, center: Any, axis: Any, radius: Any, height: Any):
+        values = (
+            float_array("center", center, (3,), "meters"),
+            float_array("axis", axis, (3,)),
+            float_array("radius", radius, (), "meters"),
+            float_array("height", height, (), "meters"),
+        )
+        dtype = jnp.result_type(*values)
+        center, axis, radius, height = (value.astype(dtype) for value in values)
+        if not center.shape[:-1] == axis.shape[:-1] == radius.shape == height.shape:
+            raise ValueError(
+                "center, axis, radius and height must have one batch shape, got "
+                f"{center.shape[:-1]}, {axis.shape[:-1]}, {radius.shape}, "
+                f"{height.shape}"
+            )
+        for name, length in (("radius", radius), ("height", height)):
+            if is_concrete(length) and not np.all(np.asarray(length) > 0):
+                raise ValueError(f"{name} must be positive, in meters, got {length}")
+        if is_concrete(axis) and not np.all(np.any(np.asarray(axis) != 0, axis=-1)):
+            raise ValueError(f"axis must not be the zero vector, got {axis}")
+        # Divided by its largest component first, so that no square under- or overflows.
+        largest = jax.lax.stop_gradient(jnp.max(jnp.abs(axis), axis=-1, keepdims=True))
+        axis = axis / jnp.where(largest > 0, largest, 1)
+        length = safe_norm(axis)[..., None]
+        self.center = center
+        self.axis = axis / jnp.where(length > 0, length, 1)
+        self.radius = radius
+        self.height = height
+
+    @override
+    def intersect(self, ray: Ray) -> Hit:
+        t = _signed_hit(ray, self)
+        return Hit(t=jnp.abs(t), on_cap=t < 0)
+
+    @override
+    def normal(self, ray: Ray, hit: Hit) -> Vec3:
+        mask = hit.mask
+        a = Vec3.from_array(self.axis)
+        q = ray.at(jnp.where(mask, hit.t, 0)) - Vec3.from_array(self.center)
+        n = a.where(hit.on_cap, (q - a * q.dot(a)).normalize())
+        facing = jnp.where(n.dot(ray.direction) > 0, -1, 1)
+        return n * jnp.where(mask, facing, 0)
+
+    @override
+    def implicit(self, point: Vec3) -> Float[Array, "*batch"]:
+        a = Vec3.from_array(self.axis)
+        q = point - Vec3.from_array(self.center)
+        along = q.dot(a)
+        beyond_wall = (q - a * along).norm() - self.radius
+        beyond_cap = jnp.abs(along) - self.height / 2
+        outside = safe_sqrt(
+            jnp.maximum(beyond_wall, 0) ** 2 + jnp.maximum(beyond_cap, 0) ** 2
+        )
+        return outside + jnp.minimum(jnp.maximum(beyond_wall, beyond_cap), 0)
+
+    @override
+    def transformed(self, target_from_source: RigidTransform) -> "Cylinder":
+        center = target_from_source.apply(self.center)
+        axis = target_from_source.rotate(self.axis)
+        return eqx.tree_at(lambda c: (c.center, c.axis), self, (center, axis))
+
+
+@jax.custom_jvp
+def _signed_hit(ray: Ray, cylinder: Cylinder) -> Float[Array, "*batch"]:
+    """Ray parameter of the first hit: `t` on the wall, `-t` on a cap, else `+inf`.
+
+    One array holds all that the maps are made from. XLA otherwise writes every shared
+    square root and quotient to a buffer of its own, and it fuses across any boundary
+    but a loop: a loop of one turn, counted at run time, takes the whole 640x480 frame
+    from 3.9 ms to 1.9 ms.
+    """
+
+    def trace(_: int, __: Array) -> Array:
+        center, a = Vec3.from_array(cylinder.center), Vec3.from_array(cylinder.axis)
+        local, foot = ray.recentered(center)
+        wall = wall_interval(local, a, cylinder.radius)
+        slab = slab_interval(local, a, cylinder.height / 2)
+        enter = foot + jnp.maximum(wall.lower, slab.lower)
+        leave = foot + jnp.minimum(wall.upper, slab.upper)
+        outside = enter > 0
+        on_cap = jnp.where(outside, slab.lower > wall.lower, slab.upper < wall.upper)
+        t = jnp.where(outside, enter, leave)
+        hit = (enter <= leave) & (leave > 0)
+        return jnp.where(hit, jnp.where(on_cap, -t, t), jnp.inf)
+
+    shape = jnp.broadcast_shapes(ray.direction.x.shape, cylinder.radius.shape)
+    start = jnp.zeros(shape, cylinder.radius.dtype)
+    # Always 1, but only the run knows: a bit pattern cut off to [1, 1].
+    bits = jax.lax.bitcast_convert_type(
+        jnp.max(cylinder.radius).astype(jnp.float32), jnp.int32
+    )
+    return jax.lax.fori_loop(0, jnp.clip(bits, 1, 1), trace, start)
+
+
+@_signed_hit.defjvp
+def _signed_hit_jvp(primals, tangents):
+    (ray, cylinder), (d_ray, d_cylinder) = primals, tangents
+    signed = _signed_hit(ray, cylinder)
+    return signed, _signed_hit_tangent(ray, cylinder, signed, d_ray, d_cylinder)
+
+
+def _signed_hit_tangent(
+    ray: Ray,
+    cylinder: Cylinder,
+    signed: Float[Array, "*batch"],
+    d_ray: Ray,
+    d_cylinder: Cylinder,
+) -> Float[Array, "*batch"]:
+    mask, on_cap = jnp.isfinite(signed), signed < 0
+    t = jnp.where(mask, jnp.abs(signed), 0)
+    a = Vec3.from_array(cylinder.axis)
+    q = ray.at(t) - Vec3.from_array(cylinder.center)
+    along = q.dot(a)
+    radial = (q - a * along).normalize()
+    end = jnp.where(along < 0, -1, 1)
+    n = (a * end).where(on_cap, radial)
+    # The wall leans with the axis in proportion to the height above the center, a cap
+    # in proportion to the distance from the axis.
+    lean = (q * -end).where(on_cap, radial * along)
+    d_size = jnp.where(on_cap, d_cylinder.height / 2, d_cylinder.radius)
+    d_point = d_ray.at(t) - Vec3.from_array(d_cylinder.center)
+    d_axis = Vec3.from_array(d_cylinder.axis)
+    change = d_size - n.dot(d_point) + lean.dot(d_axis)
+    n_d = n.dot(ray.direction)
+    usable = mask & (jnp.abs(n_d) > smallest_slope(n_d.dtype))
+    d_t = jnp.where(usable, change / jnp.where(usable, n_d, 1), 0)
+    return jnp.where(on_cap, -d_t, d_t)

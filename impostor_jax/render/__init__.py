@@ -1,0 +1,1 @@
+"""Depth, normal and mask images of primitives."""

@@ -1,0 +1,26 @@
+"""The images that a render returns."""
+
+__all__ = ["OUTPUTS", "GeometryMaps"]
+
+import equinox as eqx
+from jaxtyping import Array, Bool, Float
+
+OUTPUTS = ("depth", "range", "point", "normal", "mask")
+
+
+class GeometryMaps(eqx.Module):
+    """Geometry seen by each pixel, in the camera frame; None where not asked for.
+
+    Attributes:
+        depth: z of the surface point in meters; `+inf` where nothing is hit.
+        range: Distance along the ray in meters; `+inf` where nothing is hit.
+        point: Surface point in meters; `+inf` where nothing is hit.
+        normal: Unit normal that faces the camera; zero where nothing is hit.
+        mask: Whether the pixel's center ray hits anything.
+    """
+
+    depth: Float[Array, "h w"] | None = None
+    range: Float[Array, "h w"] | None = None
+    point: Float[Array, "h w 3"] | None = None
+    normal: Float[Array, "h w 3"] | None = None
+    mask: Bool[Array, "h w"] | None = None

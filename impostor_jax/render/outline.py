@@ -1,0 +1,97 @@
+"""Perspective outline of a capped cylinder in closed form.
+
+The cylinder is the convex hull of its two end discs, and a camera in front of it keeps
+convex hulls, so the outline is the hull of the images of the two discs. A disc with
+center c, unit axis a and radius r has the dual conic r^2 (I - a a^T) - c c^T: the line
+n.x = s of the plane z = 1 touches its image where (n, -s) makes that form zero. That is
+a quadratic in s, so the support function of each disc is explicit, and that of the
+cylinder is the larger of the two.
+
+All this holds while both discs lie wholly in front of the camera's plane z = 0.
+"""
+
+__all__ = ["in_front", "outline_points", "support"]
+
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+
+from impostor_jax.geometry.vec3 import Vec3
+from impostor_jax.numerics import safe_divide, safe_sqrt
+from impostor_jax.primitives.cylinder import Cylinder
+
+
+def _discs(cylinder: Cylinder) -> tuple[Vec3, Vec3]:
+    """Centers of the two caps."""
+    offset = cylinder.axis * (cylinder.height / 2)
+    return (
+        Vec3.from_array(cylinder.center - offset),
+        Vec3.from_array(cylinder.center + offset),
+    )
+
+
+def in_front(cylinder: Cylinder) -> Bool[Array, ""]:
+    """Whether every point of a cylinder, in the camera frame, has positive depth."""
+    reach = cylinder.radius * safe_sqrt(1 - cylinder.axis[2] ** 2)
+    below, above = _discs(cylinder)
+    return jnp.minimum(below.z, above.z) > reach
+
+
+def support(
+    cylinder: Cylinder, n_x: Float[Array, "*batch"], n_y: Float[Array, "*batch"]
+) -> tuple[Float[Array, "*batch"], Float[Array, "*batch"], Float[Array, "*batch"]]:
+    """Support function of the outline: the largest n.x over its points x.
+
+    Args:
+        cylinder: In the camera frame, wholly in front of the camera.
+        n_x: First component of the unit normal of a line in the plane z = 1.
+        n_y: Second component.
+
+    Returns:
+        The support, and the point (x, y) of the outline where the line touches it.
+
+    References:
+        Hartley and Zisserman (2004), section 2.2.3, for the dual conic.
+    """
+    a, r = Vec3.from_array(cylinder.axis), cylinder.radius
+    zero, one = jnp.zeros_like(n_x), jnp.ones_like(n_x)
+    normal, forward = Vec3(n_x, n_y, zero), Vec3(zero, zero, one)
+
+    def across(v: Vec3, w: Vec3) -> Float[Array, "*batch"]:
+        return v.dot(w) - v.dot(a) * w.dot(a)
+
+    n_n, n_z = across(normal, normal), across(normal, forward)
+    z_z = across(forward, forward)
+    touches = []
+    for c in _discs(cylinder):
+        w = normal * c.z - forward * normal.dot(c)
+        # The discriminant b^2 - a c of the quadratic below, multiplied out: as it
+        # stands it cancels where the disc is small for its distance.
+        gap = r * r * (across(w, w) - r * r * (n_n * z_z - n_z * n_z))
+        height = c.z * c.z - r * r * z_z
+        s = (normal.dot(c) * c.z - r * r * n_z + safe_sqrt(gap)) / height
+        # The line (n, -s) touches the conic at the point C (n, -s).
+        line = normal - forward * s
+        pole_x = r * r * (line.x - a.x * line.dot(a)) - c.x * line.dot(c)
+        pole_y = r * r * (line.y - a.y * line.dot(a)) - c.y * line.dot(c)
+        pole_z = r * r * (line.z - a.z * line.dot(a)) - c.z * line.dot(c)
+        touches.append((s, safe_divide(pole_x, pole_z), safe_divide(pole_y, pole_z)))
+    (s0, x0, y0), (s1, x1, y1) = touches
+    second = s1 > s0
+    return (
+        jnp.where(second, s1, s0),
+        jnp.where(second, x1, x0),
+        jnp.where(second, y1, y0),
+    )
+
+
+def outline_points(cylinder: Cylinder, count: int = 360) -> Float[Array, "{count} 2"]:
+    """Points of the outline in order, as a closed polygon of the plane z = 1.
+
+    Args:
+        cylinder: In the camera frame, wholly in front of the camera.
+        count: Number of directions whose touching points are taken; the two straight
+            edges lie between neighbors.
+    """
+    angle = jnp.arange(count, dtype=cylinder.radius.dtype) * (2 * jnp.pi / count)
+    _, x, y = support(cylinder, jnp.cos(angle), jnp.sin(angle))
+    return jnp.stack([x, y], axis=-1)

@@ -1,0 +1,104 @@
+"""The impostor's billboard: a tile of pixels around the cylinder's exact outline."""
+
+__all__ = ["outline_box", "outline_tile"]
+
+import jax
+import jax.numpy as jnp
+
+from impostor_jax.arguments import is_concrete
+from impostor_jax.camera.base import AbstractCamera
+from impostor_jax.camera.pixels import PixelBox, Tile
+from impostor_jax.numerics import eps
+from impostor_jax.primitives.cylinder import Cylinder
+from impostor_jax.render.outline import in_front, support
+
+STEP = 16
+"""Sides of a tile are multiples of this many pixels, so that few sizes are compiled."""
+
+
+@jax.jit
+def outline_box(cylinder: Cylinder, camera: AbstractCamera) -> PixelBox:
+    """Smallest box of pixels that holds all whose center ray can meet the cylinder.
+
+    From the outline's support in four directions, not from max(radius, height): that
+    square misses corners, and it is several times too large for a rod.
+
+    Args:
+        cylinder: In the world frame.
+        camera: The camera, with or without a lens.
+
+    Returns:
+        The box; empty where no pixel sees the cylinder. Where the cylinder reaches
+        behind the camera's plane z = 0, the whole image.
+    """
+    if camera.camera_from_world is not None:
+        cylinder = cylinder.transformed(camera.camera_from_world)
+    dtype = cylinder.radius.dtype
+    n_x = jnp.array([-1, 0, 1, 0], dtype)
+    n_y = jnp.array([0, -1, 0, 1], dtype)
+    reach, _, _ = support(cylinder, n_x, n_y)
+    # Wider by a few roundings of the rays themselves.
+    reach = reach + eps(dtype, 8) * (1 + jnp.abs(reach))
+    everything = jnp.where(in_front(cylinder), 0, jnp.inf)
+    return camera.pixel_box(-reach[:2] - everything, reach[2:] + everything)
+
+
+def outline_tile(
+    cylinder: Cylinder,
+    camera: AbstractCamera,
+    shape: tuple[int, int] | None = None,
+) -> Tile:
+    """Tile of pixels around the cylinder's outline.
+
+    Args:
+        cylinder: In the world frame.
+        camera: The camera.
+        shape: Rows and columns of the tile. Needed where the cylinder or the camera is
+            traced, because a size must be known when the program is compiled; the tile
+            is then centered on the outline. If None, the smallest multiples of 16
+            pixels that hold the outline.
+
+    Returns:
+        A tile that lies wholly in the image.
+
+    Raises:
+        ValueError: `shape` is missing with traced arguments, or exceeds the image.
+    """
+    box = outline_box(cylinder, camera)
+    if is_concrete(box):
+        # Python's own numbers: each small jax operation would cost 50 us.
+        box = jax.tree.map(int, box)
+    elif shape is None:
+        raise ValueError(
+            "shape must be given where cylinder or camera is traced: the size of a "
+            "tile must be known when the program is compiled"
+        )
+    if shape is None:
+        shape = (
+            _rounded_up(box.last_row - box.first_row + 1, camera.height),
+            _rounded_up(box.last_col - box.first_col + 1, camera.width),
+        )
+    height, width = shape
+    if not (0 < height <= camera.height and 0 < width <= camera.width):
+        raise ValueError(
+            f"shape must be at most the image's {camera.height} x {camera.width} "
+            f"pixels, got {height} x {width}"
+        )
+    return Tile(
+        row=_start(box.first_row, box.last_row, height, camera.height),
+        col=_start(box.first_col, box.last_col, width, camera.width),
+        height=height,
+        width=width,
+    )
+
+
+def _rounded_up(length: int, limit: int) -> int:
+    return min(limit, STEP * max(1, -(-length // STEP)))
+
+
+def _start(first, last, length: int, limit: int):
+    """Start of a stretch of `length` that is centered on first..last and in range."""
+    start = (first + last + 1 - length) // 2
+    if isinstance(start, int):
+        return min(max(start, 0), limit - length)
+    return jnp.clip(start, 0, limit - length)
