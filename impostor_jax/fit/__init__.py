@@ -1,0 +1,1 @@
+"""Fitting a cylinder to a depth image."""

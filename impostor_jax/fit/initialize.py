@@ -1,0 +1,308 @@
+"""First guess of a cylinder from a depth image, with no user input.
+
+Surface normals of the wall are perpendicular to the axis and those of a cap are
+parallel to it, so one axis explains both. Axes are proposed by pairs of normals (the
+wall), by single normals (a cap) and by the principal directions of the points (thin
+rods), each in a fixed order, and scored by how many normals they explain. The best few
+are carried on to a circle across the axis and an extent along it, and the one whose
+surface lies closest to the points is returned.
+
+Everything here runs outside JAX, on NumPy, OpenCV and scikit-image.
+"""
+
+__all__ = ["first_guess"]
+
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+from jaxtyping import Bool, Float
+from skimage.measure import CircleModel
+
+from impostor_jax.camera.pinhole import PinholeCamera
+
+LARGEST_SIDE = 160
+"""Larger regions are reduced by block medians: a first guess needs no more pixels."""
+
+MAX_SAMPLES = 600
+"""Normals that vote for an axis and points that vote for a circle, evenly spaced."""
+
+MAX_AXES = 4
+"""Axes that are carried on to a circle."""
+
+SIN_TOLERANCE = np.sin(np.radians(15.0))
+"""Normals farther than this from perpendicular or parallel do not vote."""
+
+
+class Guess(NamedTuple):
+    """A cylinder in the camera frame, in meters, and how far the points lie from it."""
+
+    center: Float[np.ndarray, "3"]
+    axis: Float[np.ndarray, "3"]
+    radius: float
+    height: float
+    misfit: float
+
+
+class _Surface(NamedTuple):
+    """Points and normals of the region, in the camera frame."""
+
+    points: Float[np.ndarray, "n 3"]
+    normals: Float[np.ndarray, "m 3"]
+    normal_points: Float[np.ndarray, "m 3"]
+
+
+def first_guess(
+    depth: Float[np.ndarray, "h w"],
+    region: Bool[np.ndarray, "h w"],
+    camera: PinholeCamera,
+) -> Guess | None:
+    """Guess a cylinder from the readings of a region.
+
+    Args:
+        depth: In meters; 0 where there is no reading.
+        region: Pixels of the object, wall and caps together.
+        camera: Concrete; its pose is not used.
+
+    Returns:
+        The guess in the camera frame, or None where the readings admit no cylinder.
+    """
+    surface = _surface(*_without_lens(depth, region, camera), camera.matrix())
+    if surface is None:
+        return None
+    guesses = [_guess_along(axis, surface) for axis in _axes(surface)]
+    return min(
+        (guess for guess in guesses if guess is not None),
+        key=lambda guess: guess.misfit,
+        default=None,
+    )
+
+
+def _without_lens(
+    depth: Float[np.ndarray, "h w"],
+    region: Bool[np.ndarray, "h w"],
+    camera: PinholeCamera,
+) -> tuple[Float[np.ndarray, "h w"], Bool[np.ndarray, "h w"]]:
+    """Resample an image as the same camera would see it without its lens."""
+    if camera.distortion is None:
+        return depth, region
+    matrix, size = camera.matrix(), (camera.width, camera.height)
+    coefficients = np.asarray(camera.distortion, dtype=np.float64)
+    module = cv2.fisheye if camera.fisheye else cv2
+    maps = module.initUndistortRectifyMap(
+        matrix, coefficients, np.eye(3), matrix, size, cv2.CV_32FC1
+    )
+    seen = np.where(region, depth, 0).astype(np.float32)
+    straight = cv2.remap(seen, *maps, cv2.INTER_NEAREST)
+    return straight, straight > 0
+
+
+def _surface(
+    depth: Float[np.ndarray, "h w"],
+    region: Bool[np.ndarray, "h w"],
+    matrix: Float[np.ndarray, "3 3"],
+) -> _Surface | None:
+    """Crop, reduce and differentiate the region's depth."""
+    seen = np.where(region, depth, 0)
+    rows, cols = np.any(seen > 0, axis=1), np.any(seen > 0, axis=0)
+    if not rows.any():
+        return None
+    top, left = int(np.argmax(rows)), int(np.argmax(cols))
+    bottom = len(rows) - int(np.argmax(rows[::-1]))
+    right = len(cols) - int(np.argmax(cols[::-1]))
+    step = -(-max(bottom - top, right - left) // LARGEST_SIDE)
+    reduced = _block_median(seen[top:bottom, left:right], step)
+    # A block's center is the mean of its pixels' centers.
+    local = matrix.copy()
+    local[:2, 2] -= (left + (step - 1) / 2, top + (step - 1) / 2)
+    local[:2] /= step
+    padded = cv2.copyMakeBorder(reduced, 4, 4, 4, 4, cv2.BORDER_CONSTANT, value=0)
+    local[:2, 2] += 4
+    smooth = cv2.medianBlur(padded, 5)
+    smooth = np.where((padded > 0) & (smooth > 0), smooth, np.nan).astype(np.float32)
+    valid = np.isfinite(smooth)
+    if np.count_nonzero(valid) < 10:
+        return None
+    cloud = cv2.depthTo3d(smooth, local)
+    inner, window = _interior(valid)
+    estimator = cv2.RgbdNormals_create(
+        *smooth.shape,
+        cv2.CV_32F,
+        local,
+        window,
+        50.0,
+        cv2.RgbdNormals_RGBD_NORMALS_METHOD_FALS,
+    )
+    estimator.cache()
+    normals = estimator.apply(cloud)[..., :3].astype(np.float64)
+    cloud = cloud[..., :3].astype(np.float64)
+    inner &= np.isfinite(normals).all(axis=-1)
+    index = _thinned(np.flatnonzero(inner))
+    return _Surface(
+        points=cloud[valid],
+        normals=normals.reshape(-1, 3)[index],
+        normal_points=cloud.reshape(-1, 3)[index],
+    )
+
+
+def _thinned(values: np.ndarray) -> np.ndarray:
+    """Keep at most MAX_SAMPLES entries, evenly spaced."""
+    return values[:: -(-len(values) // MAX_SAMPLES)] if len(values) else values
+
+
+def _block_median(
+    depth: Float[np.ndarray, "h w"], step: int
+) -> Float[np.ndarray, "h2 w2"]:
+    """Median of the readings of each `step` x `step` block; 0 where there are none."""
+    if step == 1:
+        return depth.astype(np.float32)
+    height, width = -(-depth.shape[0] // step), -(-depth.shape[1] // step)
+    full = np.zeros((height * step, width * step), np.float32)
+    full[: depth.shape[0], : depth.shape[1]] = depth
+    blocks = full.reshape(height, step, width, step).swapaxes(1, 2)
+    ordered = np.sort(
+        np.where(blocks > 0, blocks, np.inf).reshape(height, width, -1), axis=-1
+    )
+    count = np.isfinite(ordered).sum(axis=-1)
+    middle = np.take_along_axis(ordered, np.maximum(count - 1, 0)[..., None] // 2, -1)
+    return np.where(count > 0, middle[..., 0], 0).astype(np.float32)
+
+
+def _interior(valid: Bool[np.ndarray, "h w"]) -> tuple[Bool[np.ndarray, "h w"], int]:
+    """Pixels whose window lies in the region, for the widest window that leaves some.
+
+    Half a window of missing readings tilts a normal by tens of degrees; a wide window
+    has the smaller noise: 1.9 against 2.9 degrees at 1 mm and 0.8 m for 7 and 5 pixels.
+    """
+    image = valid.astype(np.uint8)
+    for window in (7, 5, 3):
+        inner = cv2.erode(image, np.ones((window, window), np.uint8)) > 0
+        if np.count_nonzero(inner) >= 50:
+            return inner, window
+    return valid, 3
+
+
+def _axes(surface: _Surface) -> list[Float[np.ndarray, "3"]]:
+    """Candidate axes, at least 20 degrees apart, the best explained first."""
+    n, points = surface.normals, _thinned(surface.points)
+    _, _, principal = np.linalg.svd(points - points.mean(axis=0), full_matrices=False)
+    if len(n) < 10:
+        return [*principal]
+    # Pairs of normals that are far apart in the image, in a fixed pattern.
+    first = np.linspace(0, len(n) - 1, 64).astype(int)
+    candidates = [principal, n[first]]
+    for part in (0.21, 0.38, 0.5):
+        pair = np.cross(n[first], n[(first + int(part * len(n))) % len(n)])
+        candidates.append(pair[np.linalg.norm(pair, axis=1) > 0.3])
+    axes = np.concatenate(candidates)
+    axes /= np.linalg.norm(axes, axis=1, keepdims=True)
+    score = _unexplained(axes, n)
+    kept: list[np.ndarray] = []
+    for axis in axes[np.argsort(score, kind="stable")]:
+        if all(abs(axis @ other) < np.cos(np.radians(20.0)) for other in kept):
+            kept.append(axis)
+        if len(kept) == MAX_AXES:
+            break
+    return [_refined(axis, n) for axis in kept]
+
+
+def _unexplained(
+    axes: Float[np.ndarray, "k 3"], normals: Float[np.ndarray, "m 3"]
+) -> Float[np.ndarray, " k"]:
+    """Mean squared sine between each normal and the nearer of wall and cap."""
+    cosine = np.abs(axes @ normals.T)
+    sine = np.sqrt(np.maximum(1 - cosine**2, 0))
+    miss = np.minimum(np.minimum(cosine, sine), SIN_TOLERANCE)
+    return np.mean(miss**2, axis=1)
+
+
+def _refined(
+    axis: Float[np.ndarray, "3"], normals: Float[np.ndarray, "m 3"]
+) -> Float[np.ndarray, "3"]:
+    """Least-squares axis of the normals that it explains.
+
+    It minimizes the sum of (n.a)^2 over the wall's normals and of 1 - (n.a)^2 over the
+    caps': the eigenvector to the smallest eigenvalue of a difference of scatters.
+    """
+    for _ in range(3):
+        cosine = np.abs(normals @ axis)
+        wall = normals[cosine < 2 * SIN_TOLERANCE]
+        cap = normals[cosine > np.sqrt(1 - (2 * SIN_TOLERANCE) ** 2)]
+        _, vectors = np.linalg.eigh(wall.T @ wall - cap.T @ cap)
+        axis = vectors[:, 0]
+    return axis
+
+
+def _guess_along(axis: Float[np.ndarray, "3"], surface: _Surface) -> Guess | None:
+    """Caps, a circle across the axis and an extent along it."""
+    points = surface.points
+    basis = np.linalg.svd(axis[None])[2][1:]
+    across, along = points @ basis.T, points @ axis
+    caps = _caps(axis, surface)
+    thickness = 0.05 * float(np.ptp(along))
+    on_wall = np.ones(len(points), dtype=bool)
+    for end in caps.values():
+        on_wall &= np.abs(along - end) > thickness
+    if np.count_nonzero(on_wall) < 10:
+        return None
+    circle = _circle(_thinned(across[on_wall]))
+    if circle is None:
+        return None
+    middle, radius = circle
+    distance = np.linalg.norm(across - middle, axis=1)
+    near_wall = np.abs(distance - radius) < 0.15 * radius
+    if np.count_nonzero(near_wall) < 10:
+        return None
+    low, high = np.percentile(along[near_wall], (1, 99))
+    low, high = caps.get(-1, float(low)), caps.get(1, float(high))
+    if not high > low:
+        return None
+    beyond_wall = distance - radius
+    beyond_cap = np.maximum(low - along, along - high)
+    outside = np.hypot(np.maximum(beyond_wall, 0), np.maximum(beyond_cap, 0))
+    inside = np.minimum(np.abs(beyond_wall), np.abs(beyond_cap))
+    is_inside = (beyond_wall < 0) & (beyond_cap < 0)
+    miss = np.where(is_inside, inside, outside)
+    return Guess(
+        center=middle @ basis + (low + high) / 2 * axis,
+        axis=axis,
+        radius=radius,
+        height=high - low,
+        misfit=float(np.mean(np.minimum(miss, 0.3 * radius))),
+    )
+
+
+def _caps(axis: Float[np.ndarray, "3"], surface: _Surface) -> dict[int, float]:
+    """Positions along the axis of the caps that are seen, by the sign of their normal.
+
+    A camera sees at most one cap from outside and both from between their planes.
+    """
+    cosine, along = surface.normals @ axis, surface.normal_points @ axis
+    caps = {}
+    for sign in (-1, 1):
+        facing = sign * cosine > np.cos(np.radians(30.0))
+        # A few stray normals at the edge of the region do not make a cap.
+        if np.count_nonzero(facing) >= max(8, 0.03 * len(cosine)):
+            caps[sign] = float(np.median(along[facing]))
+    return caps
+
+
+def _circle(
+    points: Float[np.ndarray, "n 2"],
+) -> tuple[Float[np.ndarray, "2"], float] | None:
+    """Circle through most of the points: fitted, trimmed at 3 deviations, repeated."""
+    scale = float(np.ptp(points, axis=0).max())
+    if not scale > 0:
+        return None
+    kept = points
+    for _ in range(3):
+        model = CircleModel.from_estimate(kept)
+        if not model:
+            return None
+        middle, radius = np.asarray(model.center), float(model.radius)
+        miss = np.abs(np.linalg.norm(points - middle, axis=1) - radius)
+        kept = points[miss <= 3 * 1.4826 * np.median(miss) + 1e-9 * scale]
+        if len(kept) < 10:
+            return None
+    # A circle far larger than what is seen of it is a plane.
+    return (middle, radius) if radius < 50 * scale else None
