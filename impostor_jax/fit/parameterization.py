@@ -1,43 +1,39 @@
-"""Free coordinates of a cylinder around a reference, all of about one deviation.
+"""Free coordinates of a cylinder around a reference.
 
-The axis moves on the sphere in two tangent coordinates; the center moves across the
-axis in two; the radius and the height are logarithms, so they stay positive; and the
-two ends move along the axis. The ends, not center and height, are the coordinates:
-where an end is not seen, exactly one coordinate has no effect on the residuals. Every
-coordinate is scaled by about its standard deviation, since Levenberg-Marquardt damps
-with the identity.
+The axis moves on the sphere in two tangent coordinates, the center moves across the
+axis in two, radius and height are logarithms, so they stay positive, and the two ends
+move along the axis. The ends, not center and height, are the coordinates: where an end
+is not seen, exactly one coordinate has no effect on the residuals.
 """
 
-__all__ = ["PARAMETERS", "Chart", "Coordinates"]
+__all__ = ["COORDINATES", "PARAMETERS", "Chart"]
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
-from impostor_jax.geometry.so3 import move_on_sphere, tangent_basis
+from impostor_jax.geometry.so3 import tangent_basis
 from impostor_jax.primitives.cylinder import Cylinder
 
 PARAMETERS = ("center", "axis", "radius", "height")
 """Names that `fixed` may hold."""
 
+COORDINATES = (
+    "axis_first",
+    "axis_second",
+    "across_first",
+    "across_second",
+    "log_radius",
+    "lower_end",
+    "upper_end",
+)
+"""Natural coordinates, in radians and meters.
 
-class Coordinates(eqx.Module):
-    """Displacement from the reference, in natural units; 0 where held.
-
-    Attributes:
-        axis: Tangent coordinates in radians.
-        across: Center across the axis in meters, along `tangent_basis(axis)`.
-        log_radius: Change of the logarithm of the radius.
-        lower: Move of the end at `center - axis * height / 2` along the axis, in
-            meters.
-        upper: Move of the other end.
-    """
-
-    axis: Float[Array, "2"]
-    across: Float[Array, "2"]
-    log_radius: Float[Array, ""]
-    lower: Float[Array, ""]
-    upper: Float[Array, ""]
+The first four are along the two vectors of `tangent_basis(axis)`; the lower end is at
+`center - axis * height / 2`, and both ends move along the axis.
+"""
 
 
 class Chart(eqx.Module):
@@ -45,59 +41,91 @@ class Chart(eqx.Module):
 
     Attributes:
         reference: Cylinder at the zero vector.
-        unit: About ten standard deviations of a position, in meters.
-        fixed: Names of the parameters that do not move.
+        scale: Natural coordinates that one unit of each free coordinate moves.
+        motion: Linear map from natural coordinates to changes of center, axis,
+            logarithm of radius and logarithm of height.
     """
 
     reference: Cylinder
-    unit: Float[Array, ""]
-    fixed: tuple[str, ...] = eqx.field(static=True)
+    scale: Float[Array, "7 n"]
+    motion: Float[Array, "8 7"]
+
+    @staticmethod
+    def around(
+        reference: Cylinder, unit: Float[Array, ""], fixed: tuple[str, ...]
+    ) -> "Chart":
+        """Chart whose free coordinates all move the surface by about `unit`.
+
+        Levenberg-Marquardt damps with the identity, so the scales must match.
+
+        Args:
+            reference: Cylinder at the zero vector, in the world frame.
+            unit: In meters.
+            fixed: Names of the parameters that do not move.
+        """
+        r, h, a = reference.radius, reference.height, reference.axis
+        one = jnp.ones_like(r)
+        sizes = jnp.stack([2 / (h + r), 2 / (h + r), one, one, 1 / r, one, one])
+        scale = jnp.asarray(_free_directions(fixed), r.dtype) * sizes[:, None] * unit
+        basis, zero = tangent_basis(a).T, jnp.zeros((3, 1), r.dtype)
+        along, still = a[:, None] / 2, jnp.zeros((3, 2), r.dtype)
+        motion = jnp.concatenate(
+            [
+                jnp.concatenate([still, basis, zero, along, along], axis=1),
+                jnp.concatenate([basis, still, zero, zero, zero], axis=1),
+                jnp.array([[0, 0, 0, 0, 1, 0, 0]], r.dtype),
+                jnp.array([[0, 0, 0, 0, 0, -1, 1]], r.dtype) / h,
+            ]
+        )
+        return Chart(reference, scale, motion)
 
     @property
     def size(self) -> int:
         """Number of free coordinates."""
-        lengths = {"center": 3, "axis": 2, "radius": 1, "height": 1}
-        return 7 - sum(lengths[name] for name in self.fixed)
+        return self.scale.shape[1]
 
-    def coordinates(self, vector: Float[Array, " n"]) -> Coordinates:
-        """Take a scaled vector apart; linear."""
-        rest = list(vector * self.unit)
-        zero = jnp.zeros_like(self.unit)
-        axis = across = (zero, zero)
-        log_radius = zero
-        if "axis" not in self.fixed:
-            reach = (self.reference.height + self.reference.radius) / 2
-            axis = (rest.pop(0) / reach, rest.pop(0) / reach)
-        if "center" not in self.fixed:
-            across = (rest.pop(0), rest.pop(0))
-        if "radius" not in self.fixed:
-            log_radius = rest.pop(0) / self.reference.radius
-        # One end or both: a fixed height moves them together, a fixed center apart.
-        lower = upper = zero
-        if "center" not in self.fixed:
-            lower = upper = rest.pop(0)
-        if "height" not in self.fixed:
-            upper = rest.pop(0)
-            lower = -upper if "center" in self.fixed else lower
-        return Coordinates(jnp.stack(axis), jnp.stack(across), log_radius, lower, upper)
+    def tangent(self) -> Float[Array, "8 n"]:
+        """Derivative of center, axis, radius and height at the zero vector."""
+        start = self.reference
+        one = jnp.ones(6, start.radius.dtype)
+        sizes = jnp.concatenate([one, jnp.stack([start.radius, start.height])])
+        change = jnp.matmul(self.motion, self.scale, precision="highest")
+        return sizes[:, None] * change
 
     def cylinder(self, vector: Float[Array, " n"]) -> Cylinder:
-        """Cylinder at a scaled vector."""
-        move, start = self.coordinates(vector), self.reference
-        first, second = tangent_basis(start.axis)
-        center = start.center + (
-            move.across[0] * first
-            + move.across[1] * second
-            + (move.lower + move.upper) / 2 * start.axis
-        )
-        growth = (move.upper - move.lower) / start.height
+        """Cylinder at a vector of scaled free coordinates."""
+        natural = jnp.matmul(self.scale, vector, precision="highest")
+        change = jnp.matmul(self.motion, natural, precision="highest")
+        start = self.reference
+        axis = start.axis + change[3:6]
+        growth = jnp.exp(change[6:])
         return eqx.tree_at(
             lambda c: (c.center, c.axis, c.radius, c.height),
             start,
             (
-                center,
-                move_on_sphere(start.axis, move.axis),
-                start.radius * jnp.exp(move.log_radius),
-                start.height * jnp.exp(growth),
+                start.center + change[:3],
+                axis * jax.lax.rsqrt(jnp.sum(axis * axis)),
+                start.radius * growth[0],
+                start.height * growth[1],
             ),
         )
+
+
+def _free_directions(fixed: tuple[str, ...]) -> Float[np.ndarray, "7 n"]:
+    """Natural coordinates, or combinations of them, that are free to move."""
+    first, second, across1, across2, radius, lower, upper = np.eye(7)
+    free = []
+    if "axis" not in fixed:
+        free += [first, second]
+    if "center" not in fixed:
+        free += [across1, across2]
+    if "radius" not in fixed:
+        free += [radius]
+    # A held height moves both ends together, a held center moves them apart.
+    if "center" not in fixed and "height" not in fixed:
+        free += [lower, upper]
+    elif "center" not in fixed:
+        free += [lower + upper]
+    elif "height" not in fixed:
+        free += [upper - lower]
+    return np.stack(free, axis=1)

@@ -24,32 +24,38 @@ from impostor_jax.camera.pinhole import PinholeCamera
 from impostor_jax.fit.initialize import first_guess
 from impostor_jax.fit.parameterization import PARAMETERS, Chart
 from impostor_jax.fit.residuals import (
-    EndCrossings,
-    Readings,
-    depth_residual,
-    end_residual,
-    find_crossings,
+    Rows,
+    SurfaceSeen,
+    gather_neighborhood,
+    image_rows,
+    residual_gradient,
+    residuals,
     surface_seen,
-    weigh,
 )
 from impostor_jax.fit.result import STATUSES, Deviations, FitResult, FitStatus
 from impostor_jax.fit.robust import pseudo_huber_residual
 from impostor_jax.fit.segment import nearest_object
 from impostor_jax.fit.uncertainty import deviations
-from impostor_jax.geometry.rays import Ray
 from impostor_jax.primitives.cylinder import Cylinder
 
 MIN_READINGS = 50
 """A fit with fewer readings is refused."""
 
-SMALLEST_BUCKET = 4096
-"""Readings are filled up to this number or the next power of two."""
+SMALLEST_BUCKET = 2048
+"""Readings are filled up to this number, doubled until they fit."""
 
 TRACED_READINGS = 16384
 """Most readings that a traced fit uses, evenly spaced over its region."""
 
 ROBUST_WIDTH = 2.0
 """Width of the pseudo-Huber loss, in standard deviations."""
+
+STAGES = ((0.3, 0.1), (0.1, 0.1), (0.0, 0.01))
+"""Blunting of the outline, in radii (at least one sigma), and tolerance of each stage.
+
+A tolerance of 0.1 is one deviation. Convergence is nearly quadratic, so the last step,
+of at most a tenth of a deviation, leaves much less.
+"""
 
 MIN_END_ROWS = 5
 """Fewest inlying readings of a cap, or crossings, that show an end."""
@@ -274,59 +280,79 @@ def _fit(
     dtype = initial.radius.dtype
     depth, sigma = depth.astype(dtype), jnp.asarray(sigma, dtype)
     image_ray = camera.rays(camera.frame, dtype)
+    pixels = gather_neighborhood(depth, region, image_ray, index)
     used = index < depth.size
-    pixel = jnp.where(used, index, 0)
-    ray = jax.tree.map(lambda field: field.reshape(-1)[pixel], image_ray)
-    start = _in_camera(initial, camera)
-    values = depth.reshape(-1)[pixel]
-    weight = weigh(values, used, sigma, surface_seen(ray, start))
-    readings = Readings(ray=ray, depth=values, weight=weight)
-    crossings = find_crossings(depth, region, image_ray, index, start, sigma)
-
     count = jnp.sum(used)
     # Ten deviations of a position that this many readings share.
     unit = 10 * sigma / jnp.sqrt(jnp.maximum(count, 1).astype(dtype))
-    chart = Chart(reference=initial, unit=unit, fixed=fixed)
-    vector, converged, finite, num_steps = _minimize(chart, readings, crossings, camera)
-    cylinder = _signed(chart.cylinder(vector))
-    flipped = jnp.sum(cylinder.axis * initial.axis) < 0
-    crossings = eqx.tree_at(
-        lambda c: c.end, crossings, jnp.where(flipped, -crossings.end, crossings.end)
-    )
 
-    residual = -depth_residual(readings, _in_camera(cylinder, camera))
-    size = jnp.sort(jnp.where(used, jnp.abs(residual), jnp.inf))
-    scale = 1.4826 * size[jnp.maximum(count - 1, 0) // 2]
-    inlier = used & (jnp.abs(residual) <= 3 * jnp.maximum(scale, 1))
-    cylinder, ends_seen = _seen_extent(
-        cylinder, _in_camera(cylinder, camera), readings, crossings, inlier
-    )
+    def stage(cylinder: Cylinder, effort: Float[Array, "2"]):
+        soft = jnp.maximum(effort[0] * initial.radius, sigma)
+        rows = image_rows(pixels, sigma, _in_camera(cylinder, camera))
+        chart = Chart.around(cylinder, unit, fixed)
+        vector, converged, num_steps = _minimize(chart, rows, camera, soft, effort[1])
+        return chart.cylinder(vector), (rows, converged, num_steps)
 
-    chart = Chart(reference=cylinder, unit=unit, fixed=fixed)
-    std = _uncertainty(chart, readings, crossings, camera, inlier, ends_seen)
+    # While the outline still has pixels to cross, the square root that depth follows
+    # there is blunted; otherwise each pixel is a kink that can stop the solver.
+    cylinder, (rows, converged, num_steps) = jax.lax.scan(
+        stage, initial, jnp.array(STAGES, dtype)
+    )
+    rows = jax.tree.map(lambda field: field[-1], rows)
+    cylinder, rows = _signed(cylinder, rows)
+
+    seen = surface_seen(rows.ray, _in_camera(cylinder, camera), sigma)
+    num_readings = index.shape[0]
+    reading = rows.target[:num_readings]
+    meters = jnp.where(used, reading - seen.depth[:num_readings], 0)
+    whitened = jnp.abs(meters * rows.weight[:num_readings])
+    ordered = jnp.sort(jnp.where(used, whitened, jnp.inf))
+    scale = 1.4826 * ordered[jnp.maximum(count - 1, 0) // 2]
+    inlier = used & (whitened <= 3 * jnp.maximum(scale, 1))
+    past_end = jnp.abs(seen.along - rows.end * cylinder.height / 2) * rows.weight
+    believed = jnp.concatenate(
+        [inlier, (rows.weight[num_readings:] > 0) & (past_end[num_readings:] < 6)]
+    )
+    cylinder, ends_seen = _seen_extent(cylinder, rows, seen, believed)
     num_inliers = jnp.sum(inlier)
-    meters = (values - surface_seen(ray, _in_camera(cylinder, camera)).depth) * used
     rms = jnp.sqrt(jnp.sum(jnp.where(inlier, meters, 0) ** 2) / num_inliers)
+    squares = jnp.sum(jnp.where(inlier, whitened, 0) ** 2)
+
+    chart = Chart.around(cylinder, unit, fixed)
+    in_camera = _in_camera(cylinder, camera)
+    tangent = chart.tangent()
+    if camera.camera_from_world is not None:
+        turn = camera.camera_from_world.rotate
+        center_axis = [turn(tangent[:3].T).T, turn(tangent[3:6].T).T, tangent[6:]]
+        tangent = jnp.concatenate(center_axis)
+    gradient = residual_gradient(rows, in_camera, sigma)
+    jacobian = jnp.matmul(gradient, tangent, precision="highest")
+    std = deviations(
+        chart,
+        jnp.where(believed[:, None], jacobian, 0),
+        fixed,
+        ends_seen,
+        widening=jnp.sqrt(jnp.maximum(squares / jnp.maximum(num_inliers, 1), 1)),
+    )
     code = _status(
-        converged=converged,
-        finite=finite & jnp.isfinite(cylinder.radius),
+        converged=converged[-1],
+        finite=jnp.isfinite(cylinder.radius) & jnp.all(jnp.isfinite(cylinder.center)),
         fits=(2 * num_inliers >= count)
         & ((scale < 5) | (scale * sigma < cylinder.radius / 20)),
         determined=(std.radius < cylinder.radius / 2) & jnp.all(std.axis < 0.5),
     )
     success = code == STATUSES.index(FitStatus.CONVERGED)
-    std = jax.tree.map(lambda value: jnp.where(success, value, jnp.inf), std)
 
-    def image_of(rows: Array) -> Array:
-        blank = jnp.zeros(depth.size, rows.dtype)
-        return blank.at[index].set(rows, mode="drop").reshape(depth.shape)
+    def image_of(values: Array) -> Array:
+        blank = jnp.zeros(depth.size, values.dtype)
+        return blank.at[index].set(values, mode="drop").reshape(depth.shape)
 
     return FitResult(
         cylinder=cylinder,
-        std=std,
+        std=jax.tree.map(lambda value: jnp.where(success, value, jnp.inf), std),
         success=success,
         status_code=code,
-        num_steps=num_steps,
+        num_steps=jnp.sum(num_steps),
         residual=image_of(meters),
         inliers=image_of(inlier),
         region=image_of(used),
@@ -336,32 +362,24 @@ def _fit(
     )
 
 
-def _whitened(
-    cylinder: Cylinder,
-    readings: Readings,
-    crossings: EndCrossings,
-    camera: PinholeCamera,
-) -> tuple[Float[Array, " n"], Float[Array, " m"]]:
-    in_camera = _in_camera(cylinder, camera)
-    return depth_residual(readings, in_camera), end_residual(crossings, in_camera)
-
-
 def _minimize(
-    chart: Chart, readings: Readings, crossings: EndCrossings, camera: PinholeCamera
-) -> tuple[Float[Array, " n"], Bool[Array, ""], Bool[Array, ""], Int[Array, ""]]:
+    chart: Chart,
+    rows: Rows,
+    camera: PinholeCamera,
+    soft: Float[Array, ""],
+    tolerance: Float[Array, ""],
+) -> tuple[Float[Array, " n"], Bool[Array, ""], Int[Array, ""]]:
     """Levenberg-Marquardt in the chart's coordinates, from its reference."""
 
     def robust(vector: Float[Array, " n"], _: Any):
-        rows = _whitened(chart.cylinder(vector), readings, crossings, camera)
-        rows = jax.tree.map(lambda r: pseudo_huber_residual(r, ROBUST_WIDTH), rows)
+        whitened = residuals(rows, _in_camera(chart.cylinder(vector), camera), soft)
         # A prior ten thousand deviations wide: the normal equations stay regular where
         # the image leaves a coordinate free.
-        return *rows, 1e-2 * vector
+        return pseudo_huber_residual(whitened, ROBUST_WIDTH), 1e-2 * vector
 
-    # A coordinate is ten deviations: steps below a hundredth of one end the search.
     solver = optx.LevenbergMarquardt(
         rtol=1e-5,
-        atol=1e-3,
+        atol=tolerance,
         norm=optx.rms_norm,
         linear_solver=lx.Normal(lx.Cholesky()),
     )
@@ -370,93 +388,53 @@ def _minimize(
         solution = optx.least_squares(
             robust,
             solver,
-            jnp.zeros(chart.size, chart.unit.dtype),
+            jnp.zeros(chart.size, soft.dtype),
             max_steps=MAX_STEPS,
             throw=False,
         )
-    finite = jnp.all(jnp.isfinite(solution.value))
     converged = solution.result == optx.RESULTS.successful
-    return solution.value, converged, finite, solution.stats["num_steps"]
+    return solution.value, converged, solution.stats["num_steps"]
 
 
-def _signed(cylinder: Cylinder) -> Cylinder:
-    """Turn the axis so that its largest component is positive."""
+def _signed(cylinder: Cylinder, rows: Rows) -> tuple[Cylinder, Rows]:
+    """Turn the axis so that its largest component is positive, and the ends with it."""
     axis = cylinder.axis
-    largest = axis[jnp.argmax(jnp.abs(axis))]
-    return eqx.tree_at(lambda c: c.axis, cylinder, jnp.where(largest < 0, -axis, axis))
+    sign = jnp.where(axis[jnp.argmax(jnp.abs(axis))] < 0, -1, 1)
+    return (
+        eqx.tree_at(lambda c: c.axis, cylinder, axis * sign),
+        eqx.tree_at(lambda r: r.end, rows, rows.end * sign),
+    )
 
 
 def _seen_extent(
-    cylinder: Cylinder,
-    in_camera: Cylinder,
-    readings: Readings,
-    crossings: EndCrossings,
-    inlier: Bool[Array, " n"],
+    cylinder: Cylinder, rows: Rows, seen: SurfaceSeen, believed: Bool[Array, " n"]
 ) -> tuple[Cylinder, Bool[Array, "2"]]:
     """Tell which ends are seen, and draw an unseen one in to the last inlier.
 
     An end is seen through readings well inside its cap's disc, or where the wall gives
     way to background.
     """
-    seen = surface_seen(readings.ray, in_camera)
-    d = readings.ray.direction
-    axis = in_camera.axis
-    # The cap that is entered faces the camera: its outward normal opposes the ray. Seen
-    # from inside, it is the other way round.
-    faces = jnp.sign(d.x * axis[0] + d.y * axis[1] + d.z * axis[2])
-    inside = in_camera.implicit(jax.tree.map(jnp.zeros_like, _origin(readings.ray))) < 0
-    cap_end = jnp.where(inside, faces, -faces)
-    on_cap = inlier & seen.on_cap & (seen.cap_distance < 0.9 * cylinder.radius)
-    at_crossing = jnp.abs(end_residual(crossings, in_camera)) < 6
-    at_crossing &= crossings.weight > 0
+    is_reading = rows.end == 0
+    # Along the rim, wall and cap are not told apart by a noisy reading.
+    on_cap = is_reading & seen.on_cap & (seen.cap_distance < 0.9 * cylinder.radius)
+    shown = jnp.where(on_cap, seen.cap_end, rows.end)
     ends_seen = jnp.stack(
-        [
-            jnp.sum(on_cap & (cap_end == end))
-            + jnp.sum(at_crossing & (crossings.end == end))
-            >= MIN_END_ROWS
-            for end in (-1, 1)
-        ]
+        [jnp.sum(believed & (shown == end)) >= MIN_END_ROWS for end in (-1, 1)]
     )
-    on_wall = inlier & ~seen.on_cap
+    on_wall = believed & is_reading & ~seen.on_cap
     half = cylinder.height / 2
-    some = jnp.any(on_wall)
     first = jnp.min(jnp.where(on_wall, seen.along, jnp.inf))
     last = jnp.max(jnp.where(on_wall, seen.along, -jnp.inf))
-    low = jnp.where(ends_seen[0] | ~some, -half, first)
-    high = jnp.where(ends_seen[1] | ~some, half, last)
-    whole = ~(high > low)
-    low, high = jnp.where(whole, -half, low), jnp.where(whole, half, high)
+    low = jnp.where(ends_seen[0], -half, first)
+    high = jnp.where(ends_seen[1], half, last)
+    # Without a wall there is no extent to draw in to.
+    empty = ~(jnp.isfinite(low) & jnp.isfinite(high) & (high > low))
+    low, high = jnp.where(empty, -half, low), jnp.where(empty, half, high)
     center = cylinder.center + cylinder.axis * ((low + high) / 2)
-    extent = eqx.tree_at(lambda c: (c.center, c.height), cylinder, (center, high - low))
-    return extent, ends_seen
-
-
-def _origin(ray: Ray):
-    return jax.tree.map(lambda field: field[0], ray.origin)
-
-
-def _uncertainty(
-    chart: Chart,
-    readings: Readings,
-    crossings: EndCrossings,
-    camera: PinholeCamera,
-    inlier: Bool[Array, " n"],
-    ends_seen: Bool[Array, "2"],
-) -> Deviations:
-    def rows(vector: Float[Array, " n"]) -> Float[Array, " rows"]:
-        depth_rows, end_rows = _whitened(
-            chart.cylinder(vector), readings, crossings, camera
-        )
-        near = jnp.abs(jax.lax.stop_gradient(end_rows)) < 6
-        return jnp.concatenate(
-            [jnp.where(inlier, depth_rows, 0), jnp.where(near, end_rows, 0)]
-        )
-
-    zero = jnp.zeros(chart.size, chart.unit.dtype)
-    squares = jnp.sum(rows(zero) ** 2)
-    count = jnp.maximum(jnp.sum(inlier) - chart.size, 1)
-    widening = jnp.sqrt(jnp.maximum(squares / count, 1))
-    return deviations(chart, jax.jacfwd(rows)(zero), ends_seen, widening)
+    return (
+        eqx.tree_at(lambda c: (c.center, c.height), cylinder, (center, high - low)),
+        ends_seen,
+    )
 
 
 def _status(
