@@ -5,7 +5,14 @@ and 0 * inf is NaN. These functions replace the operand first, so the branch tha
 taken has a finite derivative too.
 """
 
-__all__ = ["eps", "safe_divide", "safe_norm", "safe_sqrt", "smallest_slope"]
+__all__ = [
+    "eps",
+    "evaluate_once",
+    "safe_divide",
+    "safe_norm",
+    "safe_sqrt",
+    "smallest_slope",
+]
 
 import jax.numpy as jnp
 import numpy as np

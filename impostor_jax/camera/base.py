@@ -5,7 +5,7 @@ __all__ = ["AbstractCamera"]
 import abc
 
 import equinox as eqx
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool, Float, Int
 from numpy.typing import DTypeLike
 
 from impostor_jax.camera.pixels import PixelBox, Tile
@@ -27,23 +27,32 @@ class AbstractCamera(eqx.Module):
     camera_from_world: eqx.AbstractVar[RigidTransform | None]
 
     @property
-    @abc.abstractmethod
     def frame(self) -> Tile:
         """The whole image as a tile."""
+        return Tile(row=0, col=0, height=self.height, width=self.width)
 
     @abc.abstractmethod
-    def rays(self, tile: Tile, dtype: DTypeLike) -> Ray:
-        """Rays through the pixel centers of a tile, in the camera frame.
+    def rays(
+        self, row: Int[Array, "*batch"], col: Int[Array, "*batch"], dtype: DTypeLike
+    ) -> Ray:
+        """Rays through pixel centers, in the camera frame.
 
         Directions have z = 1, so the ray parameter of a point is its depth.
+
+        Args:
+            row: Rows of the pixels, which must lie in the image.
+            col: Columns of the pixels.
+            dtype: Floating-point type of the rays.
 
         Derivatives:
             In every field of the camera, its lens coefficients included.
         """
 
     @abc.abstractmethod
-    def valid_pixels(self, tile: Tile) -> Bool[Array, "h w"] | None:
-        """Pixels of a tile that see anything; None where all of them do."""
+    def sees(
+        self, row: Int[Array, "*batch"], col: Int[Array, "*batch"]
+    ) -> Bool[Array, "*batch"] | None:
+        """Whether light reaches the pixels; None where it reaches all of them."""
 
     @abc.abstractmethod
     def pixel_box(self, low: Float[Array, "2"], high: Float[Array, "2"]) -> PixelBox:

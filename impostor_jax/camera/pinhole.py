@@ -5,7 +5,6 @@ __all__ = ["PinholeCamera"]
 from typing import Any
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
@@ -25,7 +24,7 @@ from impostor_jax.camera.lens import (
     solve_ray_field,
     undistort_step,
 )
-from impostor_jax.camera.pixels import PixelBox, Tile, pixel_centers
+from impostor_jax.camera.pixels import PixelBox
 from impostor_jax.geometry.frames import RigidTransform
 from impostor_jax.geometry.rays import Ray
 from impostor_jax.geometry.vec3 import Vec3
@@ -117,11 +116,6 @@ class PinholeCamera(AbstractCamera):
             self.height,
         )
 
-    @property
-    @override
-    def frame(self) -> Tile:
-        return Tile(row=0, col=0, height=self.height, width=self.width)
-
     def matrix(self) -> Float[np.ndarray, "3 3"]:
         """Intrinsic matrix K, in pixels; the fields must be concrete."""
         return np.array(
@@ -129,36 +123,38 @@ class PinholeCamera(AbstractCamera):
         )
 
     @override
-    def rays(self, tile: Tile, dtype: DTypeLike) -> Ray:
-        u, v = pixel_centers(tile, dtype)
-        x, y = (u - self.cx) / self.fx, (v - self.cy) / self.fy
+    def rays(
+        self, row: Int[Array, "*batch"], col: Int[Array, "*batch"], dtype: DTypeLike
+    ) -> Ray:
+        x = (col.astype(dtype) - self.cx) / self.fx
+        y = (row.astype(dtype) - self.cy) / self.fy
         if self.ray_field is not None and self.distortion is not None:
             coefficients = self.distortion.astype(dtype)
-            start_x = _cut(self.ray_field.x, tile).astype(dtype)
-            start_y = _cut(self.ray_field.y, tile).astype(dtype)
             x, y = undistort_step(
-                start_x,
-                start_y,
+                jnp.asarray(self.ray_field.x)[row, col].astype(dtype),
+                jnp.asarray(self.ray_field.y)[row, col].astype(dtype),
                 (x, y),
                 lambda x, y: distort(x, y, coefficients, self.fisheye),
             )
-            valid = _cut(self.ray_field.valid, tile)
-            x, y = jnp.where(valid, x, 0), jnp.where(valid, y, 0)
+            seen = jnp.asarray(self.ray_field.valid)[row, col]
+            x, y = jnp.where(seen, x, 0), jnp.where(seen, y, 0)
         zero = jnp.zeros_like(x)
         return Ray(
             origin=Vec3(zero, zero, zero), direction=Vec3(x, y, jnp.ones_like(x))
         )
 
     @override
-    def valid_pixels(self, tile: Tile) -> Bool[Array, "h w"] | None:
+    def sees(
+        self, row: Int[Array, "*batch"], col: Int[Array, "*batch"]
+    ) -> Bool[Array, "*batch"] | None:
         if self.ray_field is None:
             return None
-        return _cut(self.ray_field.valid, tile)
+        return jnp.asarray(self.ray_field.valid)[row, col]
 
     @override
     def pixel_box(self, low: Float[Array, "2"], high: Float[Array, "2"]) -> PixelBox:
         if self.ray_field is not None:
-            d = self.rays(self.frame, low.dtype).direction
+            d = self.rays(*self.frame.pixels(), low.dtype).direction
             inside = (d.x >= low[0]) & (d.x <= high[0])
             inside &= (d.y >= low[1]) & (d.y <= high[1])
             rows, cols = jnp.any(inside, axis=1), jnp.any(inside, axis=0)
@@ -177,12 +173,6 @@ class PinholeCamera(AbstractCamera):
         if self.distortion is not None:
             x, y = distort(x, y, self.distortion.astype(points.dtype), self.fisheye)
         return jnp.stack([self.fx * x + self.cx, self.fy * y + self.cy], axis=-1)
-
-
-def _cut(field: Any, tile: Tile) -> Array:
-    """Block of an (H, W) array that a tile covers."""
-    start = (tile.row, tile.col)
-    return jax.lax.dynamic_slice(jnp.asarray(field), start, (tile.height, tile.width))
 
 
 def _first_and_last(

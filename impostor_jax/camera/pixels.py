@@ -4,13 +4,12 @@ Arrays are indexed `[row, col]`; the center of pixel `[row, col]` has the image
 coordinates `(u, v) = (col, row)`, as in OpenCV, BOP, TUM and PCL.
 """
 
-__all__ = ["PixelBox", "Tile", "pixel_centers"]
+__all__ = ["PixelBox", "Tile"]
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Int
-from numpy.typing import DTypeLike
+from jaxtyping import Array, Int
 
 
 class Tile(eqx.Module):
@@ -28,6 +27,13 @@ class Tile(eqx.Module):
     height: int = eqx.field(static=True)
     width: int = eqx.field(static=True)
 
+    def pixels(self) -> tuple[Int[Array, "h w"], Int[Array, "h w"]]:
+        """Rows and columns of the tile's pixels."""
+        shape = (self.height, self.width)
+        row = jax.lax.broadcasted_iota(jnp.int32, shape, 0) + self.row
+        col = jax.lax.broadcasted_iota(jnp.int32, shape, 1) + self.col
+        return row, col
+
 
 class PixelBox(eqx.Module):
     """Rows and columns of a block of pixels, both ends included.
@@ -39,13 +45,3 @@ class PixelBox(eqx.Module):
     last_row: int | Int[Array, ""]
     first_col: int | Int[Array, ""]
     last_col: int | Int[Array, ""]
-
-
-def pixel_centers(
-    tile: Tile, dtype: DTypeLike
-) -> tuple[Float[Array, "h w"], Float[Array, "h w"]]:
-    """Image coordinates (u, v) of the pixel centers of a tile, in pixels."""
-    shape = (tile.height, tile.width)
-    u = jax.lax.broadcasted_iota(jnp.int32, shape, 1) + tile.col
-    v = jax.lax.broadcasted_iota(jnp.int32, shape, 0) + tile.row
-    return u.astype(dtype), v.astype(dtype)

@@ -24,10 +24,10 @@ from impostor_jax.camera.pinhole import PinholeCamera
 LARGEST_SIDE = 160
 """Larger regions are reduced by block medians: a first guess needs no more pixels."""
 
-MAX_SAMPLES = 600
+MAX_SAMPLES = 400
 """Normals that vote for an axis and points that vote for a circle, evenly spaced."""
 
-MAX_AXES = 4
+MAX_AXES = 3
 """Axes that are carried on to a circle."""
 
 SIN_TOLERANCE = np.sin(np.radians(15.0))

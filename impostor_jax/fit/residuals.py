@@ -8,10 +8,10 @@ its own.
 """
 
 __all__ = [
-    "Neighborhood",
+    "Pixels",
     "Rows",
     "SurfaceSeen",
-    "gather_neighborhood",
+    "gather_pixels",
     "image_rows",
     "residual_gradient",
     "residuals",
@@ -26,13 +26,17 @@ import jax.numpy as jnp
 from jax.custom_derivatives import SymbolicZero
 from jaxtyping import Array, Bool, Float, Int
 
+from impostor_jax.camera.base import AbstractCamera
 from impostor_jax.geometry.rays import Ray, slab_interval
 from impostor_jax.geometry.vec3 import Vec3
 from impostor_jax.numerics import safe_divide, safe_sqrt, smallest_slope
 from impostor_jax.primitives.cylinder import Cylinder
 
-MAX_END_ROWS = 1024
-"""Most crossings that are used: more than one for each row or column of the object."""
+MAX_EDGE_PIXELS = 1024
+"""Most pixels at the object's edge that are looked at."""
+
+MAX_END_ROWS = 512
+"""Most places where an end is seen: one for each row or column of the object."""
 
 
 class Rows(eqx.Module):
@@ -251,8 +255,8 @@ def residual_gradient(
     return jnp.concatenate(columns, axis=1) * rows.weight[:, None]
 
 
-class Neighborhood(eqx.Module):
-    """Pixels of the object and their neighbors: itself, left, right, above and below.
+class Pixels(eqx.Module):
+    """What the image holds at some pixels.
 
     Attributes:
         ray: In the camera frame, with direction z = 1.
@@ -262,37 +266,56 @@ class Neighborhood(eqx.Module):
     """
 
     ray: Ray
-    depth: Float[Array, "5 n"]
-    exists: Bool[Array, "5 n"]
-    in_region: Bool[Array, "5 n"]
+    depth: Float[Array, "*batch"]
+    exists: Bool[Array, "*batch"]
+    in_region: Bool[Array, "*batch"]
 
 
-def gather_neighborhood(
+def gather_pixels(
     depth: Float[Array, "h w"],
     region: Bool[Array, "h w"],
-    image_ray: Ray,
+    camera: AbstractCamera,
     index: Int[Array, " n"],
-) -> Neighborhood:
-    """Collect what the image holds around some pixels.
+) -> tuple[Pixels, Pixels]:
+    """Collect what the image holds at the object and around its edge.
 
     Args:
         depth: In meters; 0 where there is no reading.
         region: Pixels of the object.
-        image_ray: Rays of all pixels, in the camera frame.
+        camera: The camera.
         index: Flat indices of the object's pixels; one beyond the image only fills up.
+
+    Returns:
+        The object's pixels, (n,), and (5, m) those at its edge with their neighbors:
+        itself, left, right, above and below.
     """
     height, width = depth.shape
-    row = index // width + jnp.array([0, 0, 0, -1, 1])[:, None]
-    col = index % width + jnp.array([0, -1, 1, 0, 0])[:, None]
-    exists = (row >= 0) & (row < height) & (col >= 0) & (col < width)
-    exists &= index < depth.size
-    flat = jnp.where(exists, row * width + col, 0)
-    take = partial(jax.tree.map, lambda field: field.reshape(-1)[flat])
-    return Neighborhood(take(image_ray), take(depth), exists, take(region))
+
+    def gather(index: Int[Array, " k"], steps: Int[Array, "s 2"]) -> Pixels:
+        row = index // width + steps[:, :1]
+        col = index % width + steps[:, 1:]
+        exists = (row >= 0) & (row < height) & (col >= 0) & (col < width)
+        exists &= index < depth.size
+        row, col = jnp.where(exists, row, 0), jnp.where(exists, col, 0)
+        return Pixels(
+            ray=camera.rays(row, col, depth.dtype),
+            depth=depth[row, col],
+            exists=exists,
+            in_region=region[row, col],
+        )
+
+    around = jnp.array([[0, 0], [0, -1], [0, 1], [-1, 0], [1, 0]])
+    here = jax.tree.map(lambda field: field[0], gather(index, around[:1]))
+    neighbors = gather(index, around)
+    outside = jnp.any(neighbors.exists & ~neighbors.in_region, axis=0)
+    is_edge = jnp.where(here.exists & outside, 1, 0).astype(depth.dtype)
+    is_edge, chosen = jax.lax.top_k(is_edge, min(MAX_EDGE_PIXELS, index.shape[0]))
+    edge = jnp.where(is_edge > 0, index[chosen], depth.size)
+    return here, gather(edge, around)
 
 
 def image_rows(
-    pixels: Neighborhood, sigma: Float[Array, ""], cylinder: Cylinder
+    pixels: Pixels, edge: Pixels, sigma: Float[Array, ""], cylinder: Cylinder
 ) -> Rows:
     """Rows of the readings, and of the places where an end of the wall is seen.
 
@@ -309,51 +332,56 @@ def image_rows(
     between the two pixels' places on the axis, with even odds.
 
     Args:
-        pixels: Pixels of the object and their neighbors.
+        pixels: Pixels of the object.
+        edge: Pixels at its edge, with their neighbors.
         sigma: Standard deviation of a reading, in meters.
         cylinder: First estimate, in the camera frame.
 
     Returns:
-        One row for each pixel, then at most 1024 rows of ends.
+        One row for each pixel, then the rows of ends.
     """
+    seen = surface_seen(pixels.ray, cylinder)
+    h = jnp.where(seen.on_cap, jnp.inf, jnp.abs(seen.half_chord))
+    sharpness = 1 / jnp.sqrt(1 + (sigma / jnp.maximum(h, 1e-3 * sigma)) ** 2)
+    readings = Rows(
+        ray=pixels.ray,
+        end=jnp.zeros_like(pixels.depth),
+        target=pixels.depth,
+        weight=jnp.where(pixels.exists, sharpness / sigma, 0),
+    )
+    ends = _end_rows(edge, sigma, cylinder)
+    return jax.tree.map(lambda *rows: jnp.concatenate(rows), readings, ends)
+
+
+def _end_rows(edge: Pixels, sigma: Float[Array, ""], cylinder: Cylinder) -> Rows:
     a, c = cylinder.axis, cylinder.center
     # Image motion along the axis, times the squared depth.
     across = jnp.abs(a[0] * c[2] - c[0] * a[2]) > jnp.abs(a[1] * c[2] - c[1] * a[2])
-    pixels = jax.tree.map(
+    itself, left_right, above_below = slice(0, 1), slice(1, 3), slice(3, 5)
+    edge = jax.tree.map(
         lambda field: jnp.concatenate(
-            [field[:1], jnp.where(across, field[1:3], field[3:])]
+            [field[itself], jnp.where(across, field[left_right], field[above_below])]
         ),
-        pixels,
+        edge,
     )
-    ray, depth = pixels.ray, pixels.depth
-    seen = surface_seen(ray, cylinder)
-
-    h = jnp.where(seen.on_cap[0], jnp.inf, jnp.abs(seen.half_chord[0]))
-    sharpness = 1 / jnp.sqrt(1 + (sigma / jnp.maximum(h, 1e-3 * sigma)) ** 2)
-    reading_weight = jnp.where(pixels.exists[0], sharpness / sigma, 0)
-
-    behind = depth - seen.depth > jnp.maximum(5 * sigma, 0.1 * cylinder.radius)
+    ray, seen = edge.ray, surface_seen(edge.ray, cylinder)
+    behind = edge.depth - seen.depth > jnp.maximum(5 * sigma, 0.1 * cylinder.radius)
     # Near the outline of the wall, background beside it is not an end.
-    central = pixels.exists & (seen.miss < 0.9)
-    # No reading has depth 0, which is never behind.
-    beyond = central & ~pixels.in_region & behind
-    crosses = (beyond[1:] & central[0] & ~seen.on_cap[0]).reshape(-1)
-    middle = jax.tree.map(lambda field: ((field[1:] + field[0]) / 2).reshape(-1), ray)
+    central = edge.exists & (seen.miss < 0.9)
+    # A missing reading has depth 0, which is never behind.
+    beyond = central & ~edge.in_region & behind
+    crosses = beyond[1:] & central[0] & ~seen.on_cap[0]
+    along = seen.along[1:] - seen.along[0]
     # At least the width of a pixel, so that no row has more weight than its place.
     x, y = ray.direction.x, ray.direction.y
     footprint = jnp.hypot(x[1:] - x[0], y[1:] - y[0]) * seen.depth[0]
-    along = seen.along[1:] - seen.along[0]
-    gap = jnp.maximum(jnp.abs(along), footprint).reshape(-1)
-    weight = safe_divide(jnp.where(crosses, 12**0.5, 0), gap)
-    weight, chosen = jax.lax.top_k(weight, min(MAX_END_ROWS, weight.size))
-    toward = jnp.where(along > 0, 1, -1).astype(gap.dtype).reshape(-1)
-
-    def join(readings: Array, ends: Array) -> Array:
-        return jnp.concatenate([readings, ends[chosen]])
-
-    return Rows(
-        ray=jax.tree.map(lambda field, ends: join(field[0], ends), ray, middle),
-        end=join(jnp.zeros_like(depth[0]), toward),
-        target=join(depth[0], jnp.zeros_like(gap)),
-        weight=jnp.concatenate([reading_weight, weight]),
+    gap = jnp.maximum(jnp.abs(along), footprint)
+    rows = Rows(
+        ray=jax.tree.map(lambda field: (field[1:] + field[0]) / 2, ray),
+        end=jnp.where(along > 0, 1, -1).astype(gap.dtype),
+        target=jnp.zeros_like(gap),
+        weight=safe_divide(jnp.where(crosses, 12**0.5, 0), gap),
     )
+    rows = jax.tree.map(lambda field: field.reshape(-1), rows)
+    _, chosen = jax.lax.top_k(rows.weight, min(MAX_END_ROWS, rows.weight.size))
+    return jax.tree.map(lambda field: field[chosen], rows)

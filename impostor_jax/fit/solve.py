@@ -26,7 +26,7 @@ from impostor_jax.fit.parameterization import PARAMETERS, Chart
 from impostor_jax.fit.residuals import (
     Rows,
     SurfaceSeen,
-    gather_neighborhood,
+    gather_pixels,
     image_rows,
     residual_gradient,
     residuals,
@@ -41,8 +41,8 @@ from impostor_jax.primitives.cylinder import Cylinder
 MIN_READINGS = 50
 """A fit with fewer readings is refused."""
 
-SMALLEST_BUCKET = 2048
-"""Readings are filled up to this number, doubled until they fit."""
+BUCKETS = tuple(size << k for k in range(14) for size in (2048, 3072))
+"""Readings are filled up to one of these numbers, so that few sizes are compiled."""
 
 TRACED_READINGS = 16384
 """Most readings that a traced fit uses, evenly spaced over its region."""
@@ -125,10 +125,7 @@ def fit_cylinder(
         if camera.camera_from_world is not None:
             initial = initial.transformed(camera.camera_from_world.inverse())
     rows = np.flatnonzero(region)
-    bucket = SMALLEST_BUCKET
-    while bucket < len(rows):
-        bucket *= 2
-    index = np.full(bucket, region.size)
+    index = np.full(next(size for size in BUCKETS if size >= len(rows)), region.size)
     index[: len(rows)] = rows
     return _fit(image, region, index, camera, sigma, initial, fixed)
 
@@ -245,11 +242,12 @@ def _fit_traced(
     """Fit with sizes that do not depend on any value."""
     if mask is None:
         in_camera = _in_camera(initial, camera)
-        mask = in_camera.intersect(camera.rays(camera.frame, depth.dtype)).mask
+        ray = camera.rays(*camera.frame.pixels(), depth.dtype)
+        mask = in_camera.intersect(ray).mask
     region = jnp.asarray(mask) & (depth > 0)
-    valid = camera.valid_pixels(camera.frame)
-    if valid is not None:
-        region &= valid
+    sees = camera.sees(*camera.frame.pixels())
+    if sees is not None:
+        region &= sees
     size = min(region.size, TRACED_READINGS)
     rank = jnp.cumsum(region.reshape(-1))
     count = rank[-1]
@@ -279,8 +277,7 @@ def _fit(
     """Solve from `initial` over the pixels of `index`; the others are not used."""
     dtype = initial.radius.dtype
     depth, sigma = depth.astype(dtype), jnp.asarray(sigma, dtype)
-    image_ray = camera.rays(camera.frame, dtype)
-    pixels = gather_neighborhood(depth, region, image_ray, index)
+    pixels, edge = gather_pixels(depth, region, camera, index)
     used = index < depth.size
     count = jnp.sum(used)
     # Ten deviations of a position that this many readings share.
@@ -288,7 +285,7 @@ def _fit(
 
     def stage(cylinder: Cylinder, effort: Float[Array, "2"]):
         soft = jnp.maximum(effort[0] * initial.radius, sigma)
-        rows = image_rows(pixels, sigma, _in_camera(cylinder, camera))
+        rows = image_rows(pixels, edge, sigma, _in_camera(cylinder, camera))
         chart = Chart.around(cylinder, unit, fixed)
         vector, converged, num_steps = _minimize(chart, rows, camera, soft, effort[1])
         return chart.cylinder(vector), (rows, converged, num_steps)
@@ -309,6 +306,9 @@ def _fit(
     ordered = jnp.sort(jnp.where(used, whitened, jnp.inf))
     scale = 1.4826 * ordered[jnp.maximum(count - 1, 0) // 2]
     inlier = used & (whitened <= 3 * jnp.maximum(scale, 1))
+    # The residuals take a cap for a whole plane; readings beyond its rim are not on it.
+    off_cap = seen.on_cap & (seen.cap_distance > 1.1 * cylinder.radius)
+    inlier &= ~off_cap[:num_readings]
     past_end = jnp.abs(seen.along - rows.end * cylinder.height / 2) * rows.weight
     believed = jnp.concatenate(
         [inlier, (rows.weight[num_readings:] > 0) & (past_end[num_readings:] < 6)]

@@ -11,6 +11,7 @@ import jax.numpy as jnp
 from impostor_jax.arguments import one_of
 from impostor_jax.camera.base import AbstractCamera
 from impostor_jax.camera.pixels import Tile
+from impostor_jax.geometry.rays import Hit
 from impostor_jax.primitives.cylinder import Cylinder
 from impostor_jax.render.maps import OUTPUTS, GeometryMaps
 
@@ -61,12 +62,12 @@ def _render(
     tile = camera.frame if tile is None else tile
     if camera.camera_from_world is not None:
         cylinder = cylinder.transformed(camera.camera_from_world)
-    ray = camera.rays(tile, cylinder.radius.dtype)
+    row, col = tile.pixels()
+    ray = camera.rays(row, col, cylinder.radius.dtype)
     hit = cylinder.intersect(ray)
-    valid = camera.valid_pixels(tile)
-    if valid is not None:
-        seen = jnp.where(valid, hit.t, jnp.inf)
-        hit = type(hit)(t=seen, on_cap=hit.on_cap & valid)
+    sees = camera.sees(row, col)
+    if sees is not None:
+        hit = Hit(t=jnp.where(sees, hit.t, jnp.inf), on_cap=hit.on_cap & sees)
     maps = {}
     if "depth" in outputs:
         maps["depth"] = hit.t
