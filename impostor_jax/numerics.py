@@ -7,7 +7,6 @@ taken has a finite derivative too.
 
 __all__ = [
     "eps",
-    "evaluate_once",
     "safe_divide",
     "safe_norm",
     "safe_sqrt",

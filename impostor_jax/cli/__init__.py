@@ -1,0 +1,1 @@
+"""The command line; its modules load JAX only after the arguments are parsed."""

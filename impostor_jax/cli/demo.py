@@ -1,0 +1,94 @@
+"""The command `impostor-jax demo`."""
+
+__all__ = ["Demo"]
+
+import dataclasses
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from impostor_jax.fit.result import FitResult
+    from impostor_jax.primitives.cylinder import Cylinder
+
+SIGMA = 0.001
+WALL_DEPTH = 1.2
+
+
+@dataclasses.dataclass(frozen=True)
+class Demo:
+    """Render a noisy can in front of a wall, fit it and compare.
+
+    Writes depth.png, camera.json, fit.json and overlay.png; then
+    `impostor-jax fit depth.png --camera camera.json` fits the same image again.
+    """
+
+    output: Path = Path("impostor_demo")
+    """Folder that the files are written to."""
+
+    def run(self) -> int:
+        """Run the command; returns the exit code."""
+        import jax
+        import jax.numpy as jnp
+        import numpy as np
+
+        from impostor_jax.camera.pinhole import PinholeCamera
+        from impostor_jax.cli.fit import summary
+        from impostor_jax.fit.solve import fit_cylinder
+        from impostor_jax.io.atomic import write_json
+        from impostor_jax.io.camera_file import write_camera
+        from impostor_jax.io.depth_image import fitting_scale, write_depth_png
+        from impostor_jax.io.record import fit_record
+        from impostor_jax.primitives.cylinder import Cylinder
+        from impostor_jax.render.raycast import render
+        from impostor_jax.sensor.gaussian import ConstantNoise
+        from impostor_jax.viewer.figure import write_overlay
+
+        camera = PinholeCamera(525.0, 525.0, 319.5, 239.5, width=640, height=480)
+        can = Cylinder((0.02, 0.01, 0.8), (0.3, 0.8, 0.52), radius=0.04, height=0.12)
+        maps = render(can, camera)
+        assert maps.depth is not None and maps.normal is not None
+        scene = jnp.minimum(maps.depth, WALL_DEPTH)
+        depth = np.asarray(
+            ConstantNoise(SIGMA).sample(jax.random.key(0), scene, maps.normal, camera)
+        )
+        start = time.perf_counter()
+        fit = fit_cylinder(depth, camera, sigma=SIGMA)
+        fit.rms.block_until_ready()
+        seconds = time.perf_counter() - start
+        print(
+            f"a can in front of a wall, depth noise {1e3 * SIGMA:g} mm, no mask given\n"
+            f"{summary(fit, seconds).splitlines()[0]}\n{_table(can, fit)}"
+        )
+        scale = fitting_scale(depth, None)
+        write_depth_png(self.output / "depth.png", depth, scale)
+        write_camera(self.output / "camera.json", camera, scale)
+        write_json(self.output / "fit.json", fit_record(fit, seconds))
+        write_overlay(self.output / "overlay.png", fit, depth, camera)
+        print(f"pictures and files: {self.output}")
+        return 0 if bool(fit.success) else 1
+
+
+def _table(truth: "Cylinder", fit: "FitResult") -> str:
+    """True value, fitted value and standard deviation of each parameter."""
+    import numpy as np
+
+    std, fitted = fit.std, fit.cylinder
+    cosine = abs(float(np.dot(truth.axis, fitted.axis)))
+    lines = [f"{'':12}{'true':>10}{'fitted':>10}{'std':>10}"]
+    for index, name in enumerate("xyz"):
+        lines.append(
+            f"{'center ' + name:<12}{1e3 * float(truth.center[index]):>10.3f}"
+            f"{1e3 * float(fitted.center[index]):>10.3f}"
+            f"{1e3 * float(std.center[index]):>10.3f} mm"
+        )
+    for name in ("radius", "height"):
+        values = [float(getattr(part, name)) for part in (truth, fitted, std)]
+        lines.append(
+            f"{name:<12}{1e3 * values[0]:>10.3f}{1e3 * values[1]:>10.3f}"
+            f"{1e3 * values[2]:>10.3f} mm"
+        )
+    angle = np.degrees(np.arccos(min(1.0, cosine)))
+    spread = np.degrees(np.linalg.norm(std.axis))
+    lines.append(f"{'axis, off by':<12}{0:>10.3f}{angle:>10.3f}{spread:>10.3f} degrees")
+    return "\n".join(lines)

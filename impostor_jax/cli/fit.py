@@ -1,0 +1,106 @@
+"""The command `impostor-jax fit`."""
+
+__all__ = ["Fit", "summary"]
+
+import dataclasses
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import tyro
+
+if TYPE_CHECKING:
+    from impostor_jax.fit.result import FitResult
+
+
+@dataclasses.dataclass(frozen=True)
+class Fit:
+    """Fit a capped cylinder to a depth image.
+
+    Writes fit.json and overlay.png. The exit code is 0 if the fit succeeded, 1 if it
+    failed and 2 if the input is bad.
+    """
+
+    depth: tyro.conf.Positional[Path]
+    """Depth image: 16-bit PNG, or meters as floating-point TIFF or NPY."""
+    camera: Path
+    """Camera file (JSON): fx, fy, cx, cy, width, height, depth_scale_m, distortion."""
+    mask: Path | None = None
+    """Mask image, not 0 on the object; the nearest object is taken if none is given."""
+    sigma: float = 0.001
+    """Standard deviation of a depth reading, in meters."""
+    output: Path = Path(".")
+    """Folder that the files are written to."""
+    json: Path | None = None
+    """File for the record of the fit, instead of fit.json in the output folder."""
+
+    def run(self) -> int:
+        """Run the command; returns the exit code."""
+        from impostor_jax.fit.solve import fit_cylinder
+        from impostor_jax.io.atomic import write_json
+        from impostor_jax.io.camera_file import read_camera
+        from impostor_jax.io.depth_image import read_depth, read_mask
+        from impostor_jax.io.record import fit_record
+        from impostor_jax.viewer.figure import write_overlay
+
+        camera, depth_scale_m = read_camera(self.camera)
+        depth = read_depth(self.depth, depth_scale_m)
+        mask = None if self.mask is None else read_mask(self.mask)
+        start = time.perf_counter()
+        fit = fit_cylinder(depth, camera, mask=mask, sigma=self.sigma)
+        fit.rms.block_until_ready()
+        seconds = time.perf_counter() - start
+        if mask is None:
+            print(_region_taken(fit))
+        print(summary(fit, seconds))
+        record = self.output / "fit.json" if self.json is None else self.json
+        write_json(record, fit_record(fit, seconds))
+        write_overlay(self.output / "overlay.png", fit, depth, camera)
+        return 0 if bool(fit.success) else 1
+
+
+def _region_taken(fit: "FitResult") -> str:
+    import numpy as np
+
+    rows, cols = np.nonzero(np.asarray(fit.region))
+    return (
+        f"no mask: took the nearest object in front of its surroundings, {len(rows)} "
+        f"pixels in rows {rows.min()}-{rows.max()}, columns {cols.min()}-{cols.max()}"
+    )
+
+
+def summary(fit: "FitResult", seconds: float) -> str:
+    """A few lines for a reader; lengths in millimeters, angles in degrees."""
+    import numpy as np
+
+    head = (
+        f"{fit.status}: {fit.status.meaning} {int(fit.num_steps)} steps, "
+        f"{int(fit.num_pixels)} pixels, {seconds:.2f} s"
+    )
+    if not bool(fit.success):
+        return head
+    cylinder, std = fit.cylinder, fit.std
+
+    def row(name: str, values, deviations, factor: float, unit: str) -> str:
+        numbers = " ".join(f"{factor * x:.3f}" for x in np.atleast_1d(values))
+        spread = " ".join(f"{factor * x:.3f}" for x in np.atleast_1d(deviations))
+        return f"  {name:<8}{numbers} {unit}  (std {spread})"
+
+    tilt = " ".join(f"{x:.3f}" for x in np.degrees(np.asarray(std.axis)))
+    direction = " ".join(f"{x:.5f}" for x in np.asarray(cylinder.axis))
+    lines = [
+        head,
+        row("center", cylinder.center, std.center, 1e3, "mm"),
+        f"  axis    {direction}  (std {tilt} degrees)",
+        row("radius", cylinder.radius, std.radius, 1e3, "mm"),
+        row("height", cylinder.height, std.height, 1e3, "mm"),
+        f"  rms     {1e3 * float(fit.rms):.3f} mm over "
+        f"{int(np.count_nonzero(fit.inliers))} inliers",
+    ]
+    if not fit.height_observed:
+        across = " ".join(f"{1e3 * x:.3f}" for x in np.asarray(std.across_axis))
+        lines.append(
+            "  An end is not seen: height is the visible extent, center its middle; "
+            f"across the axis the center's std is {across} mm."
+        )
+    return "\n".join(lines)

@@ -1,0 +1,55 @@
+"""Parsing of the command line."""
+
+__all__ = ["parse"]
+
+import contextlib
+import io
+import re
+import sys
+from collections.abc import Sequence
+from typing import Annotated
+
+import tyro
+
+from impostor_jax.cli.demo import Demo
+from impostor_jax.cli.fit import Fit
+from impostor_jax.cli.render import Render
+
+Command = (
+    Annotated[Fit, tyro.conf.subcommand("fit")]
+    | Annotated[Render, tyro.conf.subcommand("render")]
+    | Annotated[Demo, tyro.conf.subcommand("demo")]
+)
+
+
+def parse(arguments: Sequence[str]) -> Fit | Render | Demo:
+    """Parse the arguments; a mistake ends the program with one line and exit code 2."""
+    errors = io.StringIO()
+    try:
+        with contextlib.redirect_stderr(errors):
+            return tyro.cli(
+                Command,  # pyright: ignore[reportArgumentType]
+                prog="impostor-jax",
+                description="Fit capped cylinders to depth images, and render them.",
+                args=arguments,
+                config=(tyro.conf.OmitArgPrefixes,),
+            )
+    except SystemExit as stop:
+        if stop.code in (0, None):
+            raise
+        message = _one_line(errors.getvalue())
+        print(f"impostor-jax: error: {message}", file=sys.stderr)
+        raise SystemExit(2) from None
+
+
+def _one_line(box: str) -> str:
+    """Message of an error box of tyro's, without its frame and its hints."""
+    plain = re.sub(r"\x1b\[[0-9;]*m", "", box)
+    lines = [line.strip("│ ") for line in plain.splitlines()]
+    message = []
+    for line in lines:
+        if line.startswith(("─", "╰")):
+            break
+        if not line.startswith("╭"):
+            message.append(line)
+    return " ".join(" ".join(message).split()) or "the arguments are not understood"

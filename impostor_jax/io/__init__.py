@@ -1,0 +1,1 @@
+"""Files. Units stand in the names of their fields and end at this boundary."""

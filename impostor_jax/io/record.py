@@ -1,0 +1,45 @@
+"""The record of a fit, as JSON."""
+
+__all__ = ["fit_record"]
+
+from typing import Any
+
+import numpy as np
+
+from impostor_jax.fit.result import FitResult
+
+
+def fit_record(fit: FitResult, seconds: float) -> dict[str, Any]:
+    """Turn a fit into what JSON can hold; infinite deviations become null.
+
+    Args:
+        fit: A single, concrete result.
+        seconds: Time that the fit took.
+    """
+    cylinder, std = fit.cylinder, fit.std
+    return {
+        "success": bool(fit.success),
+        "status": str(fit.status),
+        "center_m": _numbers(cylinder.center),
+        "axis": _numbers(cylinder.axis),
+        "radius_m": _numbers(cylinder.radius),
+        "height_m": _numbers(cylinder.height),
+        "height_observed": fit.height_observed,
+        "std": {
+            "center_m": _numbers(std.center),
+            "axis_rad": _numbers(std.axis),
+            "radius_m": _numbers(std.radius),
+            "height_m": _numbers(std.height),
+        },
+        "num_pixels": int(fit.num_pixels),
+        "rms_m": _numbers(fit.rms),
+        "seconds": seconds,
+    }
+
+
+def _numbers(values: Any) -> Any:
+    """Numbers as (lists of) Python floats, null where not finite."""
+    array = np.asarray(values, dtype=float)
+    if array.ndim:
+        return [_numbers(value) for value in array]
+    return float(array) if np.isfinite(array) else None

@@ -1,0 +1,47 @@
+"""Noise of one standard deviation for all readings."""
+
+__all__ = ["ConstantNoise"]
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float, PRNGKeyArray
+from typing_extensions import override
+
+from impostor_jax.arguments import real_number
+from impostor_jax.camera.base import AbstractCamera
+from impostor_jax.sensor.base import AbstractDepthNoise
+
+
+class ConstantNoise(AbstractDepthNoise):
+    """Independent normal noise along z.
+
+    Args:
+        deviation: Standard deviation in meters, positive.
+    """
+
+    deviation: float | Float[Array, ""]
+
+    def __init__(self, deviation: Any):
+        self.deviation = real_number(
+            "deviation", deviation, positive=True, unit="meters"
+        )
+
+    @override
+    def sigma(
+        self,
+        depth: Float[Array, "*batch"],
+        cos_incidence: Float[Array, "*batch"],
+    ) -> Float[Array, "*batch"]:
+        return jnp.where(jnp.isfinite(depth), self.deviation, jnp.inf)
+
+    @override
+    def sample(
+        self,
+        key: PRNGKeyArray,
+        depth: Float[Array, "h w"],
+        normal: Float[Array, "h w 3"],
+        camera: AbstractCamera,
+    ) -> Float[Array, "h w"]:
+        return depth + self.deviation * jax.random.normal(key, depth.shape, depth.dtype)
