@@ -47,7 +47,8 @@ class Demo:
         camera = PinholeCamera(525.0, 525.0, 319.5, 239.5, width=640, height=480)
         can = Cylinder((0.02, 0.01, 0.8), (0.3, 0.8, 0.52), radius=0.04, height=0.12)
         maps = render(can, camera)
-        assert maps.depth is not None and maps.normal is not None
+        assert maps.depth is not None
+        assert maps.normal is not None
         scene = jnp.minimum(maps.depth, WALL_DEPTH)
         depth = np.asarray(
             ConstantNoise(SIGMA).sample(jax.random.key(0), scene, maps.normal, camera)
@@ -74,7 +75,9 @@ def _table(truth: "Cylinder", fit: "FitResult") -> str:
     import numpy as np
 
     std, fitted = fit.std, fit.cylinder
-    cosine = abs(float(np.dot(truth.axis, fitted.axis)))
+    # By the sine: in single precision the cosine of a small angle is 1.
+    first, second = (np.asarray(c.axis, dtype=float) for c in (truth, fitted))
+    sine = np.linalg.norm(np.cross(first, second))
     lines = [f"{'':12}{'true':>10}{'fitted':>10}{'std':>10}"]
     for index, name in enumerate("xyz"):
         lines.append(
@@ -88,7 +91,7 @@ def _table(truth: "Cylinder", fit: "FitResult") -> str:
             f"{name:<12}{1e3 * values[0]:>10.3f}{1e3 * values[1]:>10.3f}"
             f"{1e3 * values[2]:>10.3f} mm"
         )
-    angle = np.degrees(np.arccos(min(1.0, cosine)))
+    angle = np.degrees(np.arcsin(min(1.0, sine)))
     spread = np.degrees(np.linalg.norm(std.axis))
     lines.append(f"{'axis, off by':<12}{0:>10.3f}{angle:>10.3f}{spread:>10.3f} degrees")
     return "\n".join(lines)

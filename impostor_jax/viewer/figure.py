@@ -54,6 +54,8 @@ def overlay_figure(fit: FitResult, depth: Any, camera: PinholeCamera) -> Figure:
     left, right = figure.subplots(1, 2)
 
     near, far = np.nanpercentile(readings, (2, 98))
+    if region.any():
+        near = min(near, np.nanmin(readings[region]))
     image = left.imshow(readings, cmap="viridis", vmin=near, vmax=far)
     figure.colorbar(image, ax=left, label="depth (m)", shrink=0.8)
     if region.any():
