@@ -6,9 +6,9 @@ from .fit.solve import fit_cylinder
 from .geometry.frames import RigidTransform
 from .primitives.base import AbstractPrimitive
 from .primitives.cylinder import Cylinder
-from .render.maps import GeometryMaps
-from .render.raycast import render
-from .render.tile import outline_box, outline_tile
+from .rendering.maps import GeometryMaps
+from .rendering.raycast import render
+from .rendering.tile import outline_box, outline_tile
 from .sensor.base import AbstractDepthNoise
 from .sensor.gaussian import ConstantNoise
 

@@ -33,7 +33,7 @@ class Render:
         from impostor_jax.io import depth_image
         from impostor_jax.io.camera_file import read_camera, write_camera
         from impostor_jax.primitives.cylinder import Cylinder
-        from impostor_jax.render.raycast import render
+        from impostor_jax.rendering.raycast import render
 
         camera, given_scale = read_camera(self.camera)
         cylinder = Cylinder(self.center, self.axis, self.radius, self.height)

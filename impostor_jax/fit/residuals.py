@@ -23,13 +23,14 @@ from functools import partial
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax.custom_derivatives import SymbolicZero
 from jaxtyping import Array, Bool, Float, Int
 
 from impostor_jax.camera.base import AbstractCamera
 from impostor_jax.geometry.rays import Ray, slab_interval
 from impostor_jax.geometry.vec3 import Vec3
-from impostor_jax.numerics import safe_divide, safe_sqrt, smallest_slope
+from impostor_jax.numerics import safe_divide, smallest_slope
 from impostor_jax.primitives.cylinder import Cylinder
 
 MAX_EDGE_PIXELS = 1024
@@ -65,20 +66,70 @@ class SurfaceSeen(eqx.Module):
         on_cap: Whether the surface is a cap.
         half_chord: Half the depth interval inside the wall; negative on a ray that
             misses it, by the same law.
-        miss: Distance between the ray's line and the axis, over the radius.
+        miss_squared: Squared distance between the ray's line and the axis, in radii.
         along: Coordinate of the wall's point along the axis, from the center.
         cap_end: End of the cap that the ray would see: -1 or 1, as in `Rows`.
-        cap_distance: Distance from the axis of the point in that cap's plane.
+        cap_distance_squared: Squared distance from the axis of the point in that cap's
+            plane, in radii.
     """
 
     depth: Float[Array, "*batch"]
     outside: Bool[Array, "*batch"]
     on_cap: Bool[Array, "*batch"]
     half_chord: Float[Array, "*batch"]
-    miss: Float[Array, "*batch"]
+    miss_squared: Float[Array, "*batch"]
     along: Float[Array, "*batch"]
     cap_end: Float[Array, "*batch"]
-    cap_distance: Float[Array, "*batch"]
+    cap_distance_squared: Float[Array, "*batch"]
+
+
+class _Approach(eqx.Module):
+    """Where a ray's line passes the axis, relative to the cylinder's center.
+
+    Attributes:
+        local: The ray, starting at its point nearest to the center.
+        foot: Depth of that point.
+        m: Direction across ray and axis, d x a.
+        inverse: 1 / |m|^2; 0 for a ray along the axis.
+        offset: m.o, the distance between the lines times |m|.
+        nearest: Ray parameter of the nearest approach, from the foot.
+        squared: Squared half-chord in the infinite wall, negative on a miss.
+        blunt: (squared^2 + soft^4)^(-1/4), the half-chord over its square.
+    """
+
+    local: Ray
+    foot: Float[Array, "*batch"]
+    m: Vec3
+    inverse: Float[Array, "*batch"]
+    offset: Float[Array, "*batch"]
+    nearest: Float[Array, "*batch"]
+    squared: Float[Array, "*batch"]
+    blunt: Float[Array, "*batch"]
+
+
+def _approach(
+    ray: Ray, cylinder: Cylinder, soft: float | Float[Array, ""]
+) -> _Approach:
+    center, a = Vec3.from_array(cylinder.center), Vec3.from_array(cylinder.axis)
+    local, foot = ray.recentered(center)
+    o, d, r = local.origin, local.direction, cylinder.radius
+    m = d.cross(a)
+    m_m, m_o = m.dot(m), m.dot(o)
+    parallel = m_m < smallest_slope(m_m.dtype) ** 2
+    # XLA writes each quotient and root to a buffer of its own: there is one of a kind.
+    inverse = jnp.where(parallel, 0, 1 / jnp.where(parallel, 1, m_m))
+    squared = (r * r - m_o * m_o * inverse) * inverse
+    fourth = jnp.maximum(squared**2 + soft**4, np.finfo(squared.dtype).tiny)
+    return _Approach(
+        local=local,
+        foot=foot,
+        m=m,
+        inverse=inverse,
+        offset=m_o,
+        nearest=-m.dot(o.cross(a)) * inverse,
+        squared=squared,
+        blunt=jax.lax.rsqrt(jnp.sqrt(fourth)),
+    )
 
 
 def surface_seen(
@@ -97,38 +148,36 @@ def surface_seen(
             line, so that a solver can move the outline across pixels: the half-chord
             sqrt(q) becomes q / (q^2 + soft^4)^(1/4).
     """
-    center, a = Vec3.from_array(cylinder.center), Vec3.from_array(cylinder.axis)
-    local, foot = ray.recentered(center)
-    o, d, r = local.origin, local.direction, cylinder.radius
-    m, w = d.cross(a), o.cross(a)
-    m_m, m_o = m.dot(m), m.dot(o)
-    parallel = m_m < smallest_slope(m_m.dtype) ** 2
-    discriminant = r * r * m_m - m_o * m_o
-    inverse = 1 / jnp.where(parallel, 1, m_m)
-    middle, squared = -m.dot(w) * inverse, discriminant * inverse * inverse
-    half = safe_divide(squared, safe_sqrt(safe_sqrt(squared**2 + soft**4)))
-    slab = slab_interval(local, a, cylinder.height / 2)
+    return _surface(_approach(ray, cylinder, soft), cylinder)
+
+
+def _surface(passing: _Approach, cylinder: Cylinder) -> SurfaceSeen:
+    a, r = Vec3.from_array(cylinder.axis), cylinder.radius
+    o, d, foot = passing.local.origin, passing.local.direction, passing.foot
+    parallel = passing.inverse == 0
+    half = passing.squared * passing.blunt
+    slab = slab_interval(passing.local, a, cylinder.height / 2)
     cap_in = jnp.where(jnp.isfinite(slab.lower), slab.lower, -jnp.inf)
     cap_out = jnp.where(jnp.isfinite(slab.upper), slab.upper, jnp.inf)
-    wall_in = jnp.where(parallel, -jnp.inf, middle - half)
-    wall_out = jnp.where(parallel, jnp.inf, middle + half)
+    wall_in = jnp.where(parallel, -jnp.inf, passing.nearest - half)
+    wall_out = jnp.where(parallel, jnp.inf, passing.nearest + half)
     enter, leave = jnp.maximum(wall_in, cap_in), jnp.minimum(wall_out, cap_out)
     outside = enter + foot > 0
-    on_cap = jnp.where(outside, cap_in > wall_in, cap_out < wall_out)
     t = jnp.where(outside, enter, leave)
     t = jnp.where(jnp.isfinite(t), t, 0)
-    wall = jnp.where(outside, middle - half, middle + half)
+    wall = passing.nearest + jnp.where(outside, -half, half)
     cap = jnp.where(outside, cap_in, cap_out)
     in_plane = o + d * jnp.where(jnp.isfinite(cap), cap, 0)
+    from_axis = in_plane.cross(a)
     return SurfaceSeen(
         depth=t + foot,
         outside=outside,
-        on_cap=on_cap,
+        on_cap=jnp.where(outside, cap_in > wall_in, cap_out < wall_out),
         half_chord=half,
-        miss=jnp.abs(m_o) * safe_divide(jnp.ones_like(m_m), safe_sqrt(m_m)) / r,
+        miss_squared=passing.offset**2 * passing.inverse / (r * r),
         along=(o + d * wall).dot(a),
         cap_end=jnp.where(outside, -1, 1) * jnp.sign(d.dot(a)),
-        cap_distance=(in_plane - a * in_plane.dot(a)).norm(),
+        cap_distance_squared=from_axis.dot(from_axis) / (r * r),
     )
 
 
@@ -190,65 +239,50 @@ def residual_gradient(
 ) -> Float[Array, "n 8"]:
     """Derivative of each residual in center, axis, radius and height.
 
-    Shorter than what differentiating the formulas gives: a fit compiles in half the
-    time and a step takes a third of it. With e the unit vector along the part of d
-    across the axis, g its length, n = e x a, and the ray passing the axis at the
-    distance s along n, where the axis has the coordinate l, a motion dc, da of the
-    axis changes
+    Shorter than what differentiating the formulas gives: the Jacobian takes a third of
+    the time. With m = d x a across ray and axis, e = a x m / |m|^2, and the ray passing
+    the axis at the distance s along m / |m|, where the axis has the coordinate l, a
+    motion dc, da of the axis changes
 
-        s by n.(dc + l da) (in the sense that the ray's offset shrinks by it),
-        t of the nearest approach by (e.(dc + l da) + s (d.a) (n.da) / g) / g,
-        g^2 by -2 (d.a) g (e.da),
+        s by -m.(dc + l da) / |m|,
+        t of the nearest approach by e.(dc + l da) + s (d.a) (m.da) / |m|^3,
+        |m|^2 by -2 (d.a) |m|^2 (e.da),
 
-    and the squared half-chord (r^2 - s^2) / g^2 follows.
+    and the squared half-chord (r^2 - s^2) / |m|^2 follows.
     """
-    center, a = Vec3.from_array(cylinder.center), Vec3.from_array(cylinder.axis)
-    local, foot = rows.ray.recentered(center)
-    o, d, r = local.origin, local.direction, cylinder.radius
-    d_a, o_a = d.dot(a), o.dot(a)
-    across = d - a * d_a
-    g = across.norm()
-    usable = g > smallest_slope(g.dtype)
-    inverse = jnp.where(usable, 1 / jnp.where(usable, g, 1), 0)
-    e = across * inverse
-    n = e.cross(a)
-    s = o.dot(n)
-    nearest = -o.dot(e) * inverse
-    level = o_a + nearest * d_a
-    squared = (r * r - s * s) * inverse * inverse
-    scale = safe_sqrt(safe_sqrt(squared**2 + soft**4))
-    blunt = safe_divide(jnp.ones_like(scale), scale)
-    half = squared * blunt
-    # Of the blunted half-chord in its square.
-    slope = blunt * (1 - (half * blunt) ** 2 / 2)
-    seen = surface_seen(rows.ray, cylinder, soft)
-    inside = jnp.where(seen.outside, -1, 1)
+    a, r = Vec3.from_array(cylinder.axis), cylinder.radius
+    passing = _approach(rows.ray, cylinder, soft)
+    seen = _surface(passing, cylinder)
+    o, d, inverse = passing.local.origin, passing.local.direction, passing.inverse
+    d_a = d.dot(a)
+    e = a.cross(passing.m) * inverse
+    pull = passing.m * (passing.offset * inverse * inverse)
+    level = o.dot(a) + passing.nearest * d_a
+    # Of the blunted half-chord in its square, with the sign that the surface has.
+    slope = passing.blunt * (1 - (seen.half_chord * passing.blunt) ** 2 / 2)
+    slope = jnp.where(seen.outside, -slope, slope)
 
-    # Of the wall's t, and of its coordinate along the axis.
-    growth = inside * slope * inverse
-    in_center = e * inverse + n * (2 * s * growth * inverse)
-    in_axis = (
-        in_center * level
-        + n * (s * d_a * inverse * inverse)
-        + e * (2 * squared * d_a * growth)
-    )
-    in_radius = 2 * r * growth * inverse
-    wall = nearest + inside * half
+    # Of the wall's t.
+    in_center = e + pull * (2 * slope)
+    in_axis = in_center * level + pull * d_a + e * (2 * passing.squared * d_a * slope)
+    in_radius = 2 * r * slope * inverse
+    wall = passing.nearest + jnp.where(seen.outside, -seen.half_chord, seen.half_chord)
     from_center = o + d * wall
 
     # A cap's point stays in its plane.
-    step = jnp.where(jnp.abs(d_a) > smallest_slope(d_a.dtype), d_a, jnp.inf)
-    cap_point = o + d * (seen.depth - foot)
+    parallel = jnp.abs(d_a) < smallest_slope(d_a.dtype)
+    per_step = jnp.where(parallel, 0, 1 / jnp.where(parallel, 1, d_a))
+    cap_point = o + d * (seen.depth - passing.foot)
     is_end = rows.end != 0
     on_cap = seen.on_cap & ~is_end
 
     def of_row(of_wall: Vec3, of_cap: Vec3, of_along: Vec3) -> Float[Array, "n 3"]:
         return of_along.where(is_end, of_cap.where(on_cap, of_wall)).stack()
 
-    in_height = jnp.where(on_cap, seen.cap_end / (2 * step), 0)
+    in_height = jnp.where(on_cap, seen.cap_end * per_step / 2, 0)
     columns = [
-        of_row(in_center, a * (1 / step), in_center * d_a - a),
-        of_row(in_axis, cap_point * (-1 / step), in_axis * d_a + from_center),
+        of_row(in_center, a * per_step, in_center * d_a - a),
+        of_row(in_axis, cap_point * -per_step, in_axis * d_a + from_center),
         jnp.where(is_end, in_radius * d_a, jnp.where(on_cap, 0, in_radius))[:, None],
         jnp.where(is_end, -rows.end / 2, in_height)[:, None],
     ]
@@ -275,7 +309,8 @@ def gather_pixels(
     depth: Float[Array, "h w"],
     region: Bool[Array, "h w"],
     camera: AbstractCamera,
-    index: Int[Array, " n"],
+    row: Int[Array, " n"],
+    col: Int[Array, " n"],
 ) -> tuple[Pixels, Pixels]:
     """Collect what the image holds at the object and around its edge.
 
@@ -283,7 +318,8 @@ def gather_pixels(
         depth: In meters; 0 where there is no reading.
         region: Pixels of the object.
         camera: The camera.
-        index: Flat indices of the object's pixels; one beyond the image only fills up.
+        row: Rows of the object's pixels; one beyond the image only fills up.
+        col: Columns of the object's pixels.
 
     Returns:
         The object's pixels, (n,), and (5, m) those at its edge with their neighbors:
@@ -291,11 +327,8 @@ def gather_pixels(
     """
     height, width = depth.shape
 
-    def gather(index: Int[Array, " k"], steps: Int[Array, "s 2"]) -> Pixels:
-        row = index // width + steps[:, :1]
-        col = index % width + steps[:, 1:]
+    def gather(row: Int[Array, "*batch"], col: Int[Array, "*batch"]) -> Pixels:
         exists = (row >= 0) & (row < height) & (col >= 0) & (col < width)
-        exists &= index < depth.size
         row, col = jnp.where(exists, row, 0), jnp.where(exists, col, 0)
         return Pixels(
             ray=camera.rays(row, col, depth.dtype),
@@ -304,14 +337,13 @@ def gather_pixels(
             in_region=region[row, col],
         )
 
-    around = jnp.array([[0, 0], [0, -1], [0, 1], [-1, 0], [1, 0]])
-    here = jax.tree.map(lambda field: field[0], gather(index, around[:1]))
-    neighbors = gather(index, around)
-    outside = jnp.any(neighbors.exists & ~neighbors.in_region, axis=0)
-    is_edge = jnp.where(here.exists & outside, 1, 0).astype(depth.dtype)
-    is_edge, chosen = jax.lax.top_k(is_edge, min(MAX_EDGE_PIXELS, index.shape[0]))
-    edge = jnp.where(is_edge > 0, index[chosen], depth.size)
-    return here, gather(edge, around)
+    down, right = jnp.array([[0, 0, 0, -1, 1], [0, -1, 1, 0, 0]])[..., None]
+    around = gather(row + down, col + right)
+    outside = jnp.any(around.exists & ~around.in_region, axis=0)
+    is_edge = jnp.where(around.exists[0] & outside, 1, 0).astype(depth.dtype)
+    is_edge, chosen = jax.lax.top_k(is_edge, min(MAX_EDGE_PIXELS, row.shape[0]))
+    edge_row = jnp.where(is_edge > 0, row[chosen], -2)
+    return gather(row, col), gather(edge_row + down, col[chosen] + right)
 
 
 def image_rows(
@@ -341,8 +373,8 @@ def image_rows(
         One row for each pixel, then the rows of ends.
     """
     seen = surface_seen(pixels.ray, cylinder)
-    h = jnp.where(seen.on_cap, jnp.inf, jnp.abs(seen.half_chord))
-    sharpness = 1 / jnp.sqrt(1 + (sigma / jnp.maximum(h, 1e-3 * sigma)) ** 2)
+    h = jnp.abs(seen.half_chord)
+    sharpness = jnp.where(seen.on_cap, 1, h * jax.lax.rsqrt(h * h + sigma * sigma))
     readings = Rows(
         ray=pixels.ray,
         end=jnp.zeros_like(pixels.depth),
@@ -367,7 +399,7 @@ def _end_rows(edge: Pixels, sigma: Float[Array, ""], cylinder: Cylinder) -> Rows
     ray, seen = edge.ray, surface_seen(edge.ray, cylinder)
     behind = edge.depth - seen.depth > jnp.maximum(5 * sigma, 0.1 * cylinder.radius)
     # Near the outline of the wall, background beside it is not an end.
-    central = edge.exists & (seen.miss < 0.9)
+    central = edge.exists & (seen.miss_squared < 0.9**2)
     # A missing reading has depth 0, which is never behind.
     beyond = central & ~edge.in_region & behind
     crosses = beyond[1:] & central[0] & ~seen.on_cap[0]

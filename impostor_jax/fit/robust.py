@@ -2,6 +2,7 @@
 
 __all__ = ["pseudo_huber_residual"]
 
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
@@ -23,4 +24,4 @@ def pseudo_huber_residual(
         Hartley and Zisserman (2004), appendix 6.8.
     """
     squared = (residual / width) ** 2
-    return residual * jnp.sqrt(2 / (1 + jnp.sqrt(1 + squared)))
+    return residual * jax.lax.rsqrt((1 + jnp.sqrt(1 + squared)) / 2)

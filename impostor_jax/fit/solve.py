@@ -124,10 +124,12 @@ def fit_cylinder(
         initial = Cylinder(guess.center, guess.axis, guess.radius, guess.height)
         if camera.camera_from_world is not None:
             initial = initial.transformed(camera.camera_from_world.inverse())
-    rows = np.flatnonzero(region)
-    index = np.full(next(size for size in BUCKETS if size >= len(rows)), region.size)
-    index[: len(rows)] = rows
-    return _fit(image, region, index, camera, sigma, initial, fixed)
+    rows, cols = np.nonzero(region)
+    size = next(size for size in BUCKETS if size >= len(rows))
+    # A row beyond the image only fills up.
+    row, col = np.full(size, camera.height), np.zeros(size, int)
+    row[: len(rows)], col[: len(rows)] = rows, cols
+    return _fit(image, region, row, col, camera, sigma, initial, fixed)
 
 
 def _checked_fixed(fixed: Sequence[str], initial: Cylinder | None) -> tuple[str, ...]:
@@ -254,8 +256,8 @@ def _fit_traced(
     # The first pixel of each rank; ranks are spread out where there are too many.
     wanted = jnp.arange(size) * jnp.maximum(count, size) // size + 1
     index = jnp.searchsorted(rank, wanted, side="left")
-    index = jnp.where(wanted <= count, index, region.size)
-    return _fit(depth, region, index, camera, sigma, initial, fixed)
+    row, col = jnp.divmod(jnp.where(wanted <= count, index, region.size), camera.width)
+    return _fit(depth, region, row, col, camera, sigma, initial, fixed)
 
 
 def _in_camera(cylinder: Cylinder, camera: PinholeCamera) -> Cylinder:
@@ -268,38 +270,46 @@ def _in_camera(cylinder: Cylinder, camera: PinholeCamera) -> Cylinder:
 def _fit(
     depth: Float[Array, "h w"],
     region: Bool[Array, "h w"],
-    index: Int[Array, " n"],
+    row: Int[Array, " n"],
+    col: Int[Array, " n"],
     camera: PinholeCamera,
     sigma: float | Float[Array, ""],
     initial: Cylinder,
     fixed: tuple[str, ...],
 ) -> FitResult:
-    """Solve from `initial` over the pixels of `index`; the others are not used."""
+    """Solve from `initial` over the given pixels; the others are not used."""
     dtype = initial.radius.dtype
     depth, sigma = depth.astype(dtype), jnp.asarray(sigma, dtype)
-    pixels, edge = gather_pixels(depth, region, camera, index)
-    used = index < depth.size
+    pixels, edge = gather_pixels(depth, region, camera, row, col)
+    used = pixels.exists
     count = jnp.sum(used)
     # Ten deviations of a position that this many readings share.
     unit = 10 * sigma / jnp.sqrt(jnp.maximum(count, 1).astype(dtype))
 
-    def stage(cylinder: Cylinder, effort: Float[Array, "2"]):
+    def rows_at(cylinder: Cylinder) -> Rows:
+        return image_rows(pixels, edge, sigma, _in_camera(cylinder, camera))
+
+    def stage(carry: tuple[Cylinder, Rows, Array, Array], effort: Float[Array, "2"]):
+        cylinder, _, _, num_steps = carry
         soft = jnp.maximum(effort[0] * initial.radius, sigma)
-        rows = image_rows(pixels, edge, sigma, _in_camera(cylinder, camera))
-        chart = Chart.around(cylinder, unit, fixed)
-        vector, converged, num_steps = _minimize(chart, rows, camera, soft, effort[1])
-        return chart.cylinder(vector), (rows, converged, num_steps)
+        rows, chart = rows_at(cylinder), Chart.around(cylinder, unit, fixed)
+        vector, converged, steps = _minimize(chart, rows, camera, soft, effort[1])
+        return (chart.cylinder(vector), rows, converged, num_steps + steps), None
 
     # While the outline still has pixels to cross, the square root that depth follows
     # there is blunted; otherwise each pixel is a kink that can stop the solver.
-    cylinder, (rows, converged, num_steps) = jax.lax.scan(
-        stage, initial, jnp.array(STAGES, dtype)
+    blank = jax.tree.map(
+        lambda field: jnp.zeros(field.shape, field.dtype),
+        jax.eval_shape(rows_at, initial),
     )
-    rows = jax.tree.map(lambda field: field[-1], rows)
+    start = (initial, blank, jnp.array(False), jnp.array(0))
+    (cylinder, rows, converged, num_steps), _ = jax.lax.scan(
+        stage, start, jnp.array(STAGES, dtype)
+    )
     cylinder, rows = _signed(cylinder, rows)
 
     seen = surface_seen(rows.ray, _in_camera(cylinder, camera), sigma)
-    num_readings = index.shape[0]
+    num_readings = used.shape[0]
     reading = rows.target[:num_readings]
     meters = jnp.where(used, reading - seen.depth[:num_readings], 0)
     whitened = jnp.abs(meters * rows.weight[:num_readings])
@@ -307,7 +317,7 @@ def _fit(
     scale = 1.4826 * ordered[jnp.maximum(count - 1, 0) // 2]
     inlier = used & (whitened <= 3 * jnp.maximum(scale, 1))
     # The residuals take a cap for a whole plane; readings beyond its rim are not on it.
-    off_cap = seen.on_cap & (seen.cap_distance > 1.1 * cylinder.radius)
+    off_cap = seen.on_cap & (seen.cap_distance_squared > 1.1**2)
     inlier &= ~off_cap[:num_readings]
     past_end = jnp.abs(seen.along - rows.end * cylinder.height / 2) * rows.weight
     believed = jnp.concatenate(
@@ -335,24 +345,27 @@ def _fit(
         widening=jnp.sqrt(jnp.maximum(squares / jnp.maximum(num_inliers, 1), 1)),
     )
     code = _status(
-        converged=converged[-1],
+        converged=converged,
         finite=jnp.isfinite(cylinder.radius) & jnp.all(jnp.isfinite(cylinder.center)),
         fits=(2 * num_inliers >= count)
         & ((scale < 5) | (scale * sigma < cylinder.radius / 20)),
-        determined=(std.radius < cylinder.radius / 2) & jnp.all(std.axis < 0.5),
+        determined=(std.radius < cylinder.radius / 2)
+        & jnp.all(std.across_axis < cylinder.radius / 2)
+        & jnp.all(std.axis < 0.5),
     )
     success = code == STATUSES.index(FitStatus.CONVERGED)
 
     def image_of(values: Array) -> Array:
-        blank = jnp.zeros(depth.size, values.dtype)
-        return blank.at[index].set(values, mode="drop").reshape(depth.shape)
+        return (
+            jnp.zeros(depth.shape, values.dtype).at[row, col].set(values, mode="drop")
+        )
 
     return FitResult(
         cylinder=cylinder,
         std=jax.tree.map(lambda value: jnp.where(success, value, jnp.inf), std),
         success=success,
         status_code=code,
-        num_steps=jnp.sum(num_steps),
+        num_steps=num_steps,
         residual=image_of(meters),
         inliers=image_of(inlier),
         region=image_of(used),
@@ -416,7 +429,7 @@ def _seen_extent(
     """
     is_reading = rows.end == 0
     # Along the rim, wall and cap are not told apart by a noisy reading.
-    on_cap = is_reading & seen.on_cap & (seen.cap_distance < 0.9 * cylinder.radius)
+    on_cap = is_reading & seen.on_cap & (seen.cap_distance_squared < 0.9**2)
     shown = jnp.where(on_cap, seen.cap_end, rows.end)
     ends_seen = jnp.stack(
         [jnp.sum(believed & (shown == end)) >= MIN_END_ROWS for end in (-1, 1)]

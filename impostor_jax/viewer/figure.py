@@ -13,8 +13,8 @@ from impostor_jax.camera.pinhole import PinholeCamera
 from impostor_jax.fit.result import FitResult
 from impostor_jax.io.atomic import write_atomically
 from impostor_jax.primitives.cylinder import Cylinder
-from impostor_jax.render.outline import in_front, outline_points
-from impostor_jax.render.raycast import render
+from impostor_jax.rendering.outline import in_front, outline_points
+from impostor_jax.rendering.raycast import render
 
 
 def fitted_outline(

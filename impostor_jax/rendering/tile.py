@@ -10,7 +10,7 @@ from impostor_jax.camera.base import AbstractCamera
 from impostor_jax.camera.pixels import PixelBox, Tile
 from impostor_jax.numerics import eps
 from impostor_jax.primitives.cylinder import Cylinder
-from impostor_jax.render.outline import in_front, support
+from impostor_jax.rendering.outline import in_front, support
 
 STEP = 16
 """Sides of a tile are multiples of this many pixels, so that few sizes are compiled."""

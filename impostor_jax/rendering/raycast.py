@@ -13,7 +13,7 @@ from impostor_jax.camera.base import AbstractCamera
 from impostor_jax.camera.pixels import Tile
 from impostor_jax.geometry.rays import Hit
 from impostor_jax.primitives.cylinder import Cylinder
-from impostor_jax.render.maps import OUTPUTS, GeometryMaps
+from impostor_jax.rendering.maps import OUTPUTS, GeometryMaps
 
 
 def render(
