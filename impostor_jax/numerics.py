@@ -19,7 +19,7 @@ from jaxtyping import Array, Float
 from numpy.typing import DTypeLike
 
 
-def eps(dtype: DTypeLike, count: float = 1.0) -> float:
+def eps(dtype: DTypeLike, count: int = 1) -> float:
     """Return `count` times the spacing of the numbers next to 1."""
     return count * float(np.finfo(dtype).eps)
 

@@ -16,7 +16,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Float
 
 from impostor_jax.numerics import safe_divide, safe_sqrt
 
@@ -24,17 +24,14 @@ Coordinate = Float[Array, "*batch"]
 
 
 class RayField(eqx.Module):
-    """Undistorted points of the plane z = 1 that the pixels see.
+    """Undistorted points (x, y) of the plane z = 1 that the pixels see.
 
-    Attributes:
-        x: One number a pixel; 0 where `valid` is False.
-        y: Likewise.
-        valid: False where no ray reaches the pixel through the lens.
+    Both are `+inf` where no ray reaches the pixel through the lens. All fields are
+    floats, so a camera can be differentiated in as a whole.
     """
 
     x: Float[np.ndarray, "h w"] | Float[Array, "h w"]
     y: Float[np.ndarray, "h w"] | Float[Array, "h w"]
-    valid: Bool[np.ndarray, "h w"] | Bool[Array, "h w"]
 
 
 def distort(
@@ -132,32 +129,15 @@ def solve_ray_field(
     v, u = np.mgrid[0:height, 0:width].astype(np.float64)
     pixels = np.stack([u, v], axis=-1).reshape(-1, 1, 2)
     criteria = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 100, 1e-12)
-    if fisheye:
-        points = cv2.fisheye.undistortPoints(
-            pixels, camera_matrix, coefficients, criteria=criteria
-        )
-    else:
-        points = cv2.undistortPoints(
-            pixels, camera_matrix, coefficients, criteria=criteria
-        )
+    module = cv2.fisheye if fisheye else cv2
+    points = module.undistortPoints(
+        pixels, camera_matrix, coefficients, criteria=criteria
+    )
     finite = np.where(np.isfinite(points), points, 0.0)
-    if fisheye:
-        back, _ = cv2.fisheye.projectPoints(
-            np.concatenate([finite, np.ones_like(finite[..., :1])], axis=-1),
-            np.zeros(3),
-            np.zeros(3),
-            camera_matrix,
-            coefficients,
-        )
-    else:
-        back, _ = cv2.projectPoints(
-            np.concatenate([finite, np.ones_like(finite[..., :1])], axis=-1),
-            np.zeros(3),
-            np.zeros(3),
-            camera_matrix,
-            coefficients,
-        )
+    spatial = np.concatenate([finite, np.ones_like(finite[..., :1])], axis=-1)
+    still = np.zeros(3)
+    back, _ = module.projectPoints(spatial, still, still, camera_matrix, coefficients)
     miss = np.abs(back.reshape(pixels.shape) - pixels).max(axis=(1, 2))
     valid = (miss < 0.01) & np.isfinite(points).all(axis=(1, 2))
-    x, y = np.where(valid[:, None], finite[:, 0], 0.0).T.reshape(2, height, width)
-    return RayField(x=x, y=y, valid=valid.reshape(height, width))
+    x, y = np.where(valid[:, None], finite[:, 0], np.inf).T.reshape(2, height, width)
+    return RayField(x=x, y=y)

@@ -70,8 +70,8 @@ class PinholeCamera(AbstractCamera):
         fy: Any,
         cx: Any,
         cy: Any,
-        width: int,
-        height: int,
+        width: Any,
+        height: Any,
         distortion: Any = None,
         fisheye: bool = False,
         camera_from_world: Any = None,
@@ -130,13 +130,15 @@ class PinholeCamera(AbstractCamera):
         y = (row.astype(dtype) - self.cy) / self.fy
         if self.ray_field is not None and self.distortion is not None:
             coefficients = self.distortion.astype(dtype)
+            start_x = jnp.asarray(self.ray_field.x)[row, col].astype(dtype)
+            start_y = jnp.asarray(self.ray_field.y)[row, col].astype(dtype)
+            seen = jnp.isfinite(start_x)
             x, y = undistort_step(
-                jnp.asarray(self.ray_field.x)[row, col].astype(dtype),
-                jnp.asarray(self.ray_field.y)[row, col].astype(dtype),
+                jnp.where(seen, start_x, 0),
+                jnp.where(seen, start_y, 0),
                 (x, y),
                 lambda x, y: distort(x, y, coefficients, self.fisheye),
             )
-            seen = jnp.asarray(self.ray_field.valid)[row, col]
             x, y = jnp.where(seen, x, 0), jnp.where(seen, y, 0)
         zero = jnp.zeros_like(x)
         return Ray(
@@ -149,17 +151,19 @@ class PinholeCamera(AbstractCamera):
     ) -> Bool[Array, "*batch"] | None:
         if self.ray_field is None:
             return None
-        return jnp.asarray(self.ray_field.valid)[row, col]
+        return jnp.isfinite(jnp.asarray(self.ray_field.x)[row, col])
 
     @override
     def pixel_box(self, low: Float[Array, "2"], high: Float[Array, "2"]) -> PixelBox:
         if self.ray_field is not None:
-            d = self.rays(*self.frame.pixels(), low.dtype).direction
+            row, col = self.frame.pixels()
+            d = self.rays(row, col, low.dtype).direction
             inside = (d.x >= low[0]) & (d.x <= high[0])
+            inside &= jnp.isfinite(jnp.asarray(self.ray_field.x))
             inside &= (d.y >= low[1]) & (d.y <= high[1])
             rows, cols = jnp.any(inside, axis=1), jnp.any(inside, axis=0)
             return PixelBox(*_first_and_last(rows), *_first_and_last(cols))
-        size = jnp.array([self.width, self.height])
+        size = jnp.array([self.width, self.height], low.dtype)
         focal = jnp.array([self.fx, self.fy], low.dtype)
         principal = jnp.array([self.cx, self.cy], low.dtype)
         # Clipped while they are floats: an integer cannot hold a far-away pixel.

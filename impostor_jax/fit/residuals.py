@@ -52,9 +52,9 @@ class Rows(eqx.Module):
     """
 
     ray: Ray
-    end: Float[Array, " n"]
-    target: Float[Array, " n"]
-    weight: Float[Array, " n"]
+    end: Float[Array, "*batch"]
+    target: Float[Array, "*batch"]
+    weight: Float[Array, "*batch"]
 
 
 class SurfaceSeen(eqx.Module):
@@ -176,7 +176,7 @@ def _surface(passing: _Approach, cylinder: Cylinder) -> SurfaceSeen:
         half_chord=half,
         miss_squared=passing.offset**2 * passing.inverse / (r * r),
         along=(o + d * wall).dot(a),
-        cap_end=jnp.where(outside, -1, 1) * jnp.sign(d.dot(a)),
+        cap_end=jnp.where(outside, -1.0, 1.0) * jnp.sign(d.dot(a)),
         cap_distance_squared=from_axis.dot(from_axis) / (r * r),
     )
 
@@ -338,12 +338,12 @@ def gather_pixels(
         )
 
     down, right = jnp.array([[0, 0, 0, -1, 1], [0, -1, 1, 0, 0]])[..., None]
-    around = gather(row + down, col + right)
+    around = gather(row[None] + down, col[None] + right)
     outside = jnp.any(around.exists & ~around.in_region, axis=0)
     is_edge = jnp.where(around.exists[0] & outside, 1, 0).astype(depth.dtype)
     is_edge, chosen = jax.lax.top_k(is_edge, min(MAX_EDGE_PIXELS, row.shape[0]))
     edge_row = jnp.where(is_edge > 0, row[chosen], -2)
-    return gather(row, col), gather(edge_row + down, col[chosen] + right)
+    return gather(row, col), gather(edge_row[None] + down, col[chosen][None] + right)
 
 
 def image_rows(
@@ -402,14 +402,14 @@ def _end_rows(edge: Pixels, sigma: Float[Array, ""], cylinder: Cylinder) -> Rows
     central = edge.exists & (seen.miss_squared < 0.9**2)
     # A missing reading has depth 0, which is never behind.
     beyond = central & ~edge.in_region & behind
-    crosses = beyond[1:] & central[0] & ~seen.on_cap[0]
-    along = seen.along[1:] - seen.along[0]
+    crosses = beyond[1:] & central[:1] & ~seen.on_cap[:1]
+    along = seen.along[1:] - seen.along[:1]
     # At least the width of a pixel, so that no row has more weight than its place.
     x, y = ray.direction.x, ray.direction.y
-    footprint = jnp.hypot(x[1:] - x[0], y[1:] - y[0]) * seen.depth[0]
+    footprint = jnp.hypot(x[1:] - x[:1], y[1:] - y[:1]) * seen.depth[:1]
     gap = jnp.maximum(jnp.abs(along), footprint)
     rows = Rows(
-        ray=jax.tree.map(lambda field: (field[1:] + field[0]) / 2, ray),
+        ray=jax.tree.map(lambda field: (field[1:] + field[:1]) / 2, ray),
         end=jnp.where(along > 0, 1, -1).astype(gap.dtype),
         target=jnp.zeros_like(gap),
         weight=safe_divide(jnp.where(crosses, 12**0.5, 0), gap),

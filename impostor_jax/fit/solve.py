@@ -50,6 +50,9 @@ TRACED_READINGS = 16384
 ROBUST_WIDTH = 2.0
 """Width of the pseudo-Huber loss, in standard deviations."""
 
+DepthImage = Float[np.ndarray, "h w"] | Float[Array, "h w"]
+Mask = Bool[np.ndarray, "h w"] | Bool[Array, "h w"]
+
 STAGES = ((0.3, 0.1), (0.1, 0.1), (0.0, 0.01))
 """Blunting of the outline, in radii (at least one sigma), and tolerance of each stage.
 
@@ -116,7 +119,7 @@ def fit_cylinder(
         given = nearest_object(image, float(sigma), footprint, MIN_READINGS)
     region = given & (image > 0)
     if camera.ray_field is not None:
-        region &= np.asarray(camera.ray_field.valid)
+        region &= np.isfinite(np.asarray(camera.ray_field.x))
     if initial is None:
         guess = first_guess(image, region, camera)
         if guess is None:
@@ -156,7 +159,7 @@ def _check_types(camera: PinholeCamera, initial: Cylinder | None) -> None:
         raise ValueError(f"initial must be one Cylinder, got {initial!r}")
 
 
-def _checked_depth(depth: Any, camera: PinholeCamera) -> Float[Array, "h w"]:
+def _checked_depth(depth: Any, camera: PinholeCamera) -> DepthImage:
     """Depth as a float image with 0 for missing readings."""
     if not isinstance(depth, jax.Array):
         depth = np.asarray(depth)
@@ -182,7 +185,7 @@ def _checked_depth(depth: Any, camera: PinholeCamera) -> Float[Array, "h w"]:
     return jnp.where(jnp.isfinite(depth), depth, 0).astype(jnp.result_type(float))
 
 
-def _checked_mask(mask: Any, camera: PinholeCamera) -> Bool[Array, "h w"] | None:
+def _checked_mask(mask: Any, camera: PinholeCamera) -> Mask | None:
     if mask is None:
         return None
     if not isinstance(mask, jax.Array):
@@ -234,8 +237,8 @@ def _no_guess(region: Bool[np.ndarray, "h w"]) -> FitResult:
 
 
 def _fit_traced(
-    depth: Float[Array, "h w"],
-    mask: Bool[Array, "h w"] | None,
+    depth: DepthImage,
+    mask: Mask | None,
     camera: PinholeCamera,
     sigma: float | Float[Array, ""],
     initial: Cylinder,
@@ -324,7 +327,7 @@ def _fit(
         [inlier, (rows.weight[num_readings:] > 0) & (past_end[num_readings:] < 6)]
     )
     cylinder, ends_seen = _seen_extent(cylinder, rows, seen, believed)
-    num_inliers = jnp.sum(inlier)
+    num_inliers = jnp.maximum(jnp.sum(inlier), 1).astype(dtype)
     rms = jnp.sqrt(jnp.sum(jnp.where(inlier, meters, 0) ** 2) / num_inliers)
     squares = jnp.sum(jnp.where(inlier, whitened, 0) ** 2)
 
@@ -342,12 +345,12 @@ def _fit(
         jnp.where(believed[:, None], jacobian, 0),
         fixed,
         ends_seen,
-        widening=jnp.sqrt(jnp.maximum(squares / jnp.maximum(num_inliers, 1), 1)),
+        widening=jnp.sqrt(jnp.maximum(squares / num_inliers, 1)),
     )
     code = _status(
         converged=converged,
         finite=jnp.isfinite(cylinder.radius) & jnp.all(jnp.isfinite(cylinder.center)),
-        fits=(2 * num_inliers >= count)
+        fits=(2 * num_inliers >= count.astype(dtype))
         & ((scale < 5) | (scale * sigma < cylinder.radius / 20)),
         determined=(std.radius < cylinder.radius / 2)
         & jnp.all(std.across_axis < cylinder.radius / 2)

@@ -32,7 +32,9 @@ def coordinate_covariance(
     # this floor its deviation comes out a thousand times that of the others.
     values = jnp.maximum(values, eps(values.dtype, 4 * chart.size))
     root = jnp.matmul(
-        chart.scale * size, vectors * jax.lax.rsqrt(values), precision="highest"
+        chart.scale * size[None, :],
+        vectors * jax.lax.rsqrt(values)[None, :],
+        precision="highest",
     )
     return jnp.matmul(root, root.T, precision="highest")
 

@@ -51,7 +51,8 @@ class RigidTransform(eqx.Module):
 
     def apply(self, points: Float[Array, "*batch 3"]) -> Float[Array, "*batch 3"]:
         """Map points from the source frame to the target frame."""
-        return self.rotate(points) + self.translation.astype(points.dtype)
+        offset = self.translation.astype(points.dtype)
+        return self.rotate(points) + jnp.broadcast_to(offset, points.shape)
 
     def rotate(self, vectors: Float[Array, "*batch 3"]) -> Float[Array, "*batch 3"]:
         """Map directions from the source frame to the target frame."""

@@ -45,7 +45,7 @@ class Vec3(eqx.Module):
     def __neg__(self) -> "Vec3":
         return Vec3(-self.x, -self.y, -self.z)
 
-    def __mul__(self, factor: Float[Array, "*#batch"]) -> "Vec3":
+    def __mul__(self, factor: float | Float[Array, "*#batch"]) -> "Vec3":
         return Vec3(self.x * factor, self.y * factor, self.z * factor)
 
     def dot(self, other: "Vec3") -> Float[Array, "*batch"]:

@@ -3,7 +3,6 @@
 __all__ = ["AbstractPrimitive"]
 
 import abc
-from typing import Self
 
 import equinox as eqx
 from jaxtyping import Array, Float
@@ -33,5 +32,5 @@ class AbstractPrimitive(eqx.Module):
         """Signed distance from the surface in meters, negative inside."""
 
     @abc.abstractmethod
-    def transformed(self, target_from_source: RigidTransform) -> Self:
+    def transformed(self, target_from_source: RigidTransform) -> "AbstractPrimitive":
         """Express the same shape in another frame."""

@@ -1,0 +1,154 @@
+"""Results of an experiment, with all that is needed to repeat it."""
+
+__all__ = ["Metric", "check_clean", "save_run"]
+
+import dataclasses
+import importlib.metadata
+import os
+import platform
+import subprocess
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, Literal
+
+import jax
+
+from impostor_jax.io.atomic import write_json
+
+PACKAGES = {
+    "jax": "jax",
+    "jaxlib": "jaxlib",
+    "numpy": "numpy",
+    "optimistix": "optimistix",
+    "opencv": "opencv-contrib-python-headless",
+}
+"""Name in the record, and name of the distribution whose version it is."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Metric:
+    """One measured number.
+
+    Attributes:
+        name: Dotted, from the case to the quantity.
+        value: None where it could not be measured.
+        spread: Of single measurements, as the experiment's README defines it; None
+            where there is none.
+        unit: Of value and spread.
+        better: Direction that is an improvement.
+        n: Number of measurements.
+    """
+
+    name: str
+    value: float | None
+    spread: float | None
+    unit: str
+    better: Literal["lower", "higher"]
+    n: int
+
+
+def save_run(
+    folder: Path,
+    metrics: Sequence[Metric],
+    config: Any,
+    *,
+    seed: int,
+    dtype: str,
+    seconds: float,
+    quick: bool,
+) -> None:
+    """Write `results.json`.
+
+    Args:
+        folder: The experiment's folder; a temporary one where `quick`.
+        metrics: What was measured.
+        config: Dataclass of settings, as they were used.
+        seed: Of all that was drawn.
+        dtype: Floating-point type of the computation.
+        seconds: Wall time of the run.
+        quick: Whether this is a trial, which may run on uncommitted code.
+
+    Raises:
+        ValueError: The code is not committed, or two metrics have one name.
+    """
+    names = [metric.name for metric in metrics]
+    if len(set(names)) < len(names):
+        raise ValueError(f"metrics must have names of their own, got {names}")
+    if not quick:
+        check_clean(folder)
+    device = jax.devices()[0]
+    settings = {
+        name: str(value) if isinstance(value, Path) else value
+        for name, value in dataclasses.asdict(config).items()
+    }
+    record = {
+        "commit": _git("rev-parse", "HEAD"),
+        "quick": quick,
+        "seed": seed,
+        "dtype": dtype,
+        "seconds": seconds,
+        "device": {"platform": device.platform, "kind": device.device_kind},
+        "machine": {"cpu": _cpu_model(), "cores": os.cpu_count()},
+        "versions": {"python": platform.python_version()}
+        | {name: _version(package) for name, package in PACKAGES.items()},
+        "config": settings,
+        "metrics": [dataclasses.asdict(metric) for metric in metrics],
+    }
+    write_json(folder / "results.json", record)
+
+
+def check_clean(folder: Path) -> None:
+    """Refuse a tree that no commit describes; call it before a long run as well.
+
+    The files that a run writes into `folder` do not count. Without git nothing is
+    refused.
+
+    Raises:
+        ValueError: A file differs from the commit.
+    """
+    root = _git("rev-parse", "--show-toplevel")
+    if root is None:
+        return
+    pathspecs = [":(top)"]
+    if folder.resolve().is_relative_to(root):
+        own = folder.resolve().relative_to(root).as_posix()
+        pathspecs += [
+            f":(top,exclude){own}/{name}" for name in ("results.json", "figures")
+        ]
+    changed = _git("status", "--porcelain", "--untracked-files=all", "--", *pathspecs)
+    if changed:
+        raise ValueError(
+            "the code of a recorded run must be committed; commit or use --quick. "
+            f"Changed files:\n{changed}"
+        )
+
+
+def _git(*arguments: str) -> str | None:
+    """Output of git in the tree that this file belongs to; None where git fails."""
+    try:
+        done = subprocess.run(
+            ["git", *arguments],
+            cwd=Path(__file__).parent,
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+    except (OSError, subprocess.CalledProcessError):
+        return None
+    return done.stdout.rstrip()
+
+
+def _cpu_model() -> str | None:
+    """Name of the processor; None where the system does not tell."""
+    cpuinfo = Path("/proc/cpuinfo")
+    for line in cpuinfo.read_text().splitlines() if cpuinfo.exists() else ():
+        if line.startswith("model name"):
+            return line.partition(":")[2].strip()
+    return platform.processor() or None
+
+
+def _version(package: str) -> str | None:
+    try:
+        return importlib.metadata.version(package)
+    except importlib.metadata.PackageNotFoundError:
+        return None

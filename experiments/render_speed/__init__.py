@@ -1,0 +1,1 @@
+"""Time of a render, of its gradient and of a fit; the render beside C."""

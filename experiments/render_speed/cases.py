@@ -1,0 +1,77 @@
+"""What is timed: a can seen by a 640x480 camera, and what is computed from it."""
+
+__all__ = ["SIGMA", "jax_cases", "make_camera", "make_can", "noisy_image"]
+
+from collections.abc import Callable
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+import impostor_jax as ij
+
+SIGMA = 0.001
+"""Deviation of the fitted image's readings, in meters."""
+
+WALL_DEPTH = 1.2
+"""Depth of the wall behind the can, in meters."""
+
+TILE_SHAPE = (96, 112)
+"""Rows and columns of the tile that follows a traced cylinder."""
+
+
+def make_can(grown: float = 1.0) -> ij.Cylinder:
+    """The can in the camera frame, its sizes multiplied by `grown`."""
+    return ij.Cylinder((0, 0, 0.8), (0.3, 0.8, 0.52), 0.04 * grown, 0.12 * grown)
+
+
+def make_camera(shrink: int = 1) -> ij.PinholeCamera:
+    """The camera, or one of the same view and `shrink` times coarser pixels."""
+    return ij.PinholeCamera(
+        fx=525.0 / shrink,
+        fy=525.0 / shrink,
+        cx=320.0 / shrink - 0.5,
+        cy=240.0 / shrink - 0.5,
+        width=640 // shrink,
+        height=480 // shrink,
+    )
+
+
+def noisy_image(depth: Float[np.ndarray, "h w"], seed: int) -> Float[np.ndarray, "h w"]:
+    """Depth image with a wall behind the can, and noise."""
+    noise = np.random.default_rng(seed).normal(0, SIGMA, depth.shape)
+    return (np.minimum(depth, WALL_DEPTH) + noise).astype(depth.dtype)
+
+
+def jax_cases(
+    can: ij.Cylinder, camera: ij.PinholeCamera, image: Float[np.ndarray, "h w"]
+) -> dict[str, Callable[[], Any]]:
+    """The calls to time, other than the whole frame that C draws too."""
+    mask = np.asarray(ij.render(can, camera).mask)
+    target = ij.render(make_can(grown=1.02), camera, ("depth",)).depth
+    assert target is not None
+    tile = ij.outline_tile(can, camera)
+
+    def loss(cylinder: ij.Cylinder, tile: ij.Tile) -> Float[Array, ""]:
+        depth = ij.render(cylinder, camera, ("depth",), tile).depth
+        assert depth is not None
+        corner, size = (tile.row, tile.col), (tile.height, tile.width)
+        wanted = jax.lax.dynamic_slice(target, corner, size)
+        both = jnp.isfinite(depth) & jnp.isfinite(wanted)
+        return jnp.sum((jnp.where(both, depth, 0) - jnp.where(both, wanted, 0)) ** 2)
+
+    def loss_on_own_tile(cylinder: ij.Cylinder) -> Float[Array, ""]:
+        return loss(cylinder, ij.outline_tile(cylinder, camera, shape=TILE_SHAPE))
+
+    on_tile = jax.jit(jax.value_and_grad(lambda cylinder: loss(cylinder, tile)))
+    on_own_tile = jax.jit(jax.value_and_grad(loss_on_own_tile))
+    return {
+        "depth_only": lambda: ij.render(can, camera, ("depth",)),
+        "tile": lambda: ij.render(can, camera, tile=tile),
+        "gradient_tile": lambda: on_tile(can),
+        "gradient_own_tile": lambda: on_own_tile(can),
+        "fit_mask": lambda: ij.fit_cylinder(image, camera, mask, SIGMA),
+        "fit_no_mask": lambda: ij.fit_cylinder(image, camera, sigma=SIGMA),
+    }

@@ -1,0 +1,225 @@
+"""Time renders, gradients and fits, beside a kernel in C that does a render's work.
+
+The kernel and the renderer are timed in turns, a block of calls each, so that both meet
+the machine in one state and their ratio is fair.
+"""
+
+__all__ = ["Config", "run"]
+
+import dataclasses
+import json
+import math
+import os
+import resource
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import jax
+import numpy as np
+import tyro
+from jaxtyping import Float
+
+import impostor_jax as ij
+from experiments.recording import Metric, check_clean, save_run
+from experiments.render_speed.cases import (
+    jax_cases,
+    make_camera,
+    make_can,
+    noisy_image,
+)
+from experiments.render_speed.kernel import c_render
+from experiments.render_speed.report import draw, table
+
+HERE = Path(__file__).parent
+
+SEED = 0
+
+BLOCKS = 10
+"""Turns that a case gets; its calls are spread over them."""
+
+WARM_UP = 3
+"""Calls before each block that do not count: threads of the other case still spin."""
+
+PROCESSES = 3
+"""New processes in which a first call is timed."""
+
+SLOW = ("fit_mask", "fit_no_mask", "first_fit")
+"""Cases that a quick run leaves out: to compile a fit takes 10 s."""
+
+FIRST = {"first_render": "render", "first_fit": "fit_cylinder"}
+"""Cases that are timed in new processes, and the function that each calls."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Config:
+    """Measure how long renders, gradients and fits take."""
+
+    quick: bool = False
+    """Small image, few calls and no fits: a trial of the code, no measurement."""
+
+    repeats: int = 200
+    """Timed calls of each case."""
+
+    output: Path | None = None
+    """Folder of the results; the experiment's own by default, a temporary one with
+    --quick."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Timing:
+    """Time of each call of a case, in milliseconds, and its minor page faults."""
+
+    ms: Float[np.ndarray, "block call"]
+    page_faults: float | None = None
+
+
+def time_in_turns(
+    calls: dict[str, Callable[[], object]], repeats: int
+) -> dict[str, Timing]:
+    """Time calls until their results are ready, a block of each in turn."""
+    blocks = min(BLOCKS, repeats)
+    shape = (blocks, math.ceil(repeats / blocks))
+    ms = {name: np.zeros(shape) for name in calls}
+    faults = dict.fromkeys(calls, 0)
+    for block in range(blocks):
+        for name, call in calls.items():
+            for _ in range(WARM_UP):
+                jax.block_until_ready(call())
+            faults[name] -= resource.getrusage(resource.RUSAGE_SELF).ru_minflt
+            for index in range(shape[1]):
+                start = time.perf_counter()
+                jax.block_until_ready(call())
+                ms[name][block, index] = 1e3 * (time.perf_counter() - start)
+            faults[name] += resource.getrusage(resource.RUSAGE_SELF).ru_minflt
+    return {name: Timing(ms[name], faults[name] / ms[name].size) for name in calls}
+
+
+def first_calls(
+    function: str, shrink: int, image: Path, processes: int
+) -> list[dict[str, float | None]]:
+    """Time the first call of a function in new processes, one after the other."""
+    module = "experiments.render_speed.first_call"
+    environment = os.environ | {"JAX_ENABLE_COMPILATION_CACHE": "false"}
+    return [
+        json.loads(
+            subprocess.run(
+                [sys.executable, "-m", module, function, str(shrink), str(image)],
+                cwd=HERE.parents[1],
+                env=environment,
+                stdout=subprocess.PIPE,
+                check=True,
+            ).stdout
+        )
+        for _ in range(processes)
+    ]
+
+
+def sample(name: str, values: Any, unit: str) -> Metric:
+    """Median and interquartile range; nothing where nothing was measured."""
+    values = np.asarray([value for value in np.ravel(values) if value is not None])
+    if not values.size:
+        return Metric(name, None, None, unit, "lower", 0)
+    low, middle, high = (float(q) for q in np.percentile(values, (25, 50, 75)))
+    return Metric(name, middle, high - low, unit, "lower", values.size)
+
+
+def case_metrics(case: str, timing: Timing | None) -> list[Metric]:
+    """Median, minimum and page faults of a case; None where it could not run."""
+    timing = timing or Timing(np.zeros((0, 0)))
+    n = timing.ms.size
+    least = float(timing.ms.min()) if n else None
+    return [
+        sample(f"{case}.median", timing.ms, "ms"),
+        Metric(f"{case}.minimum", least, None, "ms", "lower", n),
+        Metric(f"{case}.page_faults", timing.page_faults, None, "1/call", "lower", n),
+    ]
+
+
+def measure(config: Config) -> list[Metric]:
+    """Measure all cases."""
+    shrink = 4 if config.quick else 1
+    can, camera = make_can(), make_camera(shrink)
+    depth = np.asarray(ij.render(can, camera).depth)
+    image = noisy_image(depth, SEED)
+    metrics: list[Metric] = []
+    with tempfile.TemporaryDirectory() as folder:
+        scratch = Path(folder)
+        frame: dict[str, Callable[[], object]] = {
+            "frame_jax": lambda: ij.render(can, camera)
+        }
+        in_c = c_render(can, camera, depth, scratch)
+        if in_c is not None:
+            frame["frame_c"] = in_c
+        timings = time_in_turns(frame, config.repeats)
+        for case in ("frame_c", "frame_jax"):
+            metrics += case_metrics(case, timings.get(case))
+        ratios = (
+            []
+            if in_c is None
+            else np.median(timings["frame_jax"].ms, axis=1)
+            / np.median(timings["frame_c"].ms, axis=1)
+        )
+        metrics.append(sample("frame.ratio_of_jax_to_c", ratios, "1"))
+        for case, call in jax_cases(can, camera, image).items():
+            left_out = config.quick and case in SLOW
+            timings = {} if left_out else time_in_turns({case: call}, config.repeats)
+            metrics += case_metrics(case, timings.get(case))
+        np.save(scratch / "image.npy", image)
+        for case, function in FIRST.items():
+            processes = 1 if config.quick else PROCESSES
+            if config.quick and case in SLOW:
+                processes = 0
+            records = first_calls(function, shrink, scratch / "image.npy", processes)
+            calls = np.array([[record["call"] for record in records]])
+            metrics += case_metrics(case, Timing(calls))
+            for name, unit in (
+                ("import", "ms"),
+                ("arguments", "ms"),
+                ("memory", "MB"),
+            ):
+                values = [record[name] for record in records]
+                metrics.append(sample(f"{case}.{name}", values, unit))
+    return metrics
+
+
+def run(config: Config) -> Path:
+    """Measure, record and draw; returns the folder of the results.
+
+    Raises:
+        ValueError: `repeats` is not positive, or the code is not committed.
+    """
+    if config.repeats < 1:
+        raise ValueError(f"repeats must be at least 1, got {config.repeats}")
+    folder = config.output
+    if folder is None:
+        folder = Path(tempfile.mkdtemp()) if config.quick else HERE
+    if config.quick:
+        config = dataclasses.replace(config, repeats=min(config.repeats, 4))
+    else:
+        check_clean(folder)
+    start = time.perf_counter()
+    metrics = measure(config)
+    save_run(
+        folder,
+        metrics,
+        config,
+        seed=SEED,
+        dtype=str(make_can().radius.dtype),
+        seconds=time.perf_counter() - start,
+        quick=config.quick,
+    )
+    draw(folder)
+    return folder
+
+
+if __name__ == "__main__":
+    try:
+        written = run(tyro.cli(Config))
+    except ValueError as error:
+        sys.exit(str(error))
+    print(f"{table(written)}\n\nwritten to {written}")

@@ -1,0 +1,99 @@
+"""Instances that the contract tests run on."""
+
+import jax.numpy as jnp
+import numpy as np
+
+from impostor_jax.camera.pinhole import PinholeCamera
+from impostor_jax.geometry.frames import RigidTransform
+from impostor_jax.geometry.rays import Ray
+from impostor_jax.geometry.vec3 import Vec3
+from impostor_jax.primitives.cylinder import Cylinder
+from impostor_jax.sensor.gaussian import ConstantNoise
+
+PRIMITIVES = {
+    "cylinder": lambda: Cylinder((0.1, -0.2, 3.0), (0.3, 0.8, 0.52), 0.5, 1.4),
+    "disc": lambda: Cylinder((0.1, -0.2, 3.0), (0.1, -0.3, 0.9), 0.8, 0.02),
+    "rod": lambda: Cylinder((0.1, -0.2, 3.0), (0.9, 0.4, -0.1), 0.02, 2.0),
+    "cylinder along z": lambda: Cylinder((0.0, 0.0, 3.0), (0, 0, 1), 0.5, 1.0),
+}
+
+CAMERAS = {
+    "pinhole": lambda: PinholeCamera(60.0, 62.0, 31.5, 23.0, 64, 48),
+    "distorted": lambda: PinholeCamera(
+        60.0, 62.0, 31.5, 23.0, 64, 48, distortion=(-0.2, 0.05, 0.002, -0.001, 0.01)
+    ),
+    "rational": lambda: PinholeCamera(
+        60.0, 62.0, 31.5, 23.0, 64, 48,
+        distortion=(0.3, 0.1, 0.001, 0.002, 0.02, 0.35, 0.08, 0.01),
+    ),
+    "tilted": lambda: PinholeCamera(
+        60.0, 62.0, 31.5, 23.0, 64, 48,
+        distortion=(
+            0.1, 0.02, 0.001, 0.002, 0.01, 0.12, 0.02, 0.0,
+            0.002, 0.001, -0.002, 0.001, 0.03, -0.02,
+        ),
+    ),
+    "fisheye": lambda: PinholeCamera(
+        40.0, 41.0, 31.5, 23.0, 64, 48, distortion=(0.05, -0.01, 0.003, 0.001),
+        fisheye=True,
+    ),
+    "posed": lambda: PinholeCamera(
+        60.0, 62.0, 31.5, 23.0, 64, 48, camera_from_world=pose()
+    ),
+}  # fmt: skip
+
+NOISES = {"constant": lambda: ConstantNoise(0.002)}
+
+
+def pose() -> RigidTransform:
+    """A camera that looks at the cases from the side."""
+    angle = 0.4
+    rotation = [
+        [np.cos(angle), 0.0, -np.sin(angle)],
+        [0.0, 1.0, 0.0],
+        [np.sin(angle), 0.0, np.cos(angle)],
+    ]
+    return RigidTransform(rotation, (0.9, 0.1, 0.3))
+
+
+def rays_at(primitive) -> Ray:
+    """Rays that break formulas, then random ones, at a cylinder.
+
+    Along the axis on it, off it and outside; parallel to a cap, in its plane and
+    between the planes; grazing the wall; through the rim; away from it; from inside,
+    along, across and skew to the axis; then 200 random rays from around it.
+    """
+    rng = np.random.default_rng(0)
+    c = np.asarray(primitive.center, float)
+    a = np.asarray(primitive.axis, float)
+    r, h = float(primitive.radius), float(primitive.height) / 2
+    u = np.linalg.svd(a[None])[2][1]
+    w = np.cross(a, u)
+    far = 3 * (r + h)
+    pairs = [
+        (c - far * a, a),
+        (c - far * a + r / 2 * u, a),
+        (c - far * a + 2 * r * u, a),
+        (c - far * u, u),
+        (c - far * u + h * a, u),
+        (c - far * u + h / 2 * a, u),
+        (c - far * u + 2 * h * a, u),
+        (c - far * u + r * w, u),
+        (c - far * u + r * (1 - 1e-6) * w, u),
+        (c + far * (u + a), h * a + r * u - far * (u + a)),
+        (c + far * u, u),
+        (c, a),
+        (c, u),
+        (c, 0.3 * a + 0.5 * u + 0.1 * w),
+        (c + 0.5 * h * a + 0.5 * r * w, -0.3 * a + 0.5 * u),
+    ]
+    for _ in range(200):
+        origin = c + rng.uniform(-far, far, 3)
+        target = c + rng.uniform(-1, 1) * h * a + 1.2 * r * rng.uniform(-1, 1, 3)
+        pairs.append((origin, target - origin))
+    origins, directions = (jnp.asarray(np.array(part)) for part in zip(*pairs))
+    dtype = primitive.center.dtype
+    return Ray(
+        Vec3.from_array(origins.astype(dtype)),
+        Vec3.from_array(directions.astype(dtype)),
+    )

@@ -1,0 +1,23 @@
+"""Comparisons that several tests make."""
+
+import jax
+import numpy as np
+
+
+def angle_between(first, second) -> float:
+    """Angle between two lines, in degrees."""
+    first, second = np.asarray(first, float), np.asarray(second, float)
+    sine = np.linalg.norm(np.cross(first, second))
+    return float(np.degrees(np.arctan2(sine, abs(first @ second))))
+
+
+def all_finite(tree) -> bool:
+    """Whether all numbers of a tree are finite."""
+    return all(bool(np.isfinite(leaf).all()) for leaf in jax.tree.leaves(tree))
+
+
+def central_difference(function, tree, tangent, step=1e-6):
+    """Directional derivative of a function by central differences."""
+    ahead = function(jax.tree.map(lambda x, t: x + step * t, tree, tangent))
+    behind = function(jax.tree.map(lambda x, t: x - step * t, tree, tangent))
+    return (np.asarray(ahead) - np.asarray(behind)) / (2 * step)

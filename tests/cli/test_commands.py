@@ -1,0 +1,170 @@
+"""The command line as a user runs it, in processes of its own."""
+
+import json
+import subprocess
+import sys
+
+import cv2
+import numpy as np
+import pytest
+
+CAMERA = {"fx": 150.0, "fy": 150.0, "cx": 79.5, "cy": 59.5, "width": 160, "height": 120}
+RECORD_KEYS = {
+    "success", "status", "center_m", "axis", "radius_m", "height_m", "height_observed",
+    "std", "num_pixels", "rms_m", "seconds",
+}  # fmt: skip
+
+
+def run(*arguments):
+    return subprocess.run(
+        [sys.executable, "-m", "impostor_jax", *map(str, arguments)],
+        capture_output=True,
+        text=True,
+    )
+
+
+@pytest.fixture(scope="module")
+def rendered(tmp_path_factory):
+    """Folder that `render` wrote."""
+    folder = tmp_path_factory.mktemp("rendered")
+    (folder / "given.json").write_text(json.dumps(CAMERA))
+    found = run(
+        "render", "--camera", folder / "given.json", "--center", 0.01, -0.005, 0.35,
+        "--axis", -0.5, 0.7, 0.5, "--radius", 0.04, "--height", 0.12,
+        "--output", folder,
+    )  # fmt: skip
+    assert (found.returncode, found.stderr) == (0, "")
+    return folder
+
+
+def test_render_writes_what_fit_reads(rendered, tmp_path):
+    names = {entry.name for entry in rendered.iterdir()}
+    assert names == {
+        "given.json", "depth.png", "depth.tiff", "normal.png", "mask.png", "camera.json",
+    }  # fmt: skip
+    exact = cv2.imread(str(rendered / "depth.tiff"), cv2.IMREAD_UNCHANGED)
+    coarse = cv2.imread(str(rendered / "depth.png"), cv2.IMREAD_UNCHANGED)
+    scale = json.loads((rendered / "camera.json").read_text())["depth_scale_m"]
+    np.testing.assert_allclose(coarse * scale, exact, atol=scale / 2 + 1e-7)
+    for name in ("depth.png", "depth.tiff"):
+        found = run(
+            "fit", rendered / name, "--camera", rendered / "camera.json",
+            "--mask", rendered / "mask.png", "--output", tmp_path,
+        )  # fmt: skip
+        assert (found.returncode, found.stderr) == (0, "")
+        record = json.loads((tmp_path / "fit.json").read_text())
+        assert set(record) == RECORD_KEYS
+        assert record["success"] is True
+        assert record["status"] == "converged"
+        assert record["radius_m"] == pytest.approx(0.04, abs=1e-4)
+        # A rendered image has no background: the far end is not seen.
+        assert record["height_observed"] is False
+        assert record["std"]["height_m"] is None
+        assert record["std"]["radius_m"] > 0
+        picture = cv2.imread(str(tmp_path / "overlay.png"))
+        assert picture.shape[0] > 300
+        assert picture.std() > 10
+
+
+def test_record_goes_where_it_is_told(rendered, tmp_path):
+    found = run(
+        "fit", rendered / "depth.tiff", "--camera", rendered / "camera.json",
+        "--output", tmp_path, "--json", tmp_path / "deep" / "can.json",
+    )  # fmt: skip
+    assert found.returncode == 0
+    assert "no mask: took the nearest object" in found.stdout
+    assert (tmp_path / "deep" / "can.json").is_file()
+    assert not (tmp_path / "fit.json").exists()
+
+
+def test_failed_fit_exits_with_1_and_writes_its_files(rendered, tmp_path):
+    row, col = np.mgrid[0:120, 0:160]
+    box = 0.5 + 0.002 * np.abs(col - 80) + 0.001 * np.abs(row - 60)
+    np.save(tmp_path / "box.npy", box)
+    found = run(
+        "fit", tmp_path / "box.npy", "--camera", rendered / "camera.json",
+        "--mask", rendered / "mask.png", "--output", tmp_path,
+    )  # fmt: skip
+    assert (found.returncode, found.stderr) == (1, "")
+    record = json.loads((tmp_path / "fit.json").read_text())
+    assert record["success"] is False
+    assert record["status"] != "converged"
+    assert record["std"]["radius_m"] is None
+    assert (tmp_path / "overlay.png").is_file()
+
+
+def test_demo_prints_truth_beside_the_fit(tmp_path):
+    found = run("demo", "--output", tmp_path)
+    assert (found.returncode, found.stderr) == (0, "")
+    assert "true    fitted       std" in found.stdout
+    assert "converged" in found.stdout
+    assert {entry.name for entry in tmp_path.iterdir()} == {
+        "camera.json", "depth.png", "fit.json", "overlay.png",
+    }  # fmt: skip
+
+
+FIT = ("fit", "{depth}", "--camera", "{camera}")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ((), "fit,render,demo"),
+        (("mesh",), "mesh"),
+        (("fit", "{depth}"), "--camera"),
+        ((*FIT, "--speed", "9"), "Unrecognized options: --speed"),
+        ((*FIT, "--sigma", "small"), "could not convert string to float"),
+        ((*FIT, "--sigma", "nan"), "sigma must be a positive number in meters, got nan"),
+        ((*FIT, "--sigma", "-1"), "sigma must be a positive number"),
+        ((*FIT, "--mask", "{folder}/none.png"), "does not exist"),
+        ((*FIT, "--mask", "{folder}/small.png"), "mask must have the camera's shape"),
+        ((*FIT, "--mask", "{folder}/empty.png"), "mask must hold at least one pixel"),
+        (("fit", "{folder}/none.png", "--camera", "{camera}"), "does not exist"),
+        (("fit", "{folder}/negative.npy", "--camera", "{camera}"), "not be negative"),
+        (("fit", "{folder}/few.npy", "--camera", "{camera}"), "at least 50 readings"),
+        (("fit", "{png}", "--camera", "{folder}/given.json"), "depth_scale_m must be"),
+        (("fit", "{depth}", "--camera", "{folder}/none.json"), "does not exist"),
+        ((*FIT, "--output", "{depth}"), "File exists"),
+        (
+            ("render", "--camera", "{camera}", "--center", "0", "0", "1", "--axis", "0",
+             "1", "0", "--radius", "0", "--height", "1", "--output", "{folder}/r"),
+            "radius must be positive, in meters, got 0.0",
+        ),
+    ],
+)  # fmt: skip
+def test_bad_input_gives_one_line_and_exit_code_2(
+    arguments, message, rendered, tmp_path
+):
+    cv2.imwrite(str(tmp_path / "small.png"), np.full((9, 9), 255, np.uint8))
+    cv2.imwrite(str(tmp_path / "empty.png"), np.zeros((120, 160), np.uint8))
+    np.save(tmp_path / "negative.npy", np.full((120, 160), -1.0))
+    few = np.zeros((120, 160))
+    few[60, 60:90] = 1
+    np.save(tmp_path / "few.npy", few)
+    (tmp_path / "given.json").write_text((rendered / "given.json").read_text())
+    places = {
+        "depth": rendered / "depth.tiff",
+        "png": rendered / "depth.png",
+        "camera": rendered / "camera.json",
+        "folder": tmp_path,
+    }
+    found = run(*(argument.format(**places) for argument in arguments))
+    assert found.returncode == 2
+    lines = found.stderr.splitlines()
+    assert len(lines) == 1, found.stderr
+    assert lines[0].startswith("impostor-jax: error: ")
+    assert message in lines[0]
+
+
+def test_help_is_printed_without_starting_jax():
+    program = (
+        "import sys; from impostor_jax.cli.parse import parse\n"
+        "try: parse(['fit', '--help'])\n"
+        "except SystemExit as stop: assert not stop.code\n"
+        "assert 'jax' not in sys.modules"
+    )
+    found = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True
+    )
+    assert (found.returncode, found.stderr) == (0, "")
+    assert "--sigma" in found.stdout

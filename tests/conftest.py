@@ -1,0 +1,48 @@
+"""Shared fixtures: both precisions, strict promotion, one cache of compiled code."""
+
+import os
+from pathlib import Path
+
+import pytest
+
+CACHE = Path(__file__).parent.parent / ".pytest_cache" / "jax"
+# Compile time rules the suite; the command-line tests' processes share the cache too.
+os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(CACHE))
+os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.2")
+
+import hypothesis
+import jax
+import numpy as np
+
+jax.config.update("jax_numpy_rank_promotion", "raise")
+jax.config.update("jax_numpy_dtype_promotion", "strict")
+
+# Compilation makes a first example slow, and the examples are the same in every run.
+hypothesis.settings.register_profile(
+    "fixed", deadline=None, derandomize=True, database=None, max_examples=50
+)
+hypothesis.settings.load_profile("fixed")
+
+
+@pytest.fixture(params=["float32", "float64"])
+def dtype(request):
+    """Default floating-point type of the test."""
+    with jax.enable_x64(request.param == "float64"):
+        yield np.dtype(request.param)
+
+
+@pytest.fixture
+def double():
+    """The test runs in double precision."""
+    with jax.enable_x64(True):
+        yield
+
+
+@pytest.hookimpl(hookwrapper=True)
+def pytest_runtest_makereport(item, call):
+    """With IMPOSTOR_REQUIRE_ALL=1 a skipped test is a failure."""
+    outcome = yield
+    report = outcome.get_result()
+    if report.skipped and os.environ.get("IMPOSTOR_REQUIRE_ALL") == "1":
+        report.outcome = "failed"
+        report.longrepr = f"skipped with IMPOSTOR_REQUIRE_ALL=1: {report.longrepr}"

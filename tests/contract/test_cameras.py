@@ -1,0 +1,96 @@
+"""What every camera promises."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from impostor_jax.numerics import eps
+from tests.cases import CAMERAS
+from tests.checks import all_finite
+
+
+@pytest.fixture(params=CAMERAS)
+def camera(request, dtype):
+    return CAMERAS[request.param]()
+
+
+def seen_points(camera, dtype):
+    """Points of the plane z = 1 that the pixels see, and which pixels do."""
+    row, col = camera.frame.pixels()
+    points = camera.rays(row, col, dtype).at(jnp.ones(row.shape, dtype)).stack()
+    sees = camera.sees(row, col)
+    return points, np.ones(row.shape, bool) if sees is None else np.asarray(sees)
+
+
+def test_a_ray_projects_to_its_own_pixel(camera, dtype):
+    points, sees = seen_points(camera, dtype)
+    assert sees.mean() > 0.9
+    row, col = camera.frame.pixels()
+    pixels = np.asarray(camera.project(points))
+    expected = np.stack([col, row], axis=-1)
+    error = np.abs(pixels - expected)[sees].max()
+    assert error < eps(dtype, 32) * camera.width
+
+
+def test_rays_have_unit_depth_and_start_at_the_camera(camera, dtype):
+    row, col = camera.frame.pixels()
+    ray = camera.rays(row, col, dtype)
+    assert (np.asarray(ray.direction.z) == 1).all()
+    assert not np.asarray(ray.origin.stack()).any()
+    assert ray.direction.x.dtype == dtype
+
+
+def test_box_of_pixels_holds_exactly_the_rays_of_a_box(camera, dtype):
+    points, sees = seen_points(camera, dtype)
+    low, high = jnp.array([-0.21, -0.13], dtype), jnp.array([0.3, 0.17], dtype)
+    inside = np.asarray(((points[..., :2] >= low[None, None])
+                         & (points[..., :2] <= high[None, None])).all(-1))  # fmt: skip
+    rows, cols = np.nonzero(inside & sees)
+    box = camera.pixel_box(low, high)
+    assert (int(box.first_row), int(box.last_row)) == (rows.min(), rows.max())
+    assert (int(box.first_col), int(box.last_col)) == (cols.min(), cols.max())
+
+
+@pytest.mark.parametrize("name", CAMERAS)
+@pytest.mark.usefixtures("double")
+def test_rays_differentiate_in_the_intrinsics(name):
+    camera = CAMERAS[name]()
+    row, col = jnp.array([3, 24, 40]), jnp.array([50, 31, 6])
+
+    def directions(camera):
+        return camera.rays(row, col, np.float64).direction.stack()
+
+    derivative = jax.jacfwd(directions)(camera)
+    assert all_finite(derivative)
+    step = 1e-5
+    make = type(camera)
+    settings = {
+        key: getattr(camera, key)
+        for key in ("fx", "fy", "cx", "cy", "distortion", "fisheye")
+    }
+    for key in ("fx", "fy", "cx", "cy"):
+        sides = [
+            directions(
+                make(
+                    **{**settings, key: settings[key] + sign * step},
+                    width=camera.width,
+                    height=camera.height,
+                )
+            )
+            for sign in (1, -1)
+        ]
+        numeric = (sides[0] - sides[1]) / (2 * step)
+        np.testing.assert_allclose(getattr(derivative, key), numeric, atol=1e-9)
+    if camera.distortion is not None:
+        for index in range(camera.distortion.shape[0]):
+            sides = []
+            for sign in (1, -1):
+                changed = camera.distortion.at[index].add(sign * step)
+                values = {**settings, "distortion": changed}
+                sides.append(
+                    directions(make(**values, width=camera.width, height=camera.height))
+                )
+            numeric = (sides[0] - sides[1]) / (2 * step)
+            found = derivative.distortion[..., index]
+            np.testing.assert_allclose(found, numeric, atol=1e-8)

@@ -1,0 +1,163 @@
+"""What every primitive promises."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from impostor_jax.geometry.rays import Ray
+from impostor_jax.numerics import eps
+from impostor_jax.primitives import PRIMITIVES as CLASSES
+from tests.cases import PRIMITIVES, pose, rays_at
+from tests.checks import all_finite, central_difference
+
+
+@pytest.fixture(params=PRIMITIVES)
+def primitive(request, dtype):
+    return PRIMITIVES[request.param]()
+
+
+@pytest.fixture
+def rays(primitive):
+    return rays_at(primitive)
+
+
+def reach(primitive, rays) -> float:
+    """Largest length of the scene, which its rounding errors are in proportion to."""
+    return float(jnp.max(rays.origin.norm() + rays.direction.norm()))
+
+
+def test_every_class_has_a_case():
+    kinds = {type(make()) for make in PRIMITIVES.values()}
+    assert kinds == set(CLASSES.values())
+
+
+def test_hits_lie_on_the_surface(primitive, rays, dtype):
+    hit = primitive.intersect(rays)
+    assert 20 < int(hit.mask.sum()) < hit.mask.size
+    point = rays.at(jnp.where(hit.mask, hit.t, 0))
+    distance = jnp.where(hit.mask, jnp.abs(primitive.implicit(point)), 0)
+    # A few roundings of the ray's length; grazing rays square-root them.
+    assert float(jnp.median(distance)) < eps(dtype, 16) * reach(primitive, rays)
+    assert float(distance.max()) < eps(dtype, 256) ** 0.9 * reach(primitive, rays)
+
+
+def test_normals_are_unit_and_face_the_ray(primitive, rays, dtype):
+    hit = primitive.intersect(rays)
+    normal = primitive.normal(rays, hit)
+    length = np.asarray(normal.norm())
+    np.testing.assert_allclose(length[hit.mask], 1, atol=eps(dtype, 8))
+    assert not length[~hit.mask].any()
+    assert float((normal.dot(rays.direction)).max()) <= 0
+
+
+def test_rays_leaving_a_hit_do_not_meet_the_solid_again(primitive, rays, dtype):
+    hit = primitive.intersect(rays)
+    outside = primitive.implicit(rays.origin) > 0
+    normal = primitive.normal(rays, hit)
+    # Off the surface by more than its rounding errors.
+    off = normal * (eps(dtype, 1024) ** 0.9 * reach(primitive, rays))
+    start = rays.at(jnp.where(hit.mask, hit.t, 0)) + off
+    again = primitive.intersect(Ray(start, normal)).mask
+    assert not (again & hit.mask & outside).any()
+
+
+def test_a_miss_is_infinite(primitive, rays):
+    hit = primitive.intersect(rays)
+    assert np.isposinf(np.asarray(hit.t)[~hit.mask]).all()
+    assert not (hit.on_cap & ~hit.mask).any()
+    assert (np.asarray(hit.t)[hit.mask] > 0).all()
+
+
+def visible_depth(primitive, rays):
+    hit = primitive.intersect(rays)
+    return jnp.where(hit.mask, hit.t, 0)
+
+
+def test_derivatives_are_finite_on_every_ray(primitive, rays):
+    forward = jax.jit(jax.jacfwd(visible_depth, argnums=(0, 1)))(primitive, rays)
+    assert all_finite(forward)
+
+    def loss(primitive, rays):
+        hit = primitive.intersect(rays)
+        normal = primitive.normal(rays, hit)
+        return jnp.sum(jnp.where(hit.mask, hit.t, 0)) + jnp.sum(normal.stack() ** 3)
+
+    assert all_finite(jax.jit(jax.grad(loss, argnums=(0, 1)))(primitive, rays))
+
+
+@pytest.mark.parametrize("name", PRIMITIVES)
+@pytest.mark.usefixtures("double")
+def test_forward_reverse_and_finite_differences_agree(name):
+    primitive = PRIMITIVES[name]()
+    rays = rays_at(primitive)
+    hit = primitive.intersect(rays)
+    normal = primitive.normal(rays, hit)
+    slant = np.asarray(-normal.dot(rays.direction) / rays.direction.norm())
+    rng = np.random.default_rng(1)
+
+    def random_like(tree):
+        return jax.tree.map(lambda x: jnp.asarray(rng.normal(size=x.shape)), tree)
+
+    tangents = random_like((primitive, rays))
+    # The axis moves on the sphere.
+    a, da = primitive.axis, tangents[0].axis
+    on_sphere = da - a * jnp.dot(a, da)
+    tangents = eqx.tree_at(lambda t: t[0].axis, tangents, on_sphere)
+
+    def depth(pair):
+        return visible_depth(*pair)
+
+    value, forward = jax.jvp(depth, ((primitive, rays),), (tangents,))
+    forward = np.asarray(forward)
+    numeric = central_difference(depth, (primitive, rays), tangents, 1e-7)
+    # Differences across the outline or a rim jump; grazing rays are steep.
+    same = np.asarray(hit.mask) & (slant > 0.05)
+    # The tenth ray meets the rim, where the derivatives of cap and wall differ.
+    same[9] = False
+    same &= np.abs(numeric - forward) < 0.5 * (1 + np.abs(forward))
+    assert same.sum() > 0.8 * np.sum(np.asarray(hit.mask) & (slant > 0.05))
+    np.testing.assert_allclose(forward[same], numeric[same], rtol=2e-5, atol=2e-5)
+    weight = jnp.asarray(rng.normal(size=value.shape))
+    _, pullback = jax.vjp(depth, (primitive, rays))
+    (reverse,) = pullback(weight)
+    total = sum(
+        float(jnp.vdot(g, t))
+        for g, t in zip(
+            jax.tree.leaves(reverse), jax.tree.leaves(tangents), strict=True
+        )
+    )
+    assert total == pytest.approx(float(np.asarray(weight) @ forward), rel=1e-9)
+
+
+def test_jit_and_vmap_agree_with_the_plain_call(primitive, rays, dtype):
+    def both(ray):
+        hit = primitive.intersect(ray)
+        return jnp.where(hit.mask, hit.t, 0), primitive.normal(ray, hit).stack()
+
+    plain = both(rays)
+    for other in (jax.jit(both)(rays), jax.vmap(both)(rays)):
+        for expected, found in zip(plain, other, strict=True):
+            # Fused multiplications may round a grazing square root differently.
+            scale = eps(dtype, 64) ** 0.5
+            np.testing.assert_allclose(found, expected, atol=scale, rtol=scale)
+
+
+def test_transformed_primitive_is_hit_where_the_original_is(primitive, rays, dtype):
+    transform = pose()
+
+    def moved(vector, rotate):
+        values = vector.stack()
+        values = transform.rotate(values) if rotate else transform.apply(values)
+        return type(vector).from_array(values)
+
+    turned = Ray(moved(rays.origin, False), moved(rays.direction, True))
+    expected = primitive.intersect(rays)
+    found = primitive.transformed(transform).intersect(turned)
+    same = np.asarray(expected.mask == found.mask)
+    # Rays along the axis, in a cap's plane or grazing may fall either way.
+    assert same[15:].mean() > 0.98
+    both = np.asarray(expected.mask & found.mask)
+    error = np.abs(np.asarray(expected.t)[both] - np.asarray(found.t)[both])
+    assert np.median(error) < eps(dtype, 64)

@@ -1,0 +1,31 @@
+"""Noisy images of a can that the fit tests share.
+
+One image size and few numbers of pixels, so that the fit is compiled once.
+"""
+
+import functools
+
+import numpy as np
+
+import impostor_jax as ij
+
+CAMERA = ij.PinholeCamera(150.0, 150.0, 79.5, 59.5, width=160, height=120)
+SIGMA = 0.001
+
+
+def can(degrees: float = 60.0) -> ij.Cylinder:
+    """A can whose axis makes an angle with the view."""
+    angle = np.radians(degrees)
+    axis = (0.6 * np.sin(angle), 0.8 * np.sin(angle), np.cos(angle))
+    return ij.Cylinder((0.01, 0.005, 0.35), axis, radius=0.04, height=0.12)
+
+
+@functools.cache
+def image(degrees: float = 60.0, wall: float | None = 0.6, seed: int = 0):
+    """Depth image with noise, and the mask of the can."""
+    maps = ij.render(can(degrees), CAMERA, outputs=("depth", "mask"))
+    mask = np.asarray(maps.mask)
+    behind = np.inf if wall is None else wall
+    depth = np.minimum(np.asarray(maps.depth), behind)
+    noise = np.random.default_rng(seed).normal(0, SIGMA, depth.shape)
+    return (depth + noise).astype(np.float32), mask

@@ -1,0 +1,261 @@
+import subprocess
+import sys
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import impostor_jax as ij
+from tests.cases import pose
+from tests.checks import all_finite, angle_between
+from tests.fit.scenes import CAMERA, SIGMA, can, image
+
+
+def across(fit, truth):
+    """Distance of the centers across the true axis, in meters."""
+    axis = np.asarray(truth.axis, float)
+    offset = np.asarray(fit.cylinder.center, float) - np.asarray(truth.center, float)
+    return np.linalg.norm(offset - offset @ axis * axis)
+
+
+@pytest.mark.parametrize("masked", [True, False], ids=["mask", "no mask"])
+@pytest.mark.parametrize("degrees", [90.0, 60.0, 30.0])
+def test_noisy_can_is_recovered(degrees, masked):
+    depth, mask = image(degrees)
+    fit = ij.fit_cylinder(depth, CAMERA, mask=mask if masked else None, sigma=SIGMA)
+    truth = can(degrees)
+    assert fit.success
+    assert fit.status is ij.FitStatus.CONVERGED
+    assert fit.cylinder.radius == pytest.approx(0.04, abs=1e-4)
+    assert angle_between(fit.cylinder.axis, truth.axis) < 0.15
+    assert across(fit, truth) < 1.5e-4
+    # Both ends are seen; a pixel is 2.3 mm wide here, and 4.7 mm along an axis at 30
+    # degrees.
+    assert fit.height_observed
+    assert float(fit.std.height) < 1e-3
+    assert fit.cylinder.height == pytest.approx(0.12, abs=4 * float(fit.std.height))
+    assert fit.rms == pytest.approx(SIGMA, rel=0.05)
+    union = np.asarray(fit.region) | mask
+    assert (np.asarray(fit.region) & mask).sum() > 0.97 * union.sum()
+
+
+def test_errors_are_within_four_reported_deviations():
+    truth = can()
+    scores = []
+    for seed in range(12):
+        depth, mask = image(seed=seed)
+        fit = ij.fit_cylinder(depth, CAMERA, mask=mask, sigma=SIGMA)
+        error = np.asarray(fit.cylinder.center - truth.center)
+        scores += [*(error / np.asarray(fit.std.center))]
+        scores += [float((fit.cylinder.radius - 0.04) / fit.std.radius)]
+        scores += [float((fit.cylinder.height - 0.12) / fit.std.height)]
+    # Twelve draws of five: the true deviation lies within 40 percent of theirs.
+    assert np.abs(scores).max() < 4
+    assert 0.6 < np.sqrt(np.mean(np.square(scores))) < 1.4
+
+
+def test_result_has_the_promised_shapes_and_sign():
+    depth, mask = image()
+    fit = ij.fit_cylinder(depth, CAMERA, mask=mask, sigma=SIGMA)
+    axis = np.asarray(fit.cylinder.axis)
+    assert np.linalg.norm(axis) == pytest.approx(1, abs=1e-6)
+    assert axis[np.argmax(np.abs(axis))] > 0
+    shapes = {"center": (3,), "across_axis": (2,), "axis": (2,), "radius": ()}
+    for name, shape in shapes.items():
+        assert getattr(fit.std, name).shape == shape
+    assert fit.residual.shape == fit.inliers.shape == mask.shape
+    assert int(fit.num_pixels) == mask.sum()
+    assert str(fit.status) == "converged"
+    assert 3 <= int(fit.num_steps) < 60
+
+
+def test_the_same_image_gives_the_same_result():
+    depth, _ = image()
+    first, again = (ij.fit_cylinder(depth, CAMERA, sigma=SIGMA) for _ in range(2))
+    for one, other in zip(jax.tree.leaves(first), jax.tree.leaves(again), strict=True):
+        np.testing.assert_array_equal(one, other)
+
+
+def test_rendered_depth_fits_as_it_is():
+    truth = can()
+    maps = ij.render(truth, CAMERA)
+    fit = ij.fit_cylinder(maps.depth, CAMERA)
+    assert fit.success
+    assert fit.cylinder.radius == pytest.approx(0.04, abs=5e-5)
+    assert angle_between(fit.cylinder.axis, truth.axis) < 0.05
+
+
+def test_end_without_background_is_not_observed():
+    depth, mask = image(wall=None)
+    fit = ij.fit_cylinder(depth, CAMERA, mask=mask, sigma=SIGMA)
+    assert fit.success
+    # The cap that faces the camera is seen, the other end is not.
+    assert np.asarray(fit.ends_seen).sum() == 1
+    assert not fit.height_observed
+    assert np.isposinf(fit.std.height)
+    assert np.isposinf(np.asarray(fit.std.center)).all()
+    assert np.isfinite(np.asarray(fit.std.across_axis)).all()
+    assert 0.1 < float(fit.cylinder.height) < 0.122
+
+
+def test_part_of_the_wall_alone_leaves_the_height_open():
+    depth, mask = image(90.0)
+    rows, cols = np.nonzero(mask)
+    part = mask.copy()
+    part[: int(np.percentile(rows, 30))] = False
+    part[int(np.percentile(rows, 70)) :] = False
+    fit = ij.fit_cylinder(depth, CAMERA, mask=part, sigma=SIGMA)
+    assert fit.success
+    assert not np.asarray(fit.ends_seen).any()
+    assert np.isposinf(fit.std.height)
+    assert float(fit.cylinder.height) < 0.12
+    assert fit.cylinder.radius == pytest.approx(0.04, abs=5e-4)
+
+
+def test_an_occluder_in_front_does_not_end_the_wall():
+    depth, mask = image(90.0)
+    rows, _ = np.nonzero(mask)
+    hidden = np.zeros_like(mask)
+    hidden[int(np.percentile(rows, 80)) :] = True
+    depth = np.where(hidden, 0.2, depth).astype(np.float32)
+    fit = ij.fit_cylinder(depth, CAMERA, mask=mask & ~hidden, sigma=SIGMA)
+    assert fit.success
+    assert np.asarray(fit.ends_seen).sum() == 1
+    assert np.isposinf(fit.std.height)
+
+
+def test_one_tenth_of_outliers_is_borne():
+    depth, mask = image()
+    rng = np.random.default_rng(5)
+    wrong = rng.random(depth.shape) < 0.1
+    depth = np.where(wrong, rng.uniform(0.2, 1.0, depth.shape), depth)
+    fit = ij.fit_cylinder(depth.astype(np.float32), CAMERA, mask=mask, sigma=SIGMA)
+    assert fit.success
+    assert fit.cylinder.radius == pytest.approx(0.04, abs=3e-4)
+    assert not (np.asarray(fit.inliers) & wrong).sum() > 0.1 * wrong[mask].sum()
+
+
+def test_fixed_parameters_keep_their_value_and_have_no_deviation():
+    depth, mask = image()
+    start = ij.Cylinder(can().center, can().axis, radius=0.0403, height=0.12)
+    fit = ij.fit_cylinder(
+        depth, CAMERA, mask=mask, sigma=SIGMA, initial=start, fixed=("radius",)
+    )
+    assert float(fit.cylinder.radius) == pytest.approx(0.0403, rel=1e-6)
+    assert float(fit.std.radius) == 0
+    assert angle_between(fit.cylinder.axis, can().axis) < 0.15
+
+
+def test_a_posed_camera_gives_the_cylinder_in_the_world():
+    depth, mask = image()
+    posed = ij.PinholeCamera(
+        150.0, 150.0, 79.5, 59.5, 160, 120, camera_from_world=pose()
+    )
+    plain = ij.fit_cylinder(depth, CAMERA, mask=mask, sigma=SIGMA)
+    fit = ij.fit_cylinder(depth, posed, mask=mask, sigma=SIGMA)
+    expected = plain.cylinder.transformed(pose().inverse())
+    np.testing.assert_allclose(fit.cylinder.center, expected.center, atol=2e-5)
+    assert angle_between(fit.cylinder.axis, expected.axis) < 0.01
+    assert float(fit.std.radius) == pytest.approx(float(plain.std.radius), rel=0.02)
+
+
+def test_traced_fit_agrees_with_the_plain_one():
+    depth, mask = image()
+    start = can()
+    plain = ij.fit_cylinder(depth, CAMERA, mask=mask, sigma=SIGMA, initial=start)
+
+    @jax.jit
+    def fit(depths):
+        return jax.vmap(
+            lambda depth: ij.fit_cylinder(
+                depth, CAMERA, mask=mask, sigma=SIGMA, initial=start
+            )
+        )(depths)
+
+    both = fit(jnp.stack([jnp.asarray(depth), jnp.asarray(image(seed=1)[0])]))
+    assert np.asarray(both.success).all()
+    assert both.cylinder.radius[0] == pytest.approx(plain.cylinder.radius, abs=1e-6)
+    assert float(both.cylinder.radius[1]) != float(both.cylinder.radius[0])
+    assert all_finite(both.cylinder)
+
+
+def plane_image():
+    row, col = np.mgrid[0:120, 0:160]
+    depth = 0.5 + 0.001 * (col - 80) + 0.0005 * (row - 60)
+    return depth + np.random.default_rng(0).normal(0, SIGMA, depth.shape)
+
+
+def box_image():
+    row, col = np.mgrid[0:120, 0:160]
+    return 0.5 + 0.002 * np.abs(col - 80) + 0.001 * np.abs(row - 60)
+
+
+@pytest.mark.parametrize("make", [plane_image, box_image])
+def test_what_is_no_cylinder_fails_with_a_reason(make):
+    depth = make().astype(np.float32)
+    mask = np.zeros(depth.shape, bool)
+    mask[20:100, 30:130] = True
+    fit = ij.fit_cylinder(depth, CAMERA, mask=mask, sigma=SIGMA)
+    assert not fit.success
+    assert fit.status in {
+        ij.FitStatus.POOR_FIT,
+        ij.FitStatus.UNDETERMINED,
+        ij.FitStatus.NO_FIRST_GUESS,
+        ij.FitStatus.STEP_LIMIT,
+    }
+    assert fit.status.meaning
+    for leaf in jax.tree.leaves(fit.std):
+        assert np.isposinf(np.asarray(leaf)).all()
+
+
+DEPTH, MASK = image()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"depth": DEPTH[:-1]}, r"depth must have the camera's shape \(120, 160\)"),
+        ({"depth": DEPTH.astype(np.uint16)}, "depth must be floating-point meters, got u"),
+        ({"depth": -DEPTH}, "depth must not be negative"),
+        ({"depth": 0 * DEPTH, "mask": None}, "at least 50 readings, got 0"),
+        ({"mask": MASK[:, :-1]}, r"mask must have the camera's shape \(120, 160\)"),
+        ({"mask": MASK * 1.0}, "mask must be of booleans or integers, got float64"),
+        ({"mask": MASK & False}, "mask must hold at least one pixel"),
+        ({"mask": np.eye(120, 160, dtype=int)[::-1] * MASK}, "readings inside the mask"),
+        ({"sigma": 0}, "sigma must be a positive number in meters, got 0"),
+        ({"sigma": np.nan}, "sigma must be a positive number in meters, got nan"),
+        ({"fixed": ("size",)}, "fixed must be one of center, axis, radius, height"),
+        ({"fixed": "radius"}, "fixed must be a sequence of names"),
+        ({"fixed": ("radius",)}, "initial must be given with fixed="),
+    ],
+)  # fmt: skip
+def test_bad_argument_is_refused(arguments, message):
+    given = {"depth": DEPTH, "camera": CAMERA, "mask": MASK, **arguments}
+    with pytest.raises(ValueError, match=message):
+        ij.fit_cylinder(**given)
+
+
+def test_traced_fit_without_a_start_is_refused():
+    with pytest.raises(ValueError, match="initial must be given to a traced fit"):
+        jax.jit(lambda depth: ij.fit_cylinder(depth, CAMERA).rms)(DEPTH)
+
+
+def test_argument_of_another_type_is_refused_without_the_type_checker():
+    # The annotations refuse these in every other test.
+    program = """
+import numpy as np, impostor_jax as ij
+camera = ij.PinholeCamera(150, 150, 79.5, 59.5, 160, 120)
+for arguments in ({"camera": "kinect"}, {"camera": camera, "initial": "can"}):
+    try:
+        ij.fit_cylinder(np.ones((120, 160)), **arguments)
+    except ValueError as error:
+        print(error)
+"""
+    found = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, check=True
+    )
+    assert found.stdout.splitlines() == [
+        "camera must be a PinholeCamera, got str",
+        "initial must be one Cylinder, got 'can'",
+    ]

@@ -1,0 +1,111 @@
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import impostor_jax as ij
+from impostor_jax.rendering.outline import in_front, outline_points, support
+from tests.cases import CAMERAS
+
+SHAPES = {
+    "upright": ((0.02, -0.05, 1.0), (0.1, 0.9, 0.1), 0.1, 0.4),
+    "toward the camera": ((0.02, -0.05, 1.0), (0.1, 0.2, 0.9), 0.1, 0.4),
+    "end on": ((0.0, 0.0, 1.0), (0, 0, 1), 0.2, 0.4),
+    "disc": ((-0.1, 0.05, 0.9), (0.5, 0.3, 0.7), 0.2, 0.01),
+    "rod": ((0.0, 0.0, 1.2), (0.7, 0.7, 0.1), 0.01, 0.7),
+    "partly out of view": ((0.45, 0.1, 1.0), (0.3, 0.8, 0.2), 0.2, 0.4),
+}
+
+
+@pytest.fixture(params=SHAPES)
+def shape(request):
+    return SHAPES[request.param]
+
+
+@pytest.fixture(params=["pinhole", "distorted", "fisheye"])
+def camera(request):
+    return CAMERAS[request.param]()
+
+
+def test_box_is_the_tightest_that_holds_the_mask(shape, camera):
+    cylinder = ij.Cylinder(*shape)
+    rows, cols = np.nonzero(np.asarray(ij.render(cylinder, camera).mask))
+    box = ij.outline_box(cylinder, camera)
+    found = [int(b) for b in (box.first_row, box.last_row, box.first_col, box.last_col)]
+    mask_box = [rows.min(), rows.max(), cols.min(), cols.max()]
+    low, high = np.array(found)[[0, 2]], np.array(found)[[1, 3]]
+    assert (low <= np.array(mask_box)[[0, 2]]).all()
+    assert (high >= np.array(mask_box)[[1, 3]]).all()
+    if camera.ray_field is None:
+        # The outline's extreme point may fall between pixel centers.
+        assert np.abs(np.array(found) - mask_box).max() <= 2
+
+
+def test_tile_shows_all_of_the_cylinder(shape, camera):
+    cylinder = ij.Cylinder(*shape)
+    tile = ij.outline_tile(cylinder, camera)
+    whole = ij.render(cylinder, camera, outputs=("mask",)).mask
+    part = ij.render(cylinder, camera, outputs=("mask",), tile=tile).mask
+    assert int(part.sum()) == int(whole.sum())
+    assert tile.height == camera.height or tile.height % 16 == 0
+
+
+def test_outline_is_tight_around_dense_points_of_the_rims(shape):
+    cylinder = ij.Cylinder(*shape)
+    assert bool(in_front(cylinder))
+    a = np.asarray(cylinder.axis, float)
+    across = np.linalg.svd(a[None])[2][1:]
+    angle = np.linspace(0, 2 * np.pi, 2000)[:, None]
+    ring = float(cylinder.radius) * (
+        np.cos(angle) * across[0] + np.sin(angle) * across[1]
+    )
+    rims = np.concatenate(
+        [np.asarray(cylinder.center) + s * shape[3] / 2 * a + ring for s in (-1, 1)]
+    )
+    image = rims[:, :2] / rims[:, 2:]
+    direction = np.linspace(0, 2 * np.pi, 97)
+    n = np.stack([np.cos(direction), np.sin(direction)]).astype(np.float32)
+    expected = (image @ n).max(axis=0)
+    found, x, y = support(cylinder, *jnp.asarray(n))
+    np.testing.assert_allclose(found, expected, atol=2e-6)
+    np.testing.assert_allclose(n[0] * x + n[1] * y, found, atol=2e-6)
+    assert outline_points(cylinder, 40).shape == (40, 2)
+
+
+def test_cylinder_around_the_camera_takes_the_whole_image(camera):
+    pipe = ij.Cylinder((0, 0, 0), (0, 0.2, 1), 1.0, 50.0)
+    tile = ij.outline_tile(pipe, camera)
+    assert (tile.height, tile.width) == (camera.height, camera.width)
+
+
+def test_traced_cylinder_moves_a_tile_of_given_shape():
+    camera = CAMERAS["pinhole"]()
+
+    @jax.jit
+    def seen(cylinder):
+        tile = ij.outline_tile(cylinder, camera, shape=(32, 32))
+        return ij.render(cylinder, camera, outputs=("mask",), tile=tile).mask.sum()
+
+    cylinder = ij.Cylinder((-0.2, -0.1, 1.0), (0.1, 0.9, 0.1), 0.1, 0.3)
+    assert int(seen(cylinder)) == int(ij.render(cylinder, camera).mask.sum()) > 100
+
+
+@pytest.mark.parametrize(
+    ("shape", "message"),
+    [
+        ((64, 64), "shape must be at most the image's 48 x 64"),
+        ((0, 8), "shape must be"),
+    ],
+)
+def test_bad_tile_shape_is_refused(shape, message):
+    cylinder = ij.Cylinder(*SHAPES["upright"])
+    with pytest.raises(ValueError, match=message):
+        ij.outline_tile(cylinder, CAMERAS["pinhole"](), shape=shape)
+
+
+def test_traced_cylinder_without_a_shape_is_refused():
+    camera = CAMERAS["pinhole"]()
+    with pytest.raises(ValueError, match="shape must be given"):
+        jax.jit(lambda c: ij.outline_tile(c, camera).row)(
+            ij.Cylinder(*SHAPES["upright"])
+        )

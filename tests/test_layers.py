@@ -1,0 +1,91 @@
+"""A module imports only from layers below its own."""
+
+import ast
+from pathlib import Path
+
+import pytest
+
+import impostor_jax
+
+PACKAGE = Path(impostor_jax.__file__).parent
+# From the lowest layer to the highest.
+LAYERS = (
+    "numerics",
+    "arguments",
+    "geometry",
+    "camera",
+    "primitives",
+    "rendering",
+    "sensor",
+    "fit",
+    "io",
+    "viewer",
+    "cli",
+    "__main__",
+)
+# Within a folder a module imports only from those before it.
+ORDER = {
+    "geometry": ("vec3", "rays", "frames", "so3"),
+    "camera": ("pixels", "base", "lens", "pinhole"),
+    "primitives": ("base", "cylinder"),
+    "rendering": ("maps", "raycast", "outline", "tile"),
+    "sensor": ("base", "gaussian"),
+    "fit": (
+        "robust",
+        "segment",
+        "initialize",
+        "parameterization",
+        "residuals",
+        "result",
+        "uncertainty",
+        "solve",
+    ),
+    "io": ("atomic", "depth_image", "camera_file", "record"),
+    "viewer": ("figure",),
+    "cli": ("fit", "render", "demo", "parse"),
+}
+MODULES = sorted(
+    path.relative_to(PACKAGE).with_suffix("").parts
+    for path in PACKAGE.rglob("*.py")
+    if path.name != "__init__.py"
+)
+
+
+def imported(path: Path) -> list[tuple[str, ...]]:
+    tree = ast.parse(path.read_text())
+    names = [
+        node.module
+        for node in ast.walk(tree)
+        if isinstance(node, ast.ImportFrom) and node.module
+    ]
+    names += [
+        alias.name
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Import)
+        for alias in node.names
+    ]
+    return [
+        tuple(name.split(".")[1:]) for name in names if name.startswith("impostor_jax.")
+    ]
+
+
+@pytest.mark.parametrize("parts", MODULES, ids="/".join)
+def test_module_imports_only_from_lower_layers(parts):
+    layer = LAYERS.index(parts[0])
+    for other in imported(PACKAGE.joinpath(*parts).with_suffix(".py")):
+        assert LAYERS.index(other[0]) <= layer, f"{parts} imports {other}"
+        if other[0] == parts[0] and len(parts) > 1 and len(other) > 1:
+            order = ORDER[parts[0]]
+            assert order.index(other[1]) < order.index(parts[1]), (parts, other)
+
+
+def test_every_public_name_loads():
+    for name in impostor_jax.__all__:
+        assert getattr(impostor_jax, name).__name__ == name
+
+
+def test_import_of_a_submodule_leaves_the_public_names(monkeypatch):
+    # The folder was once called render, and hid the function after such an import.
+    import impostor_jax.rendering.raycast  # noqa: F401
+
+    assert callable(impostor_jax.render)
