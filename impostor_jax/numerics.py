@@ -15,8 +15,8 @@ __all__ = [
 
 import jax.numpy as jnp
 import numpy as np
+from jax.typing import DTypeLike
 from jaxtyping import Array, Float
-from numpy.typing import DTypeLike
 
 
 def eps(dtype: DTypeLike, count: int = 1) -> float:

@@ -91,7 +91,7 @@ def rays_at(primitive) -> Ray:
         origin = c + rng.uniform(-far, far, 3)
         target = c + rng.uniform(-1, 1) * h * a + 1.2 * r * rng.uniform(-1, 1, 3)
         pairs.append((origin, target - origin))
-    origins, directions = (jnp.asarray(np.array(part)) for part in zip(*pairs))
+    origins, directions = jnp.asarray(np.array(pairs)).swapaxes(0, 1)
     dtype = primitive.center.dtype
     return Ray(
         Vec3.from_array(origins.astype(dtype)),

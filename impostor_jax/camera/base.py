@@ -5,8 +5,8 @@ __all__ = ["AbstractCamera"]
 import abc
 
 import equinox as eqx
+from jax.typing import DTypeLike
 from jaxtyping import Array, Bool, Float, Int
-from numpy.typing import DTypeLike
 
 from impostor_jax.camera.pixels import PixelBox, Tile
 from impostor_jax.geometry.frames import RigidTransform

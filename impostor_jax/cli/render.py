@@ -44,6 +44,6 @@ class Render:
         depth_image.write_normals(self.output / "normal.png", maps.normal)
         depth_image.write_mask(self.output / "mask.png", maps.mask)
         write_camera(self.output / "camera.json", camera, scale)
-        count = np.count_nonzero(maps.mask)
+        count = np.count_nonzero(np.asarray(maps.mask))
         print(f"{count} of {camera.width * camera.height} pixels see the cylinder")
         return 0

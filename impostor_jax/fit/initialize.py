@@ -5,12 +5,12 @@ parallel to it, so one axis explains both. Axes are proposed by pairs of normals
 wall), by single normals (a cap) and by the principal directions of the points (thin
 rods), each in a fixed order, and scored by how many normals they explain. The best few
 are carried on to a circle across the axis and an extent along it, and the one whose
-surface lies closest to the points is returned.
+surface lies closest to the points comes first.
 
 Everything here runs outside JAX, on NumPy, OpenCV and scikit-image.
 """
 
-__all__ = ["first_guess"]
+__all__ = ["Guess", "first_guesses"]
 
 from typing import NamedTuple
 
@@ -52,12 +52,12 @@ class _Surface(NamedTuple):
     normal_points: Float[np.ndarray, "m 3"]
 
 
-def first_guess(
+def first_guesses(
     depth: Float[np.ndarray, "h w"],
     region: Bool[np.ndarray, "h w"],
     camera: PinholeCamera,
-) -> Guess | None:
-    """Guess a cylinder from the readings of a region.
+) -> list[Guess]:
+    """Guess cylinders from the readings of a region, one for each likely axis.
 
     Args:
         depth: In meters; 0 where there is no reading.
@@ -65,16 +65,16 @@ def first_guess(
         camera: Concrete; its pose is not used.
 
     Returns:
-        The guess in the camera frame, or None where the readings admit no cylinder.
+        Guesses in the camera frame, the one that lies closest to the readings first;
+        none where the readings admit no cylinder.
     """
     surface = _surface(*_without_lens(depth, region, camera), camera.matrix())
     if surface is None:
-        return None
+        return []
     guesses = [_guess_along(axis, surface) for axis in _axes(surface)]
-    return min(
+    return sorted(
         (guess for guess in guesses if guess is not None),
         key=lambda guess: guess.misfit,
-        default=None,
     )
 
 
@@ -125,8 +125,9 @@ def _surface(
         return None
     cloud = cv2.depthTo3d(smooth, local)
     inner, window = _interior(valid)
-    estimator = cv2.RgbdNormals_create(
-        *smooth.shape,
+    estimator = cv2.RgbdNormals.create(
+        smooth.shape[0],
+        smooth.shape[1],
         cv2.CV_32F,
         local,
         window,
@@ -294,7 +295,7 @@ def _circle(
     scale = float(np.ptp(points, axis=0).max())
     if not scale > 0:
         return None
-    kept = points
+    kept, middle, radius = points, np.zeros(2), np.inf
     for _ in range(3):
         model = CircleModel.from_estimate(kept)
         if not model:

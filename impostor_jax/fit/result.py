@@ -30,7 +30,7 @@ _MEANINGS = {
     FitStatus.CONVERGED: "The fit converged.",
     FitStatus.STEP_LIMIT: "The solver reached its step limit before it converged.",
     FitStatus.NO_FIRST_GUESS: "No cylinder lies near the readings: no first guess.",
-    FitStatus.POOR_FIT: "Less than half of the readings lie on the fitted cylinder.",
+    FitStatus.POOR_FIT: "The readings do not lie on the fitted cylinder.",
     FitStatus.UNDETERMINED: "The readings do not determine the radius and the axis.",
     FitStatus.NOT_FINITE: "The solver met a number that is not finite.",
 }

@@ -19,13 +19,23 @@ import numpy as np
 import optimistix as optx
 from jaxtyping import Array, Bool, Float, Int
 
-from impostor_jax.arguments import is_concrete, one_of, real_number
+from impostor_jax.arguments import is_concrete, real_number
 from impostor_jax.camera.pinhole import PinholeCamera
-from impostor_jax.fit.initialize import first_guess
-from impostor_jax.fit.parameterization import PARAMETERS, Chart
+from impostor_jax.fit.assess import is_as_flat, seen_extent, status_code
+from impostor_jax.fit.initialize import first_guesses
+from impostor_jax.fit.parameterization import Chart
+from impostor_jax.fit.request import (
+    MIN_READINGS,
+    DepthImage,
+    Mask,
+    check_readings,
+    check_types,
+    checked_depth,
+    checked_fixed,
+    checked_mask,
+)
 from impostor_jax.fit.residuals import (
     Rows,
-    SurfaceSeen,
     gather_pixels,
     image_rows,
     residual_gradient,
@@ -38,9 +48,6 @@ from impostor_jax.fit.segment import nearest_object
 from impostor_jax.fit.uncertainty import deviations
 from impostor_jax.primitives.cylinder import Cylinder
 
-MIN_READINGS = 50
-"""A fit with fewer readings is refused."""
-
 BUCKETS = tuple(size << k for k in range(14) for size in (2048, 3072))
 """Readings are filled up to one of these numbers, so that few sizes are compiled."""
 
@@ -50,9 +57,6 @@ TRACED_READINGS = 16384
 ROBUST_WIDTH = 2.0
 """Width of the pseudo-Huber loss, in standard deviations."""
 
-DepthImage = Float[np.ndarray, "h w"] | Float[Array, "h w"]
-Mask = Bool[np.ndarray, "h w"] | Bool[Array, "h w"]
-
 STAGES = ((0.3, 0.1), (0.1, 0.1), (0.0, 0.01))
 """Blunting of the outline, in radii (at least one sigma), and tolerance of each stage.
 
@@ -60,8 +64,8 @@ A tolerance of 0.1 is one deviation. Convergence is nearly quadratic, so the las
 of at most a tenth of a deviation, leaves much less.
 """
 
-MIN_END_ROWS = 5
-"""Fewest inlying readings of a cap, or crossings, that show an end."""
+GOOD_RMS = 2.0
+"""A fit whose residuals are larger, in sigmas, makes room for the next first guess."""
 
 MAX_STEPS = 100
 """Step limit of the solver."""
@@ -100,11 +104,11 @@ def fit_cylinder(
         ValueError: An argument has a wrong shape, dtype or value, the mask is empty, or
             it holds fewer than 50 readings.
     """
-    fixed = _checked_fixed(fixed, initial)
+    fixed = checked_fixed(fixed, initial)
     sigma = real_number("sigma", sigma, positive=True, unit="meters")
-    _check_types(camera, initial)
-    image = _checked_depth(depth, camera)
-    given = _checked_mask(mask, camera)
+    check_types(camera, initial)
+    image = checked_depth(depth, camera)
+    given = checked_mask(mask, camera)
     if not is_concrete((image, given, camera, sigma, initial)):
         if initial is None:
             raise ValueError(
@@ -113,102 +117,40 @@ def fit_cylinder(
             )
         return _fit_traced(image, given, camera, sigma, initial, fixed)
     image, given = np.asarray(image), None if given is None else np.asarray(given)
-    _check_readings(image, given)
+    check_readings(image, given)
     if given is None:
         footprint = 1 / min(float(camera.fx), float(camera.fy))
         given = nearest_object(image, float(sigma), footprint, MIN_READINGS)
     region = given & (image > 0)
     if camera.ray_field is not None:
         region &= np.isfinite(np.asarray(camera.ray_field.x))
-    if initial is None:
-        guess = first_guess(image, region, camera)
-        if guess is None:
-            return _no_guess(region)
-        initial = Cylinder(guess.center, guess.axis, guess.radius, guess.height)
-        if camera.camera_from_world is not None:
-            initial = initial.transformed(camera.camera_from_world.inverse())
     rows, cols = np.nonzero(region)
     size = next(size for size in BUCKETS if size >= len(rows))
     # A row beyond the image only fills up.
     row, col = np.full(size, camera.height), np.zeros(size, int)
     row[: len(rows)], col[: len(rows)] = rows, cols
-    return _fit(image, region, row, col, camera, sigma, initial, fixed)
+
+    def fit_from(start: Cylinder) -> FitResult:
+        return _fit(image, region, row, col, camera, sigma, start, fixed)
+
+    if initial is not None:
+        return fit_from(initial)
+    best: FitResult | None = None
+    for guess in first_guesses(image, region, camera):
+        start = Cylinder(guess.center, guess.axis, guess.radius, guess.height)
+        if camera.camera_from_world is not None:
+            start = start.transformed(camera.camera_from_world.inverse())
+        fit = fit_from(start)
+        if best is None or _rank(fit) < _rank(best):
+            best = fit
+        if fit.success and float(fit.rms) < GOOD_RMS * float(sigma):
+            break
+    return _no_guess(region) if best is None else best
 
 
-def _checked_fixed(fixed: Sequence[str], initial: Cylinder | None) -> tuple[str, ...]:
-    if isinstance(fixed, str):
-        raise ValueError(f"fixed must be a sequence of names, got {fixed!r}")
-    for name in fixed:
-        one_of("fixed", name, PARAMETERS)
-    if len(set(fixed)) == len(PARAMETERS):
-        raise ValueError("fixed must leave a parameter to fit, got all four")
-    if fixed and initial is None:
-        raise ValueError(
-            f"initial must be given with fixed={tuple(fixed)}: held parameters keep "
-            "their value in it"
-        )
-    return tuple(name for name in PARAMETERS if name in fixed)
-
-
-def _check_types(camera: PinholeCamera, initial: Cylinder | None) -> None:
-    if not isinstance(camera, PinholeCamera):
-        raise ValueError(f"camera must be a PinholeCamera, got {type(camera).__name__}")
-    if initial is None:
-        return
-    if not isinstance(initial, Cylinder) or initial.radius.ndim:
-        raise ValueError(f"initial must be one Cylinder, got {initial!r}")
-
-
-def _checked_depth(depth: Any, camera: PinholeCamera) -> DepthImage:
-    """Depth as a float image with 0 for missing readings."""
-    if not isinstance(depth, jax.Array):
-        depth = np.asarray(depth)
-    shape = (camera.height, camera.width)
-    if depth.shape != shape:
-        raise ValueError(
-            f"depth must have the camera's shape {shape}, got {depth.shape}"
-        )
-    if not jnp.issubdtype(depth.dtype, np.floating):
-        raise ValueError(
-            f"depth must be floating-point meters, got {depth.dtype}; multiply integer "
-            "readings by their depth scale"
-        )
-    if is_concrete(depth):
-        values = np.asarray(depth)
-        values = np.where(np.isfinite(values), values, 0)
-        if values.size and values.min() < 0:
-            raise ValueError(
-                f"depth must not be negative, got {values.min()} meters; missing "
-                "readings are 0, NaN or infinity"
-            )
-        return values.astype(jnp.result_type(float))
-    return jnp.where(jnp.isfinite(depth), depth, 0).astype(jnp.result_type(float))
-
-
-def _checked_mask(mask: Any, camera: PinholeCamera) -> Mask | None:
-    if mask is None:
-        return None
-    if not isinstance(mask, jax.Array):
-        mask = np.asarray(mask)
-    shape = (camera.height, camera.width)
-    if mask.shape != shape:
-        raise ValueError(f"mask must have the camera's shape {shape}, got {mask.shape}")
-    if not (mask.dtype == bool or jnp.issubdtype(mask.dtype, np.integer)):
-        raise ValueError(f"mask must be of booleans or integers, got {mask.dtype}")
-    return mask != 0
-
-
-def _check_readings(
-    depth: Float[np.ndarray, "h w"], mask: Bool[np.ndarray, "h w"] | None
-) -> None:
-    if mask is not None and not mask.any():
-        raise ValueError("mask must hold at least one pixel, got an empty one")
-    count = np.count_nonzero(depth if mask is None else depth[mask])
-    if count < MIN_READINGS:
-        where = "" if mask is None else " inside the mask"
-        raise ValueError(
-            f"depth must hold at least {MIN_READINGS} readings{where}, got {count}"
-        )
+def _rank(fit: FitResult) -> tuple[bool, float]:
+    """Order of fits to one image: successes first, then the smaller residuals."""
+    return not bool(fit.success), float(fit.rms)
 
 
 def _no_guess(region: Bool[np.ndarray, "h w"]) -> FitResult:
@@ -326,7 +268,7 @@ def _fit(
     believed = jnp.concatenate(
         [inlier, (rows.weight[num_readings:] > 0) & (past_end[num_readings:] < 6)]
     )
-    cylinder, ends_seen = _seen_extent(cylinder, rows, seen, believed)
+    cylinder, ends_seen = seen_extent(cylinder, rows, seen, believed)
     num_inliers = jnp.maximum(jnp.sum(inlier), 1).astype(dtype)
     rms = jnp.sqrt(jnp.sum(jnp.where(inlier, meters, 0) ** 2) / num_inliers)
     squares = jnp.sum(jnp.where(inlier, whitened, 0) ** 2)
@@ -347,12 +289,13 @@ def _fit(
         ends_seen,
         widening=jnp.sqrt(jnp.maximum(squares / num_inliers, 1)),
     )
-    code = _status(
+    code = status_code(
         converged=converged,
         finite=jnp.isfinite(cylinder.radius) & jnp.all(jnp.isfinite(cylinder.center)),
         fits=(2 * num_inliers >= count.astype(dtype))
-        & ((scale < 5) | (scale * sigma < cylinder.radius / 20)),
-        determined=(std.radius < cylinder.radius / 2)
+        & ((scale < 5) | (scale * sigma < cylinder.radius / 50)),
+        determined=~is_as_flat(rows, inlier, squares)
+        & (std.radius < cylinder.radius / 2)
         & jnp.all(std.across_axis < cylinder.radius / 2)
         & jnp.all(std.axis < 0.5),
     )
@@ -395,7 +338,8 @@ def _minimize(
 
     solver = optx.LevenbergMarquardt(
         rtol=1e-5,
-        atol=tolerance,
+        # Only compared with: it may be traced.
+        atol=tolerance,  # pyright: ignore[reportArgumentType]
         norm=optx.rms_norm,
         linear_solver=lx.Normal(lx.Cholesky()),
     )
@@ -419,55 +363,4 @@ def _signed(cylinder: Cylinder, rows: Rows) -> tuple[Cylinder, Rows]:
     return (
         eqx.tree_at(lambda c: c.axis, cylinder, axis * sign),
         eqx.tree_at(lambda r: r.end, rows, rows.end * sign),
-    )
-
-
-def _seen_extent(
-    cylinder: Cylinder, rows: Rows, seen: SurfaceSeen, believed: Bool[Array, " n"]
-) -> tuple[Cylinder, Bool[Array, "2"]]:
-    """Tell which ends are seen, and draw an unseen one in to the last inlier.
-
-    An end is seen through readings well inside its cap's disc, or where the wall gives
-    way to background.
-    """
-    is_reading = rows.end == 0
-    # Along the rim, wall and cap are not told apart by a noisy reading.
-    on_cap = is_reading & seen.on_cap & (seen.cap_distance_squared < 0.9**2)
-    shown = jnp.where(on_cap, seen.cap_end, rows.end)
-    ends_seen = jnp.stack(
-        [jnp.sum(believed & (shown == end)) >= MIN_END_ROWS for end in (-1, 1)]
-    )
-    on_wall = believed & is_reading & ~seen.on_cap
-    half = cylinder.height / 2
-    first = jnp.min(jnp.where(on_wall, seen.along, jnp.inf))
-    last = jnp.max(jnp.where(on_wall, seen.along, -jnp.inf))
-    low = jnp.where(ends_seen[0], -half, first)
-    high = jnp.where(ends_seen[1], half, last)
-    # Without a wall there is no extent to draw in to.
-    empty = ~(jnp.isfinite(low) & jnp.isfinite(high) & (high > low))
-    low, high = jnp.where(empty, -half, low), jnp.where(empty, half, high)
-    center = cylinder.center + cylinder.axis * ((low + high) / 2)
-    return (
-        eqx.tree_at(lambda c: (c.center, c.height), cylinder, (center, high - low)),
-        ends_seen,
-    )
-
-
-def _status(
-    converged: Bool[Array, ""],
-    finite: Bool[Array, ""],
-    fits: Bool[Array, ""],
-    determined: Bool[Array, ""],
-) -> Int[Array, ""]:
-    """Code of the first thing that went wrong."""
-    code = {status: STATUSES.index(status) for status in FitStatus}
-    return jnp.select(
-        [~finite, ~converged, ~fits, ~determined],
-        [
-            jnp.array(code[FitStatus.NOT_FINITE]),
-            jnp.array(code[FitStatus.STEP_LIMIT]),
-            jnp.array(code[FitStatus.POOR_FIT]),
-            jnp.array(code[FitStatus.UNDETERMINED]),
-        ],
-        jnp.array(code[FitStatus.CONVERGED]),
     )

@@ -57,11 +57,15 @@ def deviations(
     """
     covariance = coordinate_covariance(chart, jacobian)
     motion, reference = chart.motion, chart.reference
+    # A coordinate that no residual depends on has no variance above; it is unknown.
+    without_effect = jnp.all(jacobian == 0, axis=0).astype(jacobian.dtype)
+    unknown = jnp.matmul(jnp.abs(chart.scale), without_effect) > 0
     # Of center, axis and the logarithms of radius and height.
     variance = jnp.sum(
         jnp.matmul(motion, covariance, precision="highest") * motion, axis=1
     )
     own = jnp.sqrt(jnp.diagonal(covariance)) * widening
+    own = jnp.where(unknown, jnp.inf, own)
     changed = jnp.sqrt(jnp.maximum(variance, 0)) * widening
     center, height = changed[:3], changed[7] * reference.height
     # One end is enough where the height or the center is held.

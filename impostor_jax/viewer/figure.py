@@ -5,6 +5,7 @@ __all__ = ["fitted_outline", "overlay_figure", "write_overlay"]
 from pathlib import Path
 from typing import Any
 
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 from matplotlib.figure import Figure
@@ -35,7 +36,7 @@ def fitted_outline(
     filled = closed[:-1, None] * (1 - steps) + closed[1:, None] * steps
     points = np.concatenate([filled.reshape(-1, 2), corners[:1]])
     rays = np.concatenate([points, np.ones_like(points[:, :1])], axis=1)
-    return np.asarray(camera.project(rays.astype(corners.dtype)))
+    return np.asarray(camera.project(jnp.asarray(rays, corners.dtype)))
 
 
 def overlay_figure(fit: FitResult, depth: Any, camera: PinholeCamera) -> Figure:

@@ -8,6 +8,8 @@ import cv2
 import numpy as np
 import pytest
 
+from impostor_jax.__main__ import main
+
 CAMERA = {"fx": 150.0, "fy": 150.0, "cx": 79.5, "cy": 59.5, "width": 160, "height": 120}
 RECORD_KEYS = {
     "success", "status", "center_m", "axis", "radius_m", "height_m", "height_observed",
@@ -40,7 +42,8 @@ def rendered(tmp_path_factory):
 def test_render_writes_what_fit_reads(rendered, tmp_path):
     names = {entry.name for entry in rendered.iterdir()}
     assert names == {
-        "given.json", "depth.png", "depth.tiff", "normal.png", "mask.png", "camera.json",
+        "given.json", "camera.json", "depth.png", "depth.tiff", "mask.png",
+        "normal.png",
     }  # fmt: skip
     exact = cv2.imread(str(rendered / "depth.tiff"), cv2.IMREAD_UNCHANGED)
     coarse = cv2.imread(str(rendered / "depth.png"), cv2.IMREAD_UNCHANGED)
@@ -109,12 +112,12 @@ FIT = ("fit", "{depth}", "--camera", "{camera}")
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ((), "fit,render,demo"),
+        ((), "Expected one of {fit, render, demo}"),
         (("mesh",), "mesh"),
         (("fit", "{depth}"), "--camera"),
         ((*FIT, "--speed", "9"), "Unrecognized options: --speed"),
         ((*FIT, "--sigma", "small"), "could not convert string to float"),
-        ((*FIT, "--sigma", "nan"), "sigma must be a positive number in meters, got nan"),
+        ((*FIT, "--sigma", "nan"), "sigma must be a positive number"),
         ((*FIT, "--sigma", "-1"), "sigma must be a positive number"),
         ((*FIT, "--mask", "{folder}/none.png"), "does not exist"),
         ((*FIT, "--mask", "{folder}/small.png"), "mask must have the camera's shape"),
@@ -133,7 +136,7 @@ FIT = ("fit", "{depth}", "--camera", "{camera}")
     ],
 )  # fmt: skip
 def test_bad_input_gives_one_line_and_exit_code_2(
-    arguments, message, rendered, tmp_path
+    arguments, message, rendered, tmp_path, monkeypatch, capfd
 ):
     cv2.imwrite(str(tmp_path / "small.png"), np.full((9, 9), 255, np.uint8))
     cv2.imwrite(str(tmp_path / "empty.png"), np.zeros((120, 160), np.uint8))
@@ -148,12 +151,35 @@ def test_bad_input_gives_one_line_and_exit_code_2(
         "camera": rendered / "camera.json",
         "folder": tmp_path,
     }
-    found = run(*(argument.format(**places) for argument in arguments))
-    assert found.returncode == 2
-    lines = found.stderr.splitlines()
-    assert len(lines) == 1, found.stderr
+    arguments = [argument.format(**places) for argument in arguments]
+    # In this process: starting JAX for each would take four seconds.
+    monkeypatch.setattr(sys, "argv", ["impostor-jax", *arguments])
+    try:
+        code = main()
+    except SystemExit as stop:
+        code = stop.code
+    assert code == 2
+    check_one_line(capfd.readouterr().err, message)
+
+
+def check_one_line(errors, message):
+    lines = errors.splitlines()
+    assert len(lines) == 1, errors
     assert lines[0].startswith("impostor-jax: error: ")
     assert message in lines[0]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("fit", "none.png"), "--camera"),
+        (("fit", "none.png", "--camera", "none.json"), "does not exist"),
+    ],
+)
+def test_bad_input_ends_the_process_with_one_line_and_exit_code_2(arguments, message):
+    found = run(*arguments)
+    assert found.returncode == 2
+    check_one_line(found.stderr, message)
 
 
 def test_help_is_printed_without_starting_jax():

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 import impostor_jax as ij
-from impostor_jax.fit.initialize import first_guess
+from impostor_jax.fit.initialize import first_guesses
 from impostor_jax.fit.segment import nearest_object
 from tests.checks import angle_between
 from tests.fit.scenes import CAMERA, SIGMA, can, image
@@ -11,8 +11,7 @@ from tests.fit.scenes import CAMERA, SIGMA, can, image
 @pytest.mark.parametrize("degrees", [90.0, 60.0, 30.0])
 def test_guess_is_close_enough_to_start_from(degrees):
     depth, mask = image(degrees)
-    guess = first_guess(depth, mask, CAMERA)
-    assert guess is not None
+    guess = first_guesses(depth, mask, CAMERA)[0]
     truth = can(degrees)
     assert angle_between(guess.axis, truth.axis) < 3
     assert guess.radius == pytest.approx(0.04, rel=0.08)
@@ -26,14 +25,13 @@ def test_guess_sees_through_a_lens():
     maps = ij.render(can(), camera)
     noise = np.random.default_rng(0).normal(0, SIGMA, maps.depth.shape)
     depth = np.where(maps.mask, maps.depth + noise, 0)
-    guess = first_guess(depth, np.asarray(maps.mask), camera)
-    assert guess is not None
+    guess = first_guesses(depth, np.asarray(maps.mask), camera)[0]
     assert angle_between(guess.axis, can().axis) < 3
     assert guess.radius == pytest.approx(0.04, rel=0.08)
 
 
 def test_no_readings_give_no_guess():
-    assert first_guess(np.zeros((120, 160)), np.ones((120, 160), bool), CAMERA) is None
+    assert not first_guesses(np.zeros((120, 160)), np.ones((120, 160), bool), CAMERA)
 
 
 def test_nearest_object_is_found_before_a_wall_and_a_farther_object():

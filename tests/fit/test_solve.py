@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import impostor_jax as ij
+from impostor_jax.geometry.so3 import tangent_basis
 from tests.cases import pose
 from tests.checks import all_finite, angle_between
 from tests.fit.scenes import CAMERA, SIGMA, can, image
@@ -43,14 +44,14 @@ def test_noisy_can_is_recovered(degrees, masked):
 def test_errors_are_within_four_reported_deviations():
     truth = can()
     scores = []
-    for seed in range(12):
+    for seed in range(16):
         depth, mask = image(seed=seed)
         fit = ij.fit_cylinder(depth, CAMERA, mask=mask, sigma=SIGMA)
-        error = np.asarray(fit.cylinder.center - truth.center)
-        scores += [*(error / np.asarray(fit.std.center))]
+        offset = np.asarray(fit.cylinder.center - truth.center)
+        basis = np.asarray(tangent_basis(fit.cylinder.axis))
+        scores += [*(basis @ offset / np.asarray(fit.std.across_axis))]
         scores += [float((fit.cylinder.radius - 0.04) / fit.std.radius)]
-        scores += [float((fit.cylinder.height - 0.12) / fit.std.height)]
-    # Twelve draws of five: the true deviation lies within 40 percent of theirs.
+    # 48 draws, partly correlated: their own deviation is known to about 15 percent.
     assert np.abs(scores).max() < 4
     assert 0.6 < np.sqrt(np.mean(np.square(scores))) < 1.4
 
@@ -101,7 +102,7 @@ def test_end_without_background_is_not_observed():
 
 def test_part_of_the_wall_alone_leaves_the_height_open():
     depth, mask = image(90.0)
-    rows, cols = np.nonzero(mask)
+    rows, _ = np.nonzero(mask)
     part = mask.copy()
     part[: int(np.percentile(rows, 30))] = False
     part[int(np.percentile(rows, 70)) :] = False
@@ -111,6 +112,18 @@ def test_part_of_the_wall_alone_leaves_the_height_open():
     assert np.isposinf(fit.std.height)
     assert float(fit.cylinder.height) < 0.12
     assert fit.cylinder.radius == pytest.approx(0.04, abs=5e-4)
+
+
+def test_steep_view_with_noise_is_recovered_from_a_later_first_guess():
+    # Its first guess is an axis across the true one: a success that was 89 degrees off.
+    truth = ij.Cylinder((0.02, 0.01, 0.8), (0.104, 0.139, 0.985), 0.04, 0.12)
+    camera = ij.PinholeCamera(525.0, 525.0, 159.5, 119.5, 320, 240)
+    maps = ij.render(truth, camera)
+    noise = np.random.default_rng(0).normal(0, 0.003, maps.depth.shape)
+    depth = (np.asarray(maps.depth) + noise).astype(np.float32)
+    fit = ij.fit_cylinder(depth, camera, mask=maps.mask, sigma=0.003)
+    assert fit.success
+    assert angle_between(fit.cylinder.axis, truth.axis) < 0.5
 
 
 def test_an_occluder_in_front_does_not_end_the_wall():
@@ -175,14 +188,15 @@ def test_traced_fit_agrees_with_the_plain_one():
 
     both = fit(jnp.stack([jnp.asarray(depth), jnp.asarray(image(seed=1)[0])]))
     assert np.asarray(both.success).all()
-    assert both.cylinder.radius[0] == pytest.approx(plain.cylinder.radius, abs=1e-6)
+    radius = float(plain.cylinder.radius)
+    assert float(both.cylinder.radius[0]) == pytest.approx(radius, abs=1e-6)
     assert float(both.cylinder.radius[1]) != float(both.cylinder.radius[0])
     assert all_finite(both.cylinder)
 
 
 def plane_image():
     row, col = np.mgrid[0:120, 0:160]
-    depth = 0.5 + 0.001 * (col - 80) + 0.0005 * (row - 60)
+    depth = 0.5 / (1 + 0.002 * (col - 80) + 0.001 * (row - 60))
     return depth + np.random.default_rng(0).normal(0, SIGMA, depth.shape)
 
 
@@ -216,13 +230,13 @@ DEPTH, MASK = image()
     ("arguments", "message"),
     [
         ({"depth": DEPTH[:-1]}, r"depth must have the camera's shape \(120, 160\)"),
-        ({"depth": DEPTH.astype(np.uint16)}, "depth must be floating-point meters, got u"),
+        ({"depth": DEPTH.astype(np.uint16)}, "depth must be floating-point meters"),
         ({"depth": -DEPTH}, "depth must not be negative"),
         ({"depth": 0 * DEPTH, "mask": None}, "at least 50 readings, got 0"),
         ({"mask": MASK[:, :-1]}, r"mask must have the camera's shape \(120, 160\)"),
         ({"mask": MASK * 1.0}, "mask must be of booleans or integers, got float64"),
         ({"mask": MASK & False}, "mask must hold at least one pixel"),
-        ({"mask": np.eye(120, 160, dtype=int)[::-1] * MASK}, "readings inside the mask"),
+        ({"mask": np.eye(120, 160, dtype=int)[::-1] * MASK}, "inside the mask"),
         ({"sigma": 0}, "sigma must be a positive number in meters, got 0"),
         ({"sigma": np.nan}, "sigma must be a positive number in meters, got nan"),
         ({"fixed": ("size",)}, "fixed must be one of center, axis, radius, height"),

@@ -41,7 +41,7 @@ def test_scale_is_chosen_to_hold_the_largest_depth():
     assert fitting_scale(DEPTH, None) == 1e-4
     assert fitting_scale(DEPTH * 10, None) == 1e-3
     assert fitting_scale(DEPTH, 1e-3) == 1e-3
-    with pytest.raises(ValueError, match="depth_scale_m must be at least 3.05e-05"):
+    with pytest.raises(ValueError, match=r"depth_scale_m must be at least 3\.05e-05"):
         fitting_scale(DEPTH, 1e-5)
 
 
