@@ -57,7 +57,7 @@ def first_guesses(
     region: Bool[np.ndarray, "h w"],
     camera: PinholeCamera,
 ) -> list[Guess]:
-    """Guess cylinders from the readings of a region, one for each likely axis.
+    """Guess cylinders from the readings of a region, for each likely axis.
 
     Args:
         depth: In meters; 0 where there is no reading.
@@ -71,11 +71,10 @@ def first_guesses(
     surface = _surface(*_without_lens(depth, region, camera), camera.matrix())
     if surface is None:
         return []
-    guesses = [_guess_along(axis, surface) for axis in _axes(surface)]
-    return sorted(
-        (guess for guess in guesses if guess is not None),
-        key=lambda guess: guess.misfit,
-    )
+    guesses = [
+        guess for axis in _axes(surface) for guess in _guesses_along(axis, surface)
+    ]
+    return sorted(guesses, key=lambda guess: guess.misfit)
 
 
 def _without_lens(
@@ -184,7 +183,7 @@ def _interior(valid: Bool[np.ndarray, "h w"]) -> tuple[Bool[np.ndarray, "h w"], 
 
 
 def _axes(surface: _Surface) -> list[Float[np.ndarray, "3"]]:
-    """Candidate axes, at least 20 degrees apart, the best explained first."""
+    """Candidate axes, at least 10 degrees apart."""
     n, points = surface.normals, _thinned(surface.points)
     _, _, principal = np.linalg.svd(points - points.mean(axis=0), full_matrices=False)
     if len(n) < 10:
@@ -197,14 +196,18 @@ def _axes(surface: _Surface) -> list[Float[np.ndarray, "3"]]:
         candidates.append(pair[np.linalg.norm(pair, axis=1) > 0.3])
     axes = np.concatenate(candidates)
     axes /= np.linalg.norm(axes, axis=1, keepdims=True)
-    score = _unexplained(axes, n)
-    kept: list[np.ndarray] = []
-    for axis in axes[np.argsort(score, kind="stable")]:
-        if all(abs(axis @ other) < np.cos(np.radians(20.0)) for other in kept):
+    order = np.argsort(_unexplained(axes, n), kind="stable")
+    # The cap of a cylinder seen end on: noise in two directions, and axes across the
+    # view that explain it as a wall, keep its normal from the front of the list.
+    _, vectors = np.linalg.eigh(n.T @ n)
+    kept = [_refined(vectors[:, 2], n)]
+    for start in axes[order[: 4 * MAX_AXES]]:
+        axis = _refined(start, n)
+        if all(abs(axis @ other) < np.cos(np.radians(10.0)) for other in kept):
             kept.append(axis)
         if len(kept) == MAX_AXES:
             break
-    return [_refined(axis, n) for axis in kept]
+    return kept
 
 
 def _unexplained(
@@ -234,21 +237,39 @@ def _refined(
     return axis
 
 
-def _guess_along(axis: Float[np.ndarray, "3"], surface: _Surface) -> Guess | None:
-    """Caps, a circle across the axis and an extent along it."""
+def _guesses_along(axis: Float[np.ndarray, "3"], surface: _Surface) -> list[Guess]:
+    """Guesses from the circle that the wall makes, and from the disc of each cap."""
     points = surface.points
     basis = np.linalg.svd(axis[None])[2][1:]
     across, along = points @ basis.T, points @ axis
     caps = _caps(axis, surface)
     thickness = 0.05 * float(np.ptp(along))
     on_wall = np.ones(len(points), dtype=bool)
+    circles = []
     for end in caps.values():
-        on_wall &= np.abs(along - end) > thickness
-    if np.count_nonzero(on_wall) < 10:
-        return None
-    circle = _circle(_thinned(across[on_wall]))
-    if circle is None:
-        return None
+        on_cap = np.abs(along - end) <= thickness
+        on_wall &= ~on_cap
+        if np.count_nonzero(on_cap) >= 10:
+            middle = across[on_cap].mean(axis=0)
+            # In an even disc the mean square distance is half the radius squared.
+            squared = np.mean(np.sum((across[on_cap] - middle) ** 2, axis=1))
+            circles.append((middle, float(np.sqrt(2 * squared))))
+    if np.count_nonzero(on_wall) >= 10:
+        circles.append(_circle(_thinned(across[on_wall])))
+    found = (circle for circle in circles if circle is not None)
+    guesses = [_extended(axis, basis, circle, caps, across, along) for circle in found]
+    return [guess for guess in guesses if guess is not None]
+
+
+def _extended(
+    axis: Float[np.ndarray, "3"],
+    basis: Float[np.ndarray, "2 3"],
+    circle: tuple[Float[np.ndarray, "2"], float],
+    caps: dict[int, float],
+    across: Float[np.ndarray, "n 2"],
+    along: Float[np.ndarray, " n"],
+) -> Guess | None:
+    """Cylinder over a circle, from cap to cap or as far as its wall is seen."""
     middle, radius = circle
     distance = np.linalg.norm(across - middle, axis=1)
     near_wall = np.abs(distance - radius) < 0.15 * radius
