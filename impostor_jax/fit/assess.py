@@ -8,6 +8,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from impostor_jax.fit.residuals import Rows, SurfaceSeen
 from impostor_jax.fit.result import STATUSES, FitStatus
+from impostor_jax.numerics import safe_divide
 from impostor_jax.primitives.cylinder import Cylinder
 
 MIN_END_ROWS = 5
@@ -26,21 +27,22 @@ def seen_extent(
     # Along the rim, wall and cap are not told apart by a noisy reading.
     on_cap = is_reading & seen.on_cap & (seen.cap_distance_squared < 0.9**2)
     shown = jnp.where(on_cap, seen.cap_end, rows.end)
-    ends_seen = jnp.stack(
-        [jnp.sum(believed & (shown == end)) >= MIN_END_ROWS for end in (-1, 1)]
-    )
+    ends = jnp.array([-1, 1], shown.dtype)[:, None]
+    counts = jnp.sum(believed[None] & (shown[None] == ends), axis=1)
+    ends_seen = counts >= MIN_END_ROWS
     on_wall = believed & is_reading & ~seen.on_cap
+    outward = jnp.where(on_wall[None], seen.along[None] * ends, -jnp.inf)
     half = cylinder.height / 2
-    first = jnp.min(jnp.where(on_wall, seen.along, jnp.inf))
-    last = jnp.max(jnp.where(on_wall, seen.along, -jnp.inf))
-    low = jnp.where(ends_seen[0], -half, first)
-    high = jnp.where(ends_seen[1], half, last)
+    # How far the lower and the upper end lie from the center, each on its own side.
+    reach = jnp.where(ends_seen, half, jnp.max(outward, axis=1))
     # Without a wall there is no extent to draw in to.
-    empty = ~(jnp.isfinite(low) & jnp.isfinite(high) & (high > low))
-    low, high = jnp.where(empty, -half, low), jnp.where(empty, half, high)
-    center = cylinder.center + cylinder.axis * ((low + high) / 2)
+    height = jnp.sum(reach)
+    has_wall = jnp.isfinite(height) & (height > 0)
+    shift = jnp.where(has_wall, reach[1] - reach[0], 0) / 2
+    height = jnp.where(has_wall, height, cylinder.height)
+    center = cylinder.center + cylinder.axis * shift
     return (
-        eqx.tree_at(lambda c: (c.center, c.height), cylinder, (center, high - low)),
+        eqx.tree_at(lambda c: (c.center, c.height), cylinder, (center, height)),
         ends_seen,
     )
 
@@ -79,13 +81,16 @@ def is_as_flat(
         squares: Sum of their squared residuals from it, in deviations.
     """
     count = inlier.shape[0]
-    d, depth = rows.ray.direction, rows.target[:count]
+    d, depth = rows.direction, rows.target[:count]
     inverse = jnp.where(inlier, 1 / jnp.where(inlier, depth, 1), 0)
     weight = jnp.where(inlier, rows.weight[:count] * depth, 0)
     rays = jnp.stack([d.x[:count], d.y[:count], d.z[:count]]) * (weight * depth)[None]
     normal = jnp.matmul(rays, rays.T, precision="highest")
     right = jnp.matmul(rays, weight * depth * inverse, precision="highest")
-    plane = jnp.linalg.solve(normal, right)
+    # Cramer's rule: the rows of the adjugate are cross products.
+    adjugate = jnp.cross(jnp.roll(normal, -1, axis=0), jnp.roll(normal, -2, axis=0))
+    determinant = jnp.sum(normal[0] * adjugate[0])
+    plane = safe_divide(jnp.sum(adjugate * right[None], axis=1), determinant)
     flat = jnp.matmul(plane, rays, precision="highest") - weight * depth * inverse
     scale = jnp.maximum(
         squares / jnp.maximum(jnp.sum(inlier), 1).astype(depth.dtype), 1

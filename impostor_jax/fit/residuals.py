@@ -41,17 +41,17 @@ MAX_END_ROWS = 512
 
 
 class Rows(eqx.Module):
-    """What the image says along some rays; one residual each.
+    """What the image says along some rays from the camera's center; one residual each.
 
     Attributes:
-        ray: In the camera frame, with direction z = 1.
+        direction: In the camera frame, with z = 1.
         end: 0 for a reading; for a ray that passes the place where the wall ends, -1 at
             the end `center - axis * height / 2` and 1 at the other.
         target: Depth that was read, in meters; 0 for an end.
         weight: Inverse of the standard deviation; 0 for rows that only fill up.
     """
 
-    ray: Ray
+    direction: Vec3
     end: Float[Array, "*batch"]
     target: Float[Array, "*batch"]
     weight: Float[Array, "*batch"]
@@ -108,10 +108,11 @@ class _Approach(eqx.Module):
 
 
 def _approach(
-    ray: Ray, cylinder: Cylinder, soft: float | Float[Array, ""]
+    direction: Vec3, cylinder: Cylinder, soft: float | Float[Array, ""]
 ) -> _Approach:
     center, a = Vec3.from_array(cylinder.center), Vec3.from_array(cylinder.axis)
-    local, foot = ray.recentered(center)
+    zero = jnp.zeros_like(direction.x)
+    local, foot = Ray(Vec3(zero, zero, zero), direction).recentered(center)
     o, d, r = local.origin, local.direction, cylinder.radius
     m = d.cross(a)
     m_m, m_o = m.dot(m), m.dot(o)
@@ -133,7 +134,7 @@ def _approach(
 
 
 def surface_seen(
-    ray: Ray, cylinder: Cylinder, soft: float | Float[Array, ""] = 0.0
+    direction: Vec3, cylinder: Cylinder, soft: float | Float[Array, ""] = 0.0
 ) -> SurfaceSeen:
     """Depth of the surface along each ray, continued past the outline.
 
@@ -142,13 +143,13 @@ def surface_seen(
     wall recedes, so the residual pulls the outline over every pixel of the object.
 
     Args:
-        ray: In the camera frame.
+        direction: Of rays from the camera's center, in its frame.
         cylinder: In the camera frame.
         soft: Half-chord in meters below which the square root gives way to a straight
             line, so that a solver can move the outline across pixels: the half-chord
             sqrt(q) becomes q / (q^2 + soft^4)^(1/4).
     """
-    return _surface(_approach(ray, cylinder, soft), cylinder)
+    return _surface(_approach(direction, cylinder, soft), cylinder)
 
 
 def _surface(passing: _Approach, cylinder: Cylinder) -> SurfaceSeen:
@@ -202,7 +203,7 @@ def residuals(
 def _residuals(
     rows: Rows, cylinder: Cylinder, soft: float | Float[Array, ""]
 ) -> Float[Array, " n"]:
-    seen = surface_seen(rows.ray, cylinder, soft)
+    seen = surface_seen(rows.direction, cylinder, soft)
     past_end = seen.along - rows.end * cylinder.height / 2
     error = jnp.where(rows.end == 0, seen.depth - rows.target, past_end)
     return error * rows.weight
@@ -251,7 +252,7 @@ def residual_gradient(
     and the squared half-chord (r^2 - s^2) / |m|^2 follows.
     """
     a, r = Vec3.from_array(cylinder.axis), cylinder.radius
-    passing = _approach(rows.ray, cylinder, soft)
+    passing = _approach(rows.direction, cylinder, soft)
     seen = _surface(passing, cylinder)
     o, d, inverse = passing.local.origin, passing.local.direction, passing.inverse
     d_a = d.dot(a)
@@ -293,13 +294,13 @@ class Pixels(eqx.Module):
     """What the image holds at some pixels.
 
     Attributes:
-        ray: In the camera frame, with direction z = 1.
+        direction: Of the rays, in the camera frame, with z = 1.
         depth: In meters; 0 where there is no reading.
         exists: False beyond the image, and for entries that only fill up.
         in_region: Whether the pixel belongs to the object.
     """
 
-    ray: Ray
+    direction: Vec3
     depth: Float[Array, "*batch"]
     exists: Bool[Array, "*batch"]
     in_region: Bool[Array, "*batch"]
@@ -331,7 +332,7 @@ def gather_pixels(
         exists = (row >= 0) & (row < height) & (col >= 0) & (col < width)
         row, col = jnp.where(exists, row, 0), jnp.where(exists, col, 0)
         return Pixels(
-            ray=camera.rays(row, col, depth.dtype),
+            direction=camera.rays(row, col, depth.dtype).direction,
             depth=depth[row, col],
             exists=exists,
             in_region=region[row, col],
@@ -372,11 +373,11 @@ def image_rows(
     Returns:
         One row for each pixel, then the rows of ends.
     """
-    seen = surface_seen(pixels.ray, cylinder)
+    seen = surface_seen(pixels.direction, cylinder)
     h = jnp.abs(seen.half_chord)
     sharpness = jnp.where(seen.on_cap, 1, h * jax.lax.rsqrt(h * h + sigma * sigma))
     readings = Rows(
-        ray=pixels.ray,
+        direction=pixels.direction,
         end=jnp.zeros_like(pixels.depth),
         target=pixels.depth,
         weight=jnp.where(pixels.exists, sharpness / sigma, 0),
@@ -396,7 +397,7 @@ def _end_rows(edge: Pixels, sigma: Float[Array, ""], cylinder: Cylinder) -> Rows
         ),
         edge,
     )
-    ray, seen = edge.ray, surface_seen(edge.ray, cylinder)
+    direction, seen = edge.direction, surface_seen(edge.direction, cylinder)
     behind = edge.depth - seen.depth > jnp.maximum(5 * sigma, 0.1 * cylinder.radius)
     # Near the outline of the wall, background beside it is not an end.
     central = edge.exists & (seen.miss_squared < 0.9**2)
@@ -405,11 +406,11 @@ def _end_rows(edge: Pixels, sigma: Float[Array, ""], cylinder: Cylinder) -> Rows
     crosses = beyond[1:] & central[:1] & ~seen.on_cap[:1]
     along = seen.along[1:] - seen.along[:1]
     # At least the width of a pixel, so that no row has more weight than its place.
-    x, y = ray.direction.x, ray.direction.y
+    x, y = direction.x, direction.y
     footprint = jnp.hypot(x[1:] - x[:1], y[1:] - y[:1]) * seen.depth[:1]
     gap = jnp.maximum(jnp.abs(along), footprint)
     rows = Rows(
-        ray=jax.tree.map(lambda field: (field[1:] + field[:1]) / 2, ray),
+        direction=jax.tree.map(lambda field: (field[1:] + field[:1]) / 2, direction),
         end=jnp.where(along > 0, 1, -1).astype(gap.dtype),
         target=jnp.zeros_like(gap),
         weight=safe_divide(jnp.where(crosses, 12**0.5, 0), gap),

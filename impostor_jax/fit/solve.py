@@ -253,7 +253,7 @@ def _fit(
     )
     cylinder, rows = _signed(cylinder, rows)
 
-    seen = surface_seen(rows.ray, _in_camera(cylinder, camera), sigma)
+    seen = surface_seen(rows.direction, _in_camera(cylinder, camera), sigma)
     num_readings = used.shape[0]
     reading = rows.target[:num_readings]
     meters = jnp.where(used, reading - seen.depth[:num_readings], 0)

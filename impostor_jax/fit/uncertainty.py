@@ -1,6 +1,6 @@
 """Standard deviations of a fit, from the Jacobian of its residuals."""
 
-__all__ = ["coordinate_covariance", "deviations"]
+__all__ = ["deviations", "free_covariance"]
 
 import jax
 import jax.numpy as jnp
@@ -11,31 +11,21 @@ from impostor_jax.fit.result import Deviations
 from impostor_jax.numerics import eps
 
 
-def coordinate_covariance(
-    chart: Chart, jacobian: Float[Array, "rows n"]
-) -> Float[Array, "7 7"]:
-    """Covariance of the seven natural coordinates at the chart's reference.
+def free_covariance(jacobian: Float[Array, "rows n"]) -> Float[Array, "n n"]:
+    """Covariance of coordinates from the Jacobian of whitened residuals.
 
-    Args:
-        chart: Centered on the solution.
-        jacobian: Of the whitened residuals in the chart's free coordinates. A column of
-            zeros is a coordinate that no residual depends on; it is left out.
+    A coordinate that no residual depends on gets no variance here.
     """
     information = jnp.matmul(jacobian.T, jacobian, precision="highest")
     diagonal = jnp.diagonal(information)
     depends = diagonal > 0
     size = jnp.where(depends, jax.lax.rsqrt(jnp.where(depends, diagonal, 1)), 0)
     correlation = information * size[:, None] * size[None, :]
-    correlation += jnp.diag(jnp.where(depends, 0, 1).astype(size.dtype))
     values, vectors = jnp.linalg.eigh(correlation)
     # An eigenvalue within rounding of 0 is a direction that the image leaves free; at
     # this floor its deviation comes out a thousand times that of the others.
-    values = jnp.maximum(values, eps(values.dtype, 4 * chart.size))
-    root = jnp.matmul(
-        chart.scale * size[None, :],
-        vectors * jax.lax.rsqrt(values)[None, :],
-        precision="highest",
-    )
+    values = jnp.maximum(values, eps(values.dtype, 4 * values.shape[0]))
+    root = size[:, None] * vectors * jax.lax.rsqrt(values)[None, :]
     return jnp.matmul(root, root.T, precision="highest")
 
 
@@ -55,31 +45,26 @@ def deviations(
         ends_seen: Whether the lower and the upper end are determined.
         widening: Factor on all deviations, for residuals larger than their sigma.
     """
-    covariance = coordinate_covariance(chart, jacobian)
-    motion, reference = chart.motion, chart.reference
-    # A coordinate that no residual depends on has no variance above; it is unknown.
-    without_effect = jnp.all(jacobian == 0, axis=0).astype(jacobian.dtype)
-    unknown = jnp.matmul(jnp.abs(chart.scale), without_effect) > 0
-    # Of center, axis and the logarithms of radius and height.
+    # Center, axis, radius and height, then the tangent coordinates of axis and center.
+    change = jnp.concatenate([chart.tangent(), chart.scale[:4]])
+    covariance = free_covariance(jacobian)
     variance = jnp.sum(
-        jnp.matmul(motion, covariance, precision="highest") * motion, axis=1
+        jnp.matmul(change, covariance, precision="highest") * change, axis=1
     )
-    own = jnp.sqrt(jnp.diagonal(covariance)) * widening
-    own = jnp.where(unknown, jnp.inf, own)
-    changed = jnp.sqrt(jnp.maximum(variance, 0)) * widening
-    center, height = changed[:3], changed[7] * reference.height
+    # A coordinate that no residual depends on has no variance above; it is unknown.
+    without_effect = jnp.all(jacobian == 0, axis=0)
+    unknown = jnp.any((change != 0) & without_effect[None, :], axis=1)
     # One end is enough where the height or the center is held.
     held = "center" in fixed or "height" in fixed
     free_end = ~(jnp.any(ends_seen) if held else jnp.all(ends_seen))
-    if "center" not in fixed:
-        slides = jnp.abs(reference.axis) > eps(center.dtype, 4)
-        center = jnp.where(free_end & slides, jnp.inf, center)
-    if "height" not in fixed:
-        height = jnp.where(free_end, jnp.inf, height)
+    slides = jnp.abs(change[:, -1]) > eps(change.dtype, 4) * chart.scale[-1, -1]
+    # The last coordinate, which moves an end, is the one that a free end leaves open.
+    unknown |= free_end & slides
+    spread = jnp.where(unknown, jnp.inf, jnp.sqrt(variance) * widening)
     return Deviations(
-        center=center,
-        across_axis=own[2:4],
-        axis=own[:2],
-        radius=own[4] * reference.radius,
-        height=height,
+        center=spread[:3],
+        across_axis=spread[10:12],
+        axis=spread[8:10],
+        radius=spread[6],
+        height=spread[7],
     )

@@ -28,9 +28,9 @@ def rows_of(dtype, count=800):
     x, y = jnp.asarray(rng.uniform(-0.4, 0.4, (2, count)), dtype)
     # The ray along the view, too.
     x, y = x.at[0].set(0), y.at[0].set(0)
-    zero, one = jnp.zeros_like(x), jnp.ones_like(x)
+    one = jnp.ones_like(x)
     return Rows(
-        ray=Ray(Vec3(zero, zero, zero), Vec3(x, y, one)),
+        direction=Vec3(x, y, one),
         end=jnp.asarray(rng.choice([0, 0, -1, 1], count), dtype).at[0].set(0),
         target=one,
         weight=one,
@@ -82,8 +82,9 @@ def test_derivatives_in_depth_and_rays_are_automatic():
 
 def test_surface_is_what_the_primitive_shows(shape, dtype):
     cylinder, rows = Cylinder(*shape), rows_of(dtype)
-    seen = surface_seen(rows.ray, cylinder)
-    hit = cylinder.intersect(rows.ray)
+    seen = surface_seen(rows.direction, cylinder)
+    zero = jnp.zeros_like(rows.end)
+    hit = cylinder.intersect(Ray(Vec3(zero, zero, zero), rows.direction))
     # The far end has no part here; from outside its rim hides nothing.
     mask = np.asarray(hit.mask)
     assert mask.sum() > 20
@@ -95,10 +96,13 @@ def test_surface_is_what_the_primitive_shows(shape, dtype):
 
 
 def test_depth_grows_steadily_as_the_wall_recedes_from_a_ray():
+    def at_radius(radius):
+        return Cylinder((0, 0, 1), (0, 1, 0), radius, 1)
+
     zero, one = jnp.zeros(1), jnp.ones(1)
-    ray = Ray(Vec3(zero, zero, zero), Vec3(one * 0.05, zero, one))
+    direction = Vec3(one * 0.05, zero, one)
     depths = [
-        float(surface_seen(ray, Cylinder((0, 0, 1), (0, 1, 0), r, 1), 0.001).depth[0])
+        float(surface_seen(direction, at_radius(r), 0.001).depth[0])
         for r in np.linspace(0.06, 0.04, 41)
     ]
     assert (np.diff(depths) > 0).all()
