@@ -90,7 +90,8 @@ def is_as_flat(
     # Cramer's rule: the rows of the adjugate are cross products.
     adjugate = jnp.cross(jnp.roll(normal, -1, axis=0), jnp.roll(normal, -2, axis=0))
     determinant = jnp.sum(normal[0] * adjugate[0])
-    plane = safe_divide(jnp.sum(adjugate * right[None], axis=1), determinant)
+    inverse_determinant = safe_divide(jnp.ones_like(determinant), determinant)
+    plane = jnp.sum(adjugate.T * right[None], axis=1) * inverse_determinant
     flat = jnp.matmul(plane, rays, precision="highest") - weight * depth * inverse
     scale = jnp.maximum(
         squares / jnp.maximum(jnp.sum(inlier), 1).astype(depth.dtype), 1

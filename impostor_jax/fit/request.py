@@ -94,7 +94,7 @@ def checked_mask(mask: Any, camera: PinholeCamera) -> Mask | None:
         raise ValueError(f"mask must have the camera's shape {shape}, got {mask.shape}")
     if not (mask.dtype == bool or jnp.issubdtype(mask.dtype, np.integer)):
         raise ValueError(f"mask must be of booleans or integers, got {mask.dtype}")
-    return mask != 0
+    return mask if mask.dtype == bool else mask != 0
 
 
 def check_readings(

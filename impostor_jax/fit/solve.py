@@ -2,7 +2,7 @@
 
 Four steps: take the object's readings, guess a cylinder outside JAX, minimize the
 whitened residuals with optimistix, and say how sure the result is. The last two are one
-compiled function of arrays whose sizes come in powers of two, so that few are compiled.
+compiled function of arrays that come in few sizes.
 """
 
 __all__ = ["fit_cylinder"]
@@ -268,7 +268,9 @@ def _fit(
     believed = jnp.concatenate(
         [inlier, (rows.weight[num_readings:] > 0) & (past_end[num_readings:] < 6)]
     )
-    cylinder, ends_seen = seen_extent(cylinder, rows, seen, believed)
+    extent, ends_seen = seen_extent(cylinder, rows, seen, believed)
+    if not {"center", "height"} & set(fixed):
+        cylinder = extent
     num_inliers = jnp.maximum(jnp.sum(inlier), 1).astype(dtype)
     rms = jnp.sqrt(jnp.sum(jnp.where(inlier, meters, 0) ** 2) / num_inliers)
     squares = jnp.sum(jnp.where(inlier, whitened, 0) ** 2)
@@ -332,9 +334,9 @@ def _minimize(
 
     def robust(vector: Float[Array, " n"], _: Any):
         whitened = residuals(rows, _in_camera(chart.cylinder(vector), camera), soft)
-        # A prior ten thousand deviations wide: the normal equations stay regular where
-        # the image leaves a coordinate free.
-        return pseudo_huber_residual(whitened, ROBUST_WIDTH), 1e-2 * vector
+        # A prior three thousand deviations wide keeps the normal equations regular
+        # where the image leaves a coordinate free.
+        return pseudo_huber_residual(whitened, ROBUST_WIDTH), 3e-3 * vector
 
     solver = optx.LevenbergMarquardt(
         rtol=1e-5,

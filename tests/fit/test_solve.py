@@ -160,6 +160,18 @@ def test_fixed_parameters_keep_their_value_and_have_no_deviation():
     assert angle_between(fit.cylinder.axis, can().axis) < 0.15
 
 
+def test_held_height_stays_where_an_end_is_not_seen():
+    depth, mask = image(wall=None)
+    fit = ij.fit_cylinder(
+        depth, CAMERA, mask=mask, sigma=SIGMA, initial=can(), fixed=("height",)
+    )
+    assert float(fit.cylinder.height) == pytest.approx(0.12, rel=1e-6)
+    assert float(fit.std.height) == 0
+    # The cap that is seen tells where the whole cylinder is.
+    assert np.isfinite(np.asarray(fit.std.center)).all()
+    np.testing.assert_allclose(fit.cylinder.center, can().center, atol=5e-4)
+
+
 def test_a_posed_camera_gives_the_cylinder_in_the_world():
     depth, mask = image()
     posed = ij.PinholeCamera(
