@@ -58,6 +58,7 @@ def test_rays_differentiate_in_the_intrinsics(name):
     camera = CAMERAS[name]()
     row, col = jnp.array([3, 24, 40]), jnp.array([50, 31, 6])
 
+    @jax.jit
     def directions(camera):
         return camera.rays(row, col, np.float64).direction.stack()
 
