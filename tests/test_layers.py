@@ -86,7 +86,7 @@ def test_every_public_name_loads():
         assert getattr(impostor_jax, name).__name__ == name
 
 
-def test_import_of_a_submodule_leaves_the_public_names(monkeypatch):
+def test_import_of_a_submodule_leaves_the_public_names():
     # The folder was once called render, and hid the function after such an import.
     import impostor_jax.rendering.raycast
 

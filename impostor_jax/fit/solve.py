@@ -46,6 +46,7 @@ from impostor_jax.fit.result import STATUSES, Deviations, FitResult, FitStatus
 from impostor_jax.fit.robust import pseudo_huber_residual
 from impostor_jax.fit.segment import nearest_object
 from impostor_jax.fit.uncertainty import deviations
+from impostor_jax.primitives.base import in_camera_frame
 from impostor_jax.primitives.cylinder import Cylinder
 
 BUCKETS = tuple(size << k for k in range(14) for size in (2048, 3072))
@@ -188,7 +189,7 @@ def _fit_traced(
 ) -> FitResult:
     """Fit with sizes that do not depend on any value."""
     if mask is None:
-        in_camera = _in_camera(initial, camera)
+        in_camera = in_camera_frame(initial, camera)
         ray = camera.rays(*camera.frame.pixels(), depth.dtype)
         mask = in_camera.intersect(ray).mask
     region = jnp.asarray(mask) & (depth > 0)
@@ -203,12 +204,6 @@ def _fit_traced(
     index = jnp.searchsorted(rank, wanted, side="left")
     row, col = jnp.divmod(jnp.where(wanted <= count, index, region.size), camera.width)
     return _fit(depth, region, row, col, camera, sigma, initial, fixed)
-
-
-def _in_camera(cylinder: Cylinder, camera: PinholeCamera) -> Cylinder:
-    if camera.camera_from_world is None:
-        return cylinder
-    return cylinder.transformed(camera.camera_from_world)
 
 
 @partial(jax.jit, static_argnames="fixed")
@@ -232,7 +227,7 @@ def _fit(
     unit = 10 * sigma / jnp.sqrt(jnp.maximum(count, 1).astype(dtype))
 
     def rows_at(cylinder: Cylinder) -> Rows:
-        return image_rows(pixels, edge, sigma, _in_camera(cylinder, camera))
+        return image_rows(pixels, edge, sigma, in_camera_frame(cylinder, camera))
 
     def stage(carry: tuple[Cylinder, Rows, Array, Array], effort: Float[Array, "2"]):
         cylinder, _, _, num_steps = carry
@@ -253,7 +248,7 @@ def _fit(
     )
     cylinder, rows = _signed(cylinder, rows)
 
-    seen = surface_seen(rows.direction, _in_camera(cylinder, camera), sigma)
+    seen = surface_seen(rows.direction, in_camera_frame(cylinder, camera), sigma)
     num_readings = used.shape[0]
     reading = rows.target[:num_readings]
     meters = jnp.where(used, reading - seen.depth[:num_readings], 0)
@@ -276,7 +271,7 @@ def _fit(
     squares = jnp.sum(jnp.where(inlier, whitened, 0) ** 2)
 
     chart = Chart.around(cylinder, unit, fixed)
-    in_camera = _in_camera(cylinder, camera)
+    in_camera = in_camera_frame(cylinder, camera)
     tangent = chart.tangent()
     if camera.camera_from_world is not None:
         turn = camera.camera_from_world.rotate
@@ -333,7 +328,9 @@ def _minimize(
     """Levenberg-Marquardt in the chart's coordinates, from its reference."""
 
     def robust(vector: Float[Array, " n"], _: Any):
-        whitened = residuals(rows, _in_camera(chart.cylinder(vector), camera), soft)
+        whitened = residuals(
+            rows, in_camera_frame(chart.cylinder(vector), camera), soft
+        )
         # A prior three thousand deviations wide keeps the normal equations regular
         # where the image leaves a coordinate free.
         return pseudo_huber_residual(whitened, ROBUST_WIDTH), 3e-3 * vector

@@ -1,12 +1,14 @@
 """What every primitive promises."""
 
-__all__ = ["AbstractPrimitive"]
+__all__ = ["AbstractPrimitive", "in_camera_frame"]
 
 import abc
+from typing import TypeVar
 
 import equinox as eqx
 from jaxtyping import Array, Float
 
+from impostor_jax.camera.base import AbstractCamera
 from impostor_jax.geometry.frames import RigidTransform
 from impostor_jax.geometry.rays import Hit, Ray
 from impostor_jax.geometry.vec3 import Vec3
@@ -34,3 +36,14 @@ class AbstractPrimitive(eqx.Module):
     @abc.abstractmethod
     def transformed(self, target_from_source: RigidTransform) -> "AbstractPrimitive":
         """Express the same shape in another frame."""
+
+
+Primitive = TypeVar("Primitive", bound=AbstractPrimitive)
+
+
+def in_camera_frame(primitive: Primitive, camera: AbstractCamera) -> Primitive:
+    """Express a primitive of the world in the frame of a camera."""
+    if camera.camera_from_world is None:
+        return primitive
+    # A primitive stays what it is; its abstract method cannot say so.
+    return primitive.transformed(camera.camera_from_world)  # pyright: ignore[reportReturnType]

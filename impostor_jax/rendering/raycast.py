@@ -12,6 +12,7 @@ from impostor_jax.arguments import one_of
 from impostor_jax.camera.base import AbstractCamera
 from impostor_jax.camera.pixels import Tile
 from impostor_jax.geometry.rays import Hit
+from impostor_jax.primitives.base import in_camera_frame
 from impostor_jax.primitives.cylinder import Cylinder
 from impostor_jax.rendering.maps import OUTPUTS, GeometryMaps
 
@@ -60,8 +61,7 @@ def _render(
     tile: Tile | None,
 ) -> GeometryMaps:
     tile = camera.frame if tile is None else tile
-    if camera.camera_from_world is not None:
-        cylinder = cylinder.transformed(camera.camera_from_world)
+    cylinder = in_camera_frame(cylinder, camera)
     row, col = tile.pixels()
     ray = camera.rays(row, col, cylinder.radius.dtype)
     hit = cylinder.intersect(ray)

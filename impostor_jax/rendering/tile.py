@@ -9,6 +9,7 @@ from impostor_jax.arguments import is_concrete
 from impostor_jax.camera.base import AbstractCamera
 from impostor_jax.camera.pixels import PixelBox, Tile
 from impostor_jax.numerics import eps
+from impostor_jax.primitives.base import in_camera_frame
 from impostor_jax.primitives.cylinder import Cylinder
 from impostor_jax.rendering.outline import in_front, support
 
@@ -31,8 +32,7 @@ def outline_box(cylinder: Cylinder, camera: AbstractCamera) -> PixelBox:
         The box; empty where no pixel sees the cylinder. Where the cylinder reaches
         behind the camera's plane z = 0, the whole image.
     """
-    if camera.camera_from_world is not None:
-        cylinder = cylinder.transformed(camera.camera_from_world)
+    cylinder = in_camera_frame(cylinder, camera)
     dtype = cylinder.radius.dtype
     n_x = jnp.array([-1, 0, 1, 0], dtype)
     n_y = jnp.array([0, -1, 0, 1], dtype)

@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 from impostor_jax.camera.pinhole import PinholeCamera
 from impostor_jax.fit.result import FitResult
 from impostor_jax.io.atomic import write_atomically
+from impostor_jax.primitives.base import in_camera_frame
 from impostor_jax.primitives.cylinder import Cylinder
 from impostor_jax.rendering.outline import in_front, outline_points
 from impostor_jax.rendering.raycast import render
@@ -25,8 +26,7 @@ def fitted_outline(
 
     None where the cylinder is not wholly in front of the camera.
     """
-    if camera.camera_from_world is not None:
-        cylinder = cylinder.transformed(camera.camera_from_world)
+    cylinder = in_camera_frame(cylinder, camera)
     if not bool(in_front(cylinder)):
         return None
     corners = np.asarray(outline_points(cylinder))
