@@ -1,16 +1,25 @@
 from .camera.base import AbstractCamera
 from .camera.pinhole import PinholeCamera
 from .camera.pixels import Tile
-from .fit.result import Deviations, FitResult, FitStatus
-from .fit.solve import fit_cylinder
+from .fit.batch import fit_cylinders
+from .fit.cylinder import fit_cylinder
+from .fit.result import Deviations, Directions, FitResult, FitStatus
 from .geometry.frames import RigidTransform
 from .primitives.base import AbstractPrimitive
 from .primitives.cylinder import Cylinder
+from .rendering.coverage import coverage
+from .rendering.distance import signed_distance
 from .rendering.maps import GeometryMaps
+from .rendering.outline_curve import Outline, outline
 from .rendering.raycast import render
 from .rendering.tile import outline_box, outline_tile
 from .sensor.base import AbstractDepthNoise
+from .sensor.dropout import Dropout
+from .sensor.flying_pixels import FlyingPixels
 from .sensor.gaussian import ConstantNoise
+from .sensor.lateral import LateralNoise
+from .sensor.quantization import StereoDisparity
+from .sensor.structured_light import StructuredLight
 
 __all__ = [
     "AbstractCamera",
@@ -19,14 +28,25 @@ __all__ = [
     "ConstantNoise",
     "Cylinder",
     "Deviations",
+    "Directions",
+    "Dropout",
     "FitResult",
     "FitStatus",
+    "FlyingPixels",
     "GeometryMaps",
+    "LateralNoise",
+    "Outline",
     "PinholeCamera",
     "RigidTransform",
+    "StereoDisparity",
+    "StructuredLight",
     "Tile",
+    "coverage",
     "fit_cylinder",
+    "fit_cylinders",
+    "outline",
     "outline_box",
     "outline_tile",
     "render",
+    "signed_distance",
 ]

@@ -8,7 +8,12 @@ from impostor_jax.geometry.frames import RigidTransform
 from impostor_jax.geometry.rays import Ray
 from impostor_jax.geometry.vec3 import Vec3
 from impostor_jax.primitives.cylinder import Cylinder
+from impostor_jax.sensor.dropout import Dropout
+from impostor_jax.sensor.flying_pixels import FlyingPixels
 from impostor_jax.sensor.gaussian import ConstantNoise
+from impostor_jax.sensor.lateral import LateralNoise
+from impostor_jax.sensor.quantization import StereoDisparity
+from impostor_jax.sensor.structured_light import StructuredLight
 
 PRIMITIVES = {
     "cylinder": lambda: Cylinder((0.1, -0.2, 3.0), (0.3, 0.8, 0.52), 0.5, 1.4),
@@ -42,7 +47,15 @@ CAMERAS = {
     ),
 }  # fmt: skip
 
-NOISES = {"constant": lambda: ConstantNoise(0.002)}
+NOISES = {
+    "constant": lambda: ConstantNoise(0.002),
+    "structured light": StructuredLight,
+    "stereo": lambda: StereoDisparity(525.0),
+    "lateral": lambda: LateralNoise(StructuredLight()),
+    "dropout": lambda: Dropout(ConstantNoise(0.002), rate=0.1),
+    "flying pixels": lambda: FlyingPixels(ConstantNoise(0.002)),
+    "all parts": lambda: Dropout(FlyingPixels(LateralNoise(StereoDisparity(525.0)))),
+}
 
 
 def pose() -> RigidTransform:

@@ -5,7 +5,7 @@ __all__ = ["Fit", "summary"]
 import dataclasses
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import tyro
 
@@ -29,6 +29,10 @@ class Fit:
     """Mask image, not 0 on the object; the nearest object is taken if none is given."""
     sigma: float = 0.001
     """Standard deviation of a depth reading, in meters."""
+    mask_meaning: Literal["region", "outline"] = "region"
+    """Whether the mask is any part of the object or its edge is the silhouette."""
+    errors: Literal["independent", "correlated"] = "independent"
+    """How readings of neighboring pixels err; decides the reported deviations."""
     output: Path = Path(".")
     """Folder that the files are written to."""
     json: Path | None = None
@@ -36,7 +40,7 @@ class Fit:
 
     def run(self) -> int:
         """Run the command; returns the exit code."""
-        from impostor_jax.fit.solve import fit_cylinder
+        from impostor_jax.fit.cylinder import fit_cylinder
         from impostor_jax.io.atomic import write_json
         from impostor_jax.io.camera_file import read_camera
         from impostor_jax.io.depth_image import read_depth, read_mask
@@ -47,7 +51,14 @@ class Fit:
         depth = read_depth(self.depth, depth_scale_m)
         mask = None if self.mask is None else read_mask(self.mask)
         start = time.perf_counter()
-        fit = fit_cylinder(depth, camera, mask=mask, sigma=self.sigma)
+        fit = fit_cylinder(
+            depth,
+            camera,
+            mask=mask,
+            sigma=self.sigma,
+            mask_meaning=self.mask_meaning,
+            errors=self.errors,
+        )
         fit.rms.block_until_ready()
         seconds = time.perf_counter() - start
         if mask is None:
@@ -75,6 +86,7 @@ def summary(fit: "FitResult", seconds: float) -> str:
 
     head = (
         f"{fit.status}: {fit.status.meaning} {int(fit.num_steps)} steps, "
+        f"{int(fit.num_agreeing)} of {int(fit.num_starts)} starts agree, "
         f"{int(fit.num_pixels)} pixels, {seconds:.2f} s"
     )
     if not bool(fit.success):

@@ -21,13 +21,22 @@ from skimage.measure import CircleModel
 
 from impostor_jax.camera.pinhole import PinholeCamera
 
-LARGEST_SIDE = 160
+LARGEST_SIDE = 96
 """Larger regions are reduced by block medians: a first guess needs no more pixels."""
+
+SMALLEST_SIDE = 16
+"""Blocks that remain across a region that is reduced against noise."""
+
+MAX_SLOPE_ERROR = 0.05
+"""Standard deviation of a normal, in radians, up to which no blocks are needed."""
 
 MAX_SAMPLES = 400
 """Normals that vote for an axis and points that vote for a circle, evenly spaced."""
 
-MAX_AXES = 3
+MAX_POINTS = 1200
+"""Points that a guess is compared with."""
+
+MAX_AXES = 5
 """Axes that are carried on to a circle."""
 
 SIN_TOLERANCE = np.sin(np.radians(15.0))
@@ -56,6 +65,7 @@ def first_guesses(
     depth: Float[np.ndarray, "h w"],
     region: Bool[np.ndarray, "h w"],
     camera: PinholeCamera,
+    sigma: float,
 ) -> list[Guess]:
     """Guess cylinders from the readings of a region, for each likely axis.
 
@@ -63,18 +73,44 @@ def first_guesses(
         depth: In meters; 0 where there is no reading.
         region: Pixels of the object, wall and caps together.
         camera: Concrete; its pose is not used.
+        sigma: Typical deviation of a reading, in meters.
 
     Returns:
-        Guesses in the camera frame, the one that lies closest to the readings first;
-        none where the readings admit no cylinder.
+        Guesses in the camera frame: the best of each axis first, those that lie closer
+        to the readings before others; none where the readings admit no cylinder.
     """
-    surface = _surface(*_without_lens(depth, region, camera), camera.matrix())
+    straight = _without_lens(depth, region, camera)
+    surface = _surface(*straight, camera.matrix(), sigma)
     if surface is None:
         return []
-    guesses = [
-        guess for axis in _axes(surface) for guess in _guesses_along(axis, surface)
+    ranked = [
+        (place, guess)
+        for axis in _axes(surface)
+        for place, guess in enumerate(
+            sorted(_guesses_along(axis, surface), key=lambda guess: guess.misfit)
+        )
     ]
-    return sorted(guesses, key=lambda guess: guess.misfit)
+    # The second of an axis comes after the first of all.
+    ranked.sort(key=lambda entry: (entry[0] > 0, entry[1].misfit))
+    guesses = [guess for _, guess in ranked]
+    around = [_around_camera(guess) for guess in guesses[:1]]
+    return [*guesses[:1], *(guess for guess in around if guess), *guesses[1:]]
+
+
+def _around_camera(guess: Guess) -> Guess | None:
+    """The same wall, drawn out around a camera on its axis: a pipe seen from inside.
+
+    What is seen of a pipe begins in front of the camera, as a can does that is seen end
+    on; the fit tells which it is.
+    """
+    place = -float(guess.center @ guess.axis)
+    aside = guess.center + place * guess.axis
+    if np.linalg.norm(aside) > 0.95 * guess.radius or abs(place) < guess.height / 2:
+        return None
+    low = min(-guess.height / 2, place - guess.radius)
+    high = max(guess.height / 2, place + guess.radius)
+    center = guess.center + (low + high) / 2 * guess.axis
+    return guess._replace(center=center, height=high - low)
 
 
 def _without_lens(
@@ -100,6 +136,7 @@ def _surface(
     depth: Float[np.ndarray, "h w"],
     region: Bool[np.ndarray, "h w"],
     matrix: Float[np.ndarray, "3 3"],
+    sigma: float,
 ) -> _Surface | None:
     """Crop, reduce and differentiate the region's depth."""
     seen = np.where(region, depth, 0)
@@ -109,7 +146,7 @@ def _surface(
     top, left = int(np.argmax(rows)), int(np.argmax(cols))
     bottom = len(rows) - int(np.argmax(rows[::-1]))
     right = len(cols) - int(np.argmax(cols[::-1]))
-    step = -(-max(bottom - top, right - left) // LARGEST_SIDE)
+    step = _reduction((bottom - top, right - left), seen[seen > 0], matrix, sigma)
     reduced = _block_median(seen[top:bottom, left:right], step)
     # A block's center is the mean of its pixels' centers.
     local = matrix.copy()
@@ -143,6 +180,24 @@ def _surface(
         normals=normals.reshape(-1, 3)[index],
         normal_points=cloud.reshape(-1, 3)[index],
     )
+
+
+def _reduction(
+    size: tuple[int, int],
+    readings: Float[np.ndarray, " n"],
+    matrix: Float[np.ndarray, "3 3"],
+    sigma: float,
+) -> int:
+    """Side of the blocks that the image is reduced by.
+
+    A plane through 7x7 medians of blocks of b x b readings, a footprint f apart, has a
+    slope that errs by 0.09 sigma / (b^2 f): blocks make that small, but the object must
+    keep some of them across its width.
+    """
+    footprint = float(np.median(readings)) / matrix[0, 0]
+    for_noise = np.sqrt(0.09 * sigma / (MAX_SLOPE_ERROR * footprint))
+    for_size = -(-max(size) // LARGEST_SIDE)
+    return max(1, for_size, min(round(for_noise), min(size) // SMALLEST_SIDE))
 
 
 def _thinned(values: np.ndarray) -> np.ndarray:
@@ -200,9 +255,12 @@ def _axes(surface: _Surface) -> list[Float[np.ndarray, "3"]]:
     # The cap of a cylinder seen end on: noise in two directions, and axes across the
     # view that explain it as a wall, keep its normal from the front of the list.
     _, vectors = np.linalg.eigh(n.T @ n)
-    kept = [_refined(vectors[:, 2], n)]
-    for start in axes[order[: 4 * MAX_AXES]]:
-        axis = _refined(start, n)
+    likely = np.concatenate([vectors[:, 2][None], axes[order[: 4 * MAX_AXES]]])
+    first, *others = _refined(likely, n)
+    # The points' own directions, too: noise as deep as the object is thick leaves
+    # nothing of the normals, and a rod is still as long as it is.
+    kept = []
+    for axis in (first, principal[0], *others[:1], principal[1], *others[1:]):
         if all(abs(axis @ other) < np.cos(np.radians(10.0)) for other in kept):
             kept.append(axis)
         if len(kept) == MAX_AXES:
@@ -221,25 +279,27 @@ def _unexplained(
 
 
 def _refined(
-    axis: Float[np.ndarray, "3"], normals: Float[np.ndarray, "m 3"]
-) -> Float[np.ndarray, "3"]:
-    """Least-squares axis of the normals that it explains.
+    axes: Float[np.ndarray, "k 3"], normals: Float[np.ndarray, "m 3"]
+) -> Float[np.ndarray, "k 3"]:
+    """Least-squares axes of the normals that each explains.
 
-    It minimizes the sum of (n.a)^2 over the wall's normals and of 1 - (n.a)^2 over the
+    They minimize the sum of (n.a)^2 over the wall's normals and of 1 - (n.a)^2 over the
     caps': the eigenvector to the smallest eigenvalue of a difference of scatters.
     """
+    products = (normals[:, :, None] * normals[:, None, :]).reshape(-1, 9)
     for _ in range(3):
-        cosine = np.abs(normals @ axis)
-        wall = normals[cosine < 2 * SIN_TOLERANCE]
-        cap = normals[cosine > np.sqrt(1 - (2 * SIN_TOLERANCE) ** 2)]
-        _, vectors = np.linalg.eigh(wall.T @ wall - cap.T @ cap)
-        axis = vectors[:, 0]
-    return axis
+        cosine = np.abs(axes @ normals.T)
+        wall = cosine < 2 * SIN_TOLERANCE
+        cap = cosine > np.sqrt(1 - (2 * SIN_TOLERANCE) ** 2)
+        scatter = (wall.astype(float) - cap) @ products
+        _, vectors = np.linalg.eigh(scatter.reshape(-1, 3, 3))
+        axes = vectors[:, :, 0]
+    return axes
 
 
 def _guesses_along(axis: Float[np.ndarray, "3"], surface: _Surface) -> list[Guess]:
     """Guesses from the circle that the wall makes, and from the disc of each cap."""
-    points = surface.points
+    points = surface.points[:: -(-len(surface.points) // MAX_POINTS)]
     basis = np.linalg.svd(axis[None])[2][1:]
     across, along = points @ basis.T, points @ axis
     caps = _caps(axis, surface)
@@ -256,9 +316,33 @@ def _guesses_along(axis: Float[np.ndarray, "3"], surface: _Surface) -> list[Gues
             circles.append((middle, float(np.sqrt(2 * squared))))
     if np.count_nonzero(on_wall) >= 10:
         circles.append(_circle(_thinned(across[on_wall])))
+        circles.append(_silhouette(across[on_wall]))
     found = (circle for circle in circles if circle is not None)
     guesses = [_extended(axis, basis, circle, caps, across, along) for circle in found]
     return [guess for guess in guesses if guess is not None]
+
+
+def _silhouette(
+    points: Float[np.ndarray, "n 2"],
+) -> tuple[Float[np.ndarray, "2"], float] | None:
+    """Circle as wide as the points appear, behind those in its middle.
+
+    Noise of the readings, which ruins a circle through an arc of few deviations, hardly
+    moves the sides.
+    """
+    view = points.mean(axis=0)
+    distance = np.linalg.norm(view)
+    if not distance > 0:
+        return None
+    view = view / distance
+    aside, ahead = points @ np.array([-view[1], view[0]]), points @ view
+    low, high = np.percentile(aside, (1, 99))
+    radius = float(high - low) / 2
+    near = np.abs(aside - (low + high) / 2) < radius / 3
+    if np.count_nonzero(near) < 5 or not radius > 0:
+        return None
+    middle = np.array([-view[1], view[0]]) * (low + high) / 2
+    return middle + view * (np.median(ahead[near]) + 0.98 * radius), radius
 
 
 def _extended(

@@ -23,16 +23,15 @@ PARAMETERS = ("center", "axis", "radius", "height")
 COORDINATES = (
     "axis_first",
     "axis_second",
-    "across_first",
-    "across_second",
-    "log_radius",
-    "lower_end",
-    "upper_end",
+    "center_first",
+    "center_second",
+    "center_along",
+    "radius",
+    "height",
 )
-"""Natural coordinates, in radians and meters.
+"""Tangent coordinates of a covariance, in radians and meters.
 
-The first four are along the two vectors of `tangent_basis(axis)`; the lower end is at
-`center - axis * height / 2`, and both ends move along the axis.
+Those called first and second are along the two vectors of `tangent_basis(axis)`.
 """
 
 
@@ -41,7 +40,10 @@ class Chart(eqx.Module):
 
     Attributes:
         reference: Cylinder at the zero vector.
-        scale: Natural coordinates that one unit of each free coordinate moves.
+        scale: Natural coordinates that one unit of each free coordinate moves: of the
+            axis along the two vectors of `tangent_basis(axis)`, of the center along
+            them, of the logarithm of the radius, and of the lower and the upper end
+            along the axis.
         motion: Linear map from natural coordinates to changes of center, axis,
             logarithm of radius and logarithm of height.
     """
@@ -84,13 +86,16 @@ class Chart(eqx.Module):
         """Number of free coordinates."""
         return self.scale.shape[1]
 
-    def tangent(self) -> Float[Array, "8 n"]:
-        """Derivative of center, axis, radius and height at the zero vector."""
+    def natural(self) -> Float[Array, "8 7"]:
+        """Derivative of center, axis, radius and height in the natural coordinates."""
         start = self.reference
         one = jnp.ones(6, start.radius.dtype)
         sizes = jnp.concatenate([one, jnp.stack([start.radius, start.height])])
-        change = jnp.matmul(self.motion, self.scale, precision="highest")
-        return sizes[:, None] * change
+        return sizes[:, None] * self.motion
+
+    def tangent(self) -> Float[Array, "8 n"]:
+        """Derivative of center, axis, radius and height at the zero vector."""
+        return jnp.matmul(self.natural(), self.scale, precision="highest")
 
     def cylinder(self, vector: Float[Array, " n"]) -> Cylinder:
         """Cylinder at a vector of scaled free coordinates."""
@@ -108,6 +113,21 @@ class Chart(eqx.Module):
                 start.radius * growth[0],
                 start.height * growth[1],
             ),
+        )
+
+    def quantities(self) -> Float[Array, "7 n"]:
+        """Derivative of the cylinder's coordinates at the zero vector.
+
+        In the order of `COORDINATES`: those of a covariance that a user reads.
+        """
+        lower, upper = self.scale[5], self.scale[6]
+        return jnp.concatenate(
+            [
+                self.scale[:4],
+                ((lower + upper) / 2)[None],
+                (self.reference.radius * self.scale[4])[None],
+                (upper - lower)[None],
+            ]
         )
 
 

@@ -4,14 +4,18 @@ __all__ = [
     "MIN_READINGS",
     "DepthImage",
     "Mask",
+    "Request",
     "check_readings",
     "check_types",
     "checked_depth",
-    "checked_fixed",
     "checked_mask",
+    "checked_noise",
+    "checked_prior",
+    "checked_request",
 ]
 
-from collections.abc import Sequence
+import dataclasses
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import jax
@@ -19,10 +23,34 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from impostor_jax.arguments import is_concrete, one_of
+from impostor_jax.arguments import float_array, is_concrete, one_of, real_number
 from impostor_jax.camera.pinhole import PinholeCamera
 from impostor_jax.fit.parameterization import PARAMETERS
+from impostor_jax.fit.prior import Prior
+from impostor_jax.fit.robust import KERNELS
 from impostor_jax.primitives.cylinder import Cylinder
+from impostor_jax.sensor.base import AbstractDepthNoise
+from impostor_jax.sensor.gaussian import ConstantNoise
+
+
+@dataclasses.dataclass(frozen=True)
+class Request:
+    """What a fit is asked for that decides what is compiled.
+
+    Attributes:
+        fixed: Names of the parameters that are held.
+        is_outline: Whether the mask's edge is the silhouette.
+        kernel: Name of the robust loss.
+        estimate_scale: Whether its width follows the spread of the residuals.
+        correlated: Whether deviations allow for correlated residuals.
+    """
+
+    fixed: tuple[str, ...] = ()
+    is_outline: bool = False
+    kernel: str = "geman_mcclure"
+    estimate_scale: bool = True
+    correlated: bool = False
+
 
 DepthImage = Float[np.ndarray, "h w"] | Float[Array, "h w"]
 Mask = Bool[np.ndarray, "h w"] | Bool[Array, "h w"]
@@ -31,8 +59,15 @@ MIN_READINGS = 50
 """A fit with fewer readings is refused."""
 
 
-def checked_fixed(fixed: Sequence[str], initial: Cylinder | None) -> tuple[str, ...]:
-    """Names of held parameters, in their order in `PARAMETERS`."""
+def checked_request(
+    fixed: Sequence[str],
+    initial: Cylinder | None,
+    mask_meaning: str,
+    kernel: str,
+    scale: str,
+    errors: str,
+) -> Request:
+    """What is asked for, with the held parameters in their order in `PARAMETERS`."""
     if isinstance(fixed, str):
         raise ValueError(f"fixed must be a sequence of names, got {fixed!r}")
     for name in fixed:
@@ -44,7 +79,50 @@ def checked_fixed(fixed: Sequence[str], initial: Cylinder | None) -> tuple[str, 
             f"initial must be given with fixed={tuple(fixed)}: held parameters keep "
             "their value in it"
         )
-    return tuple(name for name in PARAMETERS if name in fixed)
+    one_of("mask_meaning", mask_meaning, ("region", "outline"))
+    one_of("kernel", kernel, KERNELS)
+    one_of("scale", scale, ("estimated", "fixed"))
+    one_of("errors", errors, ("independent", "correlated"))
+    return Request(
+        fixed=tuple(name for name in PARAMETERS if name in fixed),
+        is_outline=mask_meaning == "outline",
+        kernel=kernel,
+        estimate_scale=scale == "estimated",
+        correlated=errors == "correlated",
+    )
+
+
+def checked_noise(sigma: Any) -> AbstractDepthNoise:
+    """Noise model of the sensor; a number is that of all readings."""
+    if isinstance(sigma, AbstractDepthNoise):
+        return sigma
+    sigma = real_number("sigma", sigma, positive=True, unit="meters")
+    # An array, so that another value does not compile the fit again.
+    return ConstantNoise(jnp.asarray(sigma, jnp.result_type(float)))
+
+
+def checked_prior(prior: Mapping[str, Any] | None) -> Prior:
+    """Prior with arrays for values."""
+    beliefs = {}
+    for name, belief in ({} if prior is None else prior).items():
+        one_of("prior", name, PARAMETERS)
+        if not isinstance(belief, tuple | list) or len(belief) != 2:
+            raise ValueError(
+                f"prior[{name!r}] must be a value and a standard deviation, got "
+                f"{belief!r}"
+            )
+        label = f"prior[{name!r}]"
+        value, deviation = belief
+        real_number(f"deviation of {label}", deviation, positive=True)
+        if name in ("center", "axis"):
+            value = float_array(label, value, (3,))
+            if name == "axis":
+                value = Cylinder((0, 0, 0), value, 1, 1).axis.astype(value.dtype)
+        else:
+            real_number(label, value, positive=True, unit="meters")
+            value = jnp.asarray(value, jnp.result_type(float))
+        beliefs[name] = (value, jnp.asarray(deviation, value.dtype))
+    return Prior(**beliefs)
 
 
 def check_types(camera: PinholeCamera, initial: Cylinder | None) -> None:

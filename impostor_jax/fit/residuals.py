@@ -1,43 +1,50 @@
-"""Whitened residuals of a cylinder against a depth image.
+"""Whitened residuals of a cylinder against what an image says along its rays.
 
 A reading is compared with the depth of the surface along its own ray: sensors err along
 the ray, and the orthogonal distance is biased then (a radius of 20 mm comes out 0.97 mm
-too small at 3 mm noise and 1 m). The end away from the camera has no part in these
-residuals; it shows where the wall stops and background begins, and gives residuals of
-its own.
+too small at 3 mm noise and 1 m).
+
+Depth leaves the wall's nearest approach n by the half-chord h = sqrt(q), and q, not h,
+is smooth where a ray grazes the wall. There a reading y is compared in squares: of
+(n - y)^2 - sigma^2 the expectation is q whatever the noise, and its variance is
+4 q sigma^2 + 2 sigma^4. So the estimate has no bias from the bend of the square root, a
+grazing pixel counts for what it tells, and the outline can move across pixels. The
+square is taken once, from the n of the current estimate, and follows n along the
+estimate's own h: along the reading's, its error would enter the gradient, and bias it.
+
+An end, and the outline, lie where a ray's intervals in wall and slab stop overlapping:
+the residual is how far they are from that.
 """
 
 __all__ = [
-    "Pixels",
+    "Kind",
     "Rows",
     "SurfaceSeen",
-    "gather_pixels",
-    "image_rows",
-    "residual_gradient",
     "residuals",
     "surface_seen",
 ]
 
-from functools import partial
+import enum
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.custom_derivatives import SymbolicZero
 from jaxtyping import Array, Bool, Float, Int
 
-from impostor_jax.camera.base import AbstractCamera
 from impostor_jax.geometry.rays import Ray, slab_interval
 from impostor_jax.geometry.vec3 import Vec3
-from impostor_jax.numerics import safe_divide, smallest_slope
+from impostor_jax.numerics import smallest_slope
 from impostor_jax.primitives.cylinder import Cylinder
 
-MAX_EDGE_PIXELS = 1024
-"""Most pixels at the object's edge that are looked at."""
 
-MAX_END_ROWS = 512
-"""Most places where an end is seen: one for each row or column of the object."""
+class Kind(enum.IntEnum):
+    """What a row compares."""
+
+    DEPTH = 0
+    SQUARE = 1
+    END = 2
+    WALL = 3
 
 
 class Rows(eqx.Module):
@@ -45,46 +52,74 @@ class Rows(eqx.Module):
 
     Attributes:
         direction: In the camera frame, with z = 1.
-        end: 0 for a reading; for a ray that passes the place where the wall ends, -1 at
-            the end `center - axis * height / 2` and 1 at the other.
-        target: Depth that was read, in meters; 0 for an end.
-        weight: Inverse of the standard deviation; 0 for rows that only fill up.
+        kind: Of `Kind`.
+        end: For a ray through an edge of the image of an end: -1 at the end
+            `center - axis * height / 2`, 1 at the other; 0 for other rows.
+        side: Where the ray meets that end's plane there: -1 where it enters the wall
+            (an end that faces away), 1 where it leaves it.
+        target: Depth that was read, in meters; for a square, what it tells of the
+            squared half-chord; 0 for an edge.
+        weight: Inverse of the standard deviation of what is compared; 0 for rows that
+            only fill up.
+        slack: Error that is forgiven, in the units of what is compared.
+        below: Factor on the weight of a negative error.
+        nearest: For a square, the depth of the nearest approach from which it was
+            measured.
+        half: For a square, the half-chord there, along which its target follows the
+            nearest approach.
+        noise: Standard deviation of the reading, in meters.
+        chord: Half-chord in meters: of a square, what its difference is divided by; of
+            the others, below which the square root gives way to a straight line, so
+            that a solver can cross the outline: sqrt(q) becomes
+            q / (q^2 + chord^4)^(1/4).
     """
 
     direction: Vec3
+    kind: Int[Array, "*batch"]
     end: Float[Array, "*batch"]
+    side: Float[Array, "*batch"]
     target: Float[Array, "*batch"]
     weight: Float[Array, "*batch"]
+    slack: Float[Array, "*batch"]
+    below: Float[Array, "*batch"]
+    nearest: Float[Array, "*batch"]
+    half: Float[Array, "*batch"]
+    chord: Float[Array, "*batch"]
 
 
 class SurfaceSeen(eqx.Module):
-    """What a ray sees of a cylinder without a far end.
+    """What a ray sees of a cylinder, continued past its outline.
 
     Attributes:
-        depth: In meters; finite for every ray.
+        depth: In meters; finite for every ray. A cap is taken for its whole plane.
+        cos_incidence: Cosine between the surface's normal and the ray.
         outside: Whether the ray starts outside, and sees the surface that it enters.
         on_cap: Whether the surface is a cap.
-        half_chord: Half the depth interval inside the wall; negative on a ray that
-            misses it, by the same law.
-        miss_squared: Squared distance between the ray's line and the axis, in radii.
-        along: Coordinate of the wall's point along the axis, from the center.
-        cap_end: End of the cap that the ray would see: -1 or 1, as in `Rows`.
-        cap_distance_squared: Squared distance from the axis of the point in that cap's
-            plane, in radii.
+        nearest: Depth of the nearest approach to the axis.
+        square: Squared half-chord of the ray in the wall, in depth; negative on a miss.
+        along: Coordinate along the axis, from the center, of the wall's point.
+        enter_along: Of the point where the ray enters the wall.
+        leave_along: Of the point where it leaves it.
+        slope: Component of the ray's direction along the axis.
+        cap_distance: Distance from the axis of the point in the plane of the cap that
+            the ray would see, in radii.
     """
 
     depth: Float[Array, "*batch"]
+    cos_incidence: Float[Array, "*batch"]
     outside: Bool[Array, "*batch"]
     on_cap: Bool[Array, "*batch"]
-    half_chord: Float[Array, "*batch"]
-    miss_squared: Float[Array, "*batch"]
+    nearest: Float[Array, "*batch"]
+    square: Float[Array, "*batch"]
     along: Float[Array, "*batch"]
-    cap_end: Float[Array, "*batch"]
-    cap_distance_squared: Float[Array, "*batch"]
+    enter_along: Float[Array, "*batch"]
+    leave_along: Float[Array, "*batch"]
+    slope: Float[Array, "*batch"]
+    cap_distance: Float[Array, "*batch"]
 
 
-class _Approach(eqx.Module):
-    """Where a ray's line passes the axis, relative to the cylinder's center.
+class _Passing(eqx.Module):
+    """How a ray's line passes the axis, relative to the cylinder's center.
 
     Attributes:
         local: The ray, starting at its point nearest to the center.
@@ -93,8 +128,14 @@ class _Approach(eqx.Module):
         inverse: 1 / |m|^2; 0 for a ray along the axis.
         offset: m.o, the distance between the lines times |m|.
         nearest: Ray parameter of the nearest approach, from the foot.
-        squared: Squared half-chord in the infinite wall, negative on a miss.
-        blunt: (squared^2 + soft^4)^(-1/4), the half-chord over its square.
+        square: Squared half-chord in the infinite wall, negative on a miss.
+        half: Half-chord, blunted; negative on a miss.
+        bend: Derivative of the half-chord in its square.
+        outside: Whether the ray starts outside the solid.
+        cap_in: Ray parameter where it enters the slab, from the foot.
+        cap: Ray parameter of the cap that it would see.
+        on_cap: Whether it sees that.
+        rim: Distance from the axis of the point in that cap's plane.
     """
 
     local: Ray
@@ -103,13 +144,18 @@ class _Approach(eqx.Module):
     inverse: Float[Array, "*batch"]
     offset: Float[Array, "*batch"]
     nearest: Float[Array, "*batch"]
-    squared: Float[Array, "*batch"]
-    blunt: Float[Array, "*batch"]
+    square: Float[Array, "*batch"]
+    half: Float[Array, "*batch"]
+    bend: Float[Array, "*batch"]
+    outside: Bool[Array, "*batch"]
+    cap: Float[Array, "*batch"]
+    on_cap: Bool[Array, "*batch"]
+    rim: Float[Array, "*batch"]
 
 
-def _approach(
-    direction: Vec3, cylinder: Cylinder, soft: float | Float[Array, ""]
-) -> _Approach:
+def _passing(
+    direction: Vec3, cylinder: Cylinder, chord: float | Float[Array, "*#batch"]
+) -> _Passing:
     center, a = Vec3.from_array(cylinder.center), Vec3.from_array(cylinder.axis)
     zero = jnp.zeros_like(direction.x)
     local, foot = Ray(Vec3(zero, zero, zero), direction).recentered(center)
@@ -119,302 +165,203 @@ def _approach(
     parallel = m_m < smallest_slope(m_m.dtype) ** 2
     # XLA writes each quotient and root to a buffer of its own: there is one of a kind.
     inverse = jnp.where(parallel, 0, 1 / jnp.where(parallel, 1, m_m))
-    squared = (r * r - m_o * m_o * inverse) * inverse
-    fourth = jnp.maximum(squared**2 + soft**4, np.finfo(squared.dtype).tiny)
-    return _Approach(
+    square = (r * r - m_o * m_o * inverse) * inverse
+    nearest = -m.dot(o.cross(a)) * inverse
+    fourth = jnp.maximum(square**2 + chord**4, np.finfo(r.dtype).tiny)
+    blunt = jax.lax.rsqrt(jnp.sqrt(fourth))
+    half = square * blunt
+    slab = slab_interval(local, a, cylinder.height / 2)
+    cap_in = jnp.where(jnp.isfinite(slab.lower), slab.lower, -jnp.inf)
+    cap_out = jnp.where(jnp.isfinite(slab.upper), slab.upper, jnp.inf)
+    wall_in = jnp.where(parallel, -jnp.inf, nearest - half)
+    wall_out = jnp.where(parallel, jnp.inf, nearest + half)
+    outside = jnp.maximum(wall_in, cap_in) + foot > 0
+    cap = jnp.where(outside, cap_in, cap_out)
+    cap = jnp.where(jnp.isfinite(cap), cap, 0)
+    return _Passing(
         local=local,
         foot=foot,
         m=m,
         inverse=inverse,
         offset=m_o,
-        nearest=-m.dot(o.cross(a)) * inverse,
-        squared=squared,
-        blunt=jax.lax.rsqrt(jnp.sqrt(fourth)),
+        nearest=nearest,
+        square=square,
+        half=half,
+        bend=blunt * (1 - (half * blunt) ** 2 / 2),
+        outside=outside,
+        cap=cap,
+        on_cap=jnp.where(outside, cap_in > wall_in, cap_out < wall_out),
+        rim=(o + d * cap).cross(a).norm(),
     )
 
 
 def surface_seen(
-    direction: Vec3, cylinder: Cylinder, soft: float | Float[Array, ""] = 0.0
+    direction: Vec3, cylinder: Cylinder, chord: float | Float[Array, "*#batch"] = 0.0
 ) -> SurfaceSeen:
-    """Depth of the surface along each ray, continued past the outline.
+    """What each ray sees, continued past the outline.
 
-    A ray that misses the wall gets the depth of its nearest approach, plus the square
-    root of its miss as a ray that hits gets it less: the depth grows steadily as the
-    wall recedes, so the residual pulls the outline over every pixel of the object.
+    A ray that misses the wall gets the depth of its nearest approach and more, by how
+    far it misses.
 
     Args:
         direction: Of rays from the camera's center, in its frame.
         cylinder: In the camera frame.
-        soft: Half-chord in meters below which the square root gives way to a straight
-            line, so that a solver can move the outline across pixels: the half-chord
-            sqrt(q) becomes q / (q^2 + soft^4)^(1/4).
+        chord: Half-chord below which the square root gives way, as in `Rows`.
     """
-    return _surface(_approach(direction, cylinder, soft), cylinder)
+    return _seen(_passing(direction, cylinder, chord), cylinder)
 
 
-def _surface(passing: _Approach, cylinder: Cylinder) -> SurfaceSeen:
+def _seen(passing: _Passing, cylinder: Cylinder) -> SurfaceSeen:
     a, r = Vec3.from_array(cylinder.axis), cylinder.radius
-    o, d, foot = passing.local.origin, passing.local.direction, passing.foot
-    parallel = passing.inverse == 0
-    half = passing.squared * passing.blunt
-    slab = slab_interval(passing.local, a, cylinder.height / 2)
-    cap_in = jnp.where(jnp.isfinite(slab.lower), slab.lower, -jnp.inf)
-    cap_out = jnp.where(jnp.isfinite(slab.upper), slab.upper, jnp.inf)
-    wall_in = jnp.where(parallel, -jnp.inf, passing.nearest - half)
-    wall_out = jnp.where(parallel, jnp.inf, passing.nearest + half)
-    enter, leave = jnp.maximum(wall_in, cap_in), jnp.minimum(wall_out, cap_out)
-    outside = enter + foot > 0
-    t = jnp.where(outside, enter, leave)
-    t = jnp.where(jnp.isfinite(t), t, 0)
-    wall = passing.nearest + jnp.where(outside, -half, half)
-    cap = jnp.where(outside, cap_in, cap_out)
-    in_plane = o + d * jnp.where(jnp.isfinite(cap), cap, 0)
-    from_axis = in_plane.cross(a)
+    o, d = passing.local.origin, passing.local.direction
+    sign = jnp.where(passing.outside, -1.0, 1.0).astype(r.dtype)
+    wall = passing.nearest + sign * passing.half
+    slope, level = d.dot(a), o.dot(a)
+    # Unit normals: of the wall |n.d| = |m|^2 h / r, of a cap |a.d|.
+    facing = jnp.where(
+        passing.on_cap,
+        jnp.abs(slope),
+        jnp.maximum(passing.half, 0) * passing.m.dot(passing.m) / r,
+    )
     return SurfaceSeen(
-        depth=t + foot,
-        outside=outside,
-        on_cap=jnp.where(outside, cap_in > wall_in, cap_out < wall_out),
-        half_chord=half,
-        miss_squared=passing.offset**2 * passing.inverse / (r * r),
-        along=(o + d * wall).dot(a),
-        cap_end=jnp.where(outside, -1.0, 1.0) * jnp.sign(d.dot(a)),
-        cap_distance_squared=from_axis.dot(from_axis) / (r * r),
+        depth=jnp.where(passing.on_cap, passing.cap, wall) + passing.foot,
+        cos_incidence=jnp.minimum(facing * jax.lax.rsqrt(d.dot(d)), 1),
+        outside=passing.outside,
+        on_cap=passing.on_cap,
+        nearest=passing.nearest + passing.foot,
+        square=passing.square,
+        along=level + wall * slope,
+        enter_along=level + (passing.nearest - passing.half) * slope,
+        leave_along=level + (passing.nearest + passing.half) * slope,
+        slope=slope,
+        cap_distance=passing.rim / r,
     )
 
 
-@jax.custom_jvp
 def residuals(
-    rows: Rows, cylinder: Cylinder, soft: float | Float[Array, ""]
-) -> Float[Array, " n"]:
-    """Cylinder less image, in standard deviations.
+    rows: Rows, cylinder: Cylinder, always: bool | Bool[Array, ""] = True
+) -> tuple[Float[Array, " n"], Float[Array, "8 n"]]:
+    """Cylinder less image, in standard deviations, and its gradient.
+
+    The gradient, in center, axis, radius and height, is shorter than what
+    differentiating the formulas gives: it takes a third of the time. With m = d x a
+    across ray and axis, e = a x m / |m|^2, and the ray passing the axis at the distance
+    s along m / |m|, where the axis has the coordinate l, a motion dc, da of the axis
+    changes
+
+        s by -m.(dc + l da) / |m|,
+        the nearest approach n by e.(dc + l da) + s (d.a) (m.da) / |m|^3,
+        |m|^2 by -2 (d.a) |m|^2 (e.da),
+
+    and the squared half-chord q = (r^2 - s^2) / |m|^2 follows. On the wall every row
+    changes by alpha dn + beta dq.
 
     Args:
         rows: What the image says.
         cylinder: In the camera frame.
-        soft: As in `surface_seen`.
-
-    Derivatives:
-        In the cylinder by `residual_gradient`, in all else by automatic
-        differentiation.
-    """
-    return _residuals(rows, cylinder, soft)
-
-
-def _residuals(
-    rows: Rows, cylinder: Cylinder, soft: float | Float[Array, ""]
-) -> Float[Array, " n"]:
-    seen = surface_seen(rows.direction, cylinder, soft)
-    past_end = seen.along - rows.end * cylinder.height / 2
-    error = jnp.where(rows.end == 0, seen.depth - rows.target, past_end)
-    return error * rows.weight
-
-
-@partial(residuals.defjvp, symbolic_zeros=True)
-def _residuals_jvp(primals, tangents):
-    rows, cylinder, soft = primals
-    d_rows, d_cylinder, d_soft = jax.tree.map(
-        lambda t, p: jnp.zeros_like(p) if isinstance(t, SymbolicZero) else t,
-        tangents,
-        primals,
-        is_leaf=lambda t: isinstance(t, SymbolicZero),
-    )
-    move = jnp.concatenate(
-        [
-            d_cylinder.center,
-            d_cylinder.axis,
-            jnp.stack([d_cylinder.radius, d_cylinder.height]),
-        ]
-    )
-    change = residual_gradient(rows, cylinder, soft) @ move
-    others = (tangents[0], tangents[2])
-    if all(isinstance(t, SymbolicZero) for t in jax.tree.leaves(others)):
-        return residuals(rows, cylinder, soft), change
-    out, more = jax.jvp(
-        lambda r, w: _residuals(r, cylinder, w), (rows, soft), (d_rows, d_soft)
-    )
-    return out, change + more
-
-
-def residual_gradient(
-    rows: Rows, cylinder: Cylinder, soft: float | Float[Array, ""]
-) -> Float[Array, "n 8"]:
-    """Derivative of each residual in center, axis, radius and height.
-
-    Shorter than what differentiating the formulas gives: the Jacobian takes a third of
-    the time. With m = d x a across ray and axis, e = a x m / |m|^2, and the ray passing
-    the axis at the distance s along m / |m|, where the axis has the coordinate l, a
-    motion dc, da of the axis changes
-
-        s by -m.(dc + l da) / |m|,
-        t of the nearest approach by e.(dc + l da) + s (d.a) (m.da) / |m|^3,
-        |m|^2 by -2 (d.a) |m|^2 (e.da),
-
-    and the squared half-chord (r^2 - s^2) / |m|^2 follows.
+        always: True. Where only the run knows that, XLA keeps what the columns share
+            in memory; otherwise it computes it anew for each of them, and 6656 rows
+            take 11 ms instead of 0.5. Under `jax.vmap` it must not be mapped.
     """
     a, r = Vec3.from_array(cylinder.axis), cylinder.radius
-    passing = _approach(rows.direction, cylinder, soft)
-    seen = _surface(passing, cylinder)
+
+    def shared() -> _Passing:
+        return _passing(rows.direction, cylinder, rows.chord)
+
+    blank = jax.eval_shape(shared)
+    passing = jax.lax.cond(
+        always,
+        shared,
+        lambda: jax.tree.map(lambda f: jnp.zeros(f.shape, f.dtype), blank),
+    )
+    error, in_nearest = _error(rows, cylinder, passing)
     o, d, inverse = passing.local.origin, passing.local.direction, passing.inverse
     d_a = d.dot(a)
     e = a.cross(passing.m) * inverse
     pull = passing.m * (passing.offset * inverse * inverse)
     level = o.dot(a) + passing.nearest * d_a
-    # Of the blunted half-chord in its square, with the sign that the surface has.
-    slope = passing.blunt * (1 - (seen.half_chord * passing.blunt) ** 2 / 2)
-    slope = jnp.where(seen.outside, -slope, slope)
+    sign = jnp.where(passing.outside, -1.0, 1.0).astype(r.dtype)
+    is_end, is_square = rows.kind == Kind.END, rows.kind == Kind.SQUARE
+    is_wall = rows.kind == Kind.WALL
+    alpha = jnp.where(
+        is_square,
+        in_nearest,
+        jnp.where(is_end, d_a, jnp.where(is_wall, 0, jnp.ones_like(d_a))),
+    )
+    bend = jnp.where(is_end, rows.side * d_a, sign) * passing.bend
+    unit = sign / (2 * rows.chord)
+    beta = jnp.where(is_square, unit, jnp.where(is_wall, -jnp.ones_like(d_a), bend))
 
-    # Of the wall's t.
-    in_center = e + pull * (2 * slope)
-    in_axis = in_center * level + pull * d_a + e * (2 * passing.squared * d_a * slope)
-    in_radius = 2 * r * slope * inverse
-    wall = passing.nearest + jnp.where(seen.outside, -seen.half_chord, seen.half_chord)
-    from_center = o + d * wall
+    in_center = e * alpha + pull * (2 * beta)
+    in_axis = in_center * level + pull * (d_a * alpha)
+    in_axis = in_axis + e * (2 * passing.square * d_a * beta)
+    in_radius = 2 * r * inverse * beta
+    edge = o + d * (passing.nearest + rows.side * passing.half)
 
     # A cap's point stays in its plane.
     parallel = jnp.abs(d_a) < smallest_slope(d_a.dtype)
     per_step = jnp.where(parallel, 0, 1 / jnp.where(parallel, 1, d_a))
-    cap_point = o + d * (seen.depth - passing.foot)
-    is_end = rows.end != 0
-    on_cap = seen.on_cap & ~is_end
+    cap_point = o + d * passing.cap
+    on_cap = passing.on_cap & (rows.kind == Kind.DEPTH)
 
-    def of_row(of_wall: Vec3, of_cap: Vec3, of_along: Vec3) -> Float[Array, "n 3"]:
-        return of_along.where(is_end, of_cap.where(on_cap, of_wall)).stack()
+    def of_row(of_wall: Vec3, of_cap: Vec3, of_end: Vec3) -> Vec3:
+        return of_cap.where(on_cap, of_end.where(is_end, of_wall))
 
-    in_height = jnp.where(on_cap, seen.cap_end * per_step / 2, 0)
-    columns = [
-        of_row(in_center, a * per_step, in_center * d_a - a),
-        of_row(in_axis, cap_point * -per_step, in_axis * d_a + from_center),
-        jnp.where(is_end, in_radius * d_a, jnp.where(on_cap, 0, in_radius))[:, None],
-        jnp.where(is_end, -rows.end / 2, in_height)[:, None],
-    ]
-    return jnp.concatenate(columns, axis=1) * rows.weight[:, None]
-
-
-class Pixels(eqx.Module):
-    """What the image holds at some pixels.
-
-    Attributes:
-        direction: Of the rays, in the camera frame, with z = 1.
-        depth: In meters; 0 where there is no reading.
-        exists: False beyond the image, and for entries that only fill up.
-        in_region: Whether the pixel belongs to the object.
-    """
-
-    direction: Vec3
-    depth: Float[Array, "*batch"]
-    exists: Bool[Array, "*batch"]
-    in_region: Bool[Array, "*batch"]
-
-
-def gather_pixels(
-    depth: Float[Array, "h w"],
-    region: Bool[Array, "h w"],
-    camera: AbstractCamera,
-    row: Int[Array, " n"],
-    col: Int[Array, " n"],
-) -> tuple[Pixels, Pixels]:
-    """Collect what the image holds at the object and around its edge.
-
-    Args:
-        depth: In meters; 0 where there is no reading.
-        region: Pixels of the object.
-        camera: The camera.
-        row: Rows of the object's pixels; one beyond the image only fills up.
-        col: Columns of the object's pixels.
-
-    Returns:
-        The object's pixels, (n,), and (5, m) those at its edge with their neighbors:
-        itself, left, right, above and below.
-    """
-    height, width = depth.shape
-
-    def gather(row: Int[Array, "*batch"], col: Int[Array, "*batch"]) -> Pixels:
-        exists = (row >= 0) & (row < height) & (col >= 0) & (col < width)
-        row, col = jnp.where(exists, row, 0), jnp.where(exists, col, 0)
-        return Pixels(
-            direction=camera.rays(row, col, depth.dtype).direction,
-            depth=depth[row, col],
-            exists=exists,
-            in_region=region[row, col],
-        )
-
-    down, right = jnp.array([[0, 0, 0, -1, 1], [0, -1, 1, 0, 0]])[..., None]
-    around = gather(row[None] + down, col[None] + right)
-    outside = jnp.any(around.exists & ~around.in_region, axis=0)
-    is_edge = jnp.where(around.exists[0] & outside, 1, 0).astype(depth.dtype)
-    is_edge, chosen = jax.lax.top_k(is_edge, min(MAX_EDGE_PIXELS, row.shape[0]))
-    edge_row = jnp.where(is_edge > 0, row[chosen], -2)
-    return gather(row, col), gather(edge_row[None] + down, col[chosen][None] + right)
-
-
-def image_rows(
-    pixels: Pixels, edge: Pixels, sigma: Float[Array, ""], cylinder: Cylinder
-) -> Rows:
-    """Rows of the readings, and of the places where an end of the wall is seen.
-
-    Readings. Where a ray grazes the wall, depth runs as the square root of the distance
-    from the outline. Within one sigma of it the linear law that a deviation stands for
-    does not hold, and the few pixels there would carry the whole fit: a reading tells
-    the half-chord h no better than sigma, so its deviation is taken as
-    sigma sqrt(1 + (sigma / h)^2).
-
-    Ends. Neighbors are compared along the image direction that is nearer to the axis.
-    An end needs a pixel of the region on the wall, its neighbor outside the region, and
-    there a reading farther away than the wall would be if it went on. A nearer reading
-    is an occluder or a support, a missing one says nothing. The end lies anywhere
-    between the two pixels' places on the axis, with even odds.
-
-    Args:
-        pixels: Pixels of the object.
-        edge: Pixels at its edge, with their neighbors.
-        sigma: Standard deviation of a reading, in meters.
-        cylinder: First estimate, in the camera frame.
-
-    Returns:
-        One row for each pixel, then the rows of ends.
-    """
-    seen = surface_seen(pixels.direction, cylinder)
-    h = jnp.abs(seen.half_chord)
-    sharpness = jnp.where(seen.on_cap, 1, h * jax.lax.rsqrt(h * h + sigma * sigma))
-    readings = Rows(
-        direction=pixels.direction,
-        end=jnp.zeros_like(pixels.depth),
-        target=pixels.depth,
-        weight=jnp.where(pixels.exists, sharpness / sigma, 0),
+    cap_end = sign * jnp.sign(d_a)
+    # Where it falls off beyond the rim, by how far the point is from there.
+    beyond = passing.rim > r
+    outward = cap_point - a * cap_point.dot(a)
+    outward = outward * jnp.where(beyond, 1 / jnp.where(beyond, passing.rim, 1), 0)
+    follow = 1 + outward.dot(d)
+    of_cap = a * (per_step * follow) - outward
+    level_cap = cap_point.dot(a)
+    tilt_cap = cap_point * (-per_step * follow) - outward * level_cap
+    in_height = jnp.where(on_cap, cap_end * per_step * follow / 2, 0)
+    of_rim = jnp.where(beyond, -jnp.ones_like(d_a), 0)
+    in_center = of_row(in_center, of_cap, in_center - a)
+    in_axis = of_row(in_axis, tilt_cap, in_axis + edge)
+    in_radius = jnp.where(on_cap, of_rim, in_radius)
+    in_height = jnp.where(is_end, -rows.end / 2, in_height)
+    weight = rows.weight * jnp.where(error < 0, rows.below, 1)
+    beyond = jnp.maximum(jnp.abs(error) - rows.slack, 0)
+    counts = jnp.where(jnp.abs(error) < rows.slack, 0, weight)
+    parts = (
+        *(in_center.x, in_center.y, in_center.z),
+        *(in_axis.x, in_axis.y, in_axis.z),
+        *(in_radius, in_height),
     )
-    ends = _end_rows(edge, sigma, cylinder)
-    return jax.tree.map(lambda *rows: jnp.concatenate(rows), readings, ends)
+    return (
+        jnp.sign(error) * beyond * weight,
+        jnp.stack([part * counts for part in parts]),
+    )
 
 
-def _end_rows(edge: Pixels, sigma: Float[Array, ""], cylinder: Cylinder) -> Rows:
-    a, c = cylinder.axis, cylinder.center
-    # Image motion along the axis, times the squared depth.
-    across = jnp.abs(a[0] * c[2] - c[0] * a[2]) > jnp.abs(a[1] * c[2] - c[1] * a[2])
-    itself, left_right, above_below = slice(0, 1), slice(1, 3), slice(3, 5)
-    edge = jax.tree.map(
-        lambda field: jnp.concatenate(
-            [field[itself], jnp.where(across, field[left_right], field[above_below])]
+def _error(
+    rows: Rows, cylinder: Cylinder, passing: _Passing
+) -> tuple[Float[Array, " n"], Float[Array, " n"]]:
+    """What each row compares, and a square's derivative in its nearest approach."""
+    sign = jnp.where(passing.outside, -1.0, 1.0).astype(passing.half.dtype)
+    wall = passing.nearest + sign * passing.half
+    # Beyond the rim a cap falls off, so that the object's pixels draw the rim out.
+    falls = jnp.maximum(passing.rim - cylinder.radius, 0)
+    seen = jnp.where(passing.on_cap, passing.cap + falls, wall)
+    depth = seen + passing.foot - rows.target
+    moved = passing.nearest + passing.foot - rows.nearest
+    follows = 2 * sign * rows.half + moved
+    unit = sign / (2 * rows.chord)
+    square = (passing.square + moved * follows - rows.target) * unit
+    a, d = Vec3.from_array(cylinder.axis), passing.local.direction
+    edge = passing.nearest + rows.side * passing.half
+    along = passing.local.origin.dot(a) + edge * d.dot(a)
+    end = along - rows.end * cylinder.height / 2
+    # A square stays with the wall, whichever surface is seen now: it cannot jump.
+    error = jnp.where(
+        rows.kind == Kind.SQUARE,
+        square,
+        jnp.where(
+            rows.kind == Kind.DEPTH,
+            depth,
+            jnp.where(rows.kind == Kind.END, end, -passing.square),
         ),
-        edge,
     )
-    direction, seen = edge.direction, surface_seen(edge.direction, cylinder)
-    behind = edge.depth - seen.depth > jnp.maximum(5 * sigma, 0.1 * cylinder.radius)
-    # Near the outline of the wall, background beside it is not an end.
-    central = edge.exists & (seen.miss_squared < 0.9**2)
-    # A missing reading has depth 0, which is never behind.
-    beyond = central & ~edge.in_region & behind
-    crosses = beyond[1:] & central[:1] & ~seen.on_cap[:1]
-    along = seen.along[1:] - seen.along[:1]
-    # At least the width of a pixel, so that no row has more weight than its place.
-    x, y = direction.x, direction.y
-    footprint = jnp.hypot(x[1:] - x[:1], y[1:] - y[:1]) * seen.depth[:1]
-    gap = jnp.maximum(jnp.abs(along), footprint)
-    rows = Rows(
-        direction=jax.tree.map(lambda field: (field[1:] + field[:1]) / 2, direction),
-        end=jnp.where(along > 0, 1, -1).astype(gap.dtype),
-        target=jnp.zeros_like(gap),
-        weight=safe_divide(jnp.where(crosses, 12**0.5, 0), gap),
-    )
-    rows = jax.tree.map(lambda field: field.reshape(-1), rows)
-    _, chosen = jax.lax.top_k(rows.weight, min(MAX_END_ROWS, rows.weight.size))
-    return jax.tree.map(lambda field: field[chosen], rows)
+    return error, (follows + moved) * unit

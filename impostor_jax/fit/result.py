@@ -1,6 +1,6 @@
 """What a fit returns."""
 
-__all__ = ["Deviations", "FitResult", "FitStatus"]
+__all__ = ["Deviations", "Directions", "FitResult", "FitStatus"]
 
 import enum
 
@@ -60,6 +60,25 @@ class Deviations(eqx.Module):
     height: Float[Array, "*batch"]
 
 
+class Directions(eqx.Module):
+    """What an image determines: the principal directions of the estimate's error.
+
+    Attributes:
+        coordinates: Whether each of `COORDINATES` is determined.
+        vector: One direction a row, the least certain first, in `COORDINATES`, with
+            angles times half the cylinder's size, so that all are motions of its
+            surface in meters; of unit length.
+        deviation: Standard deviation along each, in meters; `inf` where the image
+            leaves it free. A slide along the axis has its weight in `center_along` and
+            `height`, radius against distance in `radius` and `center_first` or
+            `center_second`.
+    """
+
+    coordinates: Bool[Array, "*batch 7"]
+    vector: Float[Array, "*batch 7 7"]
+    deviation: Float[Array, "*batch 7"]
+
+
 class FitResult(eqx.Module):
     """A fitted cylinder; read `success` and `status` first.
 
@@ -67,12 +86,17 @@ class FitResult(eqx.Module):
         cylinder: The estimate, in the world frame. The axis is signed so that its
             largest component is positive. Where an end is not seen, the height is the
             visible extent and the center the middle of it.
-        std: One standard deviation of each parameter, from the Jacobian of the
-            residuals; widened where the residuals are larger than `sigma` says, all
-            `inf` where the fit failed.
+        std: One standard deviation of each parameter, from `covariance`; all `inf`
+            where the fit failed.
+        covariance: (7, 7), of `COORDINATES`, in meters and radians; widened where the
+            residuals are larger than `sigma` says. `inf` on the diagonal where
+            undetermined, and 0 beside it; 0 where held.
+        observed: Which directions the image determines.
         success: Whether the fit converged to a cylinder that explains the readings.
         status_code: Position of `status` in `FitStatus`; the form that can be traced.
         num_steps: Steps of the solver.
+        num_starts: Starts that were tried.
+        num_agreeing: Those among them that led to the same cylinder, the best included.
         residual: Reading less depth of the surface in meters, for each pixel that was
             used; 0 elsewhere.
         inliers: Pixels that were used and lie on the fitted cylinder.
@@ -86,9 +110,13 @@ class FitResult(eqx.Module):
 
     cylinder: Cylinder
     std: Deviations
+    covariance: Float[Array, "*batch 7 7"]
+    observed: Directions
     success: Bool[Array, "*batch"]
     status_code: Int[Array, "*batch"]
     num_steps: Int[Array, "*batch"]
+    num_starts: Int[Array, "*batch"]
+    num_agreeing: Int[Array, "*batch"]
     residual: Float[Array, "*batch h w"]
     inliers: Bool[Array, "*batch h w"]
     region: Bool[Array, "*batch h w"]

@@ -1,70 +1,128 @@
-"""Standard deviations of a fit, from the Jacobian of its residuals."""
+"""Covariance of a fit, from the Jacobian of its whitened residuals.
 
-__all__ = ["deviations", "free_covariance"]
+Independent residuals: the inverse of the information J^T J. Residuals that are
+correlated between neighboring pixels, as those of real sensors are: the sandwich
+(J^T J)^-1 M (J^T J)^-1, where M sums the products of the gradients of two pixels times
+the correlation of residuals at their distance in the image, which is measured on the
+fit's own residuals.
+"""
+
+__all__ = ["free_covariance", "score_covariance", "spread"]
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int
 
-from impostor_jax.fit.parameterization import Chart
-from impostor_jax.fit.result import Deviations
-from impostor_jax.numerics import eps
+from impostor_jax.numerics import eps, safe_divide
+
+MAX_LAG = 8
+"""Distance in pixels, along rows and columns, at which residuals are taken for
+uncorrelated."""
 
 
-def free_covariance(jacobian: Float[Array, "rows n"]) -> Float[Array, "n n"]:
+def free_covariance(
+    jacobian: Float[Array, "rows n"],
+) -> tuple[Float[Array, "n n"], Float[Array, "n n"], Bool[Array, " n"]]:
     """Covariance of coordinates from the Jacobian of whitened residuals.
 
-    A coordinate that no residual depends on gets no variance here.
+    Returns:
+        The covariance over the directions that the residuals determine; directions, of
+        unit length, as columns; and which of these they leave free.
     """
     information = jnp.matmul(jacobian.T, jacobian, precision="highest")
     diagonal = jnp.diagonal(information)
     depends = diagonal > 0
-    size = jnp.where(depends, jax.lax.rsqrt(jnp.where(depends, diagonal, 1)), 0)
+    size = jnp.where(depends, jax.lax.rsqrt(jnp.where(depends, diagonal, 1)), 1)
     correlation = information * size[:, None] * size[None, :]
     values, vectors = jnp.linalg.eigh(correlation)
-    # An eigenvalue within rounding of 0 is a direction that the image leaves free; at
-    # this floor its deviation comes out a thousand times that of the others.
-    values = jnp.maximum(values, eps(values.dtype, 4 * values.shape[0]))
-    root = size[:, None] * vectors * jax.lax.rsqrt(values)[None, :]
-    return jnp.matmul(root, root.T, precision="highest")
+    # An eigenvalue within rounding of 0 is a direction that the image leaves free.
+    free = values < eps(values.dtype, 4 * values.shape[0])
+    directions = size[:, None] * vectors
+    root = jnp.where(free, 0, jax.lax.rsqrt(jnp.where(free, 1, values)))
+    scaled = directions * root[None, :]
+    return (
+        jnp.matmul(scaled, scaled.T, precision="highest"),
+        directions * jax.lax.rsqrt(jnp.sum(directions**2, axis=0))[None, :],
+        free,
+    )
 
 
-def deviations(
-    chart: Chart,
-    jacobian: Float[Array, "rows n"],
-    fixed: tuple[str, ...],
-    ends_seen: Bool[Array, "2"],
-    widening: Float[Array, ""],
-) -> Deviations:
-    """Standard deviations of a cylinder's parameters at the chart's reference.
+def spread(
+    change: Float[Array, "m n"],
+    covariance: Float[Array, "n n"],
+    directions: Float[Array, "n n"],
+    free: Bool[Array, " n"],
+) -> tuple[Float[Array, "m m"], Bool[Array, " m"]]:
+    """Covariance of quantities, and which of them the image determines.
 
     Args:
-        chart: Centered on the solution.
-        jacobian: Of the whitened residuals in the chart's free coordinates.
-        fixed: Names of the parameters that are held.
-        ends_seen: Whether the lower and the upper end are determined.
-        widening: Factor on all deviations, for residuals larger than their sigma.
+        change: Derivative of the quantities in the coordinates.
+        covariance: Of the coordinates.
+        directions: As `free_covariance` returns them.
+        free: Which of them the image leaves free.
     """
-    # Center, axis, radius and height, then the tangent coordinates of axis and center.
-    change = jnp.concatenate([chart.tangent(), chart.scale[:4]])
-    covariance = free_covariance(jacobian)
-    variance = jnp.sum(
-        jnp.matmul(change, covariance, precision="highest") * change, axis=1
+    moved = jnp.matmul(change, directions, precision="highest")
+    open_part = jnp.max(jnp.where(free[None], jnp.abs(moved), 0), axis=1)
+    # A quantity moves along a free direction by more than rounding.
+    total = jnp.max(jnp.abs(change), axis=1)
+    observed = open_part <= 1e-3 * total
+    of_quantities = jnp.matmul(
+        jnp.matmul(change, covariance, precision="highest"),
+        change.T,
+        precision="highest",
     )
-    # A coordinate that no residual depends on has no variance above; it is unknown.
-    without_effect = jnp.all(jacobian == 0, axis=0)
-    unknown = jnp.any((change != 0) & without_effect[None, :], axis=1)
-    # One end is enough where the height or the center is held.
-    held = "center" in fixed or "height" in fixed
-    free_end = ~(jnp.any(ends_seen) if held else jnp.all(ends_seen))
-    slides = jnp.abs(change[:, -1]) > eps(change.dtype, 4) * chart.scale[-1, -1]
-    # The last coordinate, which moves an end, is the one that a free end leaves open.
-    unknown |= free_end & slides
-    spread = jnp.where(unknown, jnp.inf, jnp.sqrt(variance) * widening)
-    return Deviations(
-        center=spread[:3],
-        across_axis=spread[10:12],
-        axis=spread[8:10],
-        radius=spread[6],
-        height=spread[7],
-    )
+    both = observed[:, None] & observed[None, :]
+    return jnp.where(both, of_quantities, 0), observed
+
+
+def score_covariance(
+    gradient: Float[Array, "n k"],
+    residual: Float[Array, " n"],
+    row: Int[Array, " n"],
+    col: Int[Array, " n"],
+    shape: tuple[int, int],
+) -> Float[Array, "k k"]:
+    """Covariance of the sum of gradient times residual, over correlated pixels.
+
+    The correlation at each distance is the mean product of residuals there, tapered to
+    0 at `MAX_LAG` (Bartlett's window in each direction), which keeps the sum positive.
+
+    Args:
+        gradient: Of the whitened residuals; 0 for rows that do not count.
+        residual: Whitened; 0 for rows that do not count.
+        row: Rows of the pixels; one beyond the image does not count.
+        col: Columns of the pixels.
+        shape: Of the image.
+
+    References:
+        Conley (1999), "GMM estimation with cross sectional dependence".
+    """
+    size = row.shape[0]
+    index = jnp.full(shape, size).at[row, col].set(jnp.arange(size), mode="drop")
+    padded = jnp.concatenate([gradient, jnp.zeros_like(gradient[:1])])
+    values = jnp.concatenate([residual, jnp.zeros_like(residual[:1])])
+    counts = jnp.where(values != 0, 1, 0).astype(values.dtype)
+    lags = [
+        (down, right)
+        for down in range(MAX_LAG)
+        for right in range(-MAX_LAG + 1, MAX_LAG)
+        if (down, right) > (0, 0)
+    ]
+
+    def at_lag(total: Float[Array, "k k"], lag: Int[Array, "2"]):
+        near_row, near_col = row + lag[0], col + lag[1]
+        inside = (near_row < shape[0]) & (near_col >= 0) & (near_col < shape[1])
+        other = index.at[near_row, near_col].get(mode="clip")
+        other = jnp.where(inside & (row < shape[0]), other, size)
+        pairs = jnp.sum(counts[:-1] * counts[other])
+        product = safe_divide(jnp.sum(residual * values[other]), pairs)
+        taper = (1 - jnp.abs(lag) / MAX_LAG).astype(values.dtype)
+        cross = jnp.matmul(gradient.T, padded[other], precision="highest")
+        weight = product * taper[0] * taper[1]
+        return total + weight * (cross + cross.T), None
+
+    variance = safe_divide(jnp.sum(residual**2), jnp.sum(counts))
+    start = variance * jnp.matmul(gradient.T, gradient, precision="highest")
+    total, _ = jax.lax.scan(at_lag, start, jnp.asarray(np.array(lags)))
+    return total

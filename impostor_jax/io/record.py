@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from impostor_jax.fit.parameterization import COORDINATES
 from impostor_jax.fit.result import FitResult
 
 
@@ -31,6 +32,12 @@ def fit_record(fit: FitResult, seconds: float) -> dict[str, Any]:
             "radius_m": _numbers(std.radius),
             "height_m": _numbers(std.height),
         },
+        "covariance": {
+            "coordinates": list(COORDINATES),
+            "values": _numbers(fit.covariance),
+        },
+        "num_starts": int(fit.num_starts),
+        "num_agreeing": int(fit.num_agreeing),
         "num_pixels": int(fit.num_pixels),
         "rms_m": _numbers(fit.rms),
         "seconds": seconds,

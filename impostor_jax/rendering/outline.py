@@ -7,10 +7,11 @@ n.x = s of the plane z = 1 touches its image where (n, -s) makes that form zero.
 a quadratic in s, so the support function of each disc is explicit, and that of the
 cylinder is the larger of the two.
 
-All this holds while both discs lie wholly in front of the camera's plane z = 0.
+All this holds while both discs lie wholly in front of the camera's plane z = 0. The
+curve of `outline_curve` knows no such limit.
 """
 
-__all__ = ["in_front", "outline_points", "support"]
+__all__ = ["bounding_box", "in_front", "outline_points", "support"]
 
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
@@ -95,3 +96,18 @@ def outline_points(cylinder: Cylinder, count: int = 360) -> Float[Array, "{count
     angle = jnp.arange(count, dtype=cylinder.radius.dtype) * (2 * jnp.pi / count)
     _, x, y = support(cylinder, jnp.cos(angle), jnp.sin(angle))
     return jnp.stack([x, y], axis=-1)
+
+
+def bounding_box(cylinder: Cylinder) -> tuple[Float[Array, "2"], Float[Array, "2"]]:
+    """Smallest and largest (x, y) of the outline in the plane z = 1.
+
+    Args:
+        cylinder: In the camera frame. The box is the whole plane where it is not wholly
+            in front of the camera.
+    """
+    dtype = cylinder.radius.dtype
+    n_x = jnp.array([-1, 0, 1, 0], dtype)
+    n_y = jnp.array([0, -1, 0, 1], dtype)
+    reach, _, _ = support(cylinder, n_x, n_y)
+    reach = jnp.where(in_front(cylinder), reach, jnp.inf)
+    return -reach[:2], reach[2:]

@@ -11,7 +11,7 @@ from impostor_jax.camera.pixels import PixelBox, Tile
 from impostor_jax.numerics import eps
 from impostor_jax.primitives.base import in_camera_frame
 from impostor_jax.primitives.cylinder import Cylinder
-from impostor_jax.rendering.outline import in_front, support
+from impostor_jax.rendering.outline import bounding_box
 
 STEP = 16
 """Sides of a tile are multiples of this many pixels, so that few sizes are compiled."""
@@ -33,20 +33,18 @@ def outline_box(cylinder: Cylinder, camera: AbstractCamera) -> PixelBox:
         behind the camera's plane z = 0, the whole image.
     """
     cylinder = in_camera_frame(cylinder, camera)
-    dtype = cylinder.radius.dtype
-    n_x = jnp.array([-1, 0, 1, 0], dtype)
-    n_y = jnp.array([0, -1, 0, 1], dtype)
-    reach, _, _ = support(cylinder, n_x, n_y)
+    low, high = bounding_box(cylinder)
     # Wider by a few roundings of the rays themselves.
-    reach = reach + eps(dtype, 8) * (1 + jnp.abs(reach))
-    everything = jnp.where(in_front(cylinder), 0, jnp.inf)
-    return camera.pixel_box(-reach[:2] - everything, reach[2:] + everything)
+    few = eps(low.dtype, 8)
+    low, high = low - few * (1 + jnp.abs(low)), high + few * (1 + jnp.abs(high))
+    return camera.pixel_box(low, high)
 
 
 def outline_tile(
     cylinder: Cylinder,
     camera: AbstractCamera,
     shape: tuple[int, int] | None = None,
+    margin: int = 0,
 ) -> Tile:
     """Tile of pixels around the cylinder's outline.
 
@@ -57,6 +55,8 @@ def outline_tile(
             traced, because a size must be known when the program is compiled; the tile
             is then centered on the outline. If None, the smallest multiples of 16
             pixels that hold the outline.
+        margin: Pixels around the outline that the tile holds too. 1 makes it hold all
+            pixels that are covered in part, whose centers the outline may miss.
 
     Returns:
         A tile that lies wholly in the image.
@@ -75,8 +75,8 @@ def outline_tile(
         )
     if shape is None:
         shape = (
-            _rounded_up(box.last_row - box.first_row + 1, camera.height),
-            _rounded_up(box.last_col - box.first_col + 1, camera.width),
+            _rounded_up(box.last_row - box.first_row + 1 + 2 * margin, camera.height),
+            _rounded_up(box.last_col - box.first_col + 1 + 2 * margin, camera.width),
         )
     height, width = shape
     if not (0 < height <= camera.height and 0 < width <= camera.width):

@@ -1,13 +1,45 @@
-"""What every noise model promises: one model makes data and weighs a fit."""
+"""What every noise model promises: one model makes data and weighs a fit.
 
-__all__ = ["AbstractDepthNoise"]
+Models nest: a part that drops readings or mixes them at edges wraps the model that
+reads what is left, and is a noise model itself. A wrapper changes the scene before its
+sensor reads it, or the readings after; so parts stack in any order.
+"""
+
+__all__ = [
+    "NO_READING",
+    "AbstractDepthNoise",
+    "Scalar",
+    "angle_below_grazing",
+    "bounded_number",
+    "compiled",
+    "cos_incidence",
+    "has_surface",
+    "noise_model",
+    "scattered",
+]
 
 import abc
+import math
+from collections.abc import Callable
+from typing import Any, TypeVar, cast
 
 import equinox as eqx
-from jaxtyping import Array, Float, PRNGKeyArray
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, PRNGKeyArray
 
+from impostor_jax.arguments import is_concrete, real_number
 from impostor_jax.camera.base import AbstractCamera
+from impostor_jax.geometry.vec3 import Vec3
+
+Scalar = float | Float[Array, ""]
+Method = TypeVar("Method", bound=Callable)
+
+NO_READING = 0.0
+"""A missing reading, as in depth files.
+
+Not `+inf`, which says that there is no surface; a fit takes both as missing.
+"""
 
 
 class AbstractDepthNoise(eqx.Module):
@@ -21,12 +53,19 @@ class AbstractDepthNoise(eqx.Module):
     ) -> Float[Array, "*batch"]:
         """Standard deviation of a reading, in meters.
 
+        Of a reading that is there and is of its own pixel's surface: what wrappers add
+        (missing readings, those mixed at edges) is no spread, and leaves it alone.
+
         Args:
             depth: Camera-frame z, in meters; `+inf` where nothing is hit.
             cos_incidence: Cosine between surface normal and viewing ray, in (0, 1].
 
         Returns:
-            One sigma a pixel; `+inf` where nothing is hit, so its weight is zero.
+            One sigma a pixel; `+inf` where nothing is hit, and where depth is not
+            positive, so its weight is zero.
+
+        Derivatives:
+            In depth and incidence, finite everywhere; 0 where sigma is infinite.
         """
 
     @abc.abstractmethod
@@ -37,11 +76,104 @@ class AbstractDepthNoise(eqx.Module):
         normal: Float[Array, "h w 3"],
         camera: AbstractCamera,
     ) -> Float[Array, "h w"]:
-        """Readings of a scene, in meters; `+inf` stays where nothing is hit.
+        """Readings of a scene, in meters.
 
         Args:
             key: Random key.
             depth: Camera-frame z, in meters; `+inf` where nothing is hit.
             normal: Unit normals that face the camera, in its frame.
             camera: The camera that sees them.
+
+        Returns:
+            `+inf` stays where nothing is hit, unless the class says otherwise; 0 where
+            there is a surface and no reading. Never negative.
+
+        Derivatives:
+            In depth, with what was drawn held; 0 for readings that are rounded or
+            missing.
         """
+
+
+def compiled(method: Method) -> Method:
+    """`jax.jit`, typed as what it wraps, so that the method may override another.
+
+    For `sample`: called as it is on 640x480 pixels, step by step, three nested parts
+    take 149 ms and 4.7 s the first time, and 85 ms and 2.8 s compiled.
+    """
+    return cast(Method, jax.jit(method))
+
+
+def cos_incidence(
+    normal: Float[Array, "h w 3"], camera: AbstractCamera
+) -> Float[Array, "h w"]:
+    """Cosine between surface normal and viewing ray; 0 where nothing is hit.
+
+    Args:
+        normal: Unit normals that face the camera, in its frame; zero where nothing is
+            hit. Their precision is that of the result.
+        camera: The camera that sees them.
+
+    Raises:
+        ValueError: The normals are not of the size of the camera's image.
+    """
+    size = (camera.height, camera.width)
+    if normal.shape[:2] != size:
+        raise ValueError(
+            f"normal must have one vector for each of {size} (height, width) pixels "
+            f"of the camera, got shape {normal.shape}"
+        )
+    row, col = camera.frame.pixels()
+    view = camera.rays(row, col, normal.dtype).direction.normalize()
+    cosine = -view.dot(Vec3.from_array(normal))
+    return jnp.clip(cosine, 0, 1)
+
+
+def scattered(
+    key: PRNGKeyArray, depth: Float[Array, "h w"], sigma: Float[Array, "h w"]
+) -> Float[Array, "h w"]:
+    """Add independent normal noise; depths with an infinite sigma stay as they are.
+
+    What comes out behind the camera is no reading.
+    """
+    spread = jnp.where(jnp.isfinite(sigma), sigma, 0)
+    reading = depth + spread * jax.random.normal(key, depth.shape, depth.dtype)
+    return jnp.where(reading > 0, reading, NO_READING)
+
+
+def has_surface(depth: Float[Array, "*batch"]) -> Bool[Array, "*batch"]:
+    """Whether a depth is one that a sensor can read."""
+    return jnp.isfinite(depth) & (depth > 0)
+
+
+def noise_model(sensor: Any) -> AbstractDepthNoise:
+    """Return `sensor`; a `ValueError` where it is no noise model."""
+    if not isinstance(sensor, AbstractDepthNoise):
+        raise ValueError(
+            f"sensor must be a noise model such as ConstantNoise, got {sensor!r}"
+        )
+    return sensor
+
+
+def bounded_number(name: str, value: Any, need: str, high: float = math.inf) -> Any:
+    """Return `value` as `real_number` does; a `ValueError` unless from 0 to `high`.
+
+    Args:
+        name: Name of the argument, for the error.
+        value: A number; a traced one passes.
+        need: What the value must be, with its unit, for the error.
+        high: Largest value.
+    """
+    number = real_number(name, value)
+    if is_concrete(number) and not 0 <= number <= high:
+        raise ValueError(f"{name} must be {need}, got {number}")
+    return number
+
+
+def angle_below_grazing(name: str, value: Any) -> Any:
+    """Return `value` as `real_number` does; a `ValueError` unless in 0 to 89.5 degrees.
+
+    At 90 degrees the laws of the incidence are infinite or divide by 0, and so close to
+    it no sensor was ever measured.
+    """
+    need = "an angle from 0 to 1.562 radians (89.5 degrees)"
+    return bounded_number(name, value, need, math.radians(89.5))

@@ -4,14 +4,18 @@ __all__ = ["ConstantNoise"]
 
 from typing import Any
 
-import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, PRNGKeyArray
 from typing_extensions import override
 
 from impostor_jax.arguments import real_number
 from impostor_jax.camera.base import AbstractCamera
-from impostor_jax.sensor.base import AbstractDepthNoise
+from impostor_jax.sensor.base import (
+    AbstractDepthNoise,
+    compiled,
+    has_surface,
+    scattered,
+)
 
 
 class ConstantNoise(AbstractDepthNoise):
@@ -34,9 +38,12 @@ class ConstantNoise(AbstractDepthNoise):
         depth: Float[Array, "*batch"],
         cos_incidence: Float[Array, "*batch"],
     ) -> Float[Array, "*batch"]:
-        return jnp.where(jnp.isfinite(depth), self.deviation, jnp.inf)
+        return jnp.where(
+            has_surface(depth), jnp.asarray(self.deviation, depth.dtype), jnp.inf
+        )
 
     @override
+    @compiled
     def sample(
         self,
         key: PRNGKeyArray,
@@ -44,4 +51,4 @@ class ConstantNoise(AbstractDepthNoise):
         normal: Float[Array, "h w 3"],
         camera: AbstractCamera,
     ) -> Float[Array, "h w"]:
-        return depth + self.deviation * jax.random.normal(key, depth.shape, depth.dtype)
+        return scattered(key, depth, self.sigma(depth, jnp.ones_like(depth)))

@@ -11,11 +11,17 @@ from tests.fit.scenes import CAMERA, SIGMA, can, image
 @pytest.mark.parametrize("degrees", [90.0, 60.0, 30.0])
 def test_guess_is_close_enough_to_start_from(degrees):
     depth, mask = image(degrees)
-    guess = first_guesses(depth, mask, CAMERA)[0]
+    guess = first_guesses(depth, mask, CAMERA, SIGMA)[0]
     truth = can(degrees)
     assert angle_between(guess.axis, truth.axis) < 3
     assert guess.radius == pytest.approx(0.04, rel=0.08)
     assert guess.height == pytest.approx(0.12, rel=0.15)
+
+
+def test_second_guess_has_another_axis():
+    depth, mask = image()
+    first, second, *_ = first_guesses(depth, mask, CAMERA, SIGMA)
+    assert angle_between(first.axis, second.axis) > 9
 
 
 def test_guess_sees_through_a_lens():
@@ -25,13 +31,14 @@ def test_guess_sees_through_a_lens():
     maps = ij.render(can(), camera)
     noise = np.random.default_rng(0).normal(0, SIGMA, maps.depth.shape)
     depth = np.where(maps.mask, maps.depth + noise, 0)
-    guess = first_guesses(depth, np.asarray(maps.mask), camera)[0]
+    guess = first_guesses(depth, np.asarray(maps.mask), camera, SIGMA)[0]
     assert angle_between(guess.axis, can().axis) < 3
     assert guess.radius == pytest.approx(0.04, rel=0.08)
 
 
 def test_no_readings_give_no_guess():
-    assert not first_guesses(np.zeros((120, 160)), np.ones((120, 160), bool), CAMERA)
+    region = np.ones((120, 160), bool)
+    assert not first_guesses(np.zeros((120, 160)), region, CAMERA, SIGMA)
 
 
 def test_nearest_object_is_found_before_a_wall_and_a_farther_object():

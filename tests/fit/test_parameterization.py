@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from impostor_jax.fit.parameterization import Chart
-from impostor_jax.fit.uncertainty import deviations, free_covariance
 from impostor_jax.numerics import eps
 from tests.fit.scenes import can
 
@@ -64,34 +63,3 @@ def test_tangent_is_the_derivative_at_zero():
          derivative.height[None]]
     )  # fmt: skip
     np.testing.assert_allclose(chart().tangent(), stacked, atol=1e-12)
-
-
-@pytest.mark.usefixtures("double")
-def test_covariance_is_the_inverse_of_the_information():
-    jacobian = jnp.asarray(np.random.default_rng(0).normal(size=(200, 7)))
-    expected = np.linalg.inv(jacobian.T @ jacobian)
-    np.testing.assert_allclose(free_covariance(jacobian), expected, rtol=1e-9)
-
-
-def test_coordinate_without_effect_has_no_variance_of_its_own(dtype):
-    jacobian = jnp.asarray(np.random.default_rng(0).normal(size=(200, 7)), dtype)
-    jacobian = jacobian.at[:, 6].set(0)
-    found = np.asarray(free_covariance(jacobian))
-    assert not found[6].any()
-    expected = np.linalg.inv(np.asarray(jacobian[:, :6].T @ jacobian[:, :6], float))
-    np.testing.assert_allclose(found[:6, :6], expected, rtol=1e-3)
-
-
-def test_parameter_without_effect_is_unknown_and_a_held_one_certain():
-    jacobian = jnp.asarray(np.random.default_rng(0).normal(size=(200, 5)), jnp.float32)
-    held = chart(("axis",))
-    seen, one = jnp.array([True, True]), jnp.ones(())
-    known = deviations(held, jacobian, ("axis",), seen, one)
-    assert not np.asarray(known.axis).any()
-    assert np.isfinite(np.asarray(known.center)).all()
-    blind = deviations(held, jacobian.at[:, 2].set(0), ("axis",), seen, one)
-    assert np.isposinf(blind.radius)
-    open_end = deviations(held, jacobian, ("axis",), jnp.array([True, False]), one)
-    assert np.isposinf(open_end.height)
-    assert np.isposinf(np.asarray(open_end.center)).all()
-    assert np.isfinite(np.asarray(open_end.across_axis)).all()

@@ -72,6 +72,16 @@ def test_outline_is_tight_around_dense_points_of_the_rims(shape):
     assert outline_points(cylinder, 40).shape == (40, 2)
 
 
+def test_tile_with_a_margin_holds_all_of_the_covered_area():
+    camera = CAMERAS["pinhole"]()
+    # Its last row of pixels is covered in part only, and ends a multiple of 16.
+    cylinder = ij.Cylinder((0.0, 0.0, 1.0), (1, 0, 0), 0.126, 0.4)
+    tile = ij.outline_tile(cylinder, camera, margin=1)
+    whole, part = ij.coverage(cylinder, camera), ij.coverage(cylinder, camera, tile)
+    assert tile.height == 32 > ij.outline_tile(cylinder, camera).height
+    assert float(part.sum()) == pytest.approx(float(whole.sum()), rel=1e-4)
+
+
 def test_cylinder_around_the_camera_takes_the_whole_image(camera):
     pipe = ij.Cylinder((0, 0, 0), (0, 0.2, 1), 1.0, 50.0)
     tile = ij.outline_tile(pipe, camera)

@@ -254,6 +254,13 @@ DEPTH, MASK = image()
         ({"fixed": ("size",)}, "fixed must be one of center, axis, radius, height"),
         ({"fixed": "radius"}, "fixed must be a sequence of names"),
         ({"fixed": ("radius",)}, "initial must be given with fixed="),
+        ({"mask_meaning": "edge"}, "mask_meaning must be one of region, outline"),
+        ({"kernel": "huber"}, "kernel must be one of pseudo_huber, cauchy"),
+        ({"scale": "free"}, "scale must be one of estimated, fixed"),
+        ({"errors": "white"}, "errors must be one of independent, correlated"),
+        ({"prior": {"size": (1, 1)}}, "prior must be one of center, axis"),
+        ({"prior": {"radius": 0.04}}, "must be a value and a standard deviation"),
+        ({"prior": {"radius": (0.04, 0)}}, "deviation of prior.* must be a positive"),
     ],
 )  # fmt: skip
 def test_bad_argument_is_refused(arguments, message):
@@ -285,3 +292,184 @@ for arguments in ({"camera": "kinect"}, {"camera": camera, "initial": "can"}):
         "camera must be a PinholeCamera, got str",
         "initial must be one Cylinder, got 'can'",
     ]
+
+
+def test_several_starts_are_solved_and_their_agreement_is_reported():
+    depth, mask = image()
+    fit = ij.fit_cylinder(depth, CAMERA, mask=mask, sigma=SIGMA)
+    assert int(fit.num_starts) > 1
+    assert 1 <= int(fit.num_agreeing) <= int(fit.num_starts)
+    given = ij.fit_cylinder(depth, CAMERA, mask=mask, sigma=SIGMA, initial=can())
+    assert int(given.num_starts) == int(given.num_agreeing) == 1
+    # The answer does not hang on the start.
+    assert float(given.cylinder.radius) == pytest.approx(
+        float(fit.cylinder.radius), abs=float(fit.std.radius) / 10
+    )
+
+
+def test_covariance_holds_the_deviations():
+    depth, mask = image()
+    fit = ij.fit_cylinder(depth, CAMERA, mask=mask, sigma=SIGMA)
+    variance = np.diagonal(np.asarray(fit.covariance))
+    named = [*fit.std.axis, *fit.std.across_axis, fit.std.radius, fit.std.height]
+    np.testing.assert_allclose(np.sqrt(variance[[0, 1, 2, 3, 5, 6]]), named, rtol=1e-4)
+    assert np.asarray(fit.observed.coordinates).all()
+    vectors = np.asarray(fit.observed.vector)
+    np.testing.assert_allclose(vectors @ vectors.T, np.eye(7), atol=1e-4)
+    assert (np.diff(np.asarray(fit.observed.deviation)) <= 0).all()
+
+
+def test_slide_along_the_axis_is_named_as_what_the_image_leaves_free():
+    depth, mask = image(wall=None)
+    fit = ij.fit_cylinder(depth, CAMERA, mask=mask, sigma=SIGMA)
+    assert np.asarray(fit.observed.coordinates).tolist() == [True] * 4 + [
+        False,
+        True,
+        False,
+    ]
+    assert np.isposinf(np.asarray(fit.observed.deviation)[:2]).all()
+    assert np.isposinf(np.asarray(fit.covariance)[4, 4])
+
+
+def test_outline_of_the_mask_shows_an_end_without_background():
+    depth, mask = image(wall=None)
+    fit = ij.fit_cylinder(depth, CAMERA, mask=mask, sigma=SIGMA, mask_meaning="outline")
+    assert fit.success
+    assert fit.height_observed
+    # A quarter of a pixel, which is 2.3 mm wide here.
+    assert fit.cylinder.height == pytest.approx(0.12, abs=6e-4)
+
+
+def test_disc_is_fitted():
+    coin = ij.Cylinder((0.01, 0.005, 0.35), (0.3, 0.5, 0.8), radius=0.06, height=0.015)
+    maps = ij.render(coin, CAMERA)
+    rng = np.random.default_rng(0)
+    depth = np.minimum(np.asarray(maps.depth), 0.6) + rng.normal(0, SIGMA, (120, 160))
+    fit = ij.fit_cylinder(depth.astype(np.float32), CAMERA, mask=maps.mask, sigma=SIGMA)
+    assert fit.success
+    assert fit.cylinder.radius == pytest.approx(0.06, abs=3e-4)
+    assert angle_between(fit.cylinder.axis, coin.axis) < 0.5
+    assert fit.cylinder.height == pytest.approx(0.015, abs=1e-3)
+
+
+def test_pipe_is_fitted_from_inside():
+    pipe = ij.Cylinder((0.02, 0.01, 0.6), (0.1, 0.15, 0.98), radius=0.2, height=2.0)
+    maps = ij.render(pipe, CAMERA)
+    assert np.asarray(maps.mask).all()
+    depth = np.asarray(maps.depth)
+    # The far cap is an opening.
+    wall = depth < 1.5
+    rng = np.random.default_rng(0)
+    depth = np.where(wall, depth + rng.normal(0, SIGMA, depth.shape), 0)
+    fit = ij.fit_cylinder(depth.astype(np.float32), CAMERA, mask=wall, sigma=SIGMA)
+    assert fit.success
+    assert fit.cylinder.radius == pytest.approx(0.2, abs=5e-4)
+    assert angle_between(fit.cylinder.axis, pipe.axis) < 0.2
+
+
+def test_another_kernel_bears_outliers():
+    depth, mask = image()
+    rng = np.random.default_rng(5)
+    wrong = rng.random(depth.shape) < 0.1
+    depth = np.where(wrong, rng.uniform(0.2, 1.0, depth.shape), depth)
+    fit = ij.fit_cylinder(
+        depth.astype(np.float32), CAMERA, mask=mask, sigma=SIGMA, kernel="cauchy",
+        scale="fixed", initial=can(),
+    )  # fmt: skip
+    assert fit.success
+    assert fit.cylinder.radius == pytest.approx(0.04, abs=5e-4)
+
+
+def test_prior_counts_as_a_reading_of_its_deviation():
+    depth, mask = image()
+    free = ij.fit_cylinder(depth, CAMERA, mask=mask, sigma=SIGMA)
+    deviation = float(free.std.radius)
+    expected = float(free.cylinder.radius) + deviation
+    both = ij.fit_cylinder(
+        depth, CAMERA, mask=mask, sigma=SIGMA, prior={"radius": (expected, deviation)}
+    )
+    # Two equally sure witnesses meet in the middle.
+    moved = float(both.cylinder.radius - free.cylinder.radius)
+    assert moved == pytest.approx(deviation / 2, rel=0.3)
+    assert float(both.std.radius) == pytest.approx(deviation / 2**0.5, rel=0.1)
+
+
+def test_prior_on_the_height_places_an_end_that_is_not_seen():
+    depth, mask = image(wall=None)
+    fit = ij.fit_cylinder(
+        depth, CAMERA, mask=mask, sigma=SIGMA, prior={"height": (0.12, 0.001)}
+    )
+    assert fit.cylinder.height == pytest.approx(0.12, abs=1e-4)
+    assert float(fit.std.height) == pytest.approx(0.001, rel=0.1)
+    np.testing.assert_allclose(fit.cylinder.center, can().center, atol=1e-3)
+
+
+def test_noise_model_is_as_good_as_its_number():
+    depth, mask = image()
+    number = ij.fit_cylinder(depth, CAMERA, mask=mask, sigma=SIGMA)
+    model = ij.fit_cylinder(depth, CAMERA, mask=mask, sigma=ij.ConstantNoise(SIGMA))
+    assert float(model.cylinder.radius) == float(number.cylinder.radius)
+
+
+def test_correlated_errors_widen_the_deviations():
+    _, mask = image()
+    rng = np.random.default_rng(0)
+    white = rng.normal(0, SIGMA, (122, 162))
+    windows = np.lib.stride_tricks.sliding_window_view(white, (3, 3))
+    maps = ij.render(can(), CAMERA)
+    depth = np.minimum(np.asarray(maps.depth), 0.6) + windows.sum(axis=(2, 3)) / 3
+    ratios = []
+    for errors in ("independent", "correlated"):
+        fit = ij.fit_cylinder(
+            depth.astype(np.float32), CAMERA, mask=mask, sigma=SIGMA, errors=errors
+        )
+        assert fit.success
+        ratios.append(np.asarray(fit.std.across_axis))
+    # Nine pixels share their error, so a mean has up to three times the deviation.
+    assert (ratios[1] > 1.5 * ratios[0]).all()
+    assert (ratios[1] < 4 * ratios[0]).all()
+
+
+def test_batch_gives_each_image_its_own_fit_and_status():
+    first, mask = image()
+    second, _ = image(seed=1)
+    wall = np.full_like(first, 0.5)
+    fits = ij.fit_cylinders(
+        np.stack([first, wall, second]), CAMERA, np.stack([mask] * 3), sigma=SIGMA
+    )
+    assert np.asarray(fits.success).tolist() == [True, False, True]
+    for index, depth in ((0, first), (2, second)):
+        alone = ij.fit_cylinder(depth, CAMERA, mask=mask, sigma=SIGMA)
+        assert float(fits.cylinder.radius[index]) == pytest.approx(
+            float(alone.cylinder.radius), abs=float(alone.std.radius) / 10
+        )
+    assert np.isposinf(np.asarray(fits.std.radius)[1])
+
+
+@pytest.mark.usefixtures("double")
+def test_derivatives_of_the_radius_are_those_of_finite_differences():
+    depth, mask = image()
+    depth = jnp.asarray(depth, float)
+    start = ij.Cylinder(*(np.asarray(x, float) for x in (
+        can().center, can().axis, can().radius, can().height)))  # fmt: skip
+
+    def radius(depth, fx):
+        camera = ij.PinholeCamera(fx, 150.0, 79.5, 59.5, 160, 120)
+        fit = ij.fit_cylinder(depth, camera, mask=mask, sigma=SIGMA, initial=start)
+        return fit.cylinder.radius
+
+    focal = jnp.asarray(150.0)
+    by_depth = jax.grad(radius)(depth, focal)
+    by_focal = jax.jacfwd(radius, argnums=1)(depth, focal)
+    direction = jnp.asarray(np.random.default_rng(0).normal(size=depth.shape))
+    direction = jnp.where(jnp.asarray(mask), direction, 0)
+    step = 1e-7
+    numeric = (
+        radius(depth + step * direction, focal)
+        - radius(depth - step * direction, focal)
+    ) / (2 * step)
+    assert float(jnp.sum(by_depth * direction)) == pytest.approx(
+        float(numeric), rel=0.02
+    )
+    numeric = (radius(depth, focal + 1e-4) - radius(depth, focal - 1e-4)) / 2e-4
+    assert float(by_focal) == pytest.approx(float(numeric), rel=0.02)

@@ -1,0 +1,1 @@
+"""How accurate is a fit, beside the statistical bound and beside other programs?"""
