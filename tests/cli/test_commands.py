@@ -13,7 +13,7 @@ from impostor_jax.__main__ import main
 CAMERA = {"fx": 150.0, "fy": 150.0, "cx": 79.5, "cy": 59.5, "width": 160, "height": 120}
 RECORD_KEYS = {
     "success", "status", "center_m", "axis", "radius_m", "height_m", "height_observed",
-    "std", "num_pixels", "rms_m", "seconds",
+    "std", "covariance", "num_starts", "num_agreeing", "num_pixels", "rms_m", "seconds",
 }  # fmt: skip
 
 
