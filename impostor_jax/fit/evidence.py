@@ -25,7 +25,7 @@ from jaxtyping import Array, Bool, Float, Int
 from impostor_jax.camera.base import AbstractCamera
 from impostor_jax.fit.residuals import Kind, Rows, SurfaceSeen, surface_seen
 from impostor_jax.geometry.vec3 import Vec3
-from impostor_jax.numerics import safe_divide
+from impostor_jax.numerics import safe_divide, safe_sqrt
 from impostor_jax.primitives.cylinder import Cylinder
 from impostor_jax.sensor.base import AbstractDepthNoise
 
@@ -143,7 +143,7 @@ def reading_rows(
     coarse = soft > GRAZING * sigma
     # How far in front of the nearest approach the reading lies, or behind from inside.
     reach = jnp.where(seen.outside, 1.0, -1.0) * (seen.nearest - pixels.depth)
-    half = jnp.sqrt(jnp.maximum(seen.square, 0))
+    half = safe_sqrt(seen.square)
     grazing = (seen.square < (GRAZING * sigma) ** 2) & ~seen.on_cap & ~coarse
     grazing &= jnp.abs(reach - half) < OUTLIER * sigma
     # The deviation of the difference of squares, over twice sigma.
