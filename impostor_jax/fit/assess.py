@@ -1,6 +1,6 @@
 """What a solution shows: its ends, its deviations, and whether it can be believed."""
 
-__all__ = ["assess"]
+__all__ = ["Solution", "Start", "assess"]
 
 import equinox as eqx
 import jax
@@ -26,11 +26,34 @@ from impostor_jax.fit.result import (
 )
 from impostor_jax.fit.uncertainty import free_covariance, score_covariance, spread
 from impostor_jax.geometry.so3 import tangent_basis
-from impostor_jax.numerics import safe_divide
+from impostor_jax.numerics import safe_divide, safe_sqrt
 from impostor_jax.primitives.cylinder import Cylinder
 
 MIN_END_ROWS = 5
 """Fewest inlying readings of a cap, or crossings, that show an end."""
+
+
+class Start(eqx.Module):
+    """Where the last part of a fit begins.
+
+    Attributes:
+        cylinder: In the world frame.
+        num_steps: Steps of the solver so far.
+        num_tried: Starts that were tried.
+        num_agreeing: Those that led to this one.
+    """
+
+    cylinder: Cylinder
+    num_steps: Int[Array, ""]
+    num_tried: Int[Array, ""]
+    num_agreeing: Int[Array, ""]
+
+    @staticmethod
+    def at(cylinder: Cylinder) -> "Start":
+        """The only start."""
+        # Typed as what `best_start` returns, so that the fit is compiled once for both.
+        zero, one = jnp.zeros((), int), jnp.ones((), int)
+        return Start(cylinder, zero, one, one)
 
 
 class Solution(eqx.Module):
@@ -54,6 +77,7 @@ class Solution(eqx.Module):
 
 
 def assess(
+    start: Start,
     solution: Solution,
     pixels: Pixels,
     row: Int[Array, " n"],
@@ -67,6 +91,7 @@ def assess(
     """Result of a fit in the world frame.
 
     Args:
+        start: Where the solution began.
         solution: The estimate.
         pixels: Pixels of the object.
         row: Their rows.
@@ -84,7 +109,7 @@ def assess(
     count = jnp.sum(used)
     meters = jnp.where(used, pixels.depth - seen.depth, 0)
     whitened, gradient = residuals(rows, cylinder, always)
-    wide = jnp.maximum(solution.scale, 1)
+    wide = solution.scale
     inlier = used & (jnp.abs(whitened[:num]) <= 3 * wide)
     # The residuals take a cap for a whole plane; readings beyond its rim are not on it.
     inlier &= ~(seen.on_cap & (seen.cap_distance > 1.05))
@@ -129,7 +154,7 @@ def assess(
         finite=jnp.isfinite(cylinder.radius) & jnp.all(jnp.isfinite(cylinder.center)),
         fits=(2 * num_inliers >= count.astype(meters.dtype))
         & ((wide < 5) | (wide < cylinder.radius * jnp.max(rows.weight[:num]) / 50)),
-        determined=~_is_as_flat(rows, pixels.depth, inlier, squares)
+        determined=~_is_as_flat(pixels, rows.weight[:num], inlier, squares)
         & (std.radius < cylinder.radius / 2)
         & jnp.all(std.across_axis < cylinder.radius / 2)
         & jnp.all(std.axis < 0.5),
@@ -147,9 +172,9 @@ def assess(
         observed=observed,
         success=success,
         status_code=code,
-        num_steps=solution.num_steps,
-        num_starts=jnp.array(1),
-        num_agreeing=jnp.array(1),
+        num_steps=start.num_steps + solution.num_steps,
+        num_starts=start.num_tried,
+        num_agreeing=start.num_agreeing,
         residual=image_of(meters),
         inliers=image_of(inlier),
         region=image_of(used),
@@ -206,7 +231,7 @@ def _seen_extent(
     num = seen.depth.shape[0]
     # A cap shows where its readings could not be the wall's, if that went on.
     sign = jnp.where(seen.outside, -1.0, 1.0)
-    wall = seen.nearest + sign * jnp.sqrt(jnp.maximum(seen.square, 0))
+    wall = seen.nearest + sign * safe_sqrt(seen.square)
     is_wall = jnp.abs(wall - depth) * rows.weight[:num] <= 3 * wide
     on_cap = seen.on_cap & (seen.cap_distance < 1) & ~is_wall
     facing = sign * jnp.sign(seen.slope)
@@ -260,9 +285,7 @@ def _in_world(
     # Motions of the surface: an angle moves the ends by half the size.
     size = (cylinder.height + cylinder.radius) / 2
     lengths = jnp.concatenate([size[None], size[None], jnp.ones(5, size.dtype)])
-    surface = jnp.where(observed[:7, None] & observed[None, :7], full[:7, :7], 0) * (
-        lengths[:, None] * lengths[None]
-    )
+    surface = full[:7, :7] * (lengths[:, None] * lengths[None])
     values, vectors = jnp.linalg.eigh(
         surface + jnp.diag(jnp.where(observed[:7], 0, 1e6 * size**2))
     )
@@ -306,8 +329,8 @@ def _status_code(
 
 
 def _is_as_flat(
-    rows: Rows,
-    depth: Float[Array, " n"],
+    pixels: Pixels,
+    weight: Float[Array, " n"],
     inlier: Bool[Array, " n"],
     squares: Float[Array, ""],
 ) -> Bool[Array, ""]:
@@ -317,16 +340,15 @@ def _is_as_flat(
     cylinder has to beat it by 25, in squared deviations.
 
     Args:
-        rows: Readings first, then ends.
-        depth: The readings, in meters.
+        pixels: The readings.
+        weight: Inverse of their standard deviations.
         inlier: Readings that lie on the cylinder.
         squares: Sum of their squared residuals from it, in deviations.
     """
-    count = inlier.shape[0]
-    d = rows.direction
+    d, depth = pixels.direction, pixels.depth
     inverse = jnp.where(inlier, 1 / jnp.where(inlier, depth, 1), 0)
-    weight = jnp.where(inlier, rows.weight[:count] * depth, 0)
-    rays = jnp.stack([d.x[:count], d.y[:count], d.z[:count]]) * (weight * depth)[None]
+    weight = jnp.where(inlier, weight * depth, 0)
+    rays = jnp.stack([d.x, d.y, d.z]) * (weight * depth)[None]
     normal = jnp.matmul(rays, rays.T, precision="highest")
     right = jnp.matmul(rays, weight * depth * inverse, precision="highest")
     # Cramer's rule: the rows of the adjugate are cross products.

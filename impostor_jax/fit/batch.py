@@ -13,6 +13,7 @@ import numpy as np
 
 from impostor_jax.arguments import is_concrete
 from impostor_jax.camera.pinhole import PinholeCamera
+from impostor_jax.fit.assess import Start
 from impostor_jax.fit.cylinder import (
     bucket,
     no_guess,
@@ -30,7 +31,7 @@ from impostor_jax.fit.request import (
     checked_request,
 )
 from impostor_jax.fit.result import FitResult
-from impostor_jax.fit.solve import Start, best_start, solve
+from impostor_jax.fit.solve import best_start, solve
 from impostor_jax.primitives.cylinder import Cylinder
 
 
@@ -101,10 +102,9 @@ def fit_cylinders(
     def prepare(image, mask):
         mask = None if mask is None else np.asarray(mask)
         region = object_region(image, mask, camera, noise)
-        starts = (
-            None if initial is not None else starts_of(image, region, camera, noise)
-        )
-        return region, starts, surroundings(region)
+        if initial is not None:
+            return region, None, None
+        return region, starts_of(image, region, camera, noise), surroundings(region)
 
     # OpenCV and NumPy leave the other threads to run.
     with ThreadPoolExecutor() as pool:

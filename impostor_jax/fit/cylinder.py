@@ -27,6 +27,7 @@ from jaxtyping import Bool, Float, Int
 
 from impostor_jax.arguments import is_concrete
 from impostor_jax.camera.pinhole import PinholeCamera
+from impostor_jax.fit.assess import Start
 from impostor_jax.fit.initialize import first_guesses
 from impostor_jax.fit.prior import Prior
 from impostor_jax.fit.request import (
@@ -50,8 +51,8 @@ from impostor_jax.fit.result import (
     FitStatus,
 )
 from impostor_jax.fit.segment import nearest_object
-from impostor_jax.fit.solve import START_READINGS, Start, best_start, solve
-from impostor_jax.primitives.base import in_camera_frame
+from impostor_jax.fit.solve import START_READINGS, best_start, solve
+from impostor_jax.primitives.base import in_camera_frame, in_world_frame
 from impostor_jax.primitives.cylinder import Cylinder
 from impostor_jax.sensor.base import AbstractDepthNoise
 
@@ -134,10 +135,10 @@ def fit_cylinder(
     image, given = np.asarray(image), None if given is None else np.asarray(given)
     region = object_region(image, given, camera, noise)
     row, col = pixel_indices(region, bucket(int(np.count_nonzero(region))))
-    given = (image, region, row, col, camera, noise)
+    shown = (image, region, row, col, camera, noise)
     if initial is not None:
-        return solve(*given, Start.at(initial), beliefs, request, is_far=True)
-    compiled = _compile_ahead(given, beliefs, request)
+        return solve(*shown, Start.at(initial), beliefs, request, is_far=True)
+    compiled = _compile_ahead(shown, beliefs, request)
     starts = starts_of(image, region, camera, noise)
     if starts is None:
         return no_guess(region)
@@ -146,21 +147,21 @@ def fit_cylinder(
         image, row, col, *beside, camera, noise, starts, beliefs, request
     )
     compiled.join()
-    return solve(*given, start, beliefs, request, is_far=False)
+    return solve(*shown, start, beliefs, request, is_far=False)
 
 
 _ahead: dict[Any, threading.Thread] = {}
 
 
 def _compile_ahead(
-    given: tuple[Any, ...], prior: Prior, request: Request
+    shown: tuple[Any, ...], prior: Prior, request: Request
 ) -> threading.Thread:
     """Compile the last part of a fit while the first is still on its way.
 
     Only the first fit of its kind takes this time: on two cores it then waits for the
     longer of the two parts and not for their sum.
     """
-    arrays, structure = jax.tree.flatten((given, prior))
+    arrays, structure = jax.tree.flatten((shown, prior))
     shapes = tuple((np.shape(array), jnp.result_type(array)) for array in arrays)
     double = jnp.result_type(float) == np.float64
     key = (shapes, structure, request, double)
@@ -168,7 +169,7 @@ def _compile_ahead(
 
         def run() -> None:
             one = Start.at(Cylinder((0, 0, 1), (0, 0, 1), 1, 1))
-            solve.lower(*given, one, prior, request, is_far=False).compile()
+            solve.lower(*shown, one, prior, request, is_far=False).compile()
 
         # A precision that the caller's thread has set is not that of another one.
         target = jax.enable_x64(True)(run) if double else run
@@ -217,9 +218,10 @@ def pixel_indices(
     region: Bool[np.ndarray, "h w"], size: int
 ) -> tuple[Int[np.ndarray, " n"], Int[np.ndarray, " n"]]:
     """Rows and columns of a region's pixels; a row beyond the image only fills up."""
-    rows, cols = np.nonzero(region)
+    # On a whole image a tenth of the time of `np.nonzero`.
+    index = np.flatnonzero(region)
     row, col = np.full(size, region.shape[0]), np.zeros(size, int)
-    row[: len(rows)], col[: len(rows)] = rows, cols
+    row[: len(index)], col[: len(index)] = np.divmod(index, region.shape[1])
     return row, col
 
 
@@ -258,9 +260,7 @@ def starts_of(
         np.array([guess.radius for guess in guesses], dtype),
         np.array([guess.height for guess in guesses], dtype),
     )
-    if camera.camera_from_world is not None:
-        starts = starts.transformed(camera.camera_from_world.inverse())
-    return starts
+    return in_world_frame(starts, camera)
 
 
 def no_guess(region: Bool[np.ndarray, "h w"]) -> FitResult:
@@ -316,5 +316,5 @@ def _fit_traced(
     wanted = jnp.arange(size) * jnp.maximum(count, size) // size + 1
     index = jnp.searchsorted(rank, wanted, side="left").astype(wanted.dtype)
     row, col = jnp.divmod(jnp.where(wanted <= count, index, region.size), camera.width)
-    given = (depth, region, row, col, camera, noise)
-    return solve(*given, Start.at(initial), prior, request, is_far=True)
+    shown = (depth, region, row, col, camera, noise)
+    return solve(*shown, Start.at(initial), prior, request, is_far=True)

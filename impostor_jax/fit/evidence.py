@@ -71,8 +71,7 @@ def gather_pixels(
     col: Int[Array, "*batch"],
 ) -> Pixels:
     """Collect what the image holds at some pixels; beyond it there is no reading."""
-    height, width = depth.shape
-    exists = (row >= 0) & (row < height) & (col >= 0) & (col < width)
+    exists = _in_image(row, col, depth.shape)
     row, col = jnp.where(exists, row, 0), jnp.where(exists, col, 0)
     return Pixels(
         direction=camera.rays(row, col, depth.dtype).direction,
@@ -101,25 +100,25 @@ def gather_edge(
         Pixels of the object at its edge with their neighbors: itself, left, right,
         above and below; and which of them belong to the object.
     """
-    height, width = depth.shape
     down, right = jnp.array([[0, 0, 0, -1, 1], [0, -1, 1, 0, 0]])[..., None]
-
-    def around(row: Int[Array, " n"], col: Int[Array, " n"]):
-        near_row, near_col = row[None] + down, col[None] + right
-        exists = (near_row >= 0) & (near_row < height) & (near_col >= 0)
-        exists &= near_col < width
-        inside = mask.at[near_row, near_col].get(mode="clip")
-        return near_row, near_col, exists, inside
-
-    _, _, exists, inside = around(row, col)
+    near_row, near_col = row[None] + down, col[None] + right
+    exists = _in_image(near_row, near_col, depth.shape)
+    inside = mask.at[near_row, near_col].get(mode="clip")
     is_edge = exists[0] & jnp.any(exists & ~inside, axis=0)
     # A fixed shuffle, so that the pixels that are kept lie all around the object.
     order = np.random.default_rng(0).uniform(0.5, 1, row.shape[0])
     priority = jnp.where(is_edge, jnp.asarray(order, depth.dtype), 0)
     priority, chosen = jax.lax.top_k(priority, min(MAX_CROSSINGS, row.shape[0]))
-    edge_row = jnp.where(priority > 0, row[chosen], -2)
-    near_row, near_col, _, inside = around(edge_row, col[chosen])
-    return gather_pixels(depth, camera, near_row, near_col), inside
+    edge_row = jnp.where((priority > 0)[None], near_row[:, chosen], -1)
+    return gather_pixels(depth, camera, edge_row, near_col[:, chosen]), inside[
+        :, chosen
+    ]
+
+
+def _in_image(
+    row: Int[Array, "*batch"], col: Int[Array, "*batch"], shape: tuple[int, ...]
+) -> Bool[Array, "*batch"]:
+    return (row >= 0) & (row < shape[0]) & (col >= 0) & (col < shape[1])
 
 
 def reading_rows(

@@ -200,9 +200,9 @@ def _reduction(
     return max(1, for_size, min(round(for_noise), min(size) // SMALLEST_SIDE))
 
 
-def _thinned(values: np.ndarray) -> np.ndarray:
-    """Keep at most MAX_SAMPLES entries, evenly spaced."""
-    return values[:: -(-len(values) // MAX_SAMPLES)] if len(values) else values
+def _thinned(values: np.ndarray, most: int = MAX_SAMPLES) -> np.ndarray:
+    """Keep at most so many entries, evenly spaced."""
+    return values[:: -(-len(values) // most)] if len(values) else values
 
 
 def _block_median(
@@ -299,7 +299,7 @@ def _refined(
 
 def _guesses_along(axis: Float[np.ndarray, "3"], surface: _Surface) -> list[Guess]:
     """Guesses from the circle that the wall makes, and from the disc of each cap."""
-    points = surface.points[:: -(-len(surface.points) // MAX_POINTS)]
+    points = _thinned(surface.points, MAX_POINTS)
     basis = np.linalg.svd(axis[None])[2][1:]
     across, along = points @ basis.T, points @ axis
     caps = _caps(axis, surface)

@@ -93,10 +93,6 @@ class Chart(eqx.Module):
         sizes = jnp.concatenate([one, jnp.stack([start.radius, start.height])])
         return sizes[:, None] * self.motion
 
-    def tangent(self) -> Float[Array, "8 n"]:
-        """Derivative of center, axis, radius and height at the zero vector."""
-        return jnp.matmul(self.natural(), self.scale, precision="highest")
-
     def cylinder(self, vector: Float[Array, " n"]) -> Cylinder:
         """Cylinder at a vector of scaled free coordinates."""
         natural = jnp.matmul(self.scale, vector, precision="highest")

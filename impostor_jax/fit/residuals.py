@@ -67,7 +67,6 @@ class Rows(eqx.Module):
             measured.
         half: For a square, the half-chord there, along which its target follows the
             nearest approach.
-        noise: Standard deviation of the reading, in meters.
         chord: Half-chord in meters: of a square, what its difference is divided by; of
             the others, below which the square root gives way to a straight line, so
             that a solver can cross the outline: sqrt(q) becomes

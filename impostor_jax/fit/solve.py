@@ -5,7 +5,7 @@ readings, in one vmapped call; the best goes on with all of them, in stages: eva
 the image against the estimate, which weighs each row, then minimize with the rows held.
 """
 
-__all__ = ["Start", "best_start", "solve"]
+__all__ = ["best_start", "solve"]
 
 from functools import partial
 
@@ -19,7 +19,7 @@ from jax.custom_derivatives import SymbolicZero
 from jaxtyping import Array, Bool, Float, Int
 
 from impostor_jax.camera.pinhole import PinholeCamera
-from impostor_jax.fit.assess import Solution, assess
+from impostor_jax.fit.assess import Solution, Start, assess
 from impostor_jax.fit.evidence import (
     Pixels,
     crossing_rows,
@@ -35,7 +35,7 @@ from impostor_jax.fit.residuals import Kind, Rows, residuals, surface_seen
 from impostor_jax.fit.result import FitResult
 from impostor_jax.fit.robust import KERNELS, robust_residual
 from impostor_jax.numerics import eps
-from impostor_jax.primitives.base import in_camera_frame
+from impostor_jax.primitives.base import in_camera_frame, in_world_frame
 from impostor_jax.primitives.cylinder import Cylinder
 from impostor_jax.sensor.base import AbstractDepthNoise
 
@@ -71,29 +71,6 @@ MAX_STEPS = 50
 
 MAX_FIRST_STEPS = 12
 """The same for the starts: all of them wait for the slowest, and a good one is done."""
-
-
-class Start(eqx.Module):
-    """Where the last part of a fit begins.
-
-    Attributes:
-        cylinder: In the world frame.
-        num_steps: Steps of the solver so far.
-        num_tried: Starts that were tried.
-        num_agreeing: Those that led to this one.
-    """
-
-    cylinder: Cylinder
-    num_steps: Int[Array, ""]
-    num_tried: Int[Array, ""]
-    num_agreeing: Int[Array, ""]
-
-    @staticmethod
-    def at(cylinder: Cylinder) -> "Start":
-        """The only start."""
-        # Typed as what `best_start` returns, so that the fit is compiled once for both.
-        zero, one = jnp.zeros((), int), jnp.ones((), int)
-        return Start(cylinder, zero, one, one)
 
 
 @partial(jax.jit, static_argnames="request")
@@ -150,8 +127,7 @@ def best_start(
     best = jnp.argmin(costs + jax.vmap(partial(_hides, beside, noise))(tried.cylinder))
     cylinder = jax.tree.map(lambda field: field[best], tried.cylinder)
     agreeing = _num_agreeing(tried.cylinder, cylinder, nominal)
-    if camera.camera_from_world is not None:
-        cylinder = cylinder.transformed(camera.camera_from_world.inverse())
+    cylinder = in_world_frame(cylinder, camera)
     number = jnp.full((), starts.radius.shape[0], int)
     steps = tried.num_steps[best].astype(number.dtype)
     return Start(cylinder, steps, number, agreeing.astype(number.dtype))
@@ -201,15 +177,8 @@ def solve(
         request,
         _always(camera),
     )
-    steps = start.num_steps + solution.num_steps
-    solution = eqx.tree_at(lambda s: s.num_steps, solution, steps)
-    fit = assess(
-        solution, pixels, row, col, camera, unit, prior, request, _always(camera)
-    )
-    return eqx.tree_at(
-        lambda f: (f.num_starts, f.num_agreeing),
-        fit,
-        (start.num_tried, start.num_agreeing),
+    return assess(
+        start, solution, pixels, row, col, camera, unit, prior, request, _always(camera)
     )
 
 

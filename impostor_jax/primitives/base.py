@@ -1,6 +1,6 @@
 """What every primitive promises."""
 
-__all__ = ["AbstractPrimitive", "in_camera_frame"]
+__all__ = ["AbstractPrimitive", "in_camera_frame", "in_world_frame"]
 
 import abc
 from typing import TypeVar
@@ -47,3 +47,10 @@ def in_camera_frame(primitive: Primitive, camera: AbstractCamera) -> Primitive:
         return primitive
     # A primitive stays what it is; its abstract method cannot say so.
     return primitive.transformed(camera.camera_from_world)  # pyright: ignore[reportReturnType]
+
+
+def in_world_frame(primitive: Primitive, camera: AbstractCamera) -> Primitive:
+    """Express a primitive of the frame of a camera in the world."""
+    if camera.camera_from_world is None:
+        return primitive
+    return primitive.transformed(camera.camera_from_world.inverse())  # pyright: ignore[reportReturnType]
