@@ -1,12 +1,13 @@
 """Results of an experiment, with all that is needed to repeat it."""
 
-__all__ = ["Metric", "check_clean", "save_run"]
+__all__ = ["Metric", "result_folder", "save_run"]
 
 import dataclasses
 import importlib.metadata
 import os
 import platform
 import subprocess
+import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Literal
@@ -75,7 +76,7 @@ def save_run(
     if len(set(names)) < len(names):
         raise ValueError(f"metrics must have names of their own, got {names}")
     if not quick:
-        check_clean(folder)
+        _check_clean(folder)
     device = jax.devices()[0]
     settings = {
         name: str(value) if isinstance(value, Path) else value
@@ -97,8 +98,26 @@ def save_run(
     write_json(folder / "results.json", record)
 
 
-def check_clean(folder: Path) -> None:
-    """Refuse a tree that no commit describes; call it before a long run as well.
+def result_folder(output: Path | None, home: Path, *, quick: bool) -> Path:
+    """Folder of a run's results; before a long run, refuse code that no commit has.
+
+    Args:
+        output: Where the user wants them.
+        home: The experiment's own folder, the default; a trial gets a temporary one.
+        quick: Whether this is a trial.
+
+    Raises:
+        ValueError: The code is not committed.
+    """
+    if output is None:
+        output = Path(tempfile.mkdtemp()) if quick else home
+    if not quick:
+        _check_clean(output)
+    return output
+
+
+def _check_clean(folder: Path) -> None:
+    """Refuse a tree that no commit describes.
 
     The files that a run writes into `folder` do not count. Without git nothing is
     refused.

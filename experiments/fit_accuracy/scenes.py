@@ -1,6 +1,6 @@
 """Random scenes of a cylinder, with clutter, outliers and a sensor's noise."""
 
-__all__ = ["CAMERA", "SENSOR", "Scene", "random_scene"]
+__all__ = ["SENSOR", "Scene", "random_scene"]
 
 import dataclasses
 
@@ -12,10 +12,8 @@ from jaxtyping import Bool, Float
 import impostor_jax as ij
 from impostor_jax.geometry.vec3 import Vec3
 
-CAMERA = ij.PinholeCamera(525.0, 525.0, 319.5, 239.5, width=640, height=480)
-
 WIDE = ij.PinholeCamera(525.0, 525.0, 639.5, 479.5, width=1280, height=960)
-"""The same view with a margin, which shows how much lies out of the frame."""
+"""The camera's view with a margin, which shows how much lies out of the frame."""
 
 SENSOR = ij.StructuredLight()
 

@@ -25,7 +25,7 @@ import tyro
 from jaxtyping import Float
 
 import impostor_jax as ij
-from experiments.recording import Metric, check_clean, save_run
+from experiments.recording import Metric, result_folder, save_run
 from experiments.render_speed.cases import (
     jax_cases,
     make_camera,
@@ -195,13 +195,9 @@ def run(config: Config) -> Path:
     """
     if config.repeats < 1:
         raise ValueError(f"repeats must be at least 1, got {config.repeats}")
-    folder = config.output
-    if folder is None:
-        folder = Path(tempfile.mkdtemp()) if config.quick else HERE
+    folder = result_folder(config.output, HERE, quick=config.quick)
     if config.quick:
         config = dataclasses.replace(config, repeats=min(config.repeats, 4))
-    else:
-        check_clean(folder)
     start = time.perf_counter()
     metrics = measure(config)
     save_run(

@@ -159,7 +159,6 @@ def reading_rows(
         target=jnp.where(grazing, square - sigma * sigma, pixels.depth),
         weight=jnp.where(pixels.depth > 0, 1 / sigma, 0),
         slack=blank,
-        below=jnp.ones_like(sigma),
         nearest=seen.nearest,
         half=half,
         chord=jnp.where(grazing, chord, jnp.where(coarse, soft, sigma)),
@@ -184,7 +183,9 @@ def crossing_rows(
     An end's place is uniform between the two pixels and independent from row to row:
     its deviation is 1/sqrt(12) px. The wall's edge is straight, so along an image
     direction all rows may have the same place in the grid: there the interval alone
-    counts, and all within it are as likely.
+    counts, and all within it are as likely. It counts where the region is an outline;
+    that every pixel of a region must be hit would push one way only, and bias a radius
+    by up to its deviation.
 
     Args:
         around: As `gather_edge` returns it.
@@ -242,9 +243,7 @@ def crossing_rows(
     is_wall = margin == 0
     end = jnp.where(is_wall, 0, side * near)
     zero = jnp.zeros_like(step)
-    # In the region is on the object; outside it, a sensor errs by a pixel.
     shows = pick(jnp.where(shown, 1, 0).astype(r.dtype)[None, 1:])
-    below = shows * (1 if is_outline else place)
     # Where most neighbors beyond an end are no background, the object goes on, and the
     # few that are err.
     reads = pick(jnp.where(has, 1, 0).astype(r.dtype)[None, 1:])
@@ -252,7 +251,7 @@ def crossing_rows(
     ends = jnp.array([-1, 1], r.dtype)[:, None]
     total = jnp.sum(jnp.where(end[None] == ends, votes[None], 0), axis=1)
     elected = jnp.any((end[None] == ends) & (total > 0)[:, None], axis=0)
-    counts = crosses & (is_wall | (elected & (shows > 0)))
+    counts = crosses & (shows > 0) & jnp.where(is_wall, is_outline, elected)
     precision = jnp.where(is_wall, 1 / place, 12**0.5)
     return Rows(
         direction=jax.tree.map(
@@ -264,7 +263,6 @@ def crossing_rows(
         target=zero,
         weight=jnp.where(counts, precision / step, 0),
         slack=jnp.where(is_wall, step / 2, 0),
-        below=jnp.where(is_wall, below, 1),
         nearest=zero,
         half=zero,
         chord=zero + r / 10,

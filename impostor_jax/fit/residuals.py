@@ -62,7 +62,6 @@ class Rows(eqx.Module):
         weight: Inverse of the standard deviation of what is compared; 0 for rows that
             only fill up.
         slack: Error that is forgiven, in the units of what is compared.
-        below: Factor on the weight of a negative error.
         nearest: For a square, the depth of the nearest approach from which it was
             measured.
         half: For a square, the half-chord there, along which its target follows the
@@ -80,7 +79,6 @@ class Rows(eqx.Module):
     target: Float[Array, "*batch"]
     weight: Float[Array, "*batch"]
     slack: Float[Array, "*batch"]
-    below: Float[Array, "*batch"]
     nearest: Float[Array, "*batch"]
     half: Float[Array, "*batch"]
     chord: Float[Array, "*batch"]
@@ -321,16 +319,15 @@ def residuals(
     in_axis = of_row(in_axis, tilt_cap, in_axis + edge)
     in_radius = jnp.where(on_cap, of_rim, in_radius)
     in_height = jnp.where(is_end, -rows.end / 2, in_height)
-    weight = rows.weight * jnp.where(error < 0, rows.below, 1)
     beyond = jnp.maximum(jnp.abs(error) - rows.slack, 0)
-    counts = jnp.where(jnp.abs(error) < rows.slack, 0, weight)
+    counts = jnp.where(jnp.abs(error) < rows.slack, 0, rows.weight)
     parts = (
         *(in_center.x, in_center.y, in_center.z),
         *(in_axis.x, in_axis.y, in_axis.z),
         *(in_radius, in_height),
     )
     return (
-        jnp.sign(error) * beyond * weight,
+        jnp.sign(error) * beyond * rows.weight,
         jnp.stack([part * counts for part in parts]),
     )
 
