@@ -66,6 +66,7 @@ class Solution(eqx.Module):
         scale: Robust standard deviation of the whitened residuals, at least 1.
         converged: Whether the solver did.
         num_steps: Steps that it took.
+        moved: Root mean square of the coordinates by which the last stage moved it.
     """
 
     cylinder: Cylinder
@@ -74,6 +75,7 @@ class Solution(eqx.Module):
     scale: Float[Array, ""]
     converged: Bool[Array, ""]
     num_steps: Int[Array, ""]
+    moved: Float[Array, ""]
 
 
 def assess(

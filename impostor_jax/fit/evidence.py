@@ -138,7 +138,10 @@ def reading_rows(
             can move it across pixels; where it is less than `GRAZING` deviations, no
             reading is blunted and grazing ones are compared in squares.
     """
-    sigma = noise.sigma(seen.depth, seen.cos_incidence)
+    # An estimate that is far off must not have its rows weighed as if it were right.
+    used = pixels.depth > 0
+    near = jnp.clip(seen.depth, pixels.depth / 2, 2 * pixels.depth)
+    sigma = noise.sigma(jnp.where(used, near, 1), seen.cos_incidence)
     coarse = soft > GRAZING * sigma
     # How far in front of the nearest approach the reading lies, or behind from inside.
     reach = jnp.where(seen.outside, 1.0, -1.0) * (seen.nearest - pixels.depth)
@@ -157,7 +160,7 @@ def reading_rows(
         end=blank,
         side=blank,
         target=jnp.where(grazing, square - sigma * sigma, pixels.depth),
-        weight=jnp.where(pixels.depth > 0, 1 / sigma, 0),
+        weight=jnp.where(used, 1 / sigma, 0),
         slack=blank,
         nearest=seen.nearest,
         half=half,

@@ -2,8 +2,9 @@
 
 Surface normals of the wall are perpendicular to the axis and those of a cap are
 parallel to it, so one axis explains both. Axes are proposed by pairs of normals (the
-wall), by single normals (a cap) and by the principal directions of the points (thin
-rods), each in a fixed order, and scored by how many normals they explain. The best few
+wall), by single normals (a cap) and by the directions in which the region is longest
+and shortest in the image, each in a fixed order, and scored by how many normals they
+explain. The best few
 are carried on to a circle across the axis and an extent along it, and the one whose
 surface lies closest to the points comes first.
 
@@ -36,6 +37,9 @@ MAX_SAMPLES = 400
 MAX_POINTS = 1200
 """Points that a guess is compared with."""
 
+NUM_PARTS = 8
+"""Parts of a region whose median readings tell how its depth changes."""
+
 MAX_AXES = 5
 """Axes that are carried on to a circle."""
 
@@ -54,11 +58,12 @@ class Guess(NamedTuple):
 
 
 class _Surface(NamedTuple):
-    """Points and normals of the region, in the camera frame."""
+    """Points and normals of the region, and its directions, in the camera frame."""
 
     points: Float[np.ndarray, "n 3"]
     normals: Float[np.ndarray, "m 3"]
     normal_points: Float[np.ndarray, "m 3"]
+    drawn: Float[np.ndarray, "2 3"]
 
 
 def first_guesses(
@@ -179,7 +184,38 @@ def _surface(
         points=cloud[valid],
         normals=normals.reshape(-1, 3)[index],
         normal_points=cloud.reshape(-1, 3)[index],
+        drawn=_drawn(seen, matrix),
     )
+
+
+def _drawn(
+    seen: Float[np.ndarray, "h w"], matrix: Float[np.ndarray, "3 3"]
+) -> Float[np.ndarray, "2 3"]:
+    """Directions in space along which the region is longest and shortest in the image.
+
+    Noise as deep as the object is thick leaves nothing of the normals, but the image of
+    a rod is still long, and medians of many readings tell how its depth changes.
+    """
+    row, col = (part.astype(float) for part in np.nonzero(seen))
+    z = seen[seen > 0].astype(float)
+    pixels = np.stack([col, row], axis=1)
+    middle = pixels.mean(axis=0)
+    _, vectors = np.linalg.eigh(np.cov((pixels - middle).T))
+    found = []
+    for along in vectors.T[::-1]:
+        place = (pixels - middle) @ along
+        order = np.argsort(place)
+        parts = np.array_split(order, NUM_PARTS)
+        places = [np.median(place[part]) for part in parts]
+        slope, depth = np.polyfit(places, [np.median(z[part]) for part in parts], 1)
+        reach = float(np.ptp(places)) / 2
+        ends = [
+            np.linalg.solve(matrix, [*(middle + step * along), 1])
+            * (depth + slope * step)
+            for step in (-reach, reach)
+        ]
+        found.append((ends[1] - ends[0]) / np.linalg.norm(ends[1] - ends[0]))
+    return np.stack(found)
 
 
 def _reduction(
@@ -239,13 +275,12 @@ def _interior(valid: Bool[np.ndarray, "h w"]) -> tuple[Bool[np.ndarray, "h w"], 
 
 def _axes(surface: _Surface) -> list[Float[np.ndarray, "3"]]:
     """Candidate axes, at least 10 degrees apart."""
-    n, points = surface.normals, _thinned(surface.points)
-    _, _, principal = np.linalg.svd(points - points.mean(axis=0), full_matrices=False)
+    n = surface.normals
     if len(n) < 10:
-        return [*principal]
+        return [*surface.drawn]
     # Pairs of normals that are far apart in the image, in a fixed pattern.
     first = np.linspace(0, len(n) - 1, 64).astype(int)
-    candidates = [principal, n[first]]
+    candidates = [surface.drawn, n[first]]
     for part in (0.21, 0.38, 0.5):
         pair = np.cross(n[first], n[(first + int(part * len(n))) % len(n)])
         candidates.append(pair[np.linalg.norm(pair, axis=1) > 0.3])
@@ -257,10 +292,9 @@ def _axes(surface: _Surface) -> list[Float[np.ndarray, "3"]]:
     _, vectors = np.linalg.eigh(n.T @ n)
     likely = np.concatenate([vectors[:, 2][None], axes[order[: 4 * MAX_AXES]]])
     first, *others = _refined(likely, n)
-    # The points' own directions, too: noise as deep as the object is thick leaves
-    # nothing of the normals, and a rod is still as long as it is.
+    longest, shortest = surface.drawn
     kept = []
-    for axis in (first, principal[0], *others[:1], principal[1], *others[1:]):
+    for axis in (first, longest, *others[:1], shortest, *others[1:]):
         if all(abs(axis @ other) < np.cos(np.radians(10.0)) for other in kept):
             kept.append(axis)
         if len(kept) == MAX_AXES:
@@ -386,7 +420,8 @@ def _caps(axis: Float[np.ndarray, "3"], surface: _Surface) -> dict[int, float]:
     cosine, along = surface.normals @ axis, surface.normal_points @ axis
     caps = {}
     for sign in (-1, 1):
-        facing = sign * cosine > np.cos(np.radians(30.0))
+        # A cap that is seen edge on may give normals of either sign; one is true.
+        facing = (sign * cosine > np.cos(np.radians(30.0))) & (sign * along < 0)
         # A few stray normals at the edge of the region do not make a cap.
         if np.count_nonzero(facing) >= max(8, 0.03 * len(cosine)):
             caps[sign] = float(np.median(along[facing]))

@@ -88,7 +88,7 @@ class SurfaceSeen(eqx.Module):
     """What a ray sees of a cylinder, continued past its outline.
 
     Attributes:
-        depth: In meters; finite for every ray. A cap is taken for its whole plane.
+        depth: In meters; finite for every ray.
         cos_incidence: Cosine between the surface's normal and the ray.
         outside: Whether the ray starts outside, and sees the surface that it enters.
         on_cap: Whether the surface is a cap.
@@ -131,8 +131,12 @@ class _Passing(eqx.Module):
         outside: Whether the ray starts outside the solid.
         cap_in: Ray parameter where it enters the slab, from the foot.
         cap: Ray parameter of the cap that it would see.
-        on_cap: Whether it sees that.
+        on_cap: Whether it sees that, or would if that went on past its rim.
         rim: Distance from the axis of the point in that cap's plane.
+        falls: How far past the rim that is. The depth grows by it there, so that the
+            object's pixels draw the rim out.
+        keep: Far past it the depth goes back to the wall's, since a ray along the
+            plane meets it anywhere: weight of the plane, 1 on the cap.
     """
 
     local: Ray
@@ -148,6 +152,8 @@ class _Passing(eqx.Module):
     cap: Float[Array, "*batch"]
     on_cap: Bool[Array, "*batch"]
     rim: Float[Array, "*batch"]
+    falls: Float[Array, "*batch"]
+    keep: Float[Array, "*batch"]
 
 
 def _passing(
@@ -175,6 +181,9 @@ def _passing(
     outside = jnp.maximum(wall_in, cap_in) + foot > 0
     cap = jnp.where(outside, cap_in, cap_out)
     cap = jnp.where(jnp.isfinite(cap), cap, 0)
+    on_cap = jnp.where(outside, cap_in > wall_in, cap_out < wall_out)
+    rim = (o + d * cap).cross(a).norm()
+    past = jnp.maximum(rim / r - 1, 0)
     return _Passing(
         local=local,
         foot=foot,
@@ -187,8 +196,10 @@ def _passing(
         bend=blunt * (1 - (half * blunt) ** 2 / 2),
         outside=outside,
         cap=cap,
-        on_cap=jnp.where(outside, cap_in > wall_in, cap_out < wall_out),
-        rim=(o + d * cap).cross(a).norm(),
+        on_cap=on_cap,
+        rim=rim,
+        falls=past * r,
+        keep=1 / (1 + past * past),
     )
 
 
@@ -208,6 +219,14 @@ def surface_seen(
     return _seen(_passing(direction, cylinder, chord), cylinder)
 
 
+def _depth(passing: _Passing) -> Float[Array, "*batch"]:
+    """Depth of the surface, continued past its outline."""
+    sign = jnp.where(passing.outside, -1.0, 1.0).astype(passing.half.dtype)
+    wall = passing.nearest + sign * passing.half
+    on_plane = wall + (passing.cap + passing.falls - wall) * passing.keep
+    return jnp.where(passing.on_cap, on_plane, wall) + passing.foot
+
+
 def _seen(passing: _Passing, cylinder: Cylinder) -> SurfaceSeen:
     a, r = Vec3.from_array(cylinder.axis), cylinder.radius
     o, d = passing.local.origin, passing.local.direction
@@ -221,7 +240,7 @@ def _seen(passing: _Passing, cylinder: Cylinder) -> SurfaceSeen:
         jnp.maximum(passing.half, 0) * passing.m.dot(passing.m) / r,
     )
     return SurfaceSeen(
-        depth=jnp.where(passing.on_cap, passing.cap, wall) + passing.foot,
+        depth=_depth(passing),
         cos_incidence=jnp.minimum(facing * jax.lax.rsqrt(d.dot(d)), 1),
         outside=passing.outside,
         on_cap=passing.on_cap,
@@ -280,12 +299,11 @@ def residuals(
     sign = jnp.where(passing.outside, -1.0, 1.0).astype(r.dtype)
     is_end, is_square = rows.kind == Kind.END, rows.kind == Kind.SQUARE
     is_wall = rows.kind == Kind.WALL
-    alpha = jnp.where(
-        is_square,
-        in_nearest,
-        jnp.where(is_end, d_a, jnp.where(is_wall, 0, jnp.ones_like(d_a))),
-    )
-    bend = jnp.where(is_end, rows.side * d_a, sign) * passing.bend
+    on_cap = passing.on_cap & (rows.kind == Kind.DEPTH)
+    of_wall = 1 - jnp.where(on_cap, passing.keep, 0)
+    alpha = jnp.where(is_end, d_a, jnp.where(is_wall, 0, of_wall))
+    alpha = jnp.where(is_square, in_nearest, alpha)
+    bend = jnp.where(is_end, rows.side * d_a, sign * of_wall) * passing.bend
     unit = sign / (2 * rows.chord)
     beta = jnp.where(is_square, unit, jnp.where(is_wall, -jnp.ones_like(d_a), bend))
 
@@ -294,31 +312,26 @@ def residuals(
     in_axis = in_axis + e * (2 * passing.square * d_a * beta)
     in_radius = 2 * r * inverse * beta
     edge = o + d * (passing.nearest + rows.side * passing.half)
+    in_center = (in_center - a).where(is_end, in_center)
+    in_axis = (in_axis + edge).where(is_end, in_axis)
+    in_height = -rows.end / 2
 
-    # A cap's point stays in its plane.
+    # A cap's point stays in its plane; past the rim its distance from there counts.
     parallel = jnp.abs(d_a) < smallest_slope(d_a.dtype)
     per_step = jnp.where(parallel, 0, 1 / jnp.where(parallel, 1, d_a))
-    cap_point = o + d * passing.cap
-    on_cap = passing.on_cap & (rows.kind == Kind.DEPTH)
-
-    def of_row(of_wall: Vec3, of_cap: Vec3, of_end: Vec3) -> Vec3:
-        return of_cap.where(on_cap, of_end.where(is_end, of_wall))
-
-    cap_end = sign * jnp.sign(d_a)
-    # Where it falls off beyond the rim, by how far the point is from there.
-    beyond = passing.rim > r
-    outward = cap_point - a * cap_point.dot(a)
-    outward = outward * jnp.where(beyond, 1 / jnp.where(beyond, passing.rim, 1), 0)
-    follow = 1 + outward.dot(d)
-    of_cap = a * (per_step * follow) - outward
-    level_cap = cap_point.dot(a)
-    tilt_cap = cap_point * (-per_step * follow) - outward * level_cap
-    in_height = jnp.where(on_cap, cap_end * per_step * follow / 2, 0)
-    of_rim = jnp.where(beyond, -jnp.ones_like(d_a), 0)
-    in_center = of_row(in_center, of_cap, in_center - a)
-    in_axis = of_row(in_axis, tilt_cap, in_axis + edge)
-    in_radius = jnp.where(on_cap, of_rim, in_radius)
-    in_height = jnp.where(is_end, -rows.end / 2, in_height)
+    point = o + d * passing.cap
+    level, rim = point.dot(a), passing.rim
+    away = passing.cap + passing.falls - (passing.nearest + sign * passing.half)
+    per_falls = jnp.where(passing.falls > 0, passing.keep, 0)
+    per_past = -2 * passing.falls * passing.keep**2 * away / (r * r)
+    outward = (point - a * level) * ((per_past + per_falls) / jnp.maximum(rim, r))
+    follow = per_step * (passing.keep + outward.dot(d))
+    in_center = (in_center + a * follow - outward).where(on_cap, in_center)
+    in_axis = (in_axis - point * follow - outward * level).where(on_cap, in_axis)
+    of_rim = per_past * rim / r + per_falls
+    in_radius = in_radius - jnp.where(on_cap, of_rim, 0)
+    in_cap = sign * jnp.sign(d_a) * follow / 2
+    in_height = jnp.where(on_cap, in_cap, in_height)
     beyond = jnp.maximum(jnp.abs(error) - rows.slack, 0)
     counts = jnp.where(jnp.abs(error) < rows.slack, 0, rows.weight)
     parts = (
@@ -337,11 +350,7 @@ def _error(
 ) -> tuple[Float[Array, " n"], Float[Array, " n"]]:
     """What each row compares, and a square's derivative in its nearest approach."""
     sign = jnp.where(passing.outside, -1.0, 1.0).astype(passing.half.dtype)
-    wall = passing.nearest + sign * passing.half
-    # Beyond the rim a cap falls off, so that the object's pixels draw the rim out.
-    falls = jnp.maximum(passing.rim - cylinder.radius, 0)
-    seen = jnp.where(passing.on_cap, passing.cap + falls, wall)
-    depth = seen + passing.foot - rows.target
+    depth = _depth(passing) - rows.target
     moved = passing.nearest + passing.foot - rows.nearest
     follows = 2 * sign * rows.half + moved
     unit = sign / (2 * rows.chord)

@@ -8,6 +8,7 @@ the image against the estimate, which weighs each row, then minimize with the ro
 __all__ = ["best_start", "solve"]
 
 from functools import partial
+from itertools import pairwise
 
 import equinox as eqx
 import jax
@@ -49,10 +50,15 @@ FIRST_STAGES = ((0.3, 0.5, 1.0, 1.0), (0.1, 0.3, 1.0, 1.0), (0.1, np.inf, 1.0, 1
 LAST_STAGES = (
     (0.1, 0.2, 2.0, 0.5),
     (0.0, 0.2, 1.0, 0.1),
-    (0.0, 0.02, 1.0, 0.02),
+    *((0.0, 0.02, 1.0, 0.02),) * 6,
     (0.0, np.inf, 1.0, 0.02),
 )
-"""A stage without a limit on the step takes none: it only evaluates."""
+"""A stage without a limit on the step takes none: it only evaluates. One that repeats
+another is left out once that no longer moves the estimate."""
+
+SETTLED = 0.02
+"""Root mean square of the coordinates that counts as no motion: a fifth of a
+deviation."""
 
 SQUARE_WIDTH = 4.0
 """Factor on the width of the robust loss where readings are compared in squares."""
@@ -226,7 +232,7 @@ def _refine(
             rows = joined(rows, crossings)
         return rows, seen, scale
 
-    def stage(carry: Solution, effort: Float[Array, "4"]):
+    def stage(carry: Solution, effort: Float[Array, "4"]) -> Solution:
         soft, tolerance, widening, place = effort
         only = jnp.isinf(tolerance)
         rows, seen, scale = evaluate(carry.cylinder, soft, place)
@@ -252,14 +258,30 @@ def _refine(
             scale=scale,
             converged=jnp.where(only, carry.converged, converged),
             num_steps=carry.num_steps + steps,
-        ), None
+            moved=jnp.where(only, 0, jnp.sqrt(jnp.mean(vector**2))),
+        )
+
+    def unless_settled(carry: Solution, given: tuple[Float[Array, "4"], Array]):
+        effort, repeats = given
+        settled = repeats & (carry.moved < SETTLED)
+        return jax.lax.cond(settled, lambda c, _: c, stage, carry, effort), None
 
     rows, seen, scale = jax.tree.map(
         lambda field: jnp.zeros(field.shape, field.dtype),
         jax.eval_shape(evaluate, start, unit, unit),
     )
-    begin = Solution(start, rows, seen, scale, jnp.zeros((), bool), jnp.zeros((), int))
-    refined, _ = jax.lax.scan(stage, begin, jnp.array(stages, dtype))
+    begin = Solution(
+        cylinder=start,
+        rows=rows,
+        seen=seen,
+        scale=scale,
+        converged=jnp.zeros((), bool),
+        num_steps=jnp.zeros((), int),
+        moved=jnp.full_like(scale, jnp.inf),
+    )
+    repeats = np.array([stage == last for last, stage in pairwise((None, *stages))])
+    given = (jnp.array(stages, dtype), jnp.asarray(repeats))
+    refined, _ = jax.lax.scan(unless_settled, begin, given)
     return refined
 
 
@@ -326,9 +348,10 @@ def _triangle(
         ]
     )
     products = jnp.matmul(full, full.T, precision="highest")
-    # Rounding must not make the last pivot negative where the fit is perfect.
-    rounding = products[-1, -1] * eps(vector.dtype, 16) + RIDGE**2
-    products = products.at[-1, -1].add(rounding)
+    # Rounding must not make a pivot negative. As rows without a residual these damp a
+    # step, by a millionth, and move no minimum.
+    diagonal = jnp.diagonal(products) * eps(vector.dtype, 16)
+    products = products + jnp.diag(diagonal.at[-1].add(RIDGE**2))
     lower = jnp.linalg.cholesky(products)
     return lower[-1], lower[:-1].T
 

@@ -33,7 +33,7 @@ def rows_of(dtype, count=800):
         direction=Vec3(x, y, jnp.ones_like(x)),
         kind=jnp.asarray(kind),
         end=jnp.asarray(np.where(is_end, rng.choice([-1, 1], count), 0), dtype),
-        side=jnp.asarray(rng.choice([-1, 1], count), dtype),
+        side=jnp.asarray(np.where(is_end, rng.choice([-1, 1], count), 0), dtype),
         target=jnp.where(square, 1e-3, uniform(0.7, 0.9)),
         weight=uniform(1, 2),
         slack=jnp.asarray(np.where(kind == Kind.WALL, 1e-4, 0), dtype),
