@@ -144,18 +144,22 @@ def _surface(
     sigma: float,
 ) -> _Surface | None:
     """Crop, reduce and differentiate the region's depth."""
-    seen = np.where(region, depth, 0)
-    rows, cols = np.any(seen > 0, axis=1), np.any(seen > 0, axis=0)
+    rows, cols = np.any(region, axis=1), np.any(region, axis=0)
     if not rows.any():
         return None
     top, left = int(np.argmax(rows)), int(np.argmax(cols))
     bottom = len(rows) - int(np.argmax(rows[::-1]))
     right = len(cols) - int(np.argmax(cols[::-1]))
-    step = _reduction((bottom - top, right - left), seen[seen > 0], matrix, sigma)
-    reduced = _block_median(seen[top:bottom, left:right], step)
+    crop = np.s_[top:bottom, left:right]
+    seen = np.where(region[crop], depth[crop], 0)
+    if not seen.any():
+        return None
+    step = _reduction(seen.shape, seen[seen > 0], matrix, sigma)
+    reduced = _block_median(seen, step)
     # A block's center is the mean of its pixels' centers.
-    local = matrix.copy()
-    local[:2, 2] -= (left + (step - 1) / 2, top + (step - 1) / 2)
+    cropped = matrix - np.array([[0, 0, left], [0, 0, top], [0, 0, 0]])
+    local = cropped.copy()
+    local[:2, 2] -= (step - 1) / 2
     local[:2] /= step
     padded = cv2.copyMakeBorder(reduced, 4, 4, 4, 4, cv2.BORDER_CONSTANT, value=0)
     local[:2, 2] += 4
@@ -184,7 +188,7 @@ def _surface(
         points=cloud[valid],
         normals=normals.reshape(-1, 3)[index],
         normal_points=cloud.reshape(-1, 3)[index],
-        drawn=_drawn(seen, matrix),
+        drawn=_drawn(seen, cropped),
     )
 
 
@@ -194,28 +198,30 @@ def _drawn(
     """Directions in space along which the region is longest and shortest in the image.
 
     Noise as deep as the object is thick leaves nothing of the normals, but the image of
-    a rod is still long, and medians of many readings tell how its depth changes.
+    a rod is still long, and medians of many readings tell how its depth changes. A disc
+    is short along its axis where it is seen edge on, its axis across the view.
     """
-    row, col = (part.astype(float) for part in np.nonzero(seen))
-    z = seen[seen > 0].astype(float)
-    pixels = np.stack([col, row], axis=1)
+    index = _thinned(np.flatnonzero(seen), MAX_POINTS)
+    row, col = np.divmod(index, seen.shape[1])
+    z = seen.ravel()[index].astype(float)
+    pixels = np.stack([col, row], axis=1).astype(float)
     middle = pixels.mean(axis=0)
     _, vectors = np.linalg.eigh(np.cov((pixels - middle).T))
-    found = []
-    for along in vectors.T[::-1]:
-        place = (pixels - middle) @ along
-        order = np.argsort(place)
-        parts = np.array_split(order, NUM_PARTS)
-        places = [np.median(place[part]) for part in parts]
-        slope, depth = np.polyfit(places, [np.median(z[part]) for part in parts], 1)
-        reach = float(np.ptp(places)) / 2
-        ends = [
-            np.linalg.solve(matrix, [*(middle + step * along), 1])
-            * (depth + slope * step)
-            for step in (-reach, reach)
-        ]
-        found.append((ends[1] - ends[0]) / np.linalg.norm(ends[1] - ends[0]))
-    return np.stack(found)
+    shortest, longest = vectors.T
+    place = (pixels - middle) @ longest
+    parts = np.array_split(np.argsort(place), NUM_PARTS)
+    places = np.array([np.median(place[part]) for part in parts])
+    depths = np.array([np.median(z[part]) for part in parts])
+    offsets = places - places.mean()
+    slope = offsets @ depths / max(offsets @ offsets, 1e-6)
+    center = np.linalg.solve(matrix, [*middle, 1])
+    # A step along the image from the middle, at the depth there, moves the point so.
+    focal = np.diag(matrix)[:2]
+    lengthwise = np.array([*(longest / focal), 0]) * depths.mean() + center * slope
+    across = np.array([*(shortest / focal), 0])
+    across = across - center * (center @ across) / (center @ center)
+    found = np.stack([lengthwise, across])
+    return found / np.linalg.norm(found, axis=1, keepdims=True)
 
 
 def _reduction(

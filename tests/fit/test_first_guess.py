@@ -24,6 +24,25 @@ def test_second_guess_has_another_axis():
     assert angle_between(first.axis, second.axis) > 9
 
 
+@pytest.mark.parametrize(
+    ("radius", "height"),
+    [pytest.param(0.006, 0.1, id="rod"), pytest.param(0.06, 0.02, id="disc")],
+)
+def test_image_shows_an_axis_that_noise_hides_from_the_normals(radius, height):
+    truth = ij.Cylinder((0.01, 0.02, 0.5), (0.6, 0.8, 0.1), radius, height)
+    maps = ij.render(truth, CAMERA)
+    noise = np.random.default_rng(0).normal(0, 0.005, maps.depth.shape)
+    depth = np.where(maps.mask, maps.depth + noise, 0)
+    guesses = first_guesses(depth, np.asarray(maps.mask), CAMERA, 0.005)
+    assert min(angle_between(g.axis, truth.axis) for g in guesses) < 10
+
+
+def test_row_of_pixels_gives_no_error():
+    region = np.zeros((120, 160), bool)
+    region[60, 20:140] = True
+    first_guesses(np.where(region, 0.5, 0), region, CAMERA, SIGMA)
+
+
 def test_guess_sees_through_a_lens():
     camera = ij.PinholeCamera(
         150.0, 150.0, 79.5, 59.5, 160, 120, distortion=(-0.3, 0.1, 0.002, 0.001, 0.0)
