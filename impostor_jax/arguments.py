@@ -4,8 +4,17 @@ Concrete values are checked; traced ones pass, because their numbers are not kno
 Shapes and dtypes are known while tracing and are always checked.
 """
 
-__all__ = ["float_array", "is_concrete", "one_of", "positive_int", "real_number"]
+__all__ = [
+    "angle_below_grazing",
+    "bounded_number",
+    "float_array",
+    "is_concrete",
+    "one_of",
+    "positive_int",
+    "real_number",
+]
 
+import math
 from collections.abc import Iterable, Sequence
 from typing import Any
 
@@ -58,6 +67,31 @@ def real_number(
     if not np.isfinite(number) or (positive and number <= 0):
         raise ValueError(f"{name} must be {need}, got {number}")
     return number
+
+
+def bounded_number(name: str, value: Any, need: str, high: float = math.inf) -> Any:
+    """Return `value` as `real_number` does; a `ValueError` unless from 0 to `high`.
+
+    Args:
+        name: Name of the argument, for the error.
+        value: A number; a traced one passes.
+        need: What the value must be, with its unit, for the error.
+        high: Largest value.
+    """
+    number = real_number(name, value)
+    if is_concrete(number) and not 0 <= number <= high:
+        raise ValueError(f"{name} must be {need}, got {number}")
+    return number
+
+
+def angle_below_grazing(name: str, value: Any) -> Any:
+    """Return `value` as `real_number` does; a `ValueError` unless in 0 to 89.5 degrees.
+
+    At 90 degrees the laws of the incidence are infinite or divide by 0, and so close to
+    it no sensor was ever measured.
+    """
+    need = "an angle from 0 to 1.562 radians (89.5 degrees)"
+    return bounded_number(name, value, need, math.radians(89.5))
 
 
 def positive_int(name: str, value: Any, unit: str) -> int:

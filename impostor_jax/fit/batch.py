@@ -74,7 +74,6 @@ def fit_cylinders(
         ValueError: As in `fit_cylinder`; or the numbers of images, masks and starts
             differ, or an argument is traced.
     """
-    check_types(camera, None)
     request = checked_request(fixed, initial, mask_meaning, kernel, scale, errors)
     noise, beliefs = checked_noise(sigma), checked_prior(prior)
     if not is_concrete((depths, masks, camera, noise, initial, beliefs)):
@@ -88,11 +87,7 @@ def fit_cylinders(
         raise ValueError(f"depths must have the shape (N, H, W), got {depths.shape}")
     if masks is not None and len(masks) != count:
         raise ValueError(f"masks must be {count}, one an image, got {len(masks)}")
-    if initial is not None and initial.radius.shape != (count,):
-        raise ValueError(
-            f"initial must be a batch of {count} cylinders, one an image, got the "
-            f"shape {initial.radius.shape}"
-        )
+    check_types(camera, initial, count)
     images = [np.asarray(checked_depth(depth, camera)) for depth in depths]
     given = [
         None if masks is None else checked_mask(m, camera)

@@ -125,14 +125,24 @@ def checked_prior(prior: Mapping[str, Any] | None) -> Prior:
     return Prior(**beliefs)
 
 
-def check_types(camera: PinholeCamera, initial: Cylinder | None) -> None:
-    """Raise unless the objects are what their names say."""
+def check_types(
+    camera: PinholeCamera, initial: Cylinder | None, count: int | None = None
+) -> None:
+    """Raise unless the objects are what their names say.
+
+    Args:
+        camera: The camera.
+        initial: One start, or a batch of `count`.
+        count: Number of images; None for one image alone.
+    """
     if not isinstance(camera, PinholeCamera):
         raise ValueError(f"camera must be a PinholeCamera, got {type(camera).__name__}")
     if initial is None:
         return
-    if not isinstance(initial, Cylinder) or initial.radius.ndim:
-        raise ValueError(f"initial must be one Cylinder, got {initial!r}")
+    shape = () if count is None else (count,)
+    if not isinstance(initial, Cylinder) or initial.radius.shape != shape:
+        need = "one Cylinder" if count is None else f"a batch of {count} cylinders"
+        raise ValueError(f"initial must be {need}, got {initial!r}")
 
 
 def checked_depth(depth: Any, camera: PinholeCamera) -> DepthImage:

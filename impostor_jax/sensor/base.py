@@ -9,8 +9,6 @@ __all__ = [
     "NO_READING",
     "AbstractDepthNoise",
     "Scalar",
-    "angle_below_grazing",
-    "bounded_number",
     "compiled",
     "cos_incidence",
     "has_surface",
@@ -19,7 +17,6 @@ __all__ = [
 ]
 
 import abc
-import math
 from collections.abc import Callable
 from typing import Any, TypeVar, cast
 
@@ -28,7 +25,6 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, PRNGKeyArray
 
-from impostor_jax.arguments import is_concrete, real_number
 from impostor_jax.camera.base import AbstractCamera
 from impostor_jax.geometry.vec3 import Vec3
 
@@ -152,28 +148,3 @@ def noise_model(sensor: Any) -> AbstractDepthNoise:
             f"sensor must be a noise model such as ConstantNoise, got {sensor!r}"
         )
     return sensor
-
-
-def bounded_number(name: str, value: Any, need: str, high: float = math.inf) -> Any:
-    """Return `value` as `real_number` does; a `ValueError` unless from 0 to `high`.
-
-    Args:
-        name: Name of the argument, for the error.
-        value: A number; a traced one passes.
-        need: What the value must be, with its unit, for the error.
-        high: Largest value.
-    """
-    number = real_number(name, value)
-    if is_concrete(number) and not 0 <= number <= high:
-        raise ValueError(f"{name} must be {need}, got {number}")
-    return number
-
-
-def angle_below_grazing(name: str, value: Any) -> Any:
-    """Return `value` as `real_number` does; a `ValueError` unless in 0 to 89.5 degrees.
-
-    At 90 degrees the laws of the incidence are infinite or divide by 0, and so close to
-    it no sensor was ever measured.
-    """
-    need = "an angle from 0 to 1.562 radians (89.5 degrees)"
-    return bounded_number(name, value, need, math.radians(89.5))

@@ -13,11 +13,11 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, PRNGKeyArray
 from typing_extensions import override
 
+from impostor_jax.arguments import bounded_number
 from impostor_jax.camera.base import AbstractCamera
 from impostor_jax.sensor.base import (
     AbstractDepthNoise,
     Scalar,
-    bounded_number,
     compiled,
     has_surface,
     noise_model,

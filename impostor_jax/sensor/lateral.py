@@ -13,12 +13,11 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, PRNGKeyArray
 from typing_extensions import override
 
+from impostor_jax.arguments import angle_below_grazing, bounded_number
 from impostor_jax.camera.base import AbstractCamera
 from impostor_jax.sensor.base import (
     AbstractDepthNoise,
     Scalar,
-    angle_below_grazing,
-    bounded_number,
     compiled,
     cos_incidence,
     has_surface,

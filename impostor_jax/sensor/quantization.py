@@ -14,13 +14,12 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, PRNGKeyArray
 from typing_extensions import override
 
-from impostor_jax.arguments import real_number
+from impostor_jax.arguments import bounded_number, real_number
 from impostor_jax.camera.base import AbstractCamera
 from impostor_jax.sensor.base import (
     NO_READING,
     AbstractDepthNoise,
     Scalar,
-    bounded_number,
     compiled,
     has_surface,
 )

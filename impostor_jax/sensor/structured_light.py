@@ -14,14 +14,12 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, PRNGKeyArray
 from typing_extensions import override
 
-from impostor_jax.arguments import real_number
+from impostor_jax.arguments import angle_below_grazing, bounded_number, real_number
 from impostor_jax.camera.base import AbstractCamera
 from impostor_jax.numerics import eps, safe_sqrt
 from impostor_jax.sensor.base import (
     AbstractDepthNoise,
     Scalar,
-    angle_below_grazing,
-    bounded_number,
     compiled,
     cos_incidence,
     has_surface,

@@ -284,13 +284,19 @@ for arguments in ({"camera": "kinect"}, {"camera": camera, "initial": "can"}):
         ij.fit_cylinder(np.ones((120, 160)), **arguments)
     except ValueError as error:
         print(error)
+    try:
+        ij.fit_cylinders(np.ones((2, 120, 160)), **{"camera": camera} | arguments)
+    except ValueError as error:
+        print(error)
 """
     found = subprocess.run(
         [sys.executable, "-c", program], capture_output=True, text=True, check=True
     )
     assert found.stdout.splitlines() == [
         "camera must be a PinholeCamera, got str",
+        "camera must be a PinholeCamera, got str",
         "initial must be one Cylinder, got 'can'",
+        "initial must be a batch of 2 cylinders, got 'can'",
     ]
 
 
