@@ -45,7 +45,7 @@ def tables(folder: Path) -> str:
         lines += _comparison(values, compared)
     lines += ["", f"| coverage of 95 % intervals | {' | '.join(COORDINATES)} |"]
     lines += [f"|---|{'--:|' * 7}"]
-    for noise in ("white", "correlated"):
+    for noise in _noises(values):
         held = [_get(values, f"interval.{noise}.{c}.coverage_95") for c in COORDINATES]
         lines.append(f"| {noise} | {' | '.join(f'{part:.3f}' for part in held)} |")
     return "\n".join(lines)
@@ -102,7 +102,7 @@ def _draw_errors(axes: Axes, values: Values) -> None:
 
 
 def _draw_intervals(axes: Axes, values: Values) -> None:
-    for noise, marker in (("white", "o"), ("correlated", "s")):
+    for noise, marker in zip(_noises(values), "os", strict=False):
         keys = [f"interval.{noise}.{name}.coverage_95" for name in COORDINATES]
         found = np.array([values[key] for key in keys], float)
         axes.errorbar(
@@ -135,6 +135,12 @@ def _cases(values: Values) -> list[str]:
     end = ".radius.over_bound"
     names = [name.removesuffix(end) for name in values if name.endswith(end)]
     return [name for name in names if name.count(".") == 1 and name[0].isdigit()]
+
+
+def _noises(values: Values) -> list[str]:
+    """Noises whose intervals were counted."""
+    names = ("white", "correlated")
+    return [n for n in names if f"interval.{n}.radius.coverage_95" in values]
 
 
 def _compared(values: Values) -> list[str]:
