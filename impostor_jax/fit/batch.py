@@ -134,18 +134,21 @@ def _stacked(trees: Sequence[Any]) -> Any:
 def _best_starts(mapped, near, starts, shared, request):
     camera, noise, prior = shared
 
-    def one(image, row, col, near, starts):
+    def one(given):
+        image, row, col, near, starts = given
         return best_start(image, row, col, *near, camera, noise, starts, prior, request)
 
     images, _, row, col = mapped
-    return jax.vmap(one)(images, row, col, near, starts)
+    return jax.lax.map(one, (images, row, col, near, starts))
 
 
 @partial(jax.jit, static_argnames=("request", "is_far"))
 def _solve_all(mapped, starts, shared, request, is_far):
     camera, noise, prior = shared
 
-    def one(given, start):
-        return solve(*given, camera, noise, start, prior, request, is_far)
+    def one(given):
+        shown, start = given
+        return solve(*shown, camera, noise, start, prior, request, is_far)
 
-    return jax.vmap(one)(mapped, starts)
+    # One after the other: side by side, each would wait for the slowest at every stage.
+    return jax.lax.map(one, (mapped, starts))
