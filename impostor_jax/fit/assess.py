@@ -34,26 +34,29 @@ MIN_END_ROWS = 5
 
 
 class Start(eqx.Module):
-    """Where the last part of a fit begins.
+    """Where the last part of a fit begins; several, (k,), the likeliest first.
 
     Attributes:
         cylinder: In the world frame.
+        is_worth: Whether to begin here at all.
         num_steps: Steps of the solver so far.
-        num_tried: Starts that were tried.
-        num_agreeing: Those that led to this one.
+        num_tried: Guesses that were tried.
+        num_agreeing: Those that led here.
     """
 
     cylinder: Cylinder
-    num_steps: Int[Array, ""]
-    num_tried: Int[Array, ""]
-    num_agreeing: Int[Array, ""]
+    is_worth: Bool[Array, "*k"]
+    num_steps: Int[Array, "*k"]
+    num_tried: Int[Array, "*k"]
+    num_agreeing: Int[Array, "*k"]
 
     @staticmethod
-    def at(cylinder: Cylinder) -> "Start":
-        """The only start."""
+    def at(cylinder: Cylinder, count: int = 1) -> "Start":
+        """The only guess, repeated where as many are expected."""
         # Typed as what `best_start` returns, so that the fit is compiled once for both.
-        zero, one = jnp.zeros((), int), jnp.ones((), int)
-        return Start(cylinder, zero, one, one)
+        zero, one = jnp.zeros(count, int), jnp.ones(count, int)
+        repeated = jax.tree.map(lambda a: jnp.repeat(a[None], count, axis=0), cylinder)
+        return Start(repeated, jnp.arange(count) == 0, zero, one, one)
 
 
 class Solution(eqx.Module):

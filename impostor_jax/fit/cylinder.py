@@ -51,7 +51,7 @@ from impostor_jax.fit.result import (
     FitStatus,
 )
 from impostor_jax.fit.segment import nearest_object
-from impostor_jax.fit.solve import START_READINGS, best_start, solve
+from impostor_jax.fit.solve import NUM_KEPT, START_READINGS, best_start, solve
 from impostor_jax.primitives.base import in_camera_frame, in_world_frame
 from impostor_jax.primitives.cylinder import Cylinder
 from impostor_jax.sensor.base import AbstractDepthNoise
@@ -168,8 +168,8 @@ def _compile_ahead(
     if key not in _ahead:
 
         def run() -> None:
-            one = Start.at(Cylinder((0, 0, 1), (0, 0, 1), 1, 1))
-            solve.lower(*shown, one, prior, request, is_far=False).compile()
+            kept = Start.at(Cylinder((0, 0, 1), (0, 0, 1), 1, 1), NUM_KEPT)
+            solve.lower(*shown, kept, prior, request, is_far=False).compile()
 
         # A precision that the caller's thread has set is not that of another one.
         target = jax.enable_x64(True)(run) if double else run

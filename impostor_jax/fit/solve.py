@@ -1,11 +1,12 @@
 """The compiled fit: from starts to a cylinder with its covariance.
 
 All of it runs in the camera's frame. Several starts are solved on a part of the
-readings, in one vmapped call; the best goes on with all of them, in stages: evaluate
-the image against the estimate, which weighs each row, then minimize with the rows held.
+readings, in one vmapped call, and where noise hides the tilt their mirror images, too.
+The best goes on with all readings, in stages: evaluate the image against the estimate,
+which weighs each row, then minimize with the rows held.
 """
 
-__all__ = ["best_start", "solve"]
+__all__ = ["NUM_KEPT", "best_start", "solve"]
 
 from functools import partial
 from itertools import pairwise
@@ -72,11 +73,27 @@ RIDGE = 3e-3
 MISSED_LOSS = 3.0
 """Loss of a pixel that the cylinder should cover and does not, or the reverse."""
 
+HIDES_TILT = 0.03
+"""Noise in radii from which the depth of a short object does not tell its tilt."""
+
+EXPLAINED = 1.05
+"""Robust deviation of the whitened residuals that leaves no doubt of a solution."""
+
+NUM_KEPT = 4
+"""Solutions of the starts that noise may hide the best among."""
+
 MAX_STEPS = 50
 """Step limit of the solver in a stage."""
 
 MAX_FIRST_STEPS = 12
 """The same for the starts: all of them wait for the slowest, and a good one is done."""
+
+
+_Tried = tuple[Cylinder, Float[Array, "*k"], Int[Array, "*k"]]
+"""Where a start leads, its cost and its steps."""
+
+_Best = tuple[Float[Array, ""], Start, Solution]
+"""Cost of a solution, where it began, and the solution."""
 
 
 @partial(jax.jit, static_argnames="request")
@@ -92,7 +109,7 @@ def best_start(
     prior: Prior,
     request: Request,
 ) -> Start:
-    """Solve from several starts on a part of the readings, and keep the best.
+    """Solve from several starts on a part of the readings, and keep the best few.
 
     Args:
         depth: In meters; 0 where there is no reading.
@@ -112,10 +129,13 @@ def best_start(
     some = jnp.arange(size) * jnp.maximum(count, size) // size
     pixels = gather_pixels(depth, camera, row[some], col[some])
     nominal, unit = _units(pixels, noise)
+    beside = gather_pixels(depth, camera, beside_row, beside_col)
     in_camera = in_camera_frame(starts, camera)
     prior = prior.in_camera_frame(camera)
-    tried = jax.vmap(
-        lambda start: _refine(
+    always = _always(camera)
+
+    def tried(start: Cylinder) -> _Tried:
+        solution = _refine(
             pixels,
             None,
             start,
@@ -125,18 +145,41 @@ def best_start(
             unit,
             prior,
             request,
-            _always(camera),
+            always,
         )
-    )(in_camera)
-    beside = gather_pixels(depth, camera, beside_row, beside_col)
-    costs = jax.vmap(_cost, in_axes=(None, 0))(pixels, tried)
-    best = jnp.argmin(costs + jax.vmap(partial(_hides, beside, noise))(tried.cylinder))
-    cylinder = jax.tree.map(lambda field: field[best], tried.cylinder)
-    agreeing = _num_agreeing(tried.cylinder, cylinder, nominal)
-    cylinder = in_world_frame(cylinder, camera)
-    number = jnp.full((), starts.radius.shape[0], int)
-    steps = tried.num_steps[best].astype(number.dtype)
-    return Start(cylinder, steps, number, agreeing.astype(number.dtype))
+        cost = _cost(pixels, solution) + _hides(beside, noise, solution.cylinder)
+        return solution.cylinder, cost, solution.num_steps
+
+    def left_out(start: Cylinder) -> _Tried:
+        return start, jnp.full_like(start.radius, jnp.inf), jnp.zeros((), int)
+
+    def group(given: tuple[Bool[Array, ""], Cylinder]) -> _Tried:
+        return jax.lax.cond(given[0], jax.vmap(tried), jax.vmap(left_out), given[1])
+
+    # The mirrored guesses only where noise hides the tilt; compiled once for both.
+    is_noisy = nominal > HIDES_TILT * jnp.median(starts.radius)
+    groups = jax.tree.map(lambda *a: jnp.stack(a), in_camera, _mirrored(in_camera))
+    ends = jax.lax.map(group, (jnp.stack([jnp.array(True), is_noisy]), groups))
+    cylinders, costs, steps = jax.tree.map(lambda a: a.reshape(-1, *a.shape[2:]), ends)
+    copies = jnp.all(starts.center == starts.center[:1], axis=1).at[0].set(False)
+    counts = jnp.concatenate([~copies, ~copies & is_noisy])
+
+    def keep(costs: Float[Array, " k"], _):
+        best = jnp.argmin(costs)
+        cylinder = jax.tree.map(lambda field: field[best], cylinders)
+        apart = _distance(cylinders, cylinder)
+        agreeing = counts & (apart < jnp.maximum(nominal, cylinder.radius / 50))
+        start = Start(
+            cylinder=in_world_frame(cylinder, camera),
+            is_worth=is_noisy & jnp.isfinite(costs[best]),
+            num_steps=steps[best],
+            num_tried=jnp.sum(counts),
+            num_agreeing=jnp.maximum(jnp.sum(agreeing), 1),
+        )
+        return jnp.where(apart < 3 * nominal, jnp.inf, costs), start
+
+    _, kept = jax.lax.scan(keep, costs, length=NUM_KEPT)
+    return eqx.tree_at(lambda k: k.is_worth, kept, kept.is_worth.at[0].set(True))
 
 
 @partial(jax.jit, static_argnames=("request", "is_far"))
@@ -161,7 +204,7 @@ def solve(
         col: Columns of the object's pixels.
         camera: The camera.
         noise: Of its readings.
-        start: Where to begin.
+        start: Where to begin, (k,); the end that explains the readings best is kept.
         prior: In the world frame.
         request: What is asked for.
         is_far: Whether the start is a guess and not the best of several solutions.
@@ -171,20 +214,41 @@ def solve(
     edge = gather_edge(depth, mask, camera, row, col)
     _, unit = _units(pixels, noise)
     prior = prior.in_camera_frame(camera)
-    solution = _refine(
-        pixels,
-        edge,
-        in_camera_frame(start.cylinder, camera),
-        (*FIRST_STAGES[:-1], *LAST_STAGES) if is_far else LAST_STAGES,
-        request.kernel,
-        noise,
-        unit,
-        prior,
-        request,
-        _always(camera),
-    )
+    always = _always(camera)
+
+    def solution_from(cylinder: Cylinder) -> Solution:
+        return _refine(
+            pixels,
+            edge,
+            in_camera_frame(cylinder, camera),
+            (*FIRST_STAGES[:-1], *LAST_STAGES) if is_far else LAST_STAGES,
+            request.kernel,
+            noise,
+            unit,
+            prior,
+            request,
+            always,
+        )
+
+    def try_from(best: _Best, begin: Start) -> _Best:
+        solution = solution_from(begin.cylinder)
+        found = _cost(pixels, solution), begin, solution
+        is_better = found[0] <= best[0]
+        return jax.tree.map(partial(jnp.where, is_better), found, best)
+
+    def unless_explained(best: _Best, begin: Start):
+        needed = begin.is_worth & (best[2].scale > EXPLAINED)
+        return jax.lax.cond(needed, try_from, lambda b, _: b, best, begin), None
+
+    first = jax.tree.map(lambda field: field[0], start)
+    blank = jax.eval_shape(solution_from, first.cylinder)
+    blank = jax.tree.map(lambda field: jnp.zeros(field.shape, field.dtype), blank)
+    infinite = jnp.full_like(unit, jnp.inf)
+    blank = eqx.tree_at(lambda s: s.scale, blank, infinite)
+    worst = infinite, first, blank
+    (_, start, solution), _ = jax.lax.scan(unless_explained, worst, start)
     return assess(
-        start, solution, pixels, row, col, camera, unit, prior, request, _always(camera)
+        start, solution, pixels, row, col, camera, unit, prior, request, always
     )
 
 
@@ -428,7 +492,7 @@ def _cost(pixels: Pixels, tried: Solution) -> Float[Array, ""]:
     Its logarithm compares good with better and counts a gross error like any other.
     """
     seen, rows = tried.seen, tried.rows
-    whitened = (seen.depth - pixels.depth) * rows.weight
+    whitened = (seen.depth - pixels.depth) * rows.weight[: pixels.depth.shape[0]]
     # A pixel of the object that the cylinder does not cover is as wrong as can be.
     missed = (~seen.on_cap & (seen.square < 0)) | (
         seen.on_cap & (seen.cap_distance > 1.05)
@@ -454,12 +518,18 @@ def _hides(
     return MISSED_LOSS * jnp.mean(jnp.where(hidden, 1, 0).astype(half.dtype))
 
 
-def _num_agreeing(
-    tried: Cylinder, best: Cylinder, sigma: Float[Array, ""]
-) -> Int[Array, ""]:
-    """Number of cylinders whose wall is the best one's to within a deviation."""
+def _mirrored(cylinder: Cylinder) -> Cylinder:
+    """Tilt the other way, which looks the same from afar but for its depth."""
+    axis, center = cylinder.axis, cylinder.center
+    along = jnp.sum(axis * center, axis=-1) / jnp.sum(center**2, axis=-1)
+    mirrored = axis - 2 * along[..., None] * center
+    return eqx.tree_at(lambda c: c.axis, cylinder, mirrored)
+
+
+def _distance(tried: Cylinder, best: Cylinder) -> Float[Array, " k"]:
+    """How far the wall of each cylinder lies from the best one's, in meters."""
     a = best.axis
     turned = jnp.cross(tried.axis, a[None]) * ((best.height + best.radius) / 2)
     moved = jnp.cross(tried.center - best.center[None], a[None])
-    apart = jnp.sum(turned**2 + moved**2, axis=1) + (tried.radius - best.radius) ** 2
-    return jnp.sum(apart < jnp.maximum(sigma, best.radius / 50) ** 2)
+    grown = tried.radius - best.radius
+    return jnp.sqrt(jnp.sum(turned**2 + moved**2, axis=1) + grown**2)

@@ -313,6 +313,22 @@ def test_several_starts_are_solved_and_their_agreement_is_reported():
     )
 
 
+def test_tilt_that_noise_hides_is_found():
+    # A tenth of the radius of noise: what the starts find is tilted by 15 degrees, and
+    # only the whole image tells that another start was right.
+    angle = np.radians(80)
+    axis = (0.7 * np.sin(angle), 0.714 * np.sin(angle), np.cos(angle))
+    truth = ij.Cylinder((0.02, -0.01, 0.8), axis, radius=0.08, height=0.08)
+    maps = ij.render(truth, CAMERA, outputs=("depth", "mask"))
+    mask = np.asarray(maps.mask)
+    noise = np.random.default_rng(0).normal(0, 0.008, mask.shape)
+    depth = (np.where(mask, maps.depth, 1.5) + noise).astype(np.float32)
+    fit = ij.fit_cylinder(depth, CAMERA, mask=mask, sigma=0.008)
+    assert fit.success
+    assert angle_between(fit.cylinder.axis, truth.axis) < 1.0
+    assert fit.cylinder.radius == pytest.approx(0.08, abs=4 * float(fit.std.radius))
+
+
 def test_covariance_holds_the_deviations():
     depth, mask = image()
     fit = ij.fit_cylinder(depth, CAMERA, mask=mask, sigma=SIGMA)
