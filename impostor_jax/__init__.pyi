@@ -1,4 +1,5 @@
 from .camera.base import AbstractCamera
+from .camera.orthographic import OrthographicCamera
 from .camera.pinhole import PinholeCamera
 from .camera.pixels import Tile
 from .fit.batch import fit_cylinders
@@ -35,6 +36,7 @@ __all__ = [
     "FlyingPixels",
     "GeometryMaps",
     "LateralNoise",
+    "OrthographicCamera",
     "Outline",
     "PinholeCamera",
     "RigidTransform",

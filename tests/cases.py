@@ -3,6 +3,7 @@
 import jax.numpy as jnp
 import numpy as np
 
+from impostor_jax.camera.orthographic import OrthographicCamera
 from impostor_jax.camera.pinhole import PinholeCamera
 from impostor_jax.geometry.frames import RigidTransform
 from impostor_jax.geometry.rays import Ray
@@ -42,6 +43,7 @@ CAMERAS = {
         40.0, 41.0, 31.5, 23.0, 64, 48, distortion=(0.05, -0.01, 0.003, 0.001),
         fisheye=True,
     ),
+    "orthographic": lambda: OrthographicCamera(60.0, 62.0, 31.5, 23.0, 64, 48),
     "posed": lambda: PinholeCamera(
         60.0, 62.0, 31.5, 23.0, 64, 48, camera_from_world=pose()
     ),

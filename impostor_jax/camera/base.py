@@ -1,6 +1,6 @@
 """What every camera promises."""
 
-__all__ = ["AbstractCamera"]
+__all__ = ["AbstractCamera", "check_central"]
 
 import abc
 
@@ -25,6 +25,11 @@ class AbstractCamera(eqx.Module):
     width: eqx.AbstractVar[int]
     height: eqx.AbstractVar[int]
     camera_from_world: eqx.AbstractVar[RigidTransform | None]
+
+    @property
+    @abc.abstractmethod
+    def is_central(self) -> bool:
+        """Whether all rays start in one point, the origin of the camera frame."""
 
     @property
     def frame(self) -> Tile:
@@ -56,7 +61,7 @@ class AbstractCamera(eqx.Module):
 
     @abc.abstractmethod
     def pixel_box(self, low: Float[Array, "2"], high: Float[Array, "2"]) -> PixelBox:
-        """Smallest block of pixels that holds every ray (x, y, 1) of a box.
+        """Smallest block of pixels that holds every ray through (x, y, 1) of a box.
 
         Args:
             low: Smallest x and y of the box in the plane z = 1.
@@ -66,3 +71,12 @@ class AbstractCamera(eqx.Module):
     @abc.abstractmethod
     def project(self, points: Float[Array, "*batch 3"]) -> Float[Array, "*batch 2"]:
         """Image coordinates (u, v), in pixels, of points of the camera frame, z > 0."""
+
+
+def check_central(camera: AbstractCamera) -> None:
+    """Raise a `ValueError` unless the camera's rays start in one point."""
+    if not camera.is_central:
+        raise ValueError(
+            "camera must have a center where its rays start, as a PinholeCamera has, "
+            f"got {type(camera).__name__}"
+        )

@@ -24,7 +24,7 @@ from impostor_jax.camera.lens import (
     solve_ray_field,
     undistort_step,
 )
-from impostor_jax.camera.pixels import PixelBox
+from impostor_jax.camera.pixels import PixelBox, linear_pixel_box
 from impostor_jax.geometry.frames import RigidTransform
 from impostor_jax.geometry.rays import Ray
 from impostor_jax.geometry.vec3 import Vec3
@@ -83,12 +83,7 @@ class PinholeCamera(AbstractCamera):
         self.width = positive_int("width", width, "pixels")
         self.height = positive_int("height", height, "pixels")
         self.fisheye = bool(fisheye)
-        self.camera_from_world = (
-            camera_from_world
-            if camera_from_world is None
-            or isinstance(camera_from_world, RigidTransform)
-            else RigidTransform.from_matrix(camera_from_world)
-        )
+        self.camera_from_world = RigidTransform.of(camera_from_world)
         self.distortion, self.ray_field = None, None
         if distortion is None:
             return
@@ -121,6 +116,11 @@ class PinholeCamera(AbstractCamera):
         return np.array(
             [[self.fx, 0, self.cx], [0, self.fy, self.cy], [0, 0, 1]], dtype=np.float64
         )
+
+    @property
+    @override
+    def is_central(self) -> bool:
+        return True
 
     @override
     def rays(
@@ -163,13 +163,7 @@ class PinholeCamera(AbstractCamera):
             inside &= (d.y >= low[1]) & (d.y <= high[1])
             rows, cols = jnp.any(inside, axis=1), jnp.any(inside, axis=0)
             return PixelBox(*_first_and_last(rows), *_first_and_last(cols))
-        size = jnp.array([self.width, self.height], low.dtype)
-        focal = jnp.array([self.fx, self.fy], low.dtype)
-        principal = jnp.array([self.cx, self.cy], low.dtype)
-        # Clipped while they are floats: an integer cannot hold a far-away pixel.
-        first = jnp.clip(jnp.ceil(focal * low + principal), 0, size).astype(int)
-        last = jnp.clip(jnp.floor(focal * high + principal), -1, size - 1).astype(int)
-        return PixelBox(first[1], last[1], first[0], last[0])
+        return linear_pixel_box(self, low, high)
 
     @override
     def project(self, points: Float[Array, "*batch 3"]) -> Float[Array, "*batch 2"]:

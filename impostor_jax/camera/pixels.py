@@ -4,12 +4,14 @@ Arrays are indexed `[row, col]`; the center of pixel `[row, col]` has the image
 coordinates `(u, v) = (col, row)`, as in OpenCV, BOP, TUM and PCL.
 """
 
-__all__ = ["PixelBox", "Tile"]
+__all__ = ["PixelBox", "Tile", "linear_pixel_box"]
+
+from typing import Any
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Int
+from jaxtyping import Array, Float, Int
 
 
 class Tile(eqx.Module):
@@ -45,3 +47,22 @@ class PixelBox(eqx.Module):
     last_row: int | Int[Array, ""]
     first_col: int | Int[Array, ""]
     last_col: int | Int[Array, ""]
+
+
+def linear_pixel_box(
+    camera: Any, low: Float[Array, "2"], high: Float[Array, "2"]
+) -> PixelBox:
+    """Block of pixels whose centers lie in a box, u = fx x + cx and v = fy y + cy.
+
+    Args:
+        camera: Has fx, fy, cx, cy, width and height.
+        low: Smallest x and y of the box.
+        high: Largest x and y.
+    """
+    size = jnp.array([camera.width, camera.height], low.dtype)
+    focal = jnp.array([camera.fx, camera.fy], low.dtype)
+    principal = jnp.array([camera.cx, camera.cy], low.dtype)
+    # Clipped while they are floats: an integer cannot hold a far-away pixel.
+    first = jnp.clip(jnp.ceil(focal * low + principal), 0, size).astype(int)
+    last = jnp.clip(jnp.floor(focal * high + principal), -1, size - 1).astype(int)
+    return PixelBox(first[1], last[1], first[0], last[0])

@@ -40,6 +40,13 @@ class RigidTransform(eqx.Module):
                 )
 
     @staticmethod
+    def of(value: Any) -> "RigidTransform | None":
+        """Read a transform or a homogeneous (4, 4) matrix; None stays."""
+        if value is None or isinstance(value, RigidTransform):
+            return value
+        return RigidTransform.from_matrix(value)
+
+    @staticmethod
     def from_matrix(matrix: Any) -> "RigidTransform":
         """Read a homogeneous (4, 4) matrix with last row 0 0 0 1."""
         values = float_array("matrix", matrix, (4, 4))

@@ -11,7 +11,13 @@ All this holds while both discs lie wholly in front of the camera's plane z = 0.
 curve of `outline_curve` knows no such limit.
 """
 
-__all__ = ["bounding_box", "in_front", "outline_points", "support"]
+__all__ = [
+    "bounding_box",
+    "in_front",
+    "outline_points",
+    "parallel_bounding_box",
+    "support",
+]
 
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
@@ -111,3 +117,14 @@ def bounding_box(cylinder: Cylinder) -> tuple[Float[Array, "2"], Float[Array, "2
     reach, _, _ = support(cylinder, n_x, n_y)
     reach = jnp.where(in_front(cylinder), reach, jnp.inf)
     return -reach[:2], reach[2:]
+
+
+def parallel_bounding_box(
+    cylinder: Cylinder,
+) -> tuple[Float[Array, "2"], Float[Array, "2"]]:
+    """Smallest and largest (x, y) of a cylinder, as rays along z see it."""
+    a = cylinder.axis[:2]
+    # A disc reaches its radius times the sine between its normal and the direction.
+    reach = cylinder.radius * safe_sqrt((1 - a) * (1 + a))
+    reach = reach + cylinder.height / 2 * jnp.abs(a)
+    return cylinder.center[:2] - reach, cylinder.center[:2] + reach

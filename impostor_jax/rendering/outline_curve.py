@@ -17,7 +17,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from impostor_jax.camera.base import AbstractCamera
+from impostor_jax.camera.base import AbstractCamera, check_central
 from impostor_jax.geometry.so3 import tangent_basis
 from impostor_jax.geometry.vec3 import Vec3
 from impostor_jax.numerics import eps, safe_divide, safe_sqrt
@@ -215,8 +215,9 @@ def outline(cylinder: Cylinder, camera: AbstractCamera) -> Outline:
         camera: Its pose is used, and nothing else.
 
     Raises:
-        ValueError: The cylinder is a batch.
+        ValueError: The cylinder is a batch, or the camera has no center.
     """
+    check_central(camera)
     if cylinder.radius.ndim:
         raise ValueError(
             f"cylinder must be a single one, got a batch of shape "

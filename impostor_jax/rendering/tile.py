@@ -11,7 +11,7 @@ from impostor_jax.camera.pixels import PixelBox, Tile
 from impostor_jax.numerics import eps
 from impostor_jax.primitives.base import in_camera_frame
 from impostor_jax.primitives.cylinder import Cylinder
-from impostor_jax.rendering.outline import bounding_box
+from impostor_jax.rendering.outline import bounding_box, parallel_bounding_box
 
 STEP = 16
 """Sides of a tile are multiples of this many pixels, so that few sizes are compiled."""
@@ -33,7 +33,8 @@ def outline_box(cylinder: Cylinder, camera: AbstractCamera) -> PixelBox:
         behind the camera's plane z = 0, the whole image.
     """
     cylinder = in_camera_frame(cylinder, camera)
-    low, high = bounding_box(cylinder)
+    box = bounding_box if camera.is_central else parallel_bounding_box
+    low, high = box(cylinder)
     # Wider by a few roundings of the rays themselves.
     few = eps(low.dtype, 8)
     low, high = low - few * (1 + jnp.abs(low)), high + few * (1 + jnp.abs(high))

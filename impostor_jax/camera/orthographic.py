@@ -1,0 +1,96 @@
+"""Orthographic camera: parallel rays."""
+
+__all__ = ["OrthographicCamera"]
+
+from typing import Any
+
+import equinox as eqx
+import jax.numpy as jnp
+from jax.typing import DTypeLike
+from jaxtyping import Array, Bool, Float, Int
+from typing_extensions import override
+
+from impostor_jax.arguments import positive_int, real_number
+from impostor_jax.camera.base import AbstractCamera
+from impostor_jax.camera.pixels import PixelBox, linear_pixel_box
+from impostor_jax.geometry.frames import RigidTransform
+from impostor_jax.geometry.rays import Ray
+from impostor_jax.geometry.vec3 import Vec3
+
+Scalar = float | Float[Array, ""]
+
+
+class OrthographicCamera(AbstractCamera):
+    """Camera at infinity; the point (x, y, z) is seen at u = fx x + cx, v = fy y + cy.
+
+    Its rays start in the plane z = 0 of the camera frame and run along +z. It renders;
+    outlines, coverage and fits need a `PinholeCamera`.
+
+    Args:
+        fx: Columns per meter; may be traced.
+        fy: Rows per meter; may be traced.
+        cx: Column of the camera frame's z axis, where the leftmost pixel's center is 0.
+        cy: Row of the z axis, where the topmost pixel's center is 0.
+        width: Number of columns.
+        height: Number of rows.
+        camera_from_world: Pose, a `RigidTransform` or a (4, 4) matrix; None where the
+            camera frame is the world frame.
+
+    Raises:
+        ValueError: A value is out of range.
+    """
+
+    fx: Scalar
+    fy: Scalar
+    cx: Scalar
+    cy: Scalar
+    width: int = eqx.field(static=True)
+    height: int = eqx.field(static=True)
+    camera_from_world: RigidTransform | None
+
+    def __init__(
+        self,
+        fx: Any,
+        fy: Any,
+        cx: Any,
+        cy: Any,
+        width: Any,
+        height: Any,
+        camera_from_world: Any = None,
+    ):
+        self.fx = real_number("fx", fx, positive=True, unit="pixels per meter")
+        self.fy = real_number("fy", fy, positive=True, unit="pixels per meter")
+        self.cx = real_number("cx", cx, unit="pixels")
+        self.cy = real_number("cy", cy, unit="pixels")
+        self.width = positive_int("width", width, "pixels")
+        self.height = positive_int("height", height, "pixels")
+        self.camera_from_world = RigidTransform.of(camera_from_world)
+
+    @property
+    @override
+    def is_central(self) -> bool:
+        return False
+
+    @override
+    def rays(
+        self, row: Int[Array, "*batch"], col: Int[Array, "*batch"], dtype: DTypeLike
+    ) -> Ray:
+        x = (col.astype(dtype) - self.cx) / self.fx
+        y = (row.astype(dtype) - self.cy) / self.fy
+        zero, one = jnp.zeros_like(x), jnp.ones_like(x)
+        return Ray(origin=Vec3(x, y, zero), direction=Vec3(zero, zero, one))
+
+    @override
+    def sees(
+        self, row: Int[Array, "*batch"], col: Int[Array, "*batch"]
+    ) -> Bool[Array, "*batch"] | None:
+        return None
+
+    @override
+    def pixel_box(self, low: Float[Array, "2"], high: Float[Array, "2"]) -> PixelBox:
+        return linear_pixel_box(self, low, high)
+
+    @override
+    def project(self, points: Float[Array, "*batch 3"]) -> Float[Array, "*batch 2"]:
+        u = self.fx * points[..., 0] + self.cx
+        return jnp.stack([u, self.fy * points[..., 1] + self.cy], axis=-1)
