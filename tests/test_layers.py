@@ -20,13 +20,14 @@ LAYERS = (
     "fit",
     "io",
     "viewer",
+    "glsl",
     "cli",
     "__main__",
 )
 # Within a folder a module imports only from those before it.
 ORDER = {
     "geometry": ("vec3", "rays", "frames", "so3"),
-    "camera": ("pixels", "base", "lens", "pinhole"),
+    "camera": ("pixels", "base", "lens", "pinhole", "orthographic"),
     "primitives": ("base", "cylinder"),
     "rendering": (
         "maps",
@@ -66,7 +67,19 @@ ORDER = {
     ),
     "io": ("atomic", "depth_image", "camera_file", "record"),
     "viewer": ("figure",),
-    "cli": ("fit", "render", "demo", "parse"),
+    "glsl": (
+        "conventions",
+        "program",
+        "request",
+        "offscreen",
+        "webgl",
+        "reference",
+        "cases",
+        "compare",
+        "bounds",
+        "parity",
+    ),
+    "cli": ("fit", "render", "demo", "parity", "parse"),
 }
 MODULES = sorted(
     path.relative_to(PACKAGE).with_suffix("").parts

@@ -13,16 +13,18 @@ import tyro
 
 from impostor_jax.cli.demo import Demo
 from impostor_jax.cli.fit import Fit
+from impostor_jax.cli.parity import Parity
 from impostor_jax.cli.render import Render
 
 Command = (
     Annotated[Fit, tyro.conf.subcommand("fit")]
     | Annotated[Render, tyro.conf.subcommand("render")]
     | Annotated[Demo, tyro.conf.subcommand("demo")]
+    | Annotated[Parity, tyro.conf.subcommand("parity")]
 )
 
 
-def parse(arguments: Sequence[str]) -> Fit | Render | Demo:
+def parse(arguments: Sequence[str]) -> Fit | Render | Demo | Parity:
     """Parse the arguments; a mistake ends the program with one line and exit code 2."""
     errors = io.StringIO()
     try:

@@ -1,0 +1,51 @@
+"""The command `impostor-jax parity`."""
+
+__all__ = ["Parity"]
+
+import dataclasses
+from pathlib import Path
+from typing import Literal
+
+
+@dataclasses.dataclass(frozen=True)
+class Parity:
+    """Compare JAX with the GLSL impostor, drawn by a real OpenGL driver.
+
+    Writes parity.json, parity.md and a picture of each case; exit code 1 where a
+    difference is larger than its bound.
+    """
+
+    camera: Literal["perspective", "orthographic", "all"] = "all"
+    """Kind of camera."""
+    cases: tuple[str, ...] = ("all",)
+    """Names of cases or patterns of them, such as 'perspective/distance *'."""
+    driver: Literal["llvmpipe", "softpipe", "gpu", "webgl"] = "llvmpipe"
+    """What draws: Mesa's drivers, the system's own, or headless Chromium."""
+    as_published: bool = False
+    """Draw the published formulas with their faults; parity is then broken."""
+    output: Path = Path("impostor_parity")
+    """Folder that the table and the pictures are written to."""
+
+    def run(self) -> int:
+        """Run the command; returns the exit code."""
+        from impostor_jax.glsl.parity import run_parity, select, write_parity
+
+        chosen = select(self.camera, self.cases)
+        name, rows = run_parity(chosen, self.driver, self.as_published)
+        print(f"{name}, {len(chosen)} cases")
+        done = []
+        for row in rows:
+            done.append(row)
+            for verdict in row.verdicts:
+                if not verdict.holds:
+                    print(
+                        f"{row.case.name}: {verdict.quantity} is {verdict.value:.3g}, "
+                        f"at most {verdict.bound:.3g} expected"
+                    )
+        write_parity(self.output, name, done)
+        broken = sum(not row.holds for row in done)
+        print(
+            f"parity holds in {len(done) - broken} of {len(done)} cases; see "
+            f"{self.output / 'parity.md'}"
+        )
+        return 1 if broken else 0

@@ -1,0 +1,102 @@
+"""How far two renderings of one scene differ."""
+
+__all__ = ["Comparison", "Spread", "compare", "edge_band"]
+
+import dataclasses
+
+import cv2
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from impostor_jax.glsl.conventions import DrawnMaps
+
+
+@dataclasses.dataclass(frozen=True)
+class Spread:
+    """Median, percentiles and largest of absolute differences; 0 where there are none.
+
+    Attributes:
+        median: 50th percentile.
+        p99: 99th percentile.
+        p999: 99.9th percentile.
+        worst: The largest.
+    """
+
+    median: float
+    p99: float
+    p999: float
+    worst: float
+
+    @staticmethod
+    def of(differences: Float[np.ndarray, " n"]) -> "Spread":
+        """Spread of differences that need no sign."""
+        if not len(differences):
+            return Spread(0.0, 0.0, 0.0, 0.0)
+        found = np.percentile(differences, (50, 99, 99.9, 100))
+        return Spread(*(float(value) for value in found))
+
+
+@dataclasses.dataclass(frozen=True)
+class Comparison:
+    """Differences of a rendering from the reference.
+
+    Attributes:
+        num_hits: Pixels where the reference hits something.
+        num_band: Pixels of the band.
+        flips_on_band: Pixels of the band where another cylinder, or none, is seen.
+        flips_off_band: The same off the band.
+        cap_flips: Pixels that see the same cylinder, but cap in place of wall.
+        depth_m: Depth, in meters, where both see the same cylinder.
+        depth_ulp: The same in units of the last place of the reference's depth.
+        depth_relative: The same as a part of the reference's depth.
+        normal_deg: Angle between the normals there, in degrees.
+    """
+
+    num_hits: int
+    num_band: int
+    flips_on_band: int
+    flips_off_band: int
+    cap_flips: int
+    depth_m: Spread
+    depth_ulp: Spread
+    depth_relative: Spread
+    normal_deg: Spread
+
+
+def edge_band(index: Int[np.ndarray, "h w"]) -> Bool[np.ndarray, "h w"]:
+    """Pixels within one pixel of an edge between two cylinders or the background.
+
+    Args:
+        index: Which cylinder is seen; -1 for none.
+    """
+    # As floats: OpenCV takes the extremes of no wider integers than 16 bits.
+    values, window = index.astype(np.float32), np.ones((3, 3), np.uint8)
+    return cv2.dilate(values, window) > cv2.erode(values, window)
+
+
+def compare(reference: DrawnMaps, drawn: DrawnMaps) -> Comparison:
+    """Compare a driver's rendering with the reference, which may be more precise.
+
+    Returns:
+        The differences; those of depth and normal where both see the same cylinder.
+    """
+    band = edge_band(reference.index)
+    flips = reference.index != drawn.index
+    same = reference.mask & ~flips
+    true = reference.depth[same].astype(np.float64)
+    apart = np.abs(drawn.depth[same].astype(np.float64) - true)
+    ulp = np.spacing(np.abs(true).astype(np.float32)).astype(np.float64)
+    n, m = (maps.normal[same].astype(np.float64) for maps in (reference, drawn))
+    sine = np.linalg.norm(np.cross(n, m), axis=-1)
+    angle = np.degrees(np.arctan2(sine, np.sum(n * m, axis=-1)))
+    return Comparison(
+        num_hits=int(np.count_nonzero(reference.mask)),
+        num_band=int(np.count_nonzero(band)),
+        flips_on_band=int(np.count_nonzero(flips & band)),
+        flips_off_band=int(np.count_nonzero(flips & ~band)),
+        cap_flips=int(np.count_nonzero((reference.on_cap != drawn.on_cap) & same)),
+        depth_m=Spread.of(apart),
+        depth_ulp=Spread.of(apart / ulp),
+        depth_relative=Spread.of(apart / np.abs(true)),
+        normal_deg=Spread.of(angle),
+    )

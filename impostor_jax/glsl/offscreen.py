@@ -1,0 +1,177 @@
+"""Drawing without a display, on an OpenGL driver through EGL.
+
+Mesa brings two drivers that need no graphics card: llvmpipe compiles the shaders for
+the processor, softpipe interprets them and shares little of that code. Mesa reads its
+choice once for each process, so a process draws with one of them.
+"""
+
+__all__ = ["DRIVERS", "DriverError", "OffscreenRenderer"]
+
+import os
+from types import TracebackType
+from typing import Any
+
+import numpy as np
+
+from impostor_jax.arguments import one_of
+from impostor_jax.camera.orthographic import OrthographicCamera
+from impostor_jax.camera.pinhole import PinholeCamera
+from impostor_jax.glsl.conventions import (
+    DrawnMaps,
+    depth_range,
+    maps_from_targets,
+    uniforms,
+)
+from impostor_jax.glsl.program import ATTRIBUTES, instances, shader_sources
+from impostor_jax.glsl.request import batch_in_camera
+from impostor_jax.primitives.cylinder import Cylinder
+
+DRIVERS: dict[str, dict[str, str]] = {
+    "llvmpipe": {"LIBGL_ALWAYS_SOFTWARE": "1", "GALLIUM_DRIVER": "llvmpipe"},
+    "softpipe": {"LIBGL_ALWAYS_SOFTWARE": "1", "GALLIUM_DRIVER": "softpipe"},
+    "gpu": {},
+}
+"""Environment that makes Mesa choose a driver; "gpu" takes what the system offers."""
+
+NOTHING = (0.0, 0.0, 0.0, -1.0)
+"""Where no cylinder is drawn: no position, and the index -1."""
+
+_chosen: list[str] = []
+
+
+class DriverError(OSError):
+    """No driver or browser to draw with; the message names what to install."""
+
+
+class OffscreenRenderer:
+    """Draws cylinders into float32 targets; close it, or use it in a `with` block.
+
+    Args:
+        driver: "llvmpipe", "softpipe", or "gpu" for the system's own.
+        as_published: Whether to draw with the published formulas and their faults.
+
+    Attributes:
+        name: What the driver calls itself.
+
+    Raises:
+        ValueError: The driver is unknown, or this process draws with another one.
+        DriverError: There is no such driver, or moderngl is missing.
+    """
+
+    def __init__(self, driver: str = "llvmpipe", as_published: bool = False):
+        one_of("driver", driver, DRIVERS)
+        if _chosen and _chosen[0] != driver:
+            raise ValueError(
+                f"driver must be {_chosen[0]!r}, which this process draws with "
+                f"already, got {driver!r}; use another process"
+            )
+        self._as_published = as_published
+        self._programs: dict[bool, Any] = {}
+        self._context = _context(driver)
+        self.name = str(self._context.info["GL_RENDERER"])
+        if driver != "gpu" and driver not in self.name:
+            self.close()
+            raise DriverError(
+                f"the driver is {self.name}, not {driver}: {_INSTALL}, and leave "
+                "GALLIUM_DRIVER alone"
+            )
+        _chosen[:] = [driver]
+
+    def draw(
+        self, cylinders: Cylinder, camera: PinholeCamera | OrthographicCamera
+    ) -> DrawnMaps:
+        """Draw cylinders in one call; the closest one is seen.
+
+        Args:
+            cylinders: One, or a batch (n,), in the world frame.
+            camera: Without a lens.
+
+        Returns:
+            The maps as NumPy arrays; buffers and targets are released again.
+
+        Raises:
+            ValueError: The camera has a lens, or an argument is of a wrong type or
+                traced.
+        """
+        cylinders = batch_in_camera(cylinders, camera)
+        stretch = depth_range(cylinders)
+        context, size = self._context, (camera.width, camera.height)
+        program = self._program(isinstance(camera, OrthographicCamera))
+        for name, value in uniforms(camera, stretch).items():
+            # A driver drops what a variant of the shader does not use.
+            if name in program:
+                program[name].value = value
+        rows = instances(cylinders)
+        targets = [context.texture(size, 4, dtype="f4") for _ in range(2)]
+        depth = context.depth_texture(size)
+        buffer = context.buffer(rows.tobytes())
+        layout = " ".join(f"{count}f" for _, count in ATTRIBUTES) + "/i"
+        names = [name for name, _ in ATTRIBUTES]
+        array = context.vertex_array(program, [(buffer, layout, *names)])
+        frame = context.framebuffer(targets, depth)
+        try:
+            frame.use()
+            context.enable_only(context.DEPTH_TEST)
+            frame.clear(*NOTHING, depth=1.0)
+            array.render(context.TRIANGLE_STRIP, vertices=4, instances=len(rows))
+            position, normal = (
+                np.frombuffer(target.read(), np.float32).reshape(*size[::-1], 4)
+                for target in targets
+            )
+            window = np.frombuffer(depth.read(), np.float32).reshape(size[::-1])
+        finally:
+            for used in (frame, array, buffer, depth, *targets):
+                used.release()
+        return maps_from_targets(position, normal, window, stretch)
+
+    def close(self) -> None:
+        """Release the programs and the context."""
+        for program in self._programs.values():
+            program.release()
+        self._programs.clear()
+        self._context.release()
+
+    def __enter__(self) -> "OffscreenRenderer":
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def _program(self, orthographic: bool) -> Any:
+        if orthographic not in self._programs:
+            vertex, fragment = shader_sources("330", orthographic, self._as_published)
+            self._programs[orthographic] = self._context.program(
+                vertex_shader=vertex, fragment_shader=fragment
+            )
+        return self._programs[orthographic]
+
+
+_INSTALL = "apt-get install --no-install-recommends libegl1 libgl1 libgl1-mesa-dri"
+
+
+def _context(driver: str) -> Any:
+    try:
+        import moderngl
+    except ImportError:
+        raise DriverError(
+            "moderngl is missing: pip install 'impostor-jax[gl]'"
+        ) from None
+    if not _chosen:
+        os.environ.update(DRIVERS[driver])
+    try:
+        # Its signature names the type of further settings and not of this one.
+        return moderngl.create_context(
+            standalone=True,
+            require=330,
+            backend="egl",  # pyright: ignore[reportArgumentType]
+        )
+    # moderngl raises plain exceptions of its own.
+    except Exception as error:
+        raise DriverError(
+            f"no OpenGL driver ({' '.join(str(error).split())}); on Debian: {_INSTALL}"
+        ) from error

@@ -1,0 +1,191 @@
+"""The matrix of cases, drawn by JAX and by a driver and compared pixel by pixel."""
+
+__all__ = ["RENDERERS", "Row", "run_parity", "select", "write_parity"]
+
+import dataclasses
+import re
+from collections.abc import Iterator, Sequence
+from fnmatch import fnmatchcase
+from pathlib import Path
+
+import cv2
+import numpy as np
+from jaxtyping import UInt8
+
+from impostor_jax.arguments import one_of
+from impostor_jax.glsl.bounds import Verdict, judge
+from impostor_jax.glsl.cases import Case, cases
+from impostor_jax.glsl.compare import Comparison, compare
+from impostor_jax.glsl.conventions import DrawnMaps
+from impostor_jax.glsl.offscreen import DRIVERS, OffscreenRenderer
+from impostor_jax.glsl.reference import draw_with_jax
+from impostor_jax.glsl.webgl import WebglRenderer
+from impostor_jax.io.atomic import write_atomically, write_json
+
+RENDERERS = (*DRIVERS, "webgl")
+
+ZOOM = 3
+"""Side of an image pixel in a picture."""
+
+WORST_ULP = 1024
+"""Difference of depth that a picture shows in its last color."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Row:
+    """A case, what was measured, and whether it is within its bounds."""
+
+    case: Case
+    found: Comparison
+    verdicts: list[Verdict]
+    reference: DrawnMaps
+    drawn: DrawnMaps
+
+    @property
+    def holds(self) -> bool:
+        """Whether every quantity is within its bound."""
+        return all(verdict.holds for verdict in self.verdicts)
+
+
+def select(camera: str = "all", patterns: Sequence[str] = ("all",)) -> list[Case]:
+    """Cases of one kind of camera, or "all", whose names match a pattern.
+
+    Raises:
+        ValueError: The camera is unknown, or no case matches a pattern.
+    """
+    found, kept = cases(camera), []
+    for pattern in patterns:
+        wanted = "*" if pattern == "all" else pattern
+        matching = [case for case in found if fnmatchcase(case.name, wanted)]
+        if not matching:
+            names = ", ".join(case.name for case in found)
+            raise ValueError(f"cases must match one of {names}; got {pattern!r}")
+        kept += [case for case in matching if case not in kept]
+    return kept
+
+
+def run_parity(
+    chosen: Sequence[Case], driver: str = "llvmpipe", as_published: bool = False
+) -> tuple[str, Iterator[Row]]:
+    """Draw cases with JAX and with a driver, and compare them.
+
+    Args:
+        chosen: The cases.
+        driver: "llvmpipe", "softpipe", "gpu" or "webgl".
+        as_published: Whether the driver draws the published formulas.
+
+    Returns:
+        What the driver calls itself, and a row for each case as it is done.
+    """
+    one_of("driver", driver, RENDERERS)
+    renderer = (
+        WebglRenderer(as_published)
+        if driver == "webgl"
+        else OffscreenRenderer(driver, as_published)
+    )
+
+    def rows() -> Iterator[Row]:
+        with renderer:
+            for case in chosen:
+                reference = draw_with_jax(case.cylinders, case.camera)
+                drawn = renderer.draw(case.cylinders, case.camera)
+                found = compare(reference, drawn)
+                yield Row(case, found, judge(case, found), reference, drawn)
+
+    return renderer.name, rows()
+
+
+def write_parity(folder: Path, name: str, rows: Sequence[Row]) -> None:
+    """Write parity.json, parity.md and a picture of each case."""
+    write_json(
+        folder / "parity.json",
+        {
+            "driver": name,
+            "holds": all(row.holds for row in rows),
+            "cases": [_record(row) for row in rows],
+        },
+    )
+    text = _table(name, rows)
+    write_atomically(folder / "parity.md", lambda path: path.write_text(text))
+    for row in rows:
+        picture, name = _picture(row), re.sub(r"[^a-z0-9.]+", "_", row.case.name)
+        write_atomically(
+            folder / f"{name}.png",
+            lambda path, picture=picture: cv2.imwrite(str(path), picture),
+        )
+
+
+def _record(row: Row) -> dict[str, object]:
+    return {
+        "case": row.case.name,
+        "count": int(row.case.cylinders.radius.size),
+        "distance_over_radius": row.case.distance_over_radius,
+        "holds": row.holds,
+        **dataclasses.asdict(row.found),
+        "verdicts": [dataclasses.asdict(verdict) for verdict in row.verdicts],
+    }
+
+
+def _table(name: str, rows: Sequence[Row]) -> str:
+    lines = [
+        f"# Parity of JAX with {name}",
+        "",
+        "Flips: pixels that see another cylinder, or none, on the band one pixel to "
+        "each side of an edge, and off it. Depth and normals where both see the same.",
+        "",
+        "| case | hits | band | flips on | flips off | cap flips | depth, m: median "
+        "| 99.9 % | worst | depth, ulp: median | 99 % | 99.9 % | worst "
+        "| depth, relative: 99.9 % | normal, deg: median | 99.9 % | worst | holds |",
+        "|---|" + "--:|" * 16 + "---|",
+    ]
+    for row in rows:
+        found = row.found
+        meters, ulp, angle = found.depth_m, found.depth_ulp, found.normal_deg
+        numbers = (
+            found.num_hits, found.num_band, found.flips_on_band, found.flips_off_band,
+            found.cap_flips, meters.median, meters.p999, meters.worst, ulp.median,
+            ulp.p99, ulp.p999, ulp.worst, found.depth_relative.p999, angle.median,
+            angle.p999, angle.worst,
+        )  # fmt: skip
+        causes = {verdict.cause for verdict in row.verdicts} - {""}
+        broken = [v.quantity for v in row.verdicts if not v.holds]
+        holds = f"no: {', '.join(broken)}" if broken else "known" if causes else "yes"
+        cells = " | ".join(f"{value:.3g}" for value in numbers)
+        lines.append(f"| {row.case.name} | {cells} | {holds} |")
+    return "\n".join(lines) + "\n"
+
+
+def _picture(row: Row) -> UInt8[np.ndarray, "h w 3"]:
+    """JAX, the driver and the difference of their depths, side by side."""
+    same = row.reference.mask & (row.reference.index == row.drawn.index)
+    true = np.where(same, row.reference.depth, 1).astype(np.float32)
+    apart = np.abs(np.where(same, row.drawn.depth, 1) - true) / np.spacing(true)
+    scaled = np.log2(1 + apart) / np.log2(1 + WORST_ULP)
+    shade = np.clip(255 * scaled, 0, 255).astype(np.uint8)
+    difference = cv2.applyColorMap(shade, cv2.COLORMAP_VIRIDIS)
+    difference[~same] = 255
+    difference[row.reference.index != row.drawn.index] = (0, 0, 255)
+    panels = [
+        _labeled(_colors(row.reference), "JAX"),
+        _labeled(_colors(row.drawn), "OpenGL"),
+        _labeled(difference, f"depth apart, 0 to {WORST_ULP} ulp; red: flips"),
+    ]
+    return np.concatenate(panels, axis=1)
+
+
+def _colors(maps: DrawnMaps) -> UInt8[np.ndarray, "h w 3"]:
+    """Normals as colors on white, in OpenCV's order of channels."""
+    colors = np.where(maps.mask[..., None], 127.5 * (1 - maps.normal[..., ::-1]), 255.0)
+    return np.clip(colors, 0, 255).astype(np.uint8)
+
+
+def _labeled(
+    image: UInt8[np.ndarray, "h w 3"], label: str
+) -> UInt8[np.ndarray, "h2 w2 3"]:
+    size = (ZOOM * image.shape[1], ZOOM * image.shape[0])
+    large = cv2.resize(image, size, interpolation=cv2.INTER_NEAREST)
+    large = cv2.copyMakeBorder(
+        large, 24, 4, 4, 4, cv2.BORDER_CONSTANT, value=(255, 255, 255)
+    )
+    font, black = cv2.FONT_HERSHEY_SIMPLEX, (0, 0, 0)
+    return cv2.putText(large, label, (6, 17), font, 0.5, black, 1, cv2.LINE_AA)

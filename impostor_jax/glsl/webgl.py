@@ -1,0 +1,165 @@
+"""The same shaders in a browser: a self-contained page, and drawing through it."""
+
+__all__ = ["WebglRenderer", "page"]
+
+import base64
+import json
+import shutil
+from importlib import resources
+from types import TracebackType
+from typing import Any
+
+import numpy as np
+
+from impostor_jax.camera.orthographic import OrthographicCamera
+from impostor_jax.camera.pinhole import PinholeCamera
+from impostor_jax.glsl.conventions import (
+    DrawnMaps,
+    depth_range,
+    maps_from_targets,
+    uniforms,
+)
+from impostor_jax.glsl.offscreen import NOTHING, DriverError
+from impostor_jax.glsl.program import ATTRIBUTES, instances, shader_sources
+from impostor_jax.glsl.request import batch_in_camera
+from impostor_jax.primitives.cylinder import Cylinder
+
+BROWSERS = ("chromium", "chromium-browser", "google-chrome")
+
+FLAGS = (
+    "--no-sandbox",
+    "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+    "--disable-quic",
+    "--no-first-run",
+)
+"""Draw on the processor, the same on every machine, and stay off the network."""
+
+
+def page(
+    cylinders: Cylinder,
+    camera: PinholeCamera | OrthographicCamera,
+    as_published: bool = False,
+) -> str:
+    """HTML page that draws cylinders with WebGL2 and needs nothing else.
+
+    Its function `drawScene` draws another scene of the same form as the page's own.
+
+    Args:
+        cylinders: One, or a batch (n,), in the world frame.
+        camera: Without a lens.
+        as_published: Whether to draw with the published formulas and their faults.
+    """
+    scene, _ = _scene(cylinders, camera, as_published)
+    # A script ends at the first "</", even inside a string.
+    text = json.dumps(scene).replace("</", "<\\/")
+    template = (resources.files("impostor_jax.glsl") / "page.html").read_text()
+    return template.replace("SCENE_JSON", text)
+
+
+class WebglRenderer:
+    """Draws cylinders in headless Chromium; close it, or use it in a `with` block.
+
+    Args:
+        as_published: Whether to draw with the published formulas and their faults.
+
+    Attributes:
+        name: What the browser's driver calls itself.
+
+    Raises:
+        DriverError: There is no Chromium, or playwright is missing.
+    """
+
+    def __init__(self, as_published: bool = False):
+        try:
+            from playwright.sync_api import Error, sync_playwright
+        except ImportError:
+            raise DriverError(
+                "playwright is missing: pip install 'impostor-jax[gl]'"
+            ) from None
+        browser = next(filter(None, map(shutil.which, BROWSERS)), None)
+        if browser is None:
+            raise DriverError(
+                "no Chromium; on Debian: apt-get install --no-install-recommends "
+                "chromium"
+            )
+        self._as_published = as_published
+        self._playwright = sync_playwright().start()
+        try:
+            self._browser = self._playwright.chromium.launch(
+                executable_path=browser, args=list(FLAGS)
+            )
+            self._page = self._browser.new_page()
+            one = Cylinder((0, 0, 1), (0, 1, 0), 0.1, 0.2)
+            camera = PinholeCamera(32.0, 32.0, 15.5, 15.5, 32, 32)
+            self._page.set_content(page(one, camera, as_published))
+            self.name = str(self._page.evaluate(_NAME))
+        except Error as error:
+            self._playwright.stop()
+            message = " ".join(str(error).split())
+            raise DriverError(f"Chromium does not draw: {message}") from error
+
+    def draw(
+        self, cylinders: Cylinder, camera: PinholeCamera | OrthographicCamera
+    ) -> DrawnMaps:
+        """Draw cylinders in one call, as `OffscreenRenderer.draw` does.
+
+        The depth buffer cannot be read back: `buffer_depth` is NaN where something is
+        hit.
+        """
+        scene, stretch = _scene(cylinders, camera, self._as_published)
+        found = self._page.evaluate("(scene) => drawScene(scene)", scene)
+        position, normal = (
+            np.frombuffer(base64.b64decode(text), np.float32).reshape(
+                camera.height, camera.width, 4
+            )
+            for text in found
+        )
+        window = np.full((camera.height, camera.width), np.nan, np.float32)
+        return maps_from_targets(position, normal, window, stretch)
+
+    def close(self) -> None:
+        """Close the browser."""
+        self._browser.close()
+        self._playwright.stop()
+
+    def __enter__(self) -> "WebglRenderer":
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+
+_NAME = """() => {
+  const info = gl.getExtension("WEBGL_debug_renderer_info");
+  return gl.getParameter(info ? info.UNMASKED_RENDERER_WEBGL : gl.RENDERER);
+}"""
+
+
+def _scene(
+    cylinders: Cylinder,
+    camera: PinholeCamera | OrthographicCamera,
+    as_published: bool,
+) -> tuple[dict[str, Any], tuple[float, float]]:
+    """What the page's `drawScene` takes, and the depths that its buffer spans."""
+    cylinders = batch_in_camera(cylinders, camera)
+    stretch = depth_range(cylinders)
+    orthographic = isinstance(camera, OrthographicCamera)
+    rows = instances(cylinders)
+    scene = {
+        "sources": shader_sources("300 es", orthographic, as_published),
+        "attributes": ATTRIBUTES,
+        "uniforms": uniforms(camera, stretch),
+        "instances": rows.ravel().tolist(),
+        "count": len(rows),
+        "nothing": NOTHING,
+    }
+    return scene, stretch

@@ -1,0 +1,206 @@
+"""What the offscreen renderer, the page and the comparison promise."""
+
+import dataclasses
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import impostor_jax as ij
+from impostor_jax.glsl import offscreen
+from impostor_jax.glsl.compare import compare, edge_band
+from impostor_jax.glsl.conventions import depth_range
+from impostor_jax.glsl.offscreen import DriverError, OffscreenRenderer
+from impostor_jax.glsl.program import instances, shader_sources
+from impostor_jax.glsl.reference import draw_with_jax
+from impostor_jax.glsl.request import batch_in_camera
+from impostor_jax.glsl.webgl import WebglRenderer, page
+
+moderngl = pytest.importorskip("moderngl")
+
+CAMERA = ij.PinholeCamera(150.0, 140.0, 70.0, 66.0, width=160, height=120)
+ROD = ij.Cylinder((0.05, -0.04, 0.6), (0.6, 0.7, 0.3), 0.02, 0.3)
+
+
+@pytest.fixture(scope="module")
+def renderer():
+    try:
+        found = OffscreenRenderer()
+    except DriverError as error:
+        pytest.skip(str(error))
+    with found:
+        yield found
+
+
+def test_rows_and_columns_are_those_of_the_camera(renderer):
+    drawn, maps = renderer.draw(ROD, CAMERA), ij.render(ROD, CAMERA)
+    np.testing.assert_array_equal(drawn.mask, np.asarray(maps.mask))
+    assert not (drawn.mask == drawn.mask[::-1]).all()
+    assert not (drawn.mask == drawn.mask[:, ::-1]).all()
+
+
+def test_pose_of_the_camera_is_used(renderer):
+    turned = np.array(
+        [[0.0, -1, 0, 0.01], [1, 0, 0, 0.02], [0, 0, 1, 0.1], [0, 0, 0, 1]]
+    )
+    camera = ij.PinholeCamera(150.0, 140.0, 70.0, 66.0, 160, 120, None, False, turned)
+    found = compare(draw_with_jax(ROD, camera), renderer.draw(ROD, camera))
+    assert found.flips_off_band == 0
+    assert found.depth_relative.p999 < 1e-6
+
+
+def test_depth_buffer_holds_the_depth(renderer):
+    drawn = renderer.draw(ROD, CAMERA)
+    near, far = depth_range(ij.Cylinder(*(np.asarray(x)[None] for x in (
+        ROD.center, ROD.axis, ROD.radius, ROD.height))))  # fmt: skip
+    apart = drawn.buffer_depth[drawn.mask] - drawn.depth[drawn.mask]
+    assert np.abs(apart).max() < (far - near) * 2.0**-22
+
+
+def test_closest_of_overlapping_cylinders_wins_in_any_order(renderer):
+    center = np.array([[0.0, 0.0, 0.5], [0.01, 0.0, 0.7], [0.0, 0.02, 0.6]])
+    axis, radius = np.array([[0, 1, 0.2]] * 3), np.array([0.05, 0.2, 0.12])
+    for order in ([0, 1, 2], [2, 1, 0], [1, 2, 0]):
+        several = ij.Cylinder(
+            center[order], axis[order], radius[order], np.full(3, 0.3)
+        )
+        drawn, reference = (
+            renderer.draw(several, CAMERA),
+            draw_with_jax(several, CAMERA),
+        )
+        off = ~edge_band(reference.index)
+        np.testing.assert_array_equal(drawn.index[off], reference.index[off])
+        seen = {order[k] for k in np.unique(drawn.index[drawn.mask])}
+        assert seen == {0, 1, 2}
+
+
+@pytest.mark.parametrize("orthographic", [False, True])
+@pytest.mark.parametrize("axis", [(0.6, 0.7, 0.3), (1, 0, 0), (0.05, 0.02, 1)])
+def test_billboard_is_tight_to_the_outline(renderer, orthographic, axis):
+    make = ij.OrthographicCamera if orthographic else ij.PinholeCamera
+    camera = make(250.0, 250.0, 79.5, 59.5, 160, 120)
+    rod = ij.Cylinder((0.02, -0.03, 0.9), axis, 0.04, 0.3)
+    mask = renderer.draw(rod, camera).mask
+    # The same rectangle, all of it filled.
+    vertex, _ = shader_sources("330", orthographic, False)
+    fill = "#version 330 core\nout vec4 color;\nvoid main() { color = vec4(1.0); }\n"
+    context = renderer._context
+    program = context.program(vertex_shader=vertex, fragment_shader=fill)
+    values = {"focal": (250.0, 250.0), "principal": (79.5, 59.5),
+              "image_size": (160.0, 120.0)}  # fmt: skip
+    for name, value in values.items():
+        program[name].value = value
+    batch = ij.Cylinder(*(jnp.asarray(x)[None] for x in (
+        rod.center, rod.axis, rod.radius, rod.height)))  # fmt: skip
+    buffer = context.buffer(instances(batch).tobytes())
+    names = ("cylinder_center", "cylinder_axis", "cylinder_size")
+    array = context.vertex_array(program, [(buffer, "3f 3f 2f/i", *names)])
+    target = context.texture((160, 120), 4, dtype="f4")
+    frame = context.framebuffer([target])
+    frame.use()
+    context.disable(context.DEPTH_TEST)
+    frame.clear(0, 0, 0, 0)
+    array.render(context.TRIANGLE_STRIP, vertices=4, instances=1)
+    filled = (
+        np.frombuffer(target.read(), np.float32).reshape(120, 160, 4)[::-1, :, 0] > 0
+    )
+    for used in (frame, target, array, buffer, program):
+        used.release()
+    assert not (mask & ~filled).any()
+    # In the rectangle's own directions it ends where the outline does.
+    a, c = np.asarray(rod.axis), np.asarray(rod.center)
+    along = a[:2] if orthographic else a[:2] * c[2] - c[:2] * a[2]
+    along = along / np.linalg.norm(along)
+    for direction in (along, (-along[1], along[0])):
+        rows, cols = np.indices(mask.shape)
+        place = cols * direction[0] + rows * direction[1]
+        assert place[filled].max() - place[mask].max() < 1.5
+        assert place[mask].min() - place[filled].min() < 1.5
+
+
+def test_lens_and_wrong_types_are_named():
+    lens = ij.PinholeCamera(150.0, 150.0, 79.5, 59.5, 160, 120, (0.1, 0, 0, 0, 0))
+    with pytest.raises(ValueError, match="camera must have no lens"):
+        batch_in_camera(ROD, lens)
+    with pytest.raises(ValueError, match="camera must be a PinholeCamera or"):
+        batch_in_camera(ROD, None)
+    with pytest.raises(ValueError, match="cylinders must be one Cylinder or a batch"):
+        batch_in_camera([ROD], CAMERA)
+
+
+def test_driver_must_be_known_and_one_for_the_process(renderer):
+    with pytest.raises(ValueError, match="driver must be one of"):
+        OffscreenRenderer("vulkan")
+    with pytest.raises(ValueError, match="driver must be 'llvmpipe', which this"):
+        OffscreenRenderer("softpipe")
+
+
+def test_missing_driver_names_the_packages_to_install(monkeypatch):
+    def fail(**settings):
+        raise Exception("libEGL.so.1 not loaded")
+
+    monkeypatch.setattr(moderngl, "create_context", fail)
+    with pytest.raises(DriverError, match=r"apt-get install.*libegl1 libgl1"):
+        OffscreenRenderer()
+    assert offscreen._chosen in ([], ["llvmpipe"])
+
+
+def test_closed_renderer_draws_no_more():
+    found = OffscreenRenderer()
+    found.close()
+    with pytest.raises(Exception, match=r".*"):
+        found.draw(ROD, CAMERA)
+
+
+def test_page_needs_nothing_from_the_network():
+    text = page(ROD, CAMERA)
+    assert "http" not in text
+    assert "src=" not in text
+    assert "href=" not in text
+
+
+def test_page_shows_the_cylinder_where_it_is(tmp_path):
+    pytest.importorskip("playwright")
+    with WebglRenderer() as browser:
+        drawn = browser.draw(ROD, CAMERA)
+        path = tmp_path / "page.html"
+        path.write_text(page(ROD, CAMERA))
+        browser._page.goto(path.as_uri())
+        assert browser._page.inner_text("#note").startswith("1 cylinder(s)")
+        shown = browser._page.evaluate(
+            """() => {
+              const canvas = document.getElementById("view");
+              const context = canvas.getContext("2d");
+              return Array.from(
+                context.getImageData(0, 0, canvas.width, canvas.height).data);
+            }"""
+        )
+    pixels = np.array(shown).reshape(120, 160, 4)[..., :3]
+    np.testing.assert_array_equal((pixels != 255).any(axis=-1), drawn.mask)
+    np.testing.assert_array_equal(drawn.mask, np.asarray(ij.render(ROD, CAMERA).mask))
+
+
+def test_missing_browser_names_the_package(monkeypatch):
+    pytest.importorskip("playwright")
+    monkeypatch.setenv("PATH", "")
+    with pytest.raises(DriverError, match=r"apt-get install.*chromium"):
+        WebglRenderer()
+
+
+def test_comparison_counts_what_differs():
+    reference = draw_with_jax(ROD, CAMERA)
+    same = compare(reference, reference)
+    assert same.flips_on_band == same.flips_off_band == same.cap_flips == 0
+    assert same.depth_ulp.worst == same.normal_deg.worst == 0
+    inner = reference.mask & ~edge_band(reference.index)
+    row, col = np.argwhere(inner)[0]
+    index, depth = reference.index.copy(), reference.depth.copy()
+    index[row, col] = -1
+    edge_row, edge_col = np.argwhere(reference.mask & ~inner)[0]
+    index[edge_row, edge_col] = -1
+    other = tuple(np.argwhere(inner)[1])
+    depth[other] = np.nextafter(np.nextafter(depth[other], np.inf), np.inf)
+    found = compare(reference, dataclasses.replace(reference, index=index, depth=depth))
+    assert (found.flips_off_band, found.flips_on_band) == (1, 1)
+    assert found.depth_ulp.worst == 2
+    assert found.depth_ulp.median == 0
