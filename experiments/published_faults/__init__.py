@@ -1,0 +1,1 @@
+"""What goes wrong with the published formulas of the cylinder impostor."""

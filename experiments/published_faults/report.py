@@ -1,0 +1,148 @@
+"""The tables of the README from results.json, and the figure."""
+
+__all__ = ["draw", "tables"]
+
+import json
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from impostor_jax.glsl.conventions import DrawnMaps
+from impostor_jax.io.atomic import write_atomically
+
+Values = dict[str, float]
+
+
+def tables(folder: Path) -> str:
+    """Results of a folder in Markdown, a table for each fault."""
+    values = _values(folder)
+    lines = ["| height / radius | published normals, deg: mean | worst | ours: worst |"]
+    lines += ["|--:|--:|--:|--:|"]
+    for size in _sizes(values, "normals"):
+        lines.append(
+            f"| {size} | {values[f'normals.{size}.published.mean']:.1f} "
+            f"| {values[f'normals.{size}.published.worst']:.1f} "
+            f"| {values[f'normals.{size}.ours.worst']:.2g} |"
+        )
+    lines += [
+        "",
+        "| half height, units | cap at -axis flipped | cap at +axis flipped |",
+    ]
+    lines += ["|--:|--:|--:|"]
+    for size in _sizes(values, "caps"):
+        parts = [
+            f"{100 * values[f'caps.{size}.{cap}.published.flipped']:.0f} %"
+            for cap in ("minus", "plus")
+        ]
+        lines.append(f"| {size} | {' | '.join(parts)} |")
+    lines += ["", "| height / radius | distance / radius | published misses | ours |"]
+    lines += ["|--:|--:|--:|--:|"]
+    for size, distance in sorted({_cut(k) for k in values if k.startswith("cut.")}):
+        key = f"cut.{size:g}.{distance:g}"
+        lines.append(
+            f"| {size:g} | {distance:g} | {100 * values[f'{key}.published']:.1f} % "
+            f"| {100 * values[f'{key}.ours']:.1f} % |"
+        )
+    lines.append(
+        f"| 6, camera inside | 0.3 | {100 * values['inside.published']:.1f} % "
+        f"| {100 * values['inside.ours']:.1f} % |"
+    )
+    lines += [
+        "",
+        "| distance / radius | published depth, radii: median | 99 % | worst "
+        "| ours: median | 99 % | worst |",
+        "|--:|" + "--:|" * 6,
+    ]
+    for size in _sizes(values, "depth"):
+        cells = []
+        for name in ("published", "ours"):
+            key = f"depth.{size}.{name}"
+            cells += [f"{values[f'{key}.{p}']:.2g}" for p in ("median", "p99", "worst")]
+        lines.append(f"| {size} | {' | '.join(cells)} |")
+    return "\n".join(lines)
+
+
+def draw(folder: Path, published: DrawnMaps, ours: DrawnMaps) -> None:
+    """Draw the faults: one view of both programs, normals and depth errors."""
+    values = _values(folder)
+    figure = Figure(figsize=(11, 6.5), layout="constrained")
+    (first, second, wrong), (angle, cap, depth) = figure.subplots(2, 3)
+    for axes, maps, title in (
+        (first, published, "as published"),
+        (second, ours, "corrected"),
+    ):
+        axes.imshow(_colors(maps))
+        axes.set(title=f"{title}: normals", xticks=[], yticks=[])
+    _draw_difference(wrong, published, ours)
+    sizes = _sizes(values, "normals")
+    heights = [float(size) for size in sizes]
+    for part in ("mean", "worst"):
+        found = [values[f"normals.{size}.published.{part}"] for size in sizes]
+        angle.plot(heights, found, "o-", label=part)
+    angle.set(
+        xlabel="height / radius", ylabel="degrees", title="wall's normals", ylim=0
+    )
+    angle.legend()
+    sizes = _sizes(values, "caps")
+    for name, style in (("minus", "o-"), ("plus", "s--")):
+        found = [values[f"caps.{size}.{name}.published.flipped"] for size in sizes]
+        label = f"cap at {'-' if name == 'minus' else '+'}axis"
+        cap.semilogx([float(size) for size in sizes], found, style, label=label)
+    cap.axvline(0.5, color="gray", linewidth=0.8)
+    cap.set(xlabel="half height, units", ylabel="part", title="flipped cap normals")
+    cap.legend()
+    sizes = _sizes(values, "depth")
+    for name, color in (("published", "C3"), ("ours", "C0")):
+        for part, style in (("p99", "o-"), ("worst", ":")):
+            found = [values[f"depth.{size}.{name}.{part}"] for size in sizes]
+            label = f"{name}, {'99 %' if part == 'p99' else part}"
+            distances = [float(size) for size in sizes]
+            depth.loglog(distances, found, style, color=color, label=label)
+    depth.set(
+        xlabel="distance / radius", ylabel="radii", title="error of the wall's depth"
+    )
+    depth.legend(fontsize="small")
+    path = folder / "figures" / "published_faults.png"
+    write_atomically(path, lambda partial: figure.savefig(partial, dpi=100))
+
+
+def _draw_difference(axes: Axes, published: DrawnMaps, ours: DrawnMaps) -> None:
+    """Pixels cut off, and the angle between the normals elsewhere."""
+    both = published.mask & ours.mask
+    cosine = np.sum(published.normal * ours.normal, axis=-1)
+    angle = np.degrees(np.arccos(np.clip(cosine, -1, 1)))
+    shown = axes.imshow(np.where(both, angle, np.nan), vmin=0, vmax=90)
+    colors = np.zeros((*both.shape, 4))
+    colors[ours.mask & ~published.mask] = (1, 0, 0, 1)
+    axes.imshow(colors)
+    axes.figure.colorbar(shown, ax=axes, shrink=0.7)
+    axes.set(title="angle, deg; red: cut off", xticks=[], yticks=[])
+
+
+def _colors(maps: DrawnMaps) -> np.ndarray:
+    return np.where(maps.mask[..., None], (1 - maps.normal) / 2, 1.0)
+
+
+def _sizes(values: Values, group: str) -> list[str]:
+    """Sizes of a group of metrics, as they are written in their names."""
+    found = {}
+    for key in values:
+        if key.startswith(f"{group}."):
+            # A size may hold a point: it is what stands before the first word.
+            parts = key.split(".")[1:]
+            size = parts[:1] if not parts[1].isdigit() else parts[:2]
+            found[".".join(size)] = None
+    return list(found)
+
+
+def _cut(key: str) -> tuple[float, float]:
+    """Height and distance in the name of a metric of what is cut off."""
+    parts = key.removeprefix("cut.").split(".")[:-1]
+    return float(".".join(parts[:-1])), float(parts[-1])
+
+
+def _values(folder: Path) -> Values:
+    record = json.loads((folder / "results.json").read_text())
+    return {metric["name"]: metric["value"] for metric in record["metrics"]}

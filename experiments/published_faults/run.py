@@ -1,0 +1,241 @@
+"""Measure the faults of the published cylinder impostor, drawn by an OpenGL driver.
+
+The driver draws the published formulas and ours; both are compared with JAX in double
+precision, on the same parameters, rounded to single precision.
+"""
+
+__all__ = ["Config", "run"]
+
+import dataclasses
+import sys
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+import jax
+import numpy as np
+import tyro
+
+import impostor_jax as ij
+from experiments.published_faults.report import draw, tables
+from experiments.recording import Metric, result_folder, save_run
+from impostor_jax.glsl.conventions import DrawnMaps
+from impostor_jax.glsl.offscreen import OffscreenRenderer
+from impostor_jax.glsl.reference import draw_with_jax
+
+HERE = Path(__file__).parent
+
+SIZE = (320, 240)
+
+RADIUS_PX = 40.0
+"""Radius in the image."""
+
+SLENDERNESS = (0.25, 1.0, 2.0, 4.0, 8.0)
+"""Heights, in radii, of which the normals and the cut are measured."""
+
+HALF_HEIGHTS = (0.01, 0.1, 0.4, 0.49, 0.51, 0.6, 1.0, 10.0)
+"""Half heights in units, around the one at which a cap's normal turns over."""
+
+DISTANCES = (3.0, 10.0, 30.0, 100.0, 300.0, 1e3, 3e3, 1e4)
+"""Distances, in radii, at which depth is measured."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Config:
+    """Measure what goes wrong with the published formulas."""
+
+    quick: bool = False
+    """Fewer distances, into a temporary folder."""
+    output: Path | None = None
+    """Folder for the results; that of the experiment if None."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Views:
+    """One cylinder, as the published formulas, ours and double precision see it."""
+
+    published: DrawnMaps
+    ours: DrawnMaps
+    exact: DrawnMaps
+
+
+class Drivers:
+    """Both programs on one driver."""
+
+    def __init__(self) -> None:
+        self.published = OffscreenRenderer(as_published=True)
+        self.ours = OffscreenRenderer()
+
+    def views(
+        self,
+        axis: Sequence[float] | np.ndarray,
+        distance: float,
+        radius: float = 1.0,
+        slenderness: float = 3.0,
+        depth: float | None = None,
+    ) -> Views:
+        """Views of a cylinder `distance` radii away, its radius 40 pixels wide.
+
+        Args:
+            axis: Of any length.
+            distance: Of the center, in radii; sets the focal length.
+            radius: In meters.
+            slenderness: Height in radii.
+            depth: Of the center, in radii, where it is not the distance: without it
+                the camera stays outside.
+        """
+        place = distance if depth is None else depth
+        center = np.array([0.3, -0.2, place]) * radius
+        values = (center, axis, radius, slenderness * radius)
+        focal = RADIUS_PX * distance
+        width, height = SIZE
+        camera = ij.PinholeCamera(
+            focal, focal, (width - 1) / 2, (height - 1) / 2, width, height
+        )
+        cylinder = ij.Cylinder(*values)
+        with jax.enable_x64(True):
+            fields = (cylinder.center, cylinder.axis, cylinder.radius, cylinder.height)
+            wide = ij.Cylinder(*(np.asarray(field, np.float64) for field in fields))
+            exact = draw_with_jax(wide, camera)
+        return Views(
+            self.published.draw(cylinder, camera),
+            self.ours.draw(cylinder, camera),
+            exact,
+        )
+
+    def close(self) -> None:
+        """Release both."""
+        self.published.close()
+        self.ours.close()
+
+
+def angles(found: DrawnMaps, exact: DrawnMaps, on_cap: bool) -> np.ndarray:
+    """Angles between the normals in degrees, where both see the wall, or a cap."""
+    both = found.mask & exact.mask
+    both &= (found.on_cap == on_cap) & (exact.on_cap == on_cap)
+    n = found.normal[both].astype(np.float64)
+    m = exact.normal[both].astype(np.float64)
+    sine = np.linalg.norm(np.cross(n, m), axis=-1)
+    return np.degrees(np.arctan2(sine, np.sum(n * m, axis=-1)))
+
+
+def normal_metrics(drivers: Drivers) -> list[Metric]:
+    """Fault 1: the wall gets the normals of a sphere."""
+    metrics = []
+    for slenderness in SLENDERNESS:
+        views = drivers.views((0.6, 0.8, 0.2), 20.0, slenderness=slenderness)
+        for name in ("published", "ours"):
+            found = angles(getattr(views, name), views.exact, on_cap=False)
+            for part, value in (("mean", found.mean()), ("worst", found.max())):
+                key = f"normals.{slenderness:g}.{name}.{part}"
+                metrics.append(_metric(key, value, "deg", len(found)))
+    return metrics
+
+
+def cap_metrics(drivers: Drivers) -> list[Metric]:
+    """Fault 2: the normal of one cap turns over where the cylinder is small."""
+    metrics = []
+    for half_height in HALF_HEIGHTS:
+        # The camera sees the cap at -axis if the axis points away from it.
+        for cap, sign in (("minus", 1.0), ("plus", -1.0)):
+            axis = sign * np.array([0.3, 0.4, 0.8])
+            views = drivers.views(axis, 20.0, radius=half_height, slenderness=2.0)
+            for name in ("published", "ours"):
+                found = angles(getattr(views, name), views.exact, on_cap=True)
+                key = f"caps.{half_height:g}.{cap}.{name}.flipped"
+                part = float(np.mean(found > 90))
+                metrics.append(_metric(key, part, "1", len(found)))
+    return metrics
+
+
+def cut_metrics(drivers: Drivers) -> list[Metric]:
+    """Faults 3 and 4: what the square cuts off, and what a camera inside misses."""
+    metrics = []
+    for slenderness in SLENDERNESS:
+        for distance in (3.0, 20.0):
+            near = distance < slenderness
+            views = drivers.views(
+                (0.5, 0.6, 0.0) if near else (0.5, 0.6, 0.5),
+                distance,
+                slenderness=slenderness,
+            )
+            for name in ("published", "ours"):
+                key = f"cut.{slenderness:g}.{distance:g}.{name}"
+                metrics.append(_missed(key, getattr(views, name), views.exact))
+    inside = drivers.views((0.5, 0.6, 0.5), 1.0, slenderness=6.0, depth=0.3)
+    for name in ("published", "ours"):
+        key = f"inside.{name}"
+        metrics.append(_missed(key, getattr(inside, name), inside.exact))
+    return metrics
+
+
+def _missed(name: str, found: DrawnMaps, exact: DrawnMaps) -> Metric:
+    """Part of the cylinder's pixels that are not drawn, or at a wrong depth."""
+    true = np.where(exact.mask, exact.depth, 1)
+    apart = np.abs(np.where(found.mask, found.depth, np.inf) - true) / true
+    wrong = exact.mask & ~(apart < 1e-2)
+    count = np.count_nonzero(exact.mask)
+    return _metric(name, np.count_nonzero(wrong) / count, "1", int(count))
+
+
+def depth_metrics(drivers: Drivers, distances: Sequence[float]) -> list[Metric]:
+    """Fault 5: the discriminant cancels as the distance grows."""
+    metrics = []
+    for distance in distances:
+        views = drivers.views((0.6, 0.8, 0.2), distance)
+        for name in ("published", "ours"):
+            found = getattr(views, name)
+            both = found.mask & views.exact.mask & ~views.exact.on_cap & ~found.on_cap
+            apart = np.abs(found.depth[both] - views.exact.depth[both])
+            for part, value in (
+                ("median", np.median(apart)),
+                ("p99", np.percentile(apart, 99)),
+                ("worst", apart.max()),
+            ):
+                key = f"depth.{distance:g}.{name}.{part}"
+                metrics.append(_metric(key, float(value), "radii", len(apart)))
+    return metrics
+
+
+def _metric(name: str, value: float, unit: str, count: int) -> Metric:
+    return Metric(name, float(value), None, unit, "lower", int(count))
+
+
+def run(config: Config) -> Path:
+    """Measure all faults; returns the folder of the results.
+
+    Raises:
+        ValueError: The code is not committed.
+    """
+    folder = result_folder(config.output, HERE, quick=config.quick)
+    start = time.perf_counter()
+    drivers = Drivers()
+    try:
+        metrics = [
+            *normal_metrics(drivers),
+            *cap_metrics(drivers),
+            *cut_metrics(drivers),
+            *depth_metrics(drivers, DISTANCES[:2] if config.quick else DISTANCES),
+        ]
+        shown = drivers.views((0.5, 0.6, 0.5), 4.0, radius=0.1, slenderness=4.0)
+    finally:
+        drivers.close()
+    save_run(
+        folder,
+        metrics,
+        config,
+        seed=0,
+        dtype="float32",
+        seconds=time.perf_counter() - start,
+        quick=config.quick,
+    )
+    draw(folder, shown.published, shown.ours)
+    return folder
+
+
+if __name__ == "__main__":
+    try:
+        written = run(tyro.cli(Config))
+    except (ValueError, OSError) as error:
+        sys.exit(str(error))
+    print(f"{tables(written)}\n\nwritten to {written}")
