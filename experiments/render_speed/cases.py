@@ -1,6 +1,13 @@
 """What is timed: a can seen by a 640x480 camera, and what is computed from it."""
 
-__all__ = ["SIGMA", "jax_cases", "make_camera", "make_can", "noisy_image"]
+__all__ = [
+    "SIGMA",
+    "jax_cases",
+    "make_camera",
+    "make_can",
+    "make_many",
+    "noisy_image",
+]
 
 from collections.abc import Callable
 from typing import Any
@@ -37,6 +44,17 @@ def make_camera(shrink: int = 1) -> ij.PinholeCamera:
         width=640 // shrink,
         height=480 // shrink,
     )
+
+
+def make_many(count: int, seed: int) -> ij.Cylinder:
+    """Random cylinders all over the view, 2 to 6 m away and 1 to 5 cm in radius."""
+    rng = np.random.default_rng(seed)
+    z = rng.uniform(2.0, 6.0, count)
+    x, y = rng.uniform(-0.6, 0.6, count) * z, rng.uniform(-0.45, 0.45, count) * z
+    radius = np.exp(rng.uniform(np.log(0.01), np.log(0.05), count))
+    height = radius * np.exp(rng.uniform(np.log(0.5), np.log(10), count))
+    center, axis = np.stack([x, y, z], axis=-1), rng.normal(size=(count, 3))
+    return ij.Cylinder(center, axis, radius, height)
 
 
 def noisy_image(depth: Float[np.ndarray, "h w"], seed: int) -> Float[np.ndarray, "h w"]:

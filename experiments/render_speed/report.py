@@ -15,6 +15,8 @@ LABELS = {
     "frame_jax": "depth, normal, mask",
     "depth_only": "depth",
     "tile": "depth, normal, mask on a tile",
+    "many_gl": "10000 cylinders: OpenGL, read back",
+    "many_jax": "10000 cylinders: every ray at every one",
     "gradient_tile": "loss and gradient on a tile",
     "gradient_own_tile": "loss and gradient, tile placed inside",
     "fit_mask": "fit with a mask",

@@ -30,10 +30,13 @@ from experiments.render_speed.cases import (
     jax_cases,
     make_camera,
     make_can,
+    make_many,
     noisy_image,
 )
 from experiments.render_speed.kernel import c_render
 from experiments.render_speed.report import draw, table
+from impostor_jax.glsl.offscreen import DriverError, OffscreenRenderer
+from impostor_jax.glsl.reference import draw_with_jax
 
 HERE = Path(__file__).parent
 
@@ -47,6 +50,12 @@ WARM_UP = 3
 
 PROCESSES = 3
 """New processes in which a first call is timed."""
+
+MANY = 10_000
+"""Cylinders that are drawn at once, with OpenGL and with JAX."""
+
+MANY_REPEATS = 3
+"""Timed calls of these: the one in JAX takes many seconds."""
 
 SLOW = ("fit_mask", "fit_no_mask", "first_fit")
 """Cases that a quick run leaves out: to compile a fit takes 10 s."""
@@ -79,7 +88,7 @@ class Timing:
 
 
 def time_in_turns(
-    calls: dict[str, Callable[[], object]], repeats: int
+    calls: dict[str, Callable[[], object]], repeats: int, warm_up: int = WARM_UP
 ) -> dict[str, Timing]:
     """Time calls until their results are ready, a block of each in turn."""
     blocks = min(BLOCKS, repeats)
@@ -88,7 +97,7 @@ def time_in_turns(
     faults = dict.fromkeys(calls, 0)
     for block in range(blocks):
         for name, call in calls.items():
-            for _ in range(WARM_UP):
+            for _ in range(warm_up):
                 jax.block_until_ready(call())
             faults[name] -= resource.getrusage(resource.RUSAGE_SELF).ru_minflt
             for index in range(shape[1]):
@@ -169,6 +178,9 @@ def measure(config: Config) -> list[Metric]:
             left_out = config.quick and case in SLOW
             timings = {} if left_out else time_in_turns({case: call}, config.repeats)
             metrics += case_metrics(case, timings.get(case))
+        timings = time_many(camera, MANY // 100 if config.quick else MANY)
+        for case in ("many_gl", "many_jax"):
+            metrics += case_metrics(case, timings.get(case))
         np.save(scratch / "image.npy", image)
         for case, function in FIRST.items():
             processes = 1 if config.quick else PROCESSES
@@ -185,6 +197,21 @@ def measure(config: Config) -> list[Metric]:
                 values = [record[name] for record in records]
                 metrics.append(sample(f"{case}.{name}", values, unit))
     return metrics
+
+
+def time_many(camera: ij.PinholeCamera, count: int) -> dict[str, Timing]:
+    """Time many cylinders at once; without OpenGL only in JAX."""
+    cylinders = make_many(count, SEED)
+    calls: dict[str, Callable[[], object]] = {
+        "many_jax": lambda: draw_with_jax(cylinders, camera).depth
+    }
+    try:
+        renderer = OffscreenRenderer()
+    except DriverError:
+        return time_in_turns(calls, MANY_REPEATS, warm_up=1)
+    with renderer:
+        calls["many_gl"] = lambda: renderer.draw(cylinders, camera).depth
+        return time_in_turns(calls, MANY_REPEATS, warm_up=1)
 
 
 def run(config: Config) -> Path:
