@@ -28,21 +28,25 @@ class Parity:
 
     def run(self) -> int:
         """Run the command; returns the exit code."""
-        from impostor_jax.glsl.parity import run_parity, select, write_parity
+        from impostor_jax.glsl.parity import (
+            open_renderer,
+            run_parity,
+            select,
+            write_parity,
+        )
 
-        chosen = select(self.camera, self.cases)
-        name, rows = run_parity(chosen, self.driver, self.as_published)
-        print(f"{name}, {len(chosen)} cases")
-        done = []
-        for row in rows:
-            done.append(row)
-            for verdict in row.verdicts:
-                if not verdict.holds:
-                    print(
-                        f"{row.case.name}: {verdict.quantity} is {verdict.value:.3g}, "
-                        f"at most {verdict.bound:.3g} expected"
-                    )
-        write_parity(self.output, name, done)
+        chosen, done = select(self.camera, self.cases), []
+        with open_renderer(self.driver, self.as_published) as renderer:
+            print(f"{renderer.name}, {len(chosen)} cases")
+            for row in run_parity(chosen, renderer, self.driver):
+                done.append(row)
+                for verdict in row.verdicts:
+                    if not verdict.holds:
+                        print(
+                            f"{row.case.name}: {verdict.quantity} is "
+                            f"{verdict.value:.3g}, at most {verdict.bound:.3g} expected"
+                        )
+        write_parity(self.output, renderer.name, done)
         broken = sum(not row.holds for row in done)
         print(
             f"parity holds in {len(done) - broken} of {len(done)} cases; see "

@@ -82,6 +82,9 @@ EXPLAINED = 1.05
 NUM_KEPT = 4
 """Solutions of the starts that noise may hide the best among."""
 
+SPREAD = 64
+"""Pixels along each side of the image that tell what a solution would hide."""
+
 MAX_STEPS = 50
 """Step limit of the solver in a stage."""
 
@@ -147,7 +150,9 @@ def best_start(
             request,
             always,
         )
-        cost = _cost(pixels, solution) + _hides(beside, noise, solution.cylinder)
+        cost = _cost(pixels, solution, nominal)
+        hidden = _hides(beside, noise, solution.cylinder)
+        cost = cost + MISSED_LOSS * jnp.mean(hidden.astype(cost.dtype))
         return solution.cylinder, cost, solution.num_steps
 
     def left_out(start: Cylinder) -> _Tried:
@@ -212,7 +217,7 @@ def solve(
     depth = depth.astype(start.cylinder.radius.dtype)
     pixels = gather_pixels(depth, camera, row, col)
     edge = gather_edge(depth, mask, camera, row, col)
-    _, unit = _units(pixels, noise)
+    nominal, unit = _units(pixels, noise)
     prior = prior.in_camera_frame(camera)
     always = _always(camera)
 
@@ -230,9 +235,15 @@ def solve(
             always,
         )
 
+    around, each = _spread_pixels(depth, mask, camera)
+    count = jnp.maximum(jnp.sum(pixels.depth > 0), 1).astype(unit.dtype)
+    share = MISSED_LOSS * each / count
+
     def try_from(best: _Best, begin: Start) -> _Best:
         solution = solution_from(begin.cylinder)
-        found = _cost(pixels, solution), begin, solution
+        cost = _cost(pixels, solution, nominal)
+        cost = cost + share * jnp.sum(_hides(around, noise, solution.cylinder))
+        found = cost, begin, solution
         is_better = found[0] <= best[0]
         return jax.tree.map(partial(jnp.where, is_better), found, best)
 
@@ -486,36 +497,54 @@ def _minimize(
     return solution.value, converged, solution.stats["num_steps"]
 
 
-def _cost(pixels: Pixels, tried: Solution) -> Float[Array, ""]:
+def _cost(
+    pixels: Pixels, tried: Solution, nominal: Float[Array, ""]
+) -> Float[Array, ""]:
     """How badly a cylinder explains the readings: mean log loss of their residuals.
 
-    Its logarithm compares good with better and counts a gross error like any other.
+    Its logarithm compares good with better and counts a gross error like any other. As
+    in a likelihood the logarithm of each deviation, in units of the `nominal` one, is a
+    part of it: a plane that all rays graze would otherwise excuse any reading.
     """
-    seen, rows = tried.seen, tried.rows
-    whitened = (seen.depth - pixels.depth) * rows.weight[: pixels.depth.shape[0]]
+    seen, weight = tried.seen, tried.rows.weight[: pixels.depth.shape[0]]
+    whitened = (seen.depth - pixels.depth) * weight
     # A pixel of the object that the cylinder does not cover is as wrong as can be.
     missed = (~seen.on_cap & (seen.square < 0)) | (
         seen.on_cap & (seen.cap_distance > 1.05)
     )
     loss = jnp.log1p((whitened / 2) ** 2) + jnp.where(missed, MISSED_LOSS, 0)
+    # A reading without weight costs as much as a pixel that is missed.
+    loss = loss - jnp.log(jnp.maximum(weight * nominal, np.exp(-MISSED_LOSS)))
     used = pixels.depth > 0
     count = jnp.maximum(jnp.sum(used), 1).astype(loss.dtype)
     cost = jnp.sum(jnp.where(used, loss, 0)) / count
     return jnp.where(jnp.isfinite(cost), cost, jnp.inf)
 
 
+def _spread_pixels(
+    depth: Float[Array, "h w"], mask: Bool[Array, "h w"], camera: PinholeCamera
+) -> tuple[Pixels, float]:
+    """Pixels all over the image off the object, and how many each stands for."""
+    row = np.linspace(0, camera.height - 1, SPREAD).astype(int)
+    col = np.linspace(0, camera.width - 1, SPREAD).astype(int)
+    row, col = map(np.ravel, np.meshgrid(row, col, indexing="ij"))
+    pixels = gather_pixels(depth, camera, jnp.asarray(row), jnp.asarray(col))
+    off = jnp.where(mask[row, col], 0, pixels.depth)
+    each = camera.height * camera.width / SPREAD**2
+    return eqx.tree_at(lambda p: p.depth, pixels, off), each
+
+
 def _hides(
     beside: Pixels, noise: AbstractDepthNoise, cylinder: Cylinder
-) -> Float[Array, ""]:
-    """Loss of a cylinder that would hide what is seen around the object."""
+) -> Bool[Array, " n"]:
+    """Which pixels beside the object see what the cylinder would hide."""
     seen = surface_seen(beside.direction, cylinder, cylinder.radius / 100)
     half = cylinder.height / 2
     enters = jnp.minimum(seen.enter_along, seen.leave_along) < half
     leaves = jnp.maximum(seen.enter_along, seen.leave_along) > -half
     covers = (seen.square > 0) & seen.outside & enters & leaves
     sigma = noise.sigma(seen.depth, seen.cos_incidence)
-    hidden = covers & (beside.depth > seen.depth + 5 * sigma)
-    return MISSED_LOSS * jnp.mean(jnp.where(hidden, 1, 0).astype(half.dtype))
+    return covers & (beside.depth > seen.depth + 5 * sigma)
 
 
 def _mirrored(cylinder: Cylinder) -> Cylinder:

@@ -28,8 +28,7 @@ class Case:
         name: "camera/scene".
         cylinders: One or several, in the camera frame.
         camera: The camera.
-        distance_over_radius: Distance of the nearest axis over its radius; below 1 the
-            camera is inside, or between the planes of a cap.
+        distance_over_radius: Depth of the nearest center over its radius.
     """
 
     name: str
@@ -50,8 +49,9 @@ def _single(kind: str) -> list[Case]:
         """A cylinder `distance` radii away, `slenderness` radii high, a bit `aside`."""
         center = np.array([*aside, 0.0]) + np.array([0.0, 0.0, distance])
         cylinder = Cylinder(center * radius, axis, radius, slenderness * radius)
-        focal = RADIUS_PX * (distance if kind == "perspective" else 1 / radius)
-        camera = _camera(kind, max(focal, RADIUS_PX))
+        # From inside as wide a view as from one radius away.
+        focal = RADIUS_PX * (max(distance, 1) if kind == "perspective" else 1 / radius)
+        camera = _camera(kind, focal)
         return Case(f"{kind}/{name}", cylinder, camera, distance)
 
     across, along, oblique = (0.6, 0.8, 0.0), (0.0, 0.0, 1.0), (0.4, 0.6, 0.7)
@@ -79,7 +79,7 @@ def _single(kind: str) -> list[Case]:
     # Around the camera or beside it: behind it too, so that no billboard can be tight.
     found += [
         case("near, reaching behind", (0.3, 0.1, 1.0), distance=1.2, slenderness=20.0,
-             aside=(1.0, 0.5)),
+             aside=(1.6, 0.8)),
         case("between the cap planes", (0.0, 1.0, 0.1), distance=1.5, slenderness=40.0),
         case("inside", across, distance=0.3, slenderness=6.0),
         case("inside, along", along, distance=2.0, slenderness=6.0),
@@ -105,10 +105,14 @@ def _many(kind: str) -> list[Case]:
         focal = 110.0 if kind == "perspective" else 100.0
         name = f"{kind}/{count} cylinder{'s' if count > 1 else ''}"
         nearest = float(np.min(z / radius))
-        found.append(Case(name, cylinders, _camera(kind, focal), nearest))
+        # Finer, since edges fill most of an image of so many.
+        found.append(Case(name, cylinders, _camera(kind, 2 * focal, 2), nearest))
     return found
 
 
-def _camera(kind: str, focal: float) -> PinholeCamera | OrthographicCamera:
+def _camera(
+    kind: str, focal: float, finer: int = 1
+) -> PinholeCamera | OrthographicCamera:
     camera = PinholeCamera if kind == "perspective" else OrthographicCamera
-    return camera(focal, focal, (WIDTH - 1) / 2, (HEIGHT - 1) / 2, WIDTH, HEIGHT)
+    width, height = finer * WIDTH, finer * HEIGHT
+    return camera(focal, focal, (width - 1) / 2, (height - 1) / 2, width, height)

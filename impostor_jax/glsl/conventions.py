@@ -42,6 +42,11 @@ vec4 clip_of_pixel(vec2 pixel) {
     return vec4(2.0 * part.x - 1.0, 1.0 - 2.0 * part.y, 0.0, 1.0);
 }
 
+// A corner of the whole image.
+vec4 clip_of_corner(vec2 corner) {
+    return vec4(corner, 0.0, 1.0);
+}
+
 // Cut off by the near plane, as a mesh would be.
 vec4 clip_of_point(vec3 p) {
 #ifdef ORTHOGRAPHIC

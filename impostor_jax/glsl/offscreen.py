@@ -7,6 +7,7 @@ choice once for each process, so a process draws with one of them.
 
 __all__ = ["DRIVERS", "DriverError", "OffscreenRenderer"]
 
+import contextlib
 import os
 from types import TracebackType
 from typing import Any
@@ -35,6 +36,11 @@ DRIVERS: dict[str, dict[str, str]] = {
 
 NOTHING = (0.0, 0.0, 0.0, -1.0)
 """Where no cylinder is drawn: no position, and the index -1."""
+
+MAX_DEVICES = 8
+"""Devices of EGL that are asked for a driver."""
+
+_VARIABLES = ("LIBGL_ALWAYS_SOFTWARE", "GALLIUM_DRIVER")
 
 _chosen: list[str] = []
 
@@ -67,14 +73,8 @@ class OffscreenRenderer:
             )
         self._as_published = as_published
         self._programs: dict[bool, Any] = {}
-        self._context = _context(driver)
+        self._context: Any = _context(driver)
         self.name = str(self._context.info["GL_RENDERER"])
-        if driver != "gpu" and driver not in self.name:
-            self.close()
-            raise DriverError(
-                f"the driver is {self.name}, not {driver}: {_INSTALL}, and leave "
-                "GALLIUM_DRIVER alone"
-            )
         _chosen[:] = [driver]
 
     def draw(
@@ -87,29 +87,37 @@ class OffscreenRenderer:
             camera: Without a lens.
 
         Returns:
-            The maps as NumPy arrays; buffers and targets are released again.
+            The maps as NumPy arrays. The depth buffer has 24 bits: of surfaces nearer
+            to each other than a 17-millionth of the depth of all that is drawn, the
+            first in the batch is seen.
 
         Raises:
-            ValueError: The camera has a lens, or an argument is of a wrong type or
-                traced.
+            ValueError: The camera has a lens, an argument is of a wrong type or traced,
+                or the renderer is closed.
         """
+        if self._context is None:
+            raise ValueError("the renderer is closed and draws no more")
         cylinders = batch_in_camera(cylinders, camera)
         stretch = depth_range(cylinders)
-        context, size = self._context, (camera.width, camera.height)
-        program = self._program(isinstance(camera, OrthographicCamera))
-        for name, value in uniforms(camera, stretch).items():
-            # A driver drops what a variant of the shader does not use.
-            if name in program:
-                program[name].value = value
-        rows = instances(cylinders)
-        targets = [context.texture(size, 4, dtype="f4") for _ in range(2)]
-        depth = context.depth_texture(size)
-        buffer = context.buffer(rows.tobytes())
-        layout = " ".join(f"{count}f" for _, count in ATTRIBUTES) + "/i"
-        names = [name for name, _ in ATTRIBUTES]
-        array = context.vertex_array(program, [(buffer, layout, *names)])
-        frame = context.framebuffer(targets, depth)
-        try:
+        size, rows = (camera.width, camera.height), instances(cylinders)
+        with self._context as context, contextlib.ExitStack() as stack:
+
+            def held(made: Any) -> Any:
+                stack.callback(made.release)
+                return made
+
+            program = self._program(isinstance(camera, OrthographicCamera))
+            for name, value in uniforms(camera, stretch).items():
+                # A driver drops what a variant of the shader does not use.
+                if name in program:
+                    program[name].value = value
+            targets = [held(context.texture(size, 4, dtype="f4")) for _ in range(2)]
+            depth = held(context.depth_texture(size))
+            buffer = held(context.buffer(rows.tobytes()))
+            layout = " ".join(f"{count}f" for _, count in ATTRIBUTES) + "/i"
+            names = [name for name, _ in ATTRIBUTES]
+            array = held(context.vertex_array(program, [(buffer, layout, *names)]))
+            frame = held(context.framebuffer(targets, depth))
             frame.use()
             context.enable_only(context.DEPTH_TEST)
             frame.clear(*NOTHING, depth=1.0)
@@ -119,17 +127,18 @@ class OffscreenRenderer:
                 for target in targets
             )
             window = np.frombuffer(depth.read(), np.float32).reshape(size[::-1])
-        finally:
-            for used in (frame, array, buffer, depth, *targets):
-                used.release()
         return maps_from_targets(position, normal, window, stretch)
 
     def close(self) -> None:
         """Release the programs and the context."""
-        for program in self._programs.values():
-            program.release()
+        if self._context is None:
+            return
+        with self._context:
+            for program in self._programs.values():
+                program.release()
         self._programs.clear()
         self._context.release()
+        self._context = None
 
     def __enter__(self) -> "OffscreenRenderer":
         return self
@@ -151,27 +160,48 @@ class OffscreenRenderer:
         return self._programs[orthographic]
 
 
-_INSTALL = "apt-get install --no-install-recommends libegl1 libgl1 libgl1-mesa-dri"
-
-
 def _context(driver: str) -> Any:
+    """Context of a driver; the environment stays as it was where there is none."""
     try:
         import moderngl
     except ImportError:
         raise DriverError(
             "moderngl is missing: pip install 'impostor-jax[gl]'"
         ) from None
-    if not _chosen:
-        os.environ.update(DRIVERS[driver])
-    try:
-        # Its signature names the type of further settings and not of this one.
-        return moderngl.create_context(
-            standalone=True,
-            require=330,
-            backend="egl",  # pyright: ignore[reportArgumentType]
-        )
-    # moderngl raises plain exceptions of its own.
-    except Exception as error:
-        raise DriverError(
-            f"no OpenGL driver ({' '.join(str(error).split())}); on Debian: {_INSTALL}"
-        ) from error
+    before = {name: os.environ.get(name) for name in _VARIABLES}
+    os.environ.update(DRIVERS[driver])
+    found = []
+    # A machine with a graphics card has several devices, and Mesa's may not be first.
+    for device in range(MAX_DEVICES):
+        try:
+            context = moderngl.create_context(
+                standalone=True,
+                require=330,
+                # The signature names the type of further settings, not of these.
+                backend="egl",  # pyright: ignore[reportArgumentType]
+                device_index=device,  # pyright: ignore[reportArgumentType]
+            )
+        # moderngl raises plain exceptions of its own.
+        except Exception as error:
+            found.append(" ".join(str(error).split()))
+            if device:
+                break
+            continue
+        name = str(context.info["GL_RENDERER"])
+        is_software = any(software in name for software in ("llvmpipe", "softpipe"))
+        if driver in name or (driver == "gpu" and not is_software):
+            return context
+        found.append(name)
+        context.release()
+    for name, value in before.items():
+        if value is None:
+            os.environ.pop(name, None)
+        else:
+            os.environ[name] = value
+    need = (
+        "a graphics card and its EGL driver are needed"
+        if driver == "gpu"
+        else "on Debian: apt-get install --no-install-recommends libegl1 libgl1 "
+        "libgl1-mesa-dri"
+    )
+    raise DriverError(f"no OpenGL driver {driver} ({'; '.join(found)}); {need}")

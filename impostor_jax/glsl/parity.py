@@ -1,6 +1,13 @@
 """The matrix of cases, drawn by JAX and by a driver and compared pixel by pixel."""
 
-__all__ = ["RENDERERS", "Row", "run_parity", "select", "write_parity"]
+__all__ = [
+    "RENDERERS",
+    "Row",
+    "open_renderer",
+    "run_parity",
+    "select",
+    "write_parity",
+]
 
 import dataclasses
 import re
@@ -64,35 +71,39 @@ def select(camera: str = "all", patterns: Sequence[str] = ("all",)) -> list[Case
     return kept
 
 
+def open_renderer(
+    driver: str = "llvmpipe", as_published: bool = False
+) -> OffscreenRenderer | WebglRenderer:
+    """Open what draws; use it in a `with` block.
+
+    Args:
+        driver: "llvmpipe", "softpipe", "gpu" or "webgl".
+        as_published: Whether to draw the published formulas.
+    """
+    one_of("driver", driver, RENDERERS)
+    if driver == "webgl":
+        return WebglRenderer(as_published)
+    return OffscreenRenderer(driver, as_published)
+
+
 def run_parity(
-    chosen: Sequence[Case], driver: str = "llvmpipe", as_published: bool = False
-) -> tuple[str, Iterator[Row]]:
+    chosen: Sequence[Case], renderer: OffscreenRenderer | WebglRenderer, driver: str
+) -> Iterator[Row]:
     """Draw cases with JAX and with a driver, and compare them.
 
     Args:
         chosen: The cases.
-        driver: "llvmpipe", "softpipe", "gpu" or "webgl".
-        as_published: Whether the driver draws the published formulas.
+        renderer: What draws them.
+        driver: Its name, as `open_renderer` takes it.
 
-    Returns:
-        What the driver calls itself, and a row for each case as it is done.
+    Yields:
+        A row for each case as it is done.
     """
-    one_of("driver", driver, RENDERERS)
-    renderer = (
-        WebglRenderer(as_published)
-        if driver == "webgl"
-        else OffscreenRenderer(driver, as_published)
-    )
-
-    def rows() -> Iterator[Row]:
-        with renderer:
-            for case in chosen:
-                reference = draw_with_jax(case.cylinders, case.camera)
-                drawn = renderer.draw(case.cylinders, case.camera)
-                found = compare(reference, drawn)
-                yield Row(case, found, judge(case, found), reference, drawn)
-
-    return renderer.name, rows()
+    for case in chosen:
+        reference = draw_with_jax(case.cylinders, case.camera)
+        drawn = renderer.draw(case.cylinders, case.camera)
+        found = compare(reference, drawn)
+        yield Row(case, found, judge(case, found, driver), reference, drawn)
 
 
 def write_parity(folder: Path, name: str, rows: Sequence[Row]) -> None:
@@ -108,9 +119,9 @@ def write_parity(folder: Path, name: str, rows: Sequence[Row]) -> None:
     text = _table(name, rows)
     write_atomically(folder / "parity.md", lambda path: path.write_text(text))
     for row in rows:
-        picture, name = _picture(row), re.sub(r"[^a-z0-9.]+", "_", row.case.name)
+        picture, file = _picture(row), re.sub(r"[^a-z0-9.]+", "_", row.case.name)
         write_atomically(
-            folder / f"{name}.png",
+            folder / f"{file}.png",
             lambda path, picture=picture: cv2.imwrite(str(path), picture),
         )
 

@@ -19,6 +19,8 @@ def test_quick_run_writes_its_metrics(name, tmp_path):
          str(tmp_path)],
         capture_output=True, text=True, cwd=ROOT, env=os.environ,
     )  # fmt: skip
+    if found.returncode and "apt-get install" in found.stderr:
+        pytest.skip(found.stderr)
     assert found.returncode == 0, found.stderr
     record = json.loads((tmp_path / "results.json").read_text())
     assert record["metrics"]

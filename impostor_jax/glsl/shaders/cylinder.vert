@@ -102,7 +102,8 @@ void main() {
 
     bool tight = in_front(below, above, axis, radius)
         && max(abs(ahead), abs(beside)) * max(focal.x, focal.y) < 1e6;
-    gl_Position = tight ? clip_of_pixel(focal * seen + principal) : vec4(corner, 0.0, 1.0);
+    gl_Position = tight ? clip_of_pixel(focal * seen + principal)
+                        : clip_of_corner(corner);
 }
 
 #endif
