@@ -242,7 +242,8 @@ def solve(
     def try_from(best: _Best, begin: Start) -> _Best:
         solution = solution_from(begin.cylinder)
         cost = _cost(pixels, solution, nominal)
-        cost = cost + share * jnp.sum(_hides(around, noise, solution.cylinder))
+        hidden = _hides(around, noise, solution.cylinder)
+        cost = cost + share * jnp.sum(hidden.astype(cost.dtype))
         found = cost, begin, solution
         is_better = found[0] <= best[0]
         return jax.tree.map(partial(jnp.where, is_better), found, best)

@@ -2,7 +2,6 @@ import hypothesis
 import hypothesis.strategies as st
 import jax
 import jax.numpy as jnp
-import mpmath
 import numpy as np
 import pytest
 
@@ -10,6 +9,7 @@ from impostor_jax.geometry.rays import Ray
 from impostor_jax.geometry.vec3 import Vec3
 from impostor_jax.numerics import eps
 from impostor_jax.primitives.cylinder import Cylinder
+from tests.oracle.cylinder import answer
 
 
 def cast(cylinder, origin, direction):
@@ -61,27 +61,9 @@ def test_hit_of_a_cylinder_of_radius_1_and_height_4(
 
 def exact_depth(cylinder, direction):
     """First hit from the origin in 50 digits, on the same rounded inputs."""
-    with mpmath.workdps(50):
-        c, a, d = (
-            mpmath.matrix([mpmath.mpf(float(x)) for x in v])
-            for v in (cylinder.center, cylinder.axis, direction)
-        )
-        r, h = (mpmath.mpf(float(x)) for x in (cylinder.radius, cylinder.height / 2))
-
-        def dot(u, v):
-            return mpmath.fsum(x * y for x, y in zip(u, v, strict=True))
-
-        a /= mpmath.sqrt(dot(a, a))
-        d_a, c_a = dot(d, a), dot(c, a)
-        d_p, c_p = d - a * d_a, c - a * c_a
-        square = dot(d_p, d_p)
-        root = dot(d_p, c_p) ** 2 - square * (dot(c_p, c_p) - r * r)
-        if root < 0:
-            return None
-        sides = [(dot(d_p, c_p) + s * mpmath.sqrt(root)) / square for s in (-1, 1)]
-        caps = sorted((c_a + s * h) / d_a for s in (-1, 1))
-        enter, leave = max(sides[0], caps[0]), min(sides[1], caps[1])
-        return float(enter) if 0 < enter <= leave else None
+    c = cylinder
+    found = answer((0, 0, 0), direction, c.center, c.axis, c.radius, c.height)
+    return None if found.t is None else float(found.t)
 
 
 def test_depth_of_a_distant_thin_cylinder_is_exact_to_its_conditioning(dtype):

@@ -1,0 +1,102 @@
+"""Random rays at random cylinders, over all the extremes together."""
+
+__all__ = ["Rays", "extreme_rays"]
+
+import dataclasses
+
+import numpy as np
+from jaxtyping import Float
+
+
+@dataclasses.dataclass(frozen=True)
+class Rays:
+    """One ray and one cylinder in each row; every number is exact in the dtype."""
+
+    origin: Float[np.ndarray, "n 3"]
+    direction: Float[np.ndarray, "n 3"]
+    center: Float[np.ndarray, "n 3"]
+    axis: Float[np.ndarray, "n 3"]
+    radius: Float[np.ndarray, " n"]
+    height: Float[np.ndarray, " n"]
+
+
+def extreme_rays(count: int, seed: int, dtype: str = "float32") -> Rays:
+    """Draw rays; each extreme is met by a good part of them, most by several.
+
+    Scale of the scene 1e-6 to 1e6; distance over radius from inside over 1 + 1e-6 to
+    1e6; height over radius 1e-4 to 1e4; the axis anywhere, or within 1e-7 rad of the
+    ray, of a plane across it or of a coordinate axis; the ray towards a point on the
+    wall, a cap, the rim or a cap's center, within 1e-6 of grazing, or anywhere.
+
+    Args:
+        count: Number of rays.
+        seed: Of the draws.
+        dtype: Numbers are rounded to it; the axis is rounded after it is a unit vector.
+    """
+    rng = np.random.default_rng(seed)
+
+    def log_uniform(low, high):
+        return np.exp(rng.uniform(np.log(low), np.log(high), count))
+
+    def unit(v):
+        return v / np.linalg.norm(v, axis=-1, keepdims=True)
+
+    def across(v):
+        other = np.eye(3)[np.argmin(np.abs(v), axis=-1)]
+        return unit(np.cross(v, other))
+
+    def choose(weights, *options):
+        kind = rng.choice(len(options), size=count, p=weights)
+        return np.choose(kind[:, None], options)
+
+    view = unit(rng.normal(size=(count, 3)) * [0.5, 0.5, 1.0])
+    view[:, 2] = np.abs(view[:, 2])
+    tilt = log_uniform(1e-9, 1e-3)[:, None]
+    anywhere = unit(rng.normal(size=(count, 3)))
+    aside = np.cross(view, across(view)) * np.cos(tilt) + across(view) * np.sin(tilt)
+    coordinate = np.eye(3)[rng.integers(3, size=count)]
+    axis = choose(
+        [0.5, 0.2, 0.15, 0.15],
+        anywhere,
+        unit(view + tilt * anywhere),
+        unit(aside + tilt * anywhere),
+        unit(coordinate + tilt * anywhere),
+    )
+    radius = np.ones(count)
+    height = log_uniform(1e-4, 1e4)
+    # Where the ray goes, relative to the center, in the frame of the axis.
+    u = across(axis)
+    w = np.cross(axis, u)
+    angle = rng.uniform(0, 2 * np.pi, count)[:, None]
+    out = np.cos(angle) * u + np.sin(angle) * w
+    place = rng.uniform(-0.5, 0.5, count)[:, None] * height[:, None] * axis
+    end = np.sign(rng.uniform(-1, 1, count))[:, None] * height[:, None] / 2 * axis
+    graze = 1 + (log_uniform(1e-9, 1e-3) * np.sign(rng.uniform(-1, 1, count)))[:, None]
+    # Beside the axis as the ray sees it: there the wall is grazed.
+    edge = np.cross(view, axis)
+    edge /= np.maximum(np.linalg.norm(edge, axis=-1, keepdims=True), 1e-300)
+    target = choose(
+        [0.35, 0.15, 0.1, 0.05, 0.2, 0.15],
+        place + out,
+        end + out * np.sqrt(rng.uniform(0, 1, count))[:, None],
+        end + out,
+        end,
+        place + edge * graze,
+        3 * rng.normal(size=(count, 3)) + place,
+    )
+    clearance = log_uniform(1e-6, 1e6)
+    distance = choose(
+        [0.8, 0.2], (1 + clearance)[:, None], rng.uniform(0, 1, count)[:, None]
+    )
+    origin = target - view * distance
+    scale = log_uniform(1e-6, 1e6)[:, None]
+    # Half of the cameras are the origin of their frame, as in an image.
+    moved = rng.uniform(size=count)[:, None] < 0.5
+    center = np.where(moved, -origin, 0) * scale
+    origin = np.where(moved, 0, origin) * scale
+    direction = view / np.where(moved, view[:, 2:], 1)
+    values = (origin, direction, center, axis, radius * scale[:, 0], height)
+    origin, direction, center, axis, radius, height = values
+    height = height * scale[:, 0]
+    rounded = (origin, direction, center, axis, radius, height)
+    return Rays(*(value.astype(dtype) for value in rounded))
