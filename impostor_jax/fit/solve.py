@@ -2,8 +2,8 @@
 
 All of it runs in the camera's frame. Several starts are solved on a part of the
 readings, in one vmapped call, and where noise hides the tilt their mirror images, too.
-The best goes on with all readings, in stages: evaluate the image against the estimate,
-which weighs each row, then minimize with the rows held.
+The best, or there the best few, goes on with all readings, in stages: evaluate the
+image against the estimate, which weighs each row, then minimize with the rows held.
 """
 
 __all__ = ["NUM_KEPT", "best_start", "solve"]
@@ -245,11 +245,11 @@ def solve(
         hidden = _hides(around, noise, solution.cylinder)
         cost = cost + share * jnp.sum(hidden.astype(cost.dtype))
         found = cost, begin, solution
-        is_better = found[0] <= best[0]
-        return jax.tree.map(partial(jnp.where, is_better), found, best)
+        return jax.tree.map(partial(jnp.where, cost <= best[0]), found, best)
 
     def unless_explained(best: _Best, begin: Start):
-        needed = begin.is_worth & (best[2].scale > EXPLAINED)
+        # A failed solution, whose scale is no number, explains nothing.
+        needed = begin.is_worth & ~(best[2].scale <= EXPLAINED)
         return jax.lax.cond(needed, try_from, lambda b, _: b, best, begin), None
 
     first = jax.tree.map(lambda field: field[0], start)
