@@ -519,7 +519,10 @@ def _cost(
     used = pixels.depth > 0
     count = jnp.maximum(jnp.sum(used), 1).astype(loss.dtype)
     cost = jnp.sum(jnp.where(used, loss, 0)) / count
-    return jnp.where(jnp.isfinite(cost), cost, jnp.inf)
+    # Readings without weight would let a cylinder pass that is made of no numbers.
+    leaves = jax.tree.leaves(tried.cylinder)
+    numbers = jnp.stack([jnp.all(jnp.isfinite(leaf)) for leaf in leaves]).all()
+    return jnp.where(numbers & jnp.isfinite(cost), cost, jnp.inf)
 
 
 def _spread_pixels(
