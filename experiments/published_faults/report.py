@@ -9,6 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from impostor_jax.glsl.compare import angles_between
 from impostor_jax.glsl.conventions import DrawnMaps
 from impostor_jax.io.atomic import write_atomically
 
@@ -111,9 +112,9 @@ def draw(folder: Path, published: DrawnMaps, ours: DrawnMaps) -> None:
 def _draw_difference(axes: Axes, published: DrawnMaps, ours: DrawnMaps) -> None:
     """Pixels cut off, and the angle between the normals elsewhere."""
     both = published.mask & ours.mask
-    cosine = np.sum(published.normal * ours.normal, axis=-1)
-    angle = np.degrees(np.arccos(np.clip(cosine, -1, 1)))
-    shown = axes.imshow(np.where(both, angle, np.nan), vmin=0, vmax=90)
+    angle = np.full(both.shape, np.nan)
+    angle[both] = angles_between(published.normal[both], ours.normal[both])
+    shown = axes.imshow(angle, vmin=0, vmax=90)
     colors = np.zeros((*both.shape, 4))
     colors[ours.mask & ~published.mask] = (1, 0, 0, 1)
     axes.imshow(colors)

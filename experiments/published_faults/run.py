@@ -19,6 +19,7 @@ import tyro
 import impostor_jax as ij
 from experiments.published_faults.report import draw, tables
 from experiments.recording import Metric, result_folder, save_run
+from impostor_jax.glsl.compare import angles_between
 from impostor_jax.glsl.conventions import DrawnMaps
 from impostor_jax.glsl.offscreen import OffscreenRenderer
 from impostor_jax.glsl.reference import draw_with_jax
@@ -113,10 +114,7 @@ def angles(found: DrawnMaps, exact: DrawnMaps, on_cap: bool) -> np.ndarray:
     """Angles between the normals in degrees, where both see the wall, or a cap."""
     both = found.mask & exact.mask
     both &= (found.on_cap == on_cap) & (exact.on_cap == on_cap)
-    n = found.normal[both].astype(np.float64)
-    m = exact.normal[both].astype(np.float64)
-    sine = np.linalg.norm(np.cross(n, m), axis=-1)
-    return np.degrees(np.arctan2(sine, np.sum(n * m, axis=-1)))
+    return angles_between(found.normal[both], exact.normal[both])
 
 
 def normal_metrics(drivers: Drivers) -> list[Metric]:

@@ -1,6 +1,6 @@
 """How far two renderings of one scene differ."""
 
-__all__ = ["Comparison", "Spread", "compare", "edge_band"]
+__all__ = ["Comparison", "Spread", "angles_between", "compare", "edge_band"]
 
 import dataclasses
 
@@ -74,6 +74,15 @@ def edge_band(index: Int[np.ndarray, "h w"]) -> Bool[np.ndarray, "h w"]:
     return cv2.dilate(values, window) > cv2.erode(values, window)
 
 
+def angles_between(
+    first: Float[np.ndarray, "n 3"], second: Float[np.ndarray, "n 3"]
+) -> Float[np.ndarray, " n"]:
+    """Angles between unit vectors, in degrees; exact for small ones, too."""
+    n, m = first.astype(np.float64), second.astype(np.float64)
+    sine = np.linalg.norm(np.cross(n, m), axis=-1)
+    return np.degrees(np.arctan2(sine, np.sum(n * m, axis=-1)))
+
+
 def compare(reference: DrawnMaps, drawn: DrawnMaps) -> Comparison:
     """Compare a driver's rendering with the reference, which may be more precise.
 
@@ -86,9 +95,7 @@ def compare(reference: DrawnMaps, drawn: DrawnMaps) -> Comparison:
     true = reference.depth[same].astype(np.float64)
     apart = np.abs(drawn.depth[same].astype(np.float64) - true)
     ulp = np.spacing(np.abs(true).astype(np.float32)).astype(np.float64)
-    n, m = (maps.normal[same].astype(np.float64) for maps in (reference, drawn))
-    sine = np.linalg.norm(np.cross(n, m), axis=-1)
-    angle = np.degrees(np.arctan2(sine, np.sum(n * m, axis=-1)))
+    angle = angles_between(reference.normal[same], drawn.normal[same])
     return Comparison(
         num_hits=int(np.count_nonzero(reference.mask)),
         num_band=int(np.count_nonzero(band)),
