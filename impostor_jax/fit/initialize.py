@@ -4,9 +4,8 @@ Surface normals of the wall are perpendicular to the axis and those of a cap are
 parallel to it, so one axis explains both. Axes are proposed by pairs of normals (the
 wall), by single normals (a cap) and by the directions in which the region is longest
 and shortest in the image, each in a fixed order, and scored by how many normals they
-explain. The best few
-are carried on to a circle across the axis and an extent along it, and the one whose
-surface lies closest to the points comes first.
+explain. The best few are carried on to a circle across the axis and an extent along it,
+and the one whose surface lies closest to the points comes first.
 
 Everything here runs outside JAX, on NumPy, OpenCV and scikit-image.
 """

@@ -8,8 +8,10 @@ image against the estimate, which weighs each row, then minimize with the rows h
 
 __all__ = ["NUM_KEPT", "best_start", "solve"]
 
+from collections.abc import Callable
 from functools import partial
 from itertools import pairwise
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -253,8 +255,7 @@ def solve(
         return jax.lax.cond(needed, try_from, lambda b, _: b, best, begin), None
 
     first = jax.tree.map(lambda field: field[0], start)
-    blank = jax.eval_shape(solution_from, first.cylinder)
-    blank = jax.tree.map(lambda field: jnp.zeros(field.shape, field.dtype), blank)
+    blank = _zeros_like_result(solution_from, first.cylinder)
     infinite = jnp.full_like(unit, jnp.inf)
     blank = eqx.tree_at(lambda s: s.scale, blank, infinite)
     worst = infinite, first, blank
@@ -267,6 +268,12 @@ def solve(
 def _always(camera: PinholeCamera) -> Bool[Array, ""]:
     """True, as `residuals` needs it: known to the run alone, and mapped by no fit."""
     return jnp.asarray(camera.fx) > 0
+
+
+def _zeros_like_result(function: Callable[..., Any], *arguments: Any) -> Any:
+    """Zeros of the shapes that a function returns, to begin a loop with."""
+    shapes = jax.eval_shape(function, *arguments)
+    return jax.tree.map(lambda field: jnp.zeros(field.shape, field.dtype), shapes)
 
 
 def _units(
@@ -342,10 +349,7 @@ def _refine(
         settled = repeats & (carry.moved < SETTLED)
         return jax.lax.cond(settled, lambda c, _: c, stage, carry, effort), None
 
-    rows, seen, scale = jax.tree.map(
-        lambda field: jnp.zeros(field.shape, field.dtype),
-        jax.eval_shape(evaluate, start, unit, unit),
-    )
+    rows, seen, scale = _zeros_like_result(evaluate, start, unit, unit)
     begin = Solution(
         cylinder=start,
         rows=rows,
