@@ -161,7 +161,8 @@ def _passing(
 ) -> _Passing:
     center, a = Vec3.from_array(cylinder.center), Vec3.from_array(cylinder.axis)
     zero = jnp.zeros_like(direction.x)
-    local, foot = Ray(Vec3(zero, zero, zero), direction).recentered(center)
+    ray = Ray(Vec3(zero, zero, zero), direction)
+    local, foot = ray.brought_near(center, center, cylinder.radius)
     o, d, r = local.origin, local.direction, cylinder.radius
     m = d.cross(a)
     m_m, m_o = m.dot(m), m.dot(o)

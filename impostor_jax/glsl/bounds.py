@@ -91,7 +91,7 @@ KNOWN_DIFFERENCES = (
         "depth_ulp.p99",
         6.0,
         _FEW_PIXELS,
-        ("softpipe", "webgl"),
+        ("llvmpipe",),
     ),
     KnownDifference("perspective/distance 1.2", "depth_ulp.p99", 25.0, _NEAR_SURFACE),
     KnownDifference(
@@ -109,7 +109,7 @@ KNOWN_DIFFERENCES = (
     KnownDifference(
         "perspective/between the cap planes", "depth_relative.p999", 4e-6, _NEAR_SURFACE
     ),
-    KnownDifference("orthographic/distance 1.01", "depth_ulp.p99", 25.0, _NEAR_PLANE),
+    KnownDifference("orthographic/distance 1.01", "depth_ulp.p99", 40.0, _NEAR_PLANE),
     KnownDifference(
         "orthographic/distance 1.01", "depth_relative.p999", 1e-5, _NEAR_PLANE
     ),
@@ -129,7 +129,7 @@ KNOWN_DIFFERENCES = (
     ),
     KnownDifference("orthographic/rod, nearly along", "depth_ulp.p99", 40.0, _GRAZING),
     KnownDifference(
-        "orthographic/rod, nearly along", "depth_relative.p999", 1e-5, _GRAZING
+        "orthographic/rod, nearly along", "depth_relative.p999", 1.5e-5, _GRAZING
     ),
     KnownDifference(
         "orthographic/near, reaching behind", "depth_ulp.p99", 100.0, _NEAR_PLANE
@@ -140,7 +140,7 @@ KNOWN_DIFFERENCES = (
     KnownDifference("orthographic/inside", "depth_ulp.p99", 200.0, _NEAR_PLANE),
     KnownDifference("orthographic/inside", "depth_relative.p999", 1e-4, _NEAR_PLANE),
     KnownDifference(
-        "orthographic/inside, oblique", "depth_ulp.p99", 120.0, _NEAR_PLANE
+        "orthographic/inside, oblique", "depth_ulp.p99", 160.0, _NEAR_PLANE
     ),
     KnownDifference(
         "orthographic/inside, oblique", "depth_relative.p999", 1e-4, _NEAR_PLANE

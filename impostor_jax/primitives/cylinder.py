@@ -95,10 +95,10 @@ class Cylinder(AbstractPrimitive):
     @override
     def normal(self, ray: Ray, hit: Hit) -> Vec3:
         mask = hit.mask
-        a = Vec3.from_array(self.axis)
+        a, d = Vec3.from_array(self.axis), ray.direction
         q = ray.at(jnp.where(mask, hit.t, 0)) - Vec3.from_array(self.center)
-        n = a.where(hit.on_cap, (q - a * q.dot(a)).normalize())
-        facing = jnp.where(n.dot(ray.direction) > 0, -1.0, 1.0)
+        n = a.where(hit.on_cap, _radial(q, a))
+        facing = jnp.where(n.dot(d) > 0, -1.0, 1.0)
         return n * jnp.where(mask, facing, 0.0)
 
     @override
@@ -142,15 +142,19 @@ def _signed_hit(ray: Ray, cylinder: Cylinder) -> Float[Array, "*batch"]:
 
     def trace() -> Float[Array, "*batch"]:
         center, a = Vec3.from_array(cylinder.center), Vec3.from_array(cylinder.axis)
-        local, foot = ray.recentered(center)
-        wall = wall_interval(local, a, cylinder.radius)
-        slab = slab_interval(local, a, cylinder.height / 2)
+        r, half_height = cylinder.radius, cylinder.height / 2
+        level = jnp.clip((ray.origin - center).dot(a), -half_height, half_height)
+        near, foot = ray.brought_near(center, center + a * level, r)
+        wall = wall_interval(near, a, r)
+        slab = slab_interval(near, a, half_height)
         enter = foot + jnp.maximum(wall.lower, slab.lower)
         leave = foot + jnp.minimum(wall.upper, slab.upper)
         outside = enter > 0
         on_cap = jnp.where(outside, slab.lower > wall.lower, slab.upper < wall.upper)
         t = jnp.where(outside, enter, leave)
-        hit = (enter <= leave) & (leave > 0)
+        # Of a length whose square is no number no root can be trusted.
+        is_solid = (r * r > 0) & (r * r < jnp.inf) & (half_height > 0)
+        hit = (enter <= leave) & (leave > 0) & is_solid
         return jnp.where(hit, jnp.where(on_cap, -t, t), jnp.inf)
 
     shape = jnp.broadcast_shapes(ray.direction.x.shape, cylinder.radius.shape)
@@ -178,20 +182,29 @@ def _signed_hit_tangent(
 ) -> Float[Array, "*batch"]:
     mask, on_cap = jnp.isfinite(signed), signed < 0
     t = jnp.where(mask, jnp.abs(signed), 0)
-    a = Vec3.from_array(cylinder.axis)
-    q = ray.at(t) - Vec3.from_array(cylinder.center)
-    along = q.dot(a)
-    radial = (q - a * along).normalize()
-    end = jnp.where(along < 0, -1.0, 1.0)
+    o, d = ray.origin, ray.direction
+    c, a = Vec3.from_array(cylinder.center), Vec3.from_array(cylinder.axis)
+    q, d_a = ray.at(t) - c, d.dot(a)
+    radial = _radial(q, a)
+    # A cap is entered from beyond its plane and left from between the two. The hit does
+    # not tell: from afar its place along the axis is rounded to more than the height.
+    level = (o - c).dot(a)
+    end = jnp.sign(jnp.where(jnp.abs(level) > cylinder.height / 2, level, d_a))
     n = (a * end).where(on_cap, radial)
+    # Of the part of d across the axis: rounding leaves a radial a part along it.
+    n_d = jnp.where(on_cap, end * d_a, radial.dot(d - a * d_a))
     # The wall leans with the axis in proportion to the height above the center, a cap
     # in proportion to the distance from the axis.
-    lean = (q * -end).where(on_cap, radial * along)
+    lean = (q * -end).where(on_cap, radial * q.dot(a))
     d_size = jnp.where(on_cap, d_cylinder.height / 2, d_cylinder.radius)
     d_point = d_ray.at(t) - Vec3.from_array(d_cylinder.center)
     d_axis = Vec3.from_array(d_cylinder.axis)
     change = d_size - n.dot(d_point) + lean.dot(d_axis)
-    n_d = n.dot(ray.direction)
     usable = mask & (jnp.abs(n_d) > smallest_slope(n_d.dtype))
     d_t = jnp.where(usable, change / jnp.where(usable, n_d, 1), 0)
     return jnp.where(on_cap, -d_t, d_t)
+
+
+def _radial(q: Vec3, a: Vec3) -> Vec3:
+    """Unit vector from the axis to q; zero if q is on the axis."""
+    return (q - a * q.dot(a)).normalize()

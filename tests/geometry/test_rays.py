@@ -42,12 +42,18 @@ def test_interval_in_a_slab_across_z(origin, direction, lower, upper, dtype):
     assert (float(found.lower), float(found.upper)) == (lower, upper)
 
 
-def test_recentered_ray_passes_through_the_same_points(dtype):
-    ray = Ray(vec(1, 2, 3, dtype=dtype), vec(0.5, -1, 2, dtype=dtype))
-    center = vec(4, 4, 4, dtype=dtype)
-    local, foot = ray.recentered(center)
-    assert float(local.origin.dot(ray.direction)) == pytest.approx(0, abs=1e-5)
-    back = local.at(jnp.asarray(1.5, dtype) - foot) + center
+@pytest.mark.parametrize(
+    ("start", "moves"),
+    [pytest.param(-9.0, True, id="afar"), pytest.param(1.0, False, id="near")],
+)
+def test_ray_brought_near_passes_through_the_same_points(start, moves, dtype):
+    direction, center = vec(0.5, -1, 2, dtype=dtype), vec(4, 4, 4, dtype=dtype)
+    ray = Ray(vec(3.9, 4.2, 4, dtype=dtype) + direction * start, direction)
+    near, foot = ray.brought_near(center, center, jnp.ones((), dtype))
+    assert (float(foot) > 0) == moves
+    if moves:
+        assert float(near.origin.dot(direction)) == pytest.approx(0, abs=1e-5)
+    back = near.at(jnp.asarray(1.5, dtype) - foot) + center
     np.testing.assert_allclose(
         back.stack(), ray.at(jnp.asarray(1.5, dtype)).stack(), rtol=1e-6
     )

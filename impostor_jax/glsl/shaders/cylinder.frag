@@ -71,15 +71,17 @@ const Interval EMPTY = Interval(INFINITE, -INFINITE);
 const Interval WHOLE = Interval(-INFINITE, INFINITE);
 
 Interval wall_interval(vec3 o, vec3 d, vec3 a, float radius) {
-    vec3 m = cross(d, a), w = cross(o, a);
+    // Made from the part across the axis, m stays across it where it is mere rounding.
+    vec3 e = d - a * dot(d, a), p = o - a * dot(o, a);
+    vec3 m = cross(e, a);
     float m_m = dot(m, m), m_o = dot(m, o);
     if (m_m < SMALLEST_SLOPE * SMALLEST_SLOPE) {
-        if (dot(w, w) <= radius * radius) return WHOLE;
+        if (dot(p, p) <= radius * radius) return WHOLE;
         return EMPTY;
     }
     float discriminant = radius * radius * m_m - m_o * m_o;
     if (discriminant < 0.0) return EMPTY;
-    float middle = -dot(m, w) / m_m, span = sqrt(discriminant) / m_m;
+    float middle = -dot(e, p) / m_m, span = sqrt(discriminant) / m_m;
     return Interval(middle - span, middle + span);
 }
 
@@ -96,12 +98,15 @@ Interval slab_interval(vec3 o, vec3 d, vec3 a, float half_height) {
 void main() {
     vec3 o, d;
     ray_of_fragment(gl_FragCoord.xy, o, d);
-    // Started at its point nearest to the center, the ray loses nothing by distance.
-    vec3 offset = o - center;
-    float foot = -dot(offset, d) / dot(d, d);
-    vec3 local = offset + d * foot;
-    Interval wall = wall_interval(local, d, axis, radius);
-    Interval slab = slab_interval(local, d, axis, height / 2.0);
+    // Started near the point of the axis nearest to the camera, a ray that comes from
+    // afar loses nothing by distance.
+    float half_height = height / 2.0;
+    float level = clamp(dot(o - center, axis), -half_height, half_height);
+    float foot = dot(center + axis * level - o, d) / dot(d, d);
+    if (foot <= radius) foot = 0.0;
+    vec3 near = o - center + d * foot;
+    Interval wall = wall_interval(near, d, axis, radius);
+    Interval slab = slab_interval(near, d, axis, half_height);
     float enter = foot + max(wall.lower, slab.lower);
     float leave = foot + min(wall.upper, slab.upper);
     if (!(enter <= leave && leave > 0.0)) discard;
