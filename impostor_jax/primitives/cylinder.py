@@ -12,6 +12,28 @@ satisfies F(p, parameters) = 0 with F the wall's or the cap's equation, so
 
 with n the outward normal and d the ray's direction: shorter than the derivative of the
 formulas, finite on every ray, and the same in forward and reverse mode.
+
+Rounding. Each step is a short sum of products of inputs, and what its rounding does, a
+relative change of those inputs by half an eps does too: that of o - c is charged to c,
+of the move along the ray to d, of the parts across the axis to a, of the discriminant
+to r and m, of the sum in the end to t. With x_i the 14 numbers of ray and cylinder,
+
+    kappa = sum |x_i dt/dx_i| / t  >= 2
+
+is the condition number of t, and a dozen such charges bound the error by 8 eps kappa.
+The worst of a million rays over all extremes erred by 3.0 eps kappa, 99.9 % by less
+than one (experiments/extremes). Two things keep the charges small: no two large numbers
+are subtracted (`wall_interval`), and no ray is moved farther than what it meets
+(`Ray.brought_near`). Hit or miss, cap or wall are decided wrongly only where a change
+of the inputs by 4 eps decides otherwise (measured: 0.8 eps). The gradient errs, in
+norm, by at most 16 eps times its own condition number on 99.9 % of the rays; where that
+product is 1, as for a ray that grazes to rounding, it has no digit left.
+
+Range. Where a length counts, so does its square: in single precision a wall is seen if
+its radius is between 1.1e-19 and 1.8e19 m. First derivatives grow as 1 / (n . d), and
+are 0 where |n . d| is not above 3e-10 (1.2e-77 in double precision), far below its
+rounding. Second derivatives grow as lengths^2 / (r (n . d)^3), and are 0 where that
+is more than a thousandth of the largest number.
 """
 
 __all__ = ["Cylinder"]
@@ -34,7 +56,12 @@ from impostor_jax.geometry.rays import (
     wall_interval,
 )
 from impostor_jax.geometry.vec3 import Vec3
-from impostor_jax.numerics import safe_norm, safe_sqrt, smallest_slope
+from impostor_jax.numerics import (
+    lengths_with_squares,
+    safe_norm,
+    safe_sqrt,
+    smallest_slope,
+)
 from impostor_jax.primitives.base import AbstractPrimitive
 
 
@@ -152,8 +179,8 @@ def _signed_hit(ray: Ray, cylinder: Cylinder) -> Float[Array, "*batch"]:
         outside = enter > 0
         on_cap = jnp.where(outside, slab.lower > wall.lower, slab.upper < wall.upper)
         t = jnp.where(outside, enter, leave)
-        # Of a length whose square is no number no root can be trusted.
-        is_solid = (r * r > 0) & (r * r < jnp.inf) & (half_height > 0)
+        low, high = lengths_with_squares(r.dtype)
+        is_solid = (low < r) & (r < high) & (cylinder.height > 0)
         hit = (enter <= leave) & (leave > 0) & is_solid
         return jnp.where(hit, jnp.where(on_cap, -t, t), jnp.inf)
 
@@ -185,7 +212,8 @@ def _signed_hit_tangent(
     o, d = ray.origin, ray.direction
     c, a = Vec3.from_array(cylinder.center), Vec3.from_array(cylinder.axis)
     q, d_a = ray.at(t) - c, d.dot(a)
-    radial = _radial(q, a)
+    # In radii no power of a length is too large or small, but far away on a miss.
+    radial = _radial(q * jnp.where(mask, 1 / cylinder.radius, 0), a)
     # A cap is entered from beyond its plane and left from between the two. The hit does
     # not tell: from afar its place along the axis is rounded to more than the height.
     level = (o - c).dot(a)
@@ -196,11 +224,18 @@ def _signed_hit_tangent(
     # The wall leans with the axis in proportion to the height above the center, a cap
     # in proportion to the distance from the axis.
     lean = (q * -end).where(on_cap, radial * q.dot(a))
+    usable = mask & (jnp.abs(n_d) > smallest_slope(n_d.dtype))
+    # Second derivatives grow with the lengths squared over r (n.d)^3.
+    bend = jnp.where(on_cap, 1, cylinder.radius) * jnp.abs(n_d) ** 3
+    square = 1 + q.dot(q) + t * t * d.dot(d)
+    bounded = square < bend * (float(np.finfo(n_d.dtype).max) / 1024)
+    n, n_d, lean, t = jax.tree.map(
+        lambda x: jnp.where(bounded, x, jax.lax.stop_gradient(x)), (n, n_d, lean, t)
+    )
     d_size = jnp.where(on_cap, d_cylinder.height / 2, d_cylinder.radius)
     d_point = d_ray.at(t) - Vec3.from_array(d_cylinder.center)
     d_axis = Vec3.from_array(d_cylinder.axis)
     change = d_size - n.dot(d_point) + lean.dot(d_axis)
-    usable = mask & (jnp.abs(n_d) > smallest_slope(n_d.dtype))
     d_t = jnp.where(usable, change / jnp.where(usable, n_d, 1), 0)
     return jnp.where(on_cap, -d_t, d_t)
 
