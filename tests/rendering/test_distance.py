@@ -10,6 +10,7 @@ import impostor_jax as ij
 from impostor_jax.numerics import eps
 from tests.cases import CAMERAS
 from tests.checks import all_finite, central_difference
+from tests.oracle.outline import outline_distance
 from tests.rendering import exact
 from tests.rendering.test_coverage import MORE, SHAPES
 
@@ -60,6 +61,39 @@ def test_distance_is_that_of_the_silhouette(name, dtype):
     np.testing.assert_allclose(found, expected, atol=5e-4 + eps(dtype, 1024))
     assert all_finite(slopes)
     np.testing.assert_allclose(np.linalg.norm(normal, axis=1), 1, rtol=eps(dtype, 32))
+
+
+@pytest.mark.parametrize(
+    ("center", "axis", "radius", "height", "focal"),
+    [
+        pytest.param((0.2, 0.1, 3), (0.3, 0.8, 0.2), 0.5, 1.0, 60, id="ordinary"),
+        pytest.param((1.1, 0.5, 1e4), (0.3, 0.8, 0.2), 1, 2, 1e5, id="afar, long lens"),
+        pytest.param((0.2, 0.1, 3), (0.3, 0.1, 0.9), 1, 1e-4, 60, id="disc"),
+        pytest.param((0, 0.1, 3), (1e-7, 1, 0), 1, 1e-4, 60, id="disc, edge on"),
+        pytest.param((0.2, 0.1, 3), (0.3, 0.8, 0.2), 1e-3, 2, 60, id="wire"),
+        pytest.param((0.1, 0.2, 3), (1e-7, 0, 1), 0.5, 2, 60, id="end on"),
+        pytest.param((1e-6, 0, 2e-6), (0.3, 1, 0), 1e-6, 3e-6, 30, id="micrometers"),
+        pytest.param((0, 1e6, 3e6), (0.3, 1, 0), 1e6, 3e6, 60, id="megameters"),
+    ],
+)
+def test_distance_at_the_extremes_is_the_oracles(
+    center, axis, radius, height, focal, dtype
+):
+    camera = ij.PinholeCamera(focal, focal, 31.5, 23.5, 64, 48)
+    shape = ij.Cylinder(center, axis, radius, height)
+    place = np.array(camera.project(shape.center[None]))[0]
+    shifts = np.random.default_rng(0).normal(size=(200, 2)) * 10
+    points = jnp.asarray(place + shifts, dtype)
+    found, slopes, _ = distance_and_slopes(shape, camera, points)
+    assert all_finite(slopes)
+    fields = (shape.center, shape.axis, shape.radius, shape.height)
+    fields = [np.asarray(field, float) for field in fields]
+    for point, distance in list(zip(points, found, strict=True))[:3]:
+        seen = (np.asarray(point, float) - (31.5, 23.5)) / focal
+        exact = focal * float(outline_distance(seen, *fields))
+        # Rounding of the points, and of a center afar as the lens enlarges it.
+        spacing = eps(dtype, 8) * max(64, focal)
+        assert float(distance) == pytest.approx(exact, abs=spacing)
 
 
 @pytest.mark.usefixtures("double")
