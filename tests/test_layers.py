@@ -61,6 +61,7 @@ ORDER = {
         "result",
         "uncertainty",
         "assess",
+        "minimize",
         "solve",
         "cylinder",
         "batch",

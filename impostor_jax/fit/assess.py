@@ -128,7 +128,7 @@ def assess(
     rms = jnp.sqrt(jnp.sum(jnp.where(inlier, meters, 0) ** 2) / num_inliers)
     squares = jnp.sum(jnp.where(inlier, whitened[:num], 0) ** 2)
 
-    chart = Chart.around(cylinder, unit, request.fixed)
+    chart = Chart.around(cylinder, unit, unit, request.fixed)
     # An end that is not seen is free, though some readings beyond it may lean on it.
     leans = jnp.concatenate([jnp.ones(5, bool), ends_seen])
     natural = jnp.matmul(gradient.T, chart.natural(), precision="highest")

@@ -10,6 +10,7 @@ reading, say nothing.
 __all__ = [
     "Pixels",
     "crossing_rows",
+    "deviation",
     "gather_edge",
     "gather_pixels",
     "joined",
@@ -25,7 +26,7 @@ from jaxtyping import Array, Bool, Float, Int
 from impostor_jax.camera.base import AbstractCamera
 from impostor_jax.fit.residuals import Kind, Rows, SurfaceSeen, surface_seen
 from impostor_jax.geometry.vec3 import Vec3
-from impostor_jax.numerics import safe_divide, safe_sqrt
+from impostor_jax.numerics import eps, safe_divide, safe_sqrt
 from impostor_jax.primitives.cylinder import Cylinder
 from impostor_jax.sensor.base import AbstractDepthNoise
 
@@ -121,6 +122,15 @@ def _in_image(
     return (row >= 0) & (row < shape[0]) & (col >= 0) & (col < shape[1])
 
 
+def deviation(
+    noise: AbstractDepthNoise,
+    depth: Float[Array, "*batch"],
+    cos_incidence: Float[Array, "*batch"],
+) -> Float[Array, "*batch"]:
+    """What the sensor says, but no less than depths are rounded to."""
+    return jnp.maximum(noise.sigma(depth, cos_incidence), eps(depth.dtype, 4) * depth)
+
+
 def reading_rows(
     pixels: Pixels,
     seen: SurfaceSeen,
@@ -141,7 +151,7 @@ def reading_rows(
     # An estimate that is far off must not have its rows weighed as if it were right.
     used = pixels.depth > 0
     near = jnp.clip(seen.depth, pixels.depth / 2, 2 * pixels.depth)
-    sigma = noise.sigma(jnp.where(used, near, 1), seen.cos_incidence)
+    sigma = deviation(noise, jnp.where(used, near, 1), seen.cos_incidence)
     coarse = soft > GRAZING * sigma
     # How far in front of the nearest approach the reading lies, or behind from inside.
     reach = jnp.where(seen.outside, 1.0, -1.0) * (seen.nearest - pixels.depth)

@@ -54,7 +54,10 @@ class Chart(eqx.Module):
 
     @staticmethod
     def around(
-        reference: Cylinder, unit: Float[Array, ""], fixed: tuple[str, ...]
+        reference: Cylinder,
+        unit: Float[Array, ""],
+        end_unit: Float[Array, ""],
+        fixed: tuple[str, ...],
     ) -> "Chart":
         """Chart whose free coordinates all move the surface by about `unit`.
 
@@ -63,12 +66,15 @@ class Chart(eqx.Module):
         Args:
             reference: Cylinder at the zero vector, in the world frame.
             unit: In meters.
+            end_unit: The same of the two ends, which a pixel's size may blur more than
+                the noise does the wall.
             fixed: Names of the parameters that do not move.
         """
         r, h, a = reference.radius, reference.height, reference.axis
-        one = jnp.ones_like(r)
-        sizes = jnp.stack([2 / (h + r), 2 / (h + r), one, one, 1 / r, one, one])
-        scale = jnp.asarray(_free_directions(fixed), r.dtype) * sizes[:, None] * unit
+        one, lever = unit * jnp.ones_like(r), unit * 2 / (h + r)
+        ends = [end_unit * jnp.ones_like(r)] * 2
+        sizes = jnp.stack([lever, lever, one, one, unit / r, *ends])
+        scale = jnp.asarray(_free_directions(fixed), r.dtype) * sizes[:, None]
         basis, zero = tangent_basis(a).T, jnp.zeros((3, 1), r.dtype)
         along, still = a[:, None] / 2, jnp.zeros((3, 2), r.dtype)
         motion = jnp.concatenate(

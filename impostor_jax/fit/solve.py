@@ -16,10 +16,7 @@ from typing import Any
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import lineax as lx
 import numpy as np
-import optimistix as optx
-from jax.custom_derivatives import SymbolicZero
 from jaxtyping import Array, Bool, Float, Int
 
 from impostor_jax.camera.pinhole import PinholeCamera
@@ -27,18 +24,19 @@ from impostor_jax.fit.assess import Solution, Start, assess
 from impostor_jax.fit.evidence import (
     Pixels,
     crossing_rows,
+    deviation,
     gather_edge,
     gather_pixels,
     joined,
     reading_rows,
 )
+from impostor_jax.fit.minimize import minimize
 from impostor_jax.fit.parameterization import Chart
-from impostor_jax.fit.prior import Prior, prior_residuals
+from impostor_jax.fit.prior import Prior
 from impostor_jax.fit.request import Request
-from impostor_jax.fit.residuals import Kind, Rows, residuals, surface_seen
+from impostor_jax.fit.residuals import surface_seen
 from impostor_jax.fit.result import FitResult
-from impostor_jax.fit.robust import KERNELS, robust_residual
-from impostor_jax.numerics import eps
+from impostor_jax.fit.robust import KERNELS
 from impostor_jax.primitives.base import in_camera_frame, in_world_frame
 from impostor_jax.primitives.cylinder import Cylinder
 from impostor_jax.sensor.base import AbstractDepthNoise
@@ -62,15 +60,6 @@ another is left out once that no longer moves the estimate."""
 SETTLED = 0.02
 """Root mean square of the coordinates that counts as no motion: a fifth of a
 deviation."""
-
-SQUARE_WIDTH = 4.0
-"""Factor on the width of the robust loss where readings are compared in squares."""
-
-FIRST_END_WIDTH = 20.0
-"""The same for ends that may still be pixels off."""
-
-RIDGE = 3e-3
-"""Inverse width of the prior that keeps free coordinates in place, in scaled units."""
 
 MISSED_LOSS = 3.0
 """Loss of a pixel that the cylinder should cover and does not, or the reverse."""
@@ -96,6 +85,9 @@ MAX_FIRST_STEPS = 12
 
 _Tried = tuple[Cylinder, Float[Array, "*k"], Int[Array, "*k"]]
 """Where a start leads, its cost and its steps."""
+
+_Units = tuple[Float[Array, ""], Float[Array, ""]]
+"""Sizes of a step in meters: of wall and axis, and of the ends."""
 
 _Best = tuple[Float[Array, ""], Start, Solution]
 """Cost of a solution, where it began, and the solution."""
@@ -133,7 +125,7 @@ def best_start(
     count = jnp.sum(row < camera.height)
     some = jnp.arange(size) * jnp.maximum(count, size) // size
     pixels = gather_pixels(depth, camera, row[some], col[some])
-    nominal, unit = _units(pixels, noise)
+    nominal, units = _units(pixels, noise, camera)
     beside = gather_pixels(depth, camera, beside_row, beside_col)
     in_camera = in_camera_frame(starts, camera)
     prior = prior.in_camera_frame(camera)
@@ -147,7 +139,7 @@ def best_start(
             FIRST_STAGES,
             "pseudo_huber",
             noise,
-            unit,
+            units,
             prior,
             request,
             always,
@@ -219,7 +211,7 @@ def solve(
     depth = depth.astype(start.cylinder.radius.dtype)
     pixels = gather_pixels(depth, camera, row, col)
     edge = gather_edge(depth, mask, camera, row, col)
-    nominal, unit = _units(pixels, noise)
+    nominal, units = _units(pixels, noise, camera)
     prior = prior.in_camera_frame(camera)
     always = _always(camera)
 
@@ -231,14 +223,14 @@ def solve(
             (*FIRST_STAGES[:-1], *LAST_STAGES) if is_far else LAST_STAGES,
             request.kernel,
             noise,
-            unit,
+            units,
             prior,
             request,
             always,
         )
 
     around, each = _spread_pixels(depth, mask, camera)
-    count = jnp.maximum(jnp.sum(pixels.depth > 0), 1).astype(unit.dtype)
+    count = jnp.maximum(jnp.sum(pixels.depth > 0), 1).astype(nominal.dtype)
     share = MISSED_LOSS * each / count
 
     def try_from(best: _Best, begin: Start) -> _Best:
@@ -256,12 +248,12 @@ def solve(
 
     first = jax.tree.map(lambda field: field[0], start)
     blank = _zeros_like_result(solution_from, first.cylinder)
-    infinite = jnp.full_like(unit, jnp.inf)
+    infinite = jnp.full_like(nominal, jnp.inf)
     blank = eqx.tree_at(lambda s: s.scale, blank, infinite)
     worst = infinite, first, blank
     (_, start, solution), _ = jax.lax.scan(unless_explained, worst, start)
     return assess(
-        start, solution, pixels, row, col, camera, unit, prior, request, always
+        start, solution, pixels, row, col, camera, units[0], prior, request, always
     )
 
 
@@ -277,14 +269,19 @@ def _zeros_like_result(function: Callable[..., Any], *arguments: Any) -> Any:
 
 
 def _units(
-    pixels: Pixels, noise: AbstractDepthNoise
-) -> tuple[Float[Array, ""], Float[Array, ""]]:
-    """Typical deviation of a reading, and ten of a position that all readings share."""
+    pixels: Pixels, noise: AbstractDepthNoise, camera: PinholeCamera
+) -> tuple[Float[Array, ""], _Units]:
+    """Typical deviation of a reading, and ten of positions that all readings share.
+
+    The ends are known to part of a pixel if not by the readings of a cap.
+    """
     used = pixels.depth > 0
     count = jnp.maximum(jnp.sum(used), 1).astype(pixels.depth.dtype)
-    sigma = noise.sigma(pixels.depth, jnp.ones_like(pixels.depth))
+    sigma = deviation(noise, pixels.depth, jnp.ones_like(pixels.depth))
     nominal = count / jnp.maximum(jnp.sum(jnp.where(used, 1 / sigma, 0)), 1e-6)
-    return nominal, 10 * nominal / jnp.sqrt(count)
+    unit = 10 * nominal / jnp.sqrt(count)
+    footprint = jnp.sum(pixels.depth) / count / jnp.minimum(camera.fx, camera.fy)
+    return nominal, (unit, jnp.maximum(unit, footprint / 20))
 
 
 def _refine(
@@ -294,12 +291,13 @@ def _refine(
     stages: tuple[tuple[float, ...], ...],
     kernel: str,
     noise: AbstractDepthNoise,
-    unit: Float[Array, ""],
+    units: _Units,
     prior: Prior,
     request: Request,
     always: Bool[Array, ""],
 ) -> Solution:
     """Go through the stages from one start."""
+    unit = units[0]
     dtype = unit.dtype
     used = pixels.depth > 0
     _, width = KERNELS[kernel]
@@ -319,11 +317,11 @@ def _refine(
         soft, tolerance, widening, place = effort
         only = jnp.isinf(tolerance)
         rows, seen, scale = evaluate(carry.cylinder, soft, place)
-        chart = Chart.around(carry.cylinder, unit, request.fixed)
+        chart = Chart.around(carry.cylinder, *units, request.fixed)
         kernel_width = width * widening
         if request.estimate_scale:
             kernel_width = kernel_width * scale
-        vector, converged, steps = _minimize(
+        vector, converged, steps = minimize(
             chart,
             rows,
             prior,
@@ -382,124 +380,6 @@ def _median(values: Float[Array, " n"], used: Bool[Array, " n"]) -> Float[Array,
 
     _, high = jax.lax.fori_loop(0, 30, halve, (jnp.zeros_like(highest), highest))
     return high
-
-
-class _Problem(eqx.Module):
-    """A robust least-squares problem in a chart's coordinates."""
-
-    chart: Chart
-    rows: Rows
-    prior: Prior
-    width: Float[Array, " n"]
-    always: Bool[Array, ""]
-    kernel: str = eqx.field(static=True)
-
-
-def _triangle(
-    vector: Float[Array, " n"], problem: _Problem
-) -> tuple[Float[Array, " m"], Float[Array, "m n"]]:
-    """Residual and Jacobian, reduced to the triangle of their QR decomposition.
-
-    The thousands of rows enter a solver only through J^T J, J^T r and r^T r. Any
-    residual with the same products has the same loss, gradient and steps, and the last
-    column of the triangle R of [J r] = Q R is the shortest. So the solver carries
-    vectors of eight numbers.
-    """
-    cylinder = problem.chart.cylinder(vector)
-    change = jax.jacfwd(lambda v: _parameters(problem.chart.cylinder(v)))(vector)
-    whitened, gradient = residuals(problem.rows, cylinder, problem.always)
-    robust, slope = jax.jvp(
-        lambda r: robust_residual(r, problem.width, problem.kernel),
-        (whitened,),
-        (jnp.ones_like(whitened),),
-    )
-    jacobian = jnp.matmul(change.T, gradient, precision="highest") * slope[None]
-    known = prior_residuals(problem.prior, cylinder)
-    of_known = jax.jacfwd(
-        lambda v: prior_residuals(problem.prior, problem.chart.cylinder(v))
-    )(vector)
-    # A prior three thousand deviations wide keeps the triangle regular where the image
-    # leaves a coordinate free.
-    ridge = RIDGE * jnp.eye(vector.shape[0], dtype=vector.dtype)
-    full = jnp.concatenate(
-        [
-            jnp.concatenate([jacobian, of_known.T, ridge], axis=1),
-            jnp.concatenate([robust, known, RIDGE * vector])[None],
-        ]
-    )
-    products = jnp.matmul(full, full.T, precision="highest")
-    # Rounding must not make a pivot negative. As rows without a residual these damp a
-    # step, by a millionth, and move no minimum.
-    diagonal = jnp.diagonal(products) * eps(vector.dtype, 16)
-    products = products + jnp.diag(diagonal.at[-1].add(RIDGE**2))
-    lower = jnp.linalg.cholesky(products)
-    return lower[-1], lower[:-1].T
-
-
-def _parameters(cylinder: Cylinder) -> Float[Array, "8"]:
-    sizes = jnp.stack([cylinder.radius, cylinder.height])
-    return jnp.concatenate([cylinder.center, cylinder.axis, sizes])
-
-
-@jax.custom_jvp
-def _reduced(vector: Float[Array, " n"], problem: _Problem) -> Float[Array, " m"]:
-    """Residual of `_triangle`, whose Jacobian in the vector is that of `_triangle`."""
-    return _triangle(vector, problem)[0]
-
-
-@partial(_reduced.defjvp, symbolic_zeros=True)
-def _reduced_jvp(primals, tangents):
-    (vector, problem), (d_vector, d_problem) = primals, tangents
-    residual, jacobian = _triangle(vector, problem)
-    # The solver is differentiated by the implicit function theorem, through the
-    # gradient J^T r, whose own derivatives pass through `_triangle`.
-    assert all(isinstance(t, SymbolicZero) for t in jax.tree.leaves(d_problem))
-    change = jnp.zeros_like(residual)
-    if not isinstance(d_vector, SymbolicZero):
-        change = jnp.matmul(jacobian, d_vector, precision="highest")
-    return residual, change
-
-
-def _minimize(
-    chart: Chart,
-    rows: Rows,
-    prior: Prior,
-    width: Float[Array, ""],
-    kernel: str,
-    tolerance: Float[Array, ""],
-    is_first: Bool[Array, ""],
-    max_steps: int,
-    always: Bool[Array, ""],
-) -> tuple[Float[Array, " n"], Bool[Array, ""], Int[Array, ""]]:
-    """Levenberg-Marquardt in the chart's coordinates, from its reference."""
-    # The error of a square is skewed, and a loss that bends early would be biased.
-    # The first height may be pixels off.
-    end_width = jnp.where(is_first, FIRST_END_WIDTH, 1.0)
-    row_width = width * jnp.where(
-        rows.kind == Kind.SQUARE,
-        SQUARE_WIDTH,
-        jnp.where(rows.kind == Kind.END, end_width, 1.0),
-    )
-    problem = _Problem(chart, rows, prior, row_width, always, kernel)
-    solver = optx.LevenbergMarquardt(
-        rtol=1e-5,
-        # Only compared with: it may be traced.
-        atol=tolerance,  # pyright: ignore[reportArgumentType]
-        norm=optx.rms_norm,
-        linear_solver=lx.Normal(lx.Cholesky()),
-    )
-    # On a GPU the default precision of a product is that of 10-bit mantissas.
-    with jax.default_matmul_precision("highest"):
-        solution = optx.least_squares(
-            _reduced,
-            solver,
-            jnp.zeros(chart.size, width.dtype),
-            args=problem,
-            max_steps=max_steps,
-            throw=False,
-        )
-    converged = solution.result == optx.RESULTS.successful
-    return solution.value, converged, solution.stats["num_steps"]
 
 
 def _cost(
