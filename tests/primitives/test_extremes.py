@@ -3,7 +3,6 @@
 `tests.oracle` says what is exact, and how far rounding the inputs alone may move it.
 """
 
-import equinox as eqx
 import hypothesis
 import hypothesis.strategies as st
 import jax
@@ -11,11 +10,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from impostor_jax.geometry.rays import Ray
-from impostor_jax.geometry.vec3 import Vec3
 from impostor_jax.numerics import eps
 from impostor_jax.primitives.cylinder import Cylinder
 from tests.checks import all_finite
+from tests.oracle.claims import DECISION, cast_all, depth, errors_of, one, slope
 from tests.oracle.condition import FIELDS, reference
 from tests.oracle.cylinder import answer
 from tests.oracle.extremes import Rays, extreme_rays
@@ -23,41 +21,12 @@ from tests.oracle.extremes import Rays, extreme_rays
 # What the module of the cylinder promises, in eps.
 DEPTH = 8
 GRADIENT = 16
-DECISION = 4
 EVERY = tuple(range(6))
-
-
-def one(origin, direction, center, axis, radius, height):
-    """The ray and the cylinder; the axis stays as it was rounded."""
-    shape = eqx.tree_at(
-        lambda c: (c.center, c.axis, c.radius, c.height),
-        Cylinder((0, 0, 1), (0, 0, 1), 1, 1),
-        (center, axis, radius, height),
-    )
-    return Ray(Vec3(*origin), Vec3(*direction)), shape
-
-
-def depth(*fields):
-    ray, shape = one(*fields)
-    return shape.intersect(ray).t
 
 
 def normal(*fields):
     ray, shape = one(*fields)
     return shape.normal(ray, shape.intersect(ray)).stack()
-
-
-def slope(*fields):
-    return jax.grad(depth, argnums=EVERY)(*fields)
-
-
-@jax.jit
-@jax.vmap
-def cast(*fields):
-    """Depth, cap, normal, and the derivatives of depth in all that it depends on."""
-    ray, shape = one(*fields)
-    hit = shape.intersect(ray)
-    return hit.t, hit.on_cap, shape.normal(ray, hit).stack(), slope(*fields)
 
 
 @jax.jit
@@ -85,7 +54,7 @@ def arrays(rays, dtype=None):
 
 def cast_one(*fields, dtype):
     fields = [jnp.asarray(field, dtype) for field in fields]
-    found = cast(*(field[None] for field in fields))
+    found = cast_all(*(field[None] for field in fields))
     return fields, jax.tree.map(lambda x: np.asarray(x[0]), found)
 
 
@@ -122,7 +91,7 @@ def check_against_oracle(fields, found, dtype):
 
 def test_values_and_derivatives_are_numbers_on_every_ray(dtype):
     rays = extreme_rays(20000, 0, dtype)
-    t, _, normals, slopes = cast(*arrays(rays))
+    t, _, normals, slopes = cast_all(*arrays(rays))
     t = np.asarray(t)
     assert not np.isnan(t).any()
     assert (t > 0).all()
@@ -152,7 +121,7 @@ def test_products_are_numbers_with_lengths_from_1e_minus_12_to_1e12(dtype):
     zero = np.zeros_like(offset)
     values = (zero, rays.direction, -offset, rays.axis, radius, height)
     fields = [jnp.asarray(value, dtype) for value in values]
-    assert 0.2 < np.isfinite(cast(*fields)[0]).mean() < 0.95
+    assert 0.2 < np.isfinite(cast_all(*fields)[0]).mean() < 0.95
     assert all_finite(differentiate(tangents_of(fields, 5), *fields))
 
 
@@ -176,48 +145,24 @@ def test_reference_in_double_precision_agrees_with_the_oracle():
         assert error <= 1e-10 * found.gradient_condition[k]
 
 
-def single(count, seed):
-    """Rays in single precision: what was found, and the reference."""
-    rays = extreme_rays(count, seed, "float32")
-    found = [np.asarray(x) for x in jax.tree.leaves(cast(*arrays(rays)))]
-    return rays, found, reference(rays)
-
-
 def test_single_precision_keeps_its_promises_over_all_extremes():
     # A million rays are cast by experiments/extremes.
-    rays, (t, on_cap, _, *slopes), exact = single(60000, 6)
-    ulp = eps("float32")
-    hit = np.isfinite(t)
-    wrong = hit != np.isfinite(exact.t)
-    assert exact.hit_margin[wrong].max() < DECISION * ulp
-    both = hit & np.isfinite(exact.t)
-    wrong = both & (on_cap != exact.on_cap)
-    assert exact.surface_margin[wrong].max() < DECISION * ulp
-
-    both &= exact.surface_margin > DECISION * ulp
-    told = both & (exact.condition * ulp < 0.1)
-    assert told.sum() > 25000
-    error = np.abs(t[told] / exact.t[told] - 1) / (exact.condition[told] * ulp)
-    assert error.max() <= DEPTH
-    # Half an ulp is the rounding of the result alone.
-    assert np.percentile(error, 99.9) < 1
-
-    told = both & (exact.gradient_condition * ulp < 0.1)
-    _, _, center, axis, radius, height = (np.asarray(x, float) for x in slopes)
-    unit = rays.axis / np.linalg.norm(rays.axis, axis=1, keepdims=True)
-    axis = axis - np.sum(axis * unit, axis=1, keepdims=True) * unit
-    parts = (center, axis / exact.t[:, None], radius[:, None], height[:, None])
-    found, expected = np.hstack(parts)[told], exact.gradient[told]
-    error = np.linalg.norm(found - expected, axis=1) / np.linalg.norm(expected, axis=1)
-    error /= exact.gradient_condition[told] * ulp
-    assert np.mean(error <= GRADIENT) > 0.999
+    found = errors_of(extreme_rays(60000, 6, "float32"))
+    assert not found.not_finite.any()
+    assert found.wrong_hit.max() < DECISION
+    assert found.wrong_surface.max() < DECISION
+    assert len(found.depth) > 25000
+    assert found.depth.max() <= DEPTH
+    # Half an eps is the rounding of the result alone.
+    assert np.percentile(found.depth, 99.9) < 1
+    assert np.mean(found.gradient <= GRADIENT) > 0.999
 
 
 @pytest.mark.usefixtures("double")
 def test_double_precision_keeps_its_promise():
     rays = extreme_rays(400, 7, "float64")
     told = 0
-    found = jax.tree.map(np.asarray, cast(*arrays(rays)))
+    found = jax.tree.map(np.asarray, cast_all(*arrays(rays)))
     for k in range(400):
         fields = [getattr(rays, name)[k] for name in FIELDS]
         row = jax.tree.map(lambda x, k=k: x[k], found)

@@ -1,0 +1,1 @@
+"""How exact is the cylinder at the extremes, beside other formulas?"""
