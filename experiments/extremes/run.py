@@ -22,7 +22,7 @@ from experiments.extremes.rays import (
 from experiments.extremes.report import draw, tables
 from experiments.recording import Metric, result_folder, save_run
 from impostor_jax.numerics import eps
-from tests.oracle.claims import Errors, errors_of
+from tests.oracle.claims import DECISION, Errors, errors_of
 from tests.oracle.condition import Reference, reference
 from tests.oracle.extremes import Rays, extreme_rays
 
@@ -134,7 +134,7 @@ def side_by_side(each: int, seed: int) -> Iterator[Metric]:
     for distance in (10.0, 1e2, 1e3, 1e4, 1e5, 1e6):
         rays = over_the_image(rng, each, distance)
         exact = reference(rays)
-        sure = exact.hit_margin > 4 * eps("float32")
+        sure = exact.hit_margin > DECISION * eps("float32")
         for name in ("textbook", "published", "ours"):
             t, _ = FORMULAS[name](rays)
             found = _ulps(t, exact)[sure & np.isfinite(exact.t)]
@@ -170,7 +170,7 @@ def _present() -> list[str]:
 
 def _medians(case: str, rays: Rays) -> Iterator[Metric]:
     exact = reference(rays)
-    hit = np.isfinite(exact.t) & (exact.hit_margin > 4 * eps("float32"))
+    hit = np.isfinite(exact.t) & (exact.hit_margin > DECISION * eps("float32"))
     for name in _present():
         count = int(hit.sum())
         value = None
@@ -191,12 +191,12 @@ def _is_wrong(
 ) -> Bool[np.ndarray, " n"]:
     """Hit or miss though sure, or depth off by 1 % of the radius and 4 ulps."""
     ulp, hit = eps("float32"), np.isfinite(exact.t)
-    sure = exact.hit_margin > 4 * ulp
+    sure = exact.hit_margin > DECISION * ulp
     both = hit & np.isfinite(t)
     reach = np.where(both, np.abs(np.where(both, t, 0) - np.where(hit, exact.t, 0)), 0)
     length = np.linalg.norm(rays.direction.astype(float), axis=1)
     allowed = 0.01 * rays.radius + 4 * ulp * np.where(hit, exact.t, 0) * length
-    told = both & (exact.surface_margin > 4 * ulp)
+    told = both & (exact.surface_margin > DECISION * ulp)
     return (sure & (hit != np.isfinite(t))) | (told & (reach * length > allowed))
 
 

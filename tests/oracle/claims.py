@@ -17,7 +17,7 @@ from impostor_jax.primitives.cylinder import Cylinder
 from tests.oracle.condition import FIELDS, reference
 from tests.oracle.extremes import Rays
 
-DECISION = 4
+DECISION = 8
 """Relative change of the inputs, in eps, within which a decision may be wrong."""
 
 KNOWN = 0.1

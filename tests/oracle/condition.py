@@ -18,7 +18,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from impostor_jax.numerics import safe_sqrt
+from impostor_jax.numerics import safe_norm, safe_sqrt
 from tests.oracle.extremes import Rays
 
 FIELDS = ("origin", "direction", "center", "axis", "radius", "height")
@@ -120,9 +120,11 @@ def _surface_margin(margins, sure):
     ahead = jnp.max(jnp.where(enters > 0, how_sure, 0))
     margin = jnp.where(outside, ahead, jnp.min(how_sure))
     surface = jnp.where(outside, sure["cap_in"], sure["cap_out"])
-    # Along the axis and on the wall the ray leaves anywhere.
-    along = jnp.where(margins["is_along"] > 0, sure["gap"], jnp.inf)
-    return jnp.minimum(jnp.minimum(margin, surface), along)
+    # On the wall and along the axis, both to rounding, the ray leaves anywhere.
+    sine = jnp.where(margins["sine"] > 0, sure["sine"], 0)
+    on_wall = jnp.stack([sure[name] for name in ("gap", "wall_ahead", "into_wall")])
+    anywhere = jnp.maximum(sine, jnp.min(on_wall))
+    return jnp.minimum(jnp.minimum(margin, surface), anywhere)
 
 
 def _change(fields, slopes) -> Float[Array, ""]:
@@ -162,7 +164,7 @@ def _bounds(origin, direction, center, axis, radius, height):
         jnp.where(is_across, -beyond, foot + jnp.minimum(*planes)),
         jnp.where(is_across, beyond, foot + jnp.maximum(*planes)),
     )
-    return gap, wall, slab, is_along, jnp.where(is_across, between, FAR)
+    return gap, wall, slab, safe_norm(m), jnp.where(is_across, between, FAR)
 
 
 def _surface(*fields):
@@ -178,7 +180,7 @@ def _depth(*fields):
 
 
 def _margins(*fields):
-    gap, wall, slab, is_along, between = _bounds(*fields)
+    gap, wall, slab, sine, between = _bounds(*fields)
     return {
         "gap": gap,
         "top": wall[1] - slab[0],
@@ -190,5 +192,5 @@ def _margins(*fields):
         "into_slab": slab[0],
         "cap_in": slab[0] - wall[0],
         "cap_out": slab[1] - wall[1],
-        "is_along": is_along.astype(gap.dtype),
+        "sine": sine,
     }
