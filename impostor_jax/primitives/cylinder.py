@@ -30,10 +30,11 @@ times its own condition number on 99.9 % of the rays; where that product is 1, a
 ray that grazes to rounding, it has no digit left.
 
 Range. Where a length counts, so does its square: in single precision a wall is seen if
-its radius is between 1.1e-19 and 1.8e19 m. First derivatives grow as 1 / (n . d), and
-are 0 where |n . d| is not above 3e-10 (1.2e-77 in double precision), far below its
-rounding. Second derivatives grow as lengths^2 / (r (n . d)^3), and are 0 where that
-is more than a thousandth of the largest number.
+its radius is between 1.1e-19 and 1.8e19 m. A hit that rounding puts on the axis, of a
+wall much thinner than an ulp of the depth, has the normal zero. First derivatives grow
+as 1 / (n . d), and are 0 where |n . d| is not above 3e-10 (1.2e-77 in double
+precision), far below its rounding. Second derivatives grow as lengths^2 / (r (n . d)^3),
+and are 0 where that is more than a thousandth of the largest number.
 """
 
 __all__ = ["Cylinder"]
@@ -170,6 +171,7 @@ def _signed_hit(ray: Ray, cylinder: Cylinder) -> Float[Array, "*batch"]:
     def trace() -> Float[Array, "*batch"]:
         center, a = Vec3.from_array(cylinder.center), Vec3.from_array(cylinder.axis)
         r, half_height = cylinder.radius, cylinder.height / 2
+        # Of the point of the axis that is nearest to the ray's origin.
         level = jnp.clip((ray.origin - center).dot(a), -half_height, half_height)
         near, foot = ray.brought_near(center, center + a * level, r)
         wall = wall_interval(near, a, r)
@@ -212,7 +214,7 @@ def _signed_hit_tangent(
     o, d = ray.origin, ray.direction
     c, a = Vec3.from_array(cylinder.center), Vec3.from_array(cylinder.axis)
     q, d_a = ray.at(t) - c, d.dot(a)
-    # In radii no power of a length is too large or small, but far away on a miss.
+    # Counted in radii, so that no power of a small one is lost. A miss has no q.
     radial = _radial(q * jnp.where(mask, 1 / cylinder.radius, 0), a)
     # A cap is entered from beyond its plane and left from between the two. The hit does
     # not tell: from afar its place along the axis is rounded to more than the height.
