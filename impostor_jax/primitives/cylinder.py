@@ -33,8 +33,8 @@ Range. Where a length counts, so does its square: in single precision a wall is 
 its radius is between 1.1e-19 and 1.8e19 m. A hit that rounding puts on the axis, of a
 wall much thinner than an ulp of the depth, has the normal zero. First derivatives grow
 as 1 / (n . d), and are 0 where |n . d| is not above 3e-10 (1.2e-77 in double
-precision), far below its rounding. Second derivatives grow as lengths^2 / (r (n . d)^3),
-and are 0 where that is more than a thousandth of the largest number.
+precision), far below its rounding. Second derivatives grow as the lengths squared over
+r (n . d)^3, and are 0 where that is more than a thousandth of the largest number.
 """
 
 __all__ = ["Cylinder"]
