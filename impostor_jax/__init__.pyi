@@ -8,6 +8,7 @@ from .fit.result import Deviations, Directions, FitResult, FitStatus
 from .geometry.frames import RigidTransform
 from .primitives.base import AbstractPrimitive
 from .primitives.cylinder import Cylinder
+from .primitives.sphere import Sphere
 from .rendering.coverage import coverage
 from .rendering.distance import signed_distance
 from .rendering.maps import GeometryMaps
@@ -40,6 +41,7 @@ __all__ = [
     "Outline",
     "PinholeCamera",
     "RigidTransform",
+    "Sphere",
     "StereoDisparity",
     "StructuredLight",
     "Tile",

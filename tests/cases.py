@@ -9,6 +9,7 @@ from impostor_jax.geometry.frames import RigidTransform
 from impostor_jax.geometry.rays import Ray
 from impostor_jax.geometry.vec3 import Vec3
 from impostor_jax.primitives.cylinder import Cylinder
+from impostor_jax.primitives.sphere import Sphere
 from impostor_jax.sensor.dropout import Dropout
 from impostor_jax.sensor.flying_pixels import FlyingPixels
 from impostor_jax.sensor.gaussian import ConstantNoise
@@ -21,6 +22,8 @@ PRIMITIVES = {
     "disc": lambda: Cylinder((0.1, -0.2, 3.0), (0.1, -0.3, 0.9), 0.8, 0.02),
     "rod": lambda: Cylinder((0.1, -0.2, 3.0), (0.9, 0.4, -0.1), 0.02, 2.0),
     "cylinder along z": lambda: Cylinder((0.0, 0.0, 3.0), (0, 0, 1), 0.5, 1.0),
+    "sphere": lambda: Sphere((0.1, -0.2, 3.0), 0.5),
+    "bead": lambda: Sphere((0.1, -0.2, 3.0), 0.01),
 }
 
 CAMERAS = {
@@ -72,16 +75,18 @@ def pose() -> RigidTransform:
 
 
 def rays_at(primitive) -> Ray:
-    """Rays that break formulas, then random ones, at a cylinder.
+    """Rays that break formulas, then random ones, at a primitive.
 
-    Along the axis on it, off it and outside; parallel to a cap, in its plane and
-    between the planes; grazing the wall; through the rim; away from it; from inside,
-    along, across and skew to the axis; then 200 random rays from around it.
+    A sphere is met as the cylinder that holds it. Along the axis on it, off it and
+    outside; parallel to a cap, in its plane and between the planes; grazing the wall;
+    through the rim; away from it; from inside, along, across and skew to the axis; then
+    200 random rays from around it.
     """
     rng = np.random.default_rng(0)
-    c = np.asarray(primitive.center, float)
-    a = np.asarray(primitive.axis, float)
-    r, h = float(primitive.radius), float(primitive.height) / 2
+    c, r = np.asarray(primitive.center, float), float(primitive.radius)
+    a, h = np.array([0.0, 0.6, 0.8]), r
+    if isinstance(primitive, Cylinder):
+        a, h = np.asarray(primitive.axis, float), float(primitive.height) / 2
     u = np.linalg.svd(a[None])[2][1]
     w = np.cross(a, u)
     far = 3 * (r + h)

@@ -1,8 +1,12 @@
 """Analytic shapes that a ray can be cast at."""
 
-__all__ = ["PRIMITIVES", "AbstractPrimitive", "Cylinder"]
+__all__ = ["PRIMITIVES", "AbstractPrimitive", "Cylinder", "Sphere"]
 
 from impostor_jax.primitives.base import AbstractPrimitive
 from impostor_jax.primitives.cylinder import Cylinder
+from impostor_jax.primitives.sphere import Sphere
 
-PRIMITIVES: dict[str, type[AbstractPrimitive]] = {"cylinder": Cylinder}
+PRIMITIVES: dict[str, type[AbstractPrimitive]] = {
+    "cylinder": Cylinder,
+    "sphere": Sphere,
+}

@@ -6,6 +6,7 @@ import abc
 from typing import TypeVar
 
 import equinox as eqx
+import numpy as np
 from jaxtyping import Array, Float
 
 from impostor_jax.camera.base import AbstractCamera
@@ -16,6 +17,16 @@ from impostor_jax.geometry.vec3 import Vec3
 
 class AbstractPrimitive(eqx.Module):
     """A solid with a closed-form intersection; lengths are in meters."""
+
+    @property
+    @abc.abstractmethod
+    def batch_shape(self) -> tuple[int, ...]:
+        """Shape of a batch of solids; () for a single one."""
+
+    @property
+    @abc.abstractmethod
+    def dtype(self) -> np.dtype:
+        """Floating-point type of the fields."""
 
     @abc.abstractmethod
     def intersect(self, ray: Ray) -> Hit:

@@ -115,6 +115,16 @@ class Cylinder(AbstractPrimitive):
         self.radius = radius
         self.height = height
 
+    @property
+    @override
+    def batch_shape(self) -> tuple[int, ...]:
+        return self.radius.shape
+
+    @property
+    @override
+    def dtype(self) -> np.dtype:
+        return self.radius.dtype
+
     @override
     def intersect(self, ray: Ray) -> Hit:
         t = _signed_hit(ray, self)

@@ -137,12 +137,16 @@ def test_camera_inside_a_pipe_sees_its_wall_everywhere():
         ({"outputs": ("depth", "color")}, "outputs must be one of .*; got 'color'"),
         ({"outputs": "depth"}, "outputs must be a sequence of names, got 'depth'"),
         (
-            {"cylinder": ij.Cylinder(np.ones((2, 3)), np.ones((2, 3)), [1, 1], [1, 1])},
-            "cylinder must be a single one, got a batch of shape",
+            {
+                "primitive": ij.Cylinder(
+                    np.ones((2, 3)), np.ones((2, 3)), [1, 1], [1, 1]
+                )
+            },
+            "primitive must be a single one, got a batch of shape",
         ),
     ],
 )
 def test_bad_argument_is_refused(arguments, message):
-    given = {"cylinder": can(), "camera": CAMERAS["pinhole"](), **arguments}
+    given = {"primitive": can(), "camera": CAMERAS["pinhole"](), **arguments}
     with pytest.raises(ValueError, match=message):
         ij.render(**given)

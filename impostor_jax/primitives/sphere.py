@@ -1,0 +1,137 @@
+"""Sphere.
+
+The ray's stretch in the ball, and of its two ends the first in front of the origin. As
+for the cylinder the derivative is that of the implicit surface: with p the hit, n the
+outward normal and d the direction,
+
+    dt = (dr - n . (d_point - d_center)) / (n . d),
+
+where d_point is the change of the ray's own point at the held t.
+
+Rounding. No two large numbers are subtracted (`ball_interval`) and no ray is moved
+farther than what it meets (`Ray.brought_near`), so that depth errs by at most 8 eps
+times its condition number sum |x_i dt/dx_i| / t over center, radius, origin and
+direction. A hit is wrongly told from a miss only where a change of these by 8 eps
+decides otherwise.
+
+Range. That of the cylinder: a radius counts where its square is a normal number, first
+derivatives are 0 where |n . d| is at most 3e-10 (1.2e-77 in double precision).
+"""
+
+__all__ = ["Sphere"]
+
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+from typing_extensions import override
+
+from impostor_jax.arguments import float_array, is_concrete
+from impostor_jax.geometry.frames import RigidTransform
+from impostor_jax.geometry.rays import Hit, Ray, ball_interval
+from impostor_jax.geometry.vec3 import Vec3
+from impostor_jax.numerics import lengths_with_squares, smallest_slope
+from impostor_jax.primitives.base import AbstractPrimitive
+
+
+class Sphere(AbstractPrimitive):
+    """Sphere in the world frame.
+
+    Args:
+        center: (*batch, 3), in meters.
+        radius: In meters, positive, (*batch,).
+
+    Derivatives:
+        The depth of a pixel is smooth in both fields and jumps where the outline
+        crosses the pixel. It grows without bound as a ray grazes; on a ray that grazes
+        to rounding it is 0.
+
+    Raises:
+        ValueError: A concrete value is out of range, or a shape does not fit.
+    """
+
+    center: Float[Array, "*batch 3"]
+    radius: Float[Array, "*batch"]
+
+    def __init__(self, center: Any, radius: Any):
+        center = float_array("center", center, (3,), "meters")
+        radius = float_array("radius", radius, (), "meters")
+        dtype = jnp.result_type(center, radius)
+        if center.shape[:-1] != radius.shape:
+            raise ValueError(
+                "center and radius must have one batch shape, got "
+                f"{center.shape[:-1]}, {radius.shape}"
+            )
+        if is_concrete(radius) and not np.all(np.asarray(radius) > 0):
+            raise ValueError(f"radius must be positive, in meters, got {radius}")
+        self.center = center.astype(dtype)
+        self.radius = radius.astype(dtype)
+
+    @property
+    @override
+    def batch_shape(self) -> tuple[int, ...]:
+        return self.radius.shape
+
+    @property
+    @override
+    def dtype(self) -> np.dtype:
+        return self.radius.dtype
+
+    @override
+    def intersect(self, ray: Ray) -> Hit:
+        t = _first_hit(ray, self)
+        return Hit(t=t, on_cap=jnp.zeros(t.shape, bool))
+
+    @override
+    def normal(self, ray: Ray, hit: Hit) -> Vec3:
+        mask = hit.mask
+        q = ray.at(jnp.where(mask, hit.t, 0)) - Vec3.from_array(self.center)
+        n = q.normalize()
+        facing = jnp.where(n.dot(ray.direction) > 0, -1.0, 1.0)
+        return n * jnp.where(mask, facing, 0.0)
+
+    @override
+    def implicit(self, point: Vec3) -> Float[Array, "*batch"]:
+        return (point - Vec3.from_array(self.center)).norm() - self.radius
+
+    @override
+    def transformed(self, target_from_source: RigidTransform) -> "Sphere":
+        center = target_from_source.apply(self.center)
+        return eqx.tree_at(lambda s: s.center, self, center)
+
+
+@jax.custom_jvp
+def _first_hit(ray: Ray, sphere: Sphere) -> Float[Array, "*batch"]:
+    """Ray parameter of the first hit, `+inf` on a miss."""
+    center, r = Vec3.from_array(sphere.center), sphere.radius
+    near, foot = ray.brought_near(center, center, r)
+    ball = ball_interval(near, r)
+    enter, leave = foot + ball.lower, foot + ball.upper
+    low, high = lengths_with_squares(r.dtype)
+    hit = (enter <= leave) & (leave > 0) & (low < r) & (r < high)
+    return jnp.where(hit, jnp.where(enter > 0, enter, leave), jnp.inf)
+
+
+@_first_hit.defjvp
+def _first_hit_jvp(primals, tangents):
+    (ray, sphere), (d_ray, d_sphere) = primals, tangents
+    hit = _first_hit(ray, sphere)
+    mask = jnp.isfinite(hit)
+    t = jnp.where(mask, hit, 0)
+    q = ray.at(t) - Vec3.from_array(sphere.center)
+    # Counted in radii, so that no power of a small one is lost. A miss has no q.
+    n = (q * jnp.where(mask, 1 / sphere.radius, 0)).normalize()
+    n_d = n.dot(ray.direction)
+    usable = mask & (jnp.abs(n_d) > smallest_slope(n_d.dtype))
+    # Second derivatives grow with the lengths squared over r (n.d)^3.
+    square = 1 + q.dot(q) + t * t * ray.direction.dot(ray.direction)
+    bend = sphere.radius * jnp.abs(n_d) ** 3
+    bounded = square < bend * (float(np.finfo(n_d.dtype).max) / 1024)
+    n, n_d, t = jax.tree.map(
+        lambda x: jnp.where(bounded, x, jax.lax.stop_gradient(x)), (n, n_d, t)
+    )
+    change = d_sphere.radius - n.dot(d_ray.at(t) - Vec3.from_array(d_sphere.center))
+    return hit, jnp.where(usable, change / jnp.where(usable, n_d, 1), 0)
