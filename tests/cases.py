@@ -23,7 +23,6 @@ PRIMITIVES = {
     "rod": lambda: Cylinder((0.1, -0.2, 3.0), (0.9, 0.4, -0.1), 0.02, 2.0),
     "cylinder along z": lambda: Cylinder((0.0, 0.0, 3.0), (0, 0, 1), 0.5, 1.0),
     "sphere": lambda: Sphere((0.1, -0.2, 3.0), 0.5),
-    "bead": lambda: Sphere((0.1, -0.2, 3.0), 0.01),
 }
 
 CAMERAS = {

@@ -27,7 +27,7 @@ def main() -> None:
 
     camera = make_camera(shrink)
     if function == "render":
-        arguments = {"cylinder": jax.block_until_ready(make_can())}
+        arguments = {"primitive": jax.block_until_ready(make_can())}
     else:
         arguments = {"depth": np.load(image), "sigma": SIGMA}
     ready = time.perf_counter()
