@@ -1,9 +1,16 @@
 """Results of an experiment, with all that is needed to repeat it."""
 
-__all__ = ["Metric", "result_folder", "save_run"]
+__all__ = [
+    "Metric",
+    "read_spreads",
+    "read_values",
+    "result_folder",
+    "save_run",
+]
 
 import dataclasses
 import importlib.metadata
+import json
 import os
 import platform
 import subprocess
@@ -96,6 +103,17 @@ def save_run(
         "metrics": [dataclasses.asdict(metric) for metric in metrics],
     }
     write_json(folder / "results.json", record)
+
+
+def read_values(folder: Path) -> dict[str, Any]:
+    """Value of each metric of a folder's `results.json`, by name; None if unknown."""
+    return {name: value for name, (value, _) in read_spreads(folder).items()}
+
+
+def read_spreads(folder: Path) -> dict[str, tuple[float | None, float | None]]:
+    """Value and spread of each metric of a folder's `results.json`, by name."""
+    record = json.loads((folder / "results.json").read_text())
+    return {m["name"]: (m["value"], m["spread"]) for m in record["metrics"]}
 
 
 def result_folder(output: Path | None, home: Path, *, quick: bool) -> Path:

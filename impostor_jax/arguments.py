@@ -7,7 +7,9 @@ Shapes and dtypes are known while tracing and are always checked.
 __all__ = [
     "angle_below_grazing",
     "bounded_number",
+    "check_positive",
     "float_array",
+    "float_arrays",
     "is_concrete",
     "one_of",
     "positive_int",
@@ -135,6 +137,33 @@ def float_array(
         return array.astype(jnp.result_type(float, array.dtype))
     # A plain Python or numpy number has no precision of its own: take jax's default.
     return jnp.asarray(array, dtype=jnp.result_type(float))
+
+
+def float_arrays(
+    **values: tuple[Any, Sequence[int | None], str],
+) -> list[Float[Array, "..."]]:
+    """Return every value as `float_array` does, all with one dtype and batch shape.
+
+    Args:
+        values: By name: the value, its trailing shape and its unit.
+    """
+    arrays = [float_array(name, *value) for name, value in values.items()]
+    dtype = jnp.result_type(*arrays)
+    ranks = [len(shape) for _, shape, _ in values.values()]
+    batches = [a.shape[: a.ndim - k] for a, k in zip(arrays, ranks, strict=True)]
+    if len(set(batches)) > 1:
+        *names, last = values
+        raise ValueError(
+            f"{', '.join(names)} and {last} must have one batch shape, got "
+            f"{', '.join(map(str, batches))}"
+        )
+    return [array.astype(dtype) for array in arrays]
+
+
+def check_positive(name: str, value: Float[Array, "..."], unit: str) -> None:
+    """Raise unless all of a concrete `value` is positive."""
+    if is_concrete(value) and not np.all(np.asarray(value) > 0):
+        raise ValueError(f"{name} must be positive, in {unit}, got {value}")
 
 
 def one_of(name: str, value: Any, allowed: Iterable[str]) -> None:

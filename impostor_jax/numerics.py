@@ -7,7 +7,7 @@ taken has a finite derivative too.
 
 __all__ = [
     "eps",
-    "lengths_with_squares",
+    "has_square",
     "safe_divide",
     "safe_norm",
     "safe_sqrt",
@@ -17,7 +17,7 @@ __all__ = [
 import jax.numpy as jnp
 import numpy as np
 from jax.typing import DTypeLike
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 
 def eps(dtype: DTypeLike, count: int = 1) -> float:
@@ -25,13 +25,13 @@ def eps(dtype: DTypeLike, count: int = 1) -> float:
     return count * float(np.finfo(dtype).eps)
 
 
-def lengths_with_squares(dtype: DTypeLike) -> tuple[float, float]:
-    """Return the bounds between which a length has a square that is a normal number.
+def has_square(length: Float[Array, "*batch"]) -> Bool[Array, "*batch"]:
+    """Tell whether a length is positive and its square a normal number.
 
     From 1.1e-19 to 1.8e19 in single precision, from 1.5e-154 to 1.3e154 in double.
     """
-    limits = np.finfo(dtype)
-    return float(limits.tiny) ** 0.5, float(limits.max) ** 0.5
+    limits = np.finfo(length.dtype)
+    return (length > float(limits.tiny) ** 0.5) & (length < float(limits.max) ** 0.5)
 
 
 def smallest_slope(dtype: DTypeLike) -> float:

@@ -28,7 +28,7 @@ LAYERS = (
 ORDER = {
     "geometry": ("vec3", "rays", "frames", "so3"),
     "camera": ("pixels", "base", "lens", "pinhole", "orthographic"),
-    "primitives": ("base", "cylinder", "sphere"),
+    "primitives": ("base", "surface", "cylinder", "sphere"),
     "rendering": (
         "maps",
         "raycast",

@@ -2,7 +2,6 @@
 
 __all__ = ["draw", "tables"]
 
-import json
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from experiments.extremes.rays import EXTREMES
+from experiments.recording import read_values
 from impostor_jax.io.atomic import write_atomically
 
 Values = dict[str, float | None]
@@ -24,7 +24,7 @@ FORMULAS = {
 
 def tables(folder: Path) -> str:
     """Results of a folder in Markdown."""
-    values = _values(folder)
+    values = read_values(folder)
     lines = ["| over all extremes, float32 | 50 % | 99 % | 99.9 % | worst |"]
     lines += ["|---|--:|--:|--:|--:|"]
     for name, label in (
@@ -61,7 +61,7 @@ def tables(folder: Path) -> str:
 
 def draw(folder: Path) -> None:
     """Draw the heat maps: a row for each plane of extremes, a column a formula."""
-    values = _values(folder)
+    values = read_values(folder)
     drawn = {key.rsplit(".", 1)[1] for key in values if key.startswith("tilt.")}
     shown = [name for name in FORMULAS if name in drawn]
     figure = Figure(figsize=(3 * len(shown) + 1, 6.5), layout="constrained")
@@ -104,11 +104,6 @@ def _heat(
     axes.set_xticks(range(len(first)), [f"{x:.7g}" for x in first], rotation=90)
     axes.set_yticks(range(len(second)), [f"{x:g}" for x in second])
     axes.set(xlabel=labels[0], ylabel=labels[1])
-
-
-def _values(folder: Path) -> Values:
-    record = json.loads((folder / "results.json").read_text())
-    return {metric["name"]: metric["value"] for metric in record["metrics"]}
 
 
 def _number(value: float | None) -> str:

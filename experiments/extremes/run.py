@@ -12,7 +12,7 @@ import numpy as np
 import tyro
 from jaxtyping import Bool, Float
 
-from experiments.extremes.peers import FORMULAS, has_mitsuba
+from experiments.extremes.peers import FORMULAS
 from experiments.extremes.rays import (
     EXTREMES,
     at_incidence,
@@ -154,7 +154,7 @@ def table(each: int, seed: int) -> Iterator[Metric]:
     for extreme, (_, draw_rays) in EXTREMES.items():
         rays = draw_rays(rng, each)
         exact = reference(rays)
-        for name in _present():
+        for name in FORMULAS:
             t, slope = FORMULAS[name](rays)
             wrong = float(np.mean(_is_wrong(t, rays, exact)))
             label = f"table.{extreme}.{name}"
@@ -164,14 +164,10 @@ def table(each: int, seed: int) -> Iterator[Metric]:
                 yield Metric(f"{label}.no_slope", lost, None, "part", "lower", each)
 
 
-def _present() -> list[str]:
-    return [name for name in FORMULAS if name != "mitsuba" or has_mitsuba()]
-
-
 def _medians(case: str, rays: Rays) -> Iterator[Metric]:
     exact = reference(rays)
     hit = np.isfinite(exact.t) & (exact.hit_margin > DECISION * eps("float32"))
-    for name in _present():
+    for name in FORMULAS:
         count = int(hit.sum())
         value = None
         if count:

@@ -2,13 +2,13 @@
 
 __all__ = ["draw", "tables"]
 
-import json
 from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from experiments.recording import read_spreads
 from impostor_jax.fit.parameterization import COORDINATES
 from impostor_jax.io.atomic import write_atomically
 
@@ -19,7 +19,7 @@ Values = dict[str, tuple[float | None, float | None]]
 
 def tables(folder: Path) -> str:
     """Results of a folder in Markdown: our cases, other programs, and intervals."""
-    values = _values(folder)
+    values = read_spreads(folder)
     lines = [
         "| case | axis / bound | center / bound | radius / bound | radius, um "
         "| largest bias / spread | coverage | failures | ms |",
@@ -75,7 +75,7 @@ def _comparison(values: Values, compared: list[str]) -> list[str]:
 
 def draw(folder: Path) -> None:
     """Draw radius errors beside other programs', and the coverage of intervals."""
-    values = _values(folder)
+    values = read_spreads(folder)
     figure = Figure(figsize=(10, 4), layout="constrained")
     left, right = figure.subplots(1, 2, width_ratios=(3, 2))
     _draw_errors(left, values)
@@ -113,12 +113,6 @@ def _draw_intervals(axes: Axes, values: Values) -> None:
     axes.set_xticks(range(7), COORDINATES, rotation=45, ha="right")
     axes.set_ylabel("part of 95 % intervals that hold the truth")
     axes.legend(fontsize=8)
-
-
-def _values(folder: Path) -> Values:
-    """Value and spread of each metric."""
-    record = json.loads((folder / "results.json").read_text())
-    return {m["name"]: (m["value"], m["spread"]) for m in record["metrics"]}
 
 
 def _get(values: Values, name: str) -> float:

@@ -2,13 +2,13 @@
 
 __all__ = ["draw", "tables"]
 
-import json
 from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from experiments.recording import read_values
 from impostor_jax.glsl.compare import angles_between
 from impostor_jax.glsl.conventions import DrawnMaps
 from impostor_jax.io.atomic import write_atomically
@@ -18,7 +18,7 @@ Values = dict[str, float]
 
 def tables(folder: Path) -> str:
     """Results of a folder in Markdown, a table for each fault."""
-    values = _values(folder)
+    values = read_values(folder)
     lines = ["| height / radius | published normals, deg: mean | worst | ours: worst |"]
     lines += ["|--:|--:|--:|--:|"]
     for size in _sizes(values, "normals"):
@@ -67,7 +67,7 @@ def tables(folder: Path) -> str:
 
 def draw(folder: Path, published: DrawnMaps, ours: DrawnMaps) -> None:
     """Draw the faults: one view of both programs, normals and depth errors."""
-    values = _values(folder)
+    values = read_values(folder)
     figure = Figure(figsize=(11, 6.5), layout="constrained")
     (first, second, wrong), (angle, cap, depth) = figure.subplots(2, 3)
     for axes, maps, title in (
@@ -142,8 +142,3 @@ def _cut(key: str) -> tuple[float, float]:
     """Height and distance in the name of a metric of what is cut off."""
     parts = key.removeprefix("cut.").split(".")[:-1]
     return float(".".join(parts[:-1])), float(parts[-1])
-
-
-def _values(folder: Path) -> Values:
-    record = json.loads((folder / "results.json").read_text())
-    return {metric["name"]: metric["value"] for metric in record["metrics"]}

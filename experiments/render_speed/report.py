@@ -2,12 +2,12 @@
 
 __all__ = ["draw", "table"]
 
-import json
 from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
 
+from experiments.recording import read_spreads
 from impostor_jax.io.atomic import write_atomically
 
 LABELS = {
@@ -40,7 +40,7 @@ OTHERS = {
 
 def table(folder: Path) -> str:
     """Results of a folder in Markdown; what was not measured is left blank."""
-    values = _values(folder)
+    values = read_spreads(folder)
     lines = [
         "| case | median, ms | spread, ms | minimum, ms | page faults |",
         "|---|--:|--:|--:|--:|",
@@ -56,7 +56,7 @@ def table(folder: Path) -> str:
 
 def draw(folder: Path) -> None:
     """Draw the medians of a folder's results as bars, on a logarithmic axis."""
-    values = _values(folder)
+    values = read_spreads(folder)
     cases = [case for case in LABELS if values[f"{case}.median"][0] is not None]
     medians, spreads = np.array([values[f"{case}.median"] for case in cases]).T
     figure = Figure(figsize=(8, 4.5), layout="constrained")
@@ -76,12 +76,6 @@ def draw(folder: Path) -> None:
     axes.invert_yaxis()
     axes.set_xlabel("median time in ms; whiskers as wide as the interquartile range")
     write_atomically(folder / "figures" / "render_speed.png", figure.savefig)
-
-
-def _values(folder: Path) -> dict[str, tuple[float | None, float | None]]:
-    """Value and spread of each metric."""
-    record = json.loads((folder / "results.json").read_text())
-    return {m["name"]: (m["value"], m["spread"]) for m in record["metrics"]}
 
 
 def _row(label: str, numbers: tuple[float | None, ...]) -> str:

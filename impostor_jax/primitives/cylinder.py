@@ -5,13 +5,8 @@ interval in each and their overlap in the solid; the surface hit is the bound en
 last (or, from inside, the one left first), and which bound that was tells wall from
 cap.
 
-The derivative of the hit does not pass through that construction. The hit point p
-satisfies F(p, parameters) = 0 with F the wall's or the cap's equation, so
-
-    dt = -(dF in the parameters and the ray, t held) / (n . d),
-
-with n the outward normal and d the ray's direction: shorter than the derivative of the
-formulas, finite on every ray, and the same in forward and reverse mode.
+The derivative of the hit does not pass through that construction but follows from the
+equation of the wall or the cap alone (`impostor_jax.primitives.surface`).
 
 Rounding. Each step is a short sum of products of inputs, and what its rounding does, a
 relative change of those inputs by half an eps does too: that of o - c is charged to c,
@@ -48,22 +43,13 @@ import numpy as np
 from jaxtyping import Array, Float
 from typing_extensions import override
 
-from impostor_jax.arguments import float_array, is_concrete
+from impostor_jax.arguments import check_positive, float_arrays, is_concrete
 from impostor_jax.geometry.frames import RigidTransform
-from impostor_jax.geometry.rays import (
-    Hit,
-    Ray,
-    slab_interval,
-    wall_interval,
-)
+from impostor_jax.geometry.rays import Hit, Ray, slab_interval, wall_interval
 from impostor_jax.geometry.vec3 import Vec3
-from impostor_jax.numerics import (
-    lengths_with_squares,
-    safe_norm,
-    safe_sqrt,
-    smallest_slope,
-)
+from impostor_jax.numerics import has_square, safe_norm, safe_sqrt
 from impostor_jax.primitives.base import AbstractPrimitive
+from impostor_jax.primitives.surface import facing, hit_tangent, within_range
 
 
 class Cylinder(AbstractPrimitive):
@@ -91,23 +77,14 @@ class Cylinder(AbstractPrimitive):
     height: Float[Array, "*batch"]
 
     def __init__(self, center: Any, axis: Any, radius: Any, height: Any):
-        values = (
-            float_array("center", center, (3,), "meters"),
-            float_array("axis", axis, (3,)),
-            float_array("radius", radius, (), "meters"),
-            float_array("height", height, (), "meters"),
+        center, axis, radius, height = float_arrays(
+            center=(center, (3,), "meters"),
+            axis=(axis, (3,), "numbers"),
+            radius=(radius, (), "meters"),
+            height=(height, (), "meters"),
         )
-        dtype = jnp.result_type(*values)
-        center, axis, radius, height = (value.astype(dtype) for value in values)
-        if not center.shape[:-1] == axis.shape[:-1] == radius.shape == height.shape:
-            raise ValueError(
-                "center, axis, radius and height must have one batch shape, got "
-                f"{center.shape[:-1]}, {axis.shape[:-1]}, {radius.shape}, "
-                f"{height.shape}"
-            )
-        for name, length in (("radius", radius), ("height", height)):
-            if is_concrete(length) and not np.all(np.asarray(length) > 0):
-                raise ValueError(f"{name} must be positive, in meters, got {length}")
+        check_positive("radius", radius, "meters")
+        check_positive("height", height, "meters")
         if is_concrete(axis) and not np.all(np.any(np.asarray(axis) != 0, axis=-1)):
             raise ValueError(f"axis must not be the zero vector, got {axis}")
         self.center = center
@@ -133,11 +110,10 @@ class Cylinder(AbstractPrimitive):
     @override
     def normal(self, ray: Ray, hit: Hit) -> Vec3:
         mask = hit.mask
-        a, d = Vec3.from_array(self.axis), ray.direction
+        a = Vec3.from_array(self.axis)
         q = ray.at(jnp.where(mask, hit.t, 0)) - Vec3.from_array(self.center)
         n = a.where(hit.on_cap, _radial(q, a))
-        facing = jnp.where(n.dot(d) > 0, -1.0, 1.0)
-        return n * jnp.where(mask, facing, 0.0)
+        return facing(n, ray.direction, mask)
 
     @override
     def implicit(self, point: Vec3) -> Float[Array, "*batch"]:
@@ -191,8 +167,7 @@ def _signed_hit(ray: Ray, cylinder: Cylinder) -> Float[Array, "*batch"]:
         outside = enter > 0
         on_cap = jnp.where(outside, slab.lower > wall.lower, slab.upper < wall.upper)
         t = jnp.where(outside, enter, leave)
-        low, high = lengths_with_squares(r.dtype)
-        is_solid = (low < r) & (r < high) & (cylinder.height > 0)
+        is_solid = has_square(r) & (cylinder.height > 0)
         hit = (enter <= leave) & (leave > 0) & is_solid
         return jnp.where(hit, jnp.where(on_cap, -t, t), jnp.inf)
 
@@ -236,19 +211,14 @@ def _signed_hit_tangent(
     # The wall leans with the axis in proportion to the height above the center, a cap
     # in proportion to the distance from the axis.
     lean = (q * -end).where(on_cap, radial * q.dot(a))
-    usable = mask & (jnp.abs(n_d) > smallest_slope(n_d.dtype))
-    # Second derivatives grow with the lengths squared over r (n.d)^3.
-    bend = jnp.where(on_cap, 1, cylinder.radius) * jnp.abs(n_d) ** 3
-    square = 1 + q.dot(q) + t * t * d.dot(d)
-    bounded = square < bend * (float(np.finfo(n_d.dtype).max) / 1024)
-    n, n_d, lean, t = jax.tree.map(
-        lambda x: jnp.where(bounded, x, jax.lax.stop_gradient(x)), (n, n_d, lean, t)
-    )
+    squares = q.dot(q) + t * t * d.dot(d)
+    curvature = jnp.where(on_cap, 1, cylinder.radius)
+    n, n_d, lean, t = within_range((n, n_d, lean, t), squares, curvature, n_d)
     d_size = jnp.where(on_cap, d_cylinder.height / 2, d_cylinder.radius)
     d_point = d_ray.at(t) - Vec3.from_array(d_cylinder.center)
     d_axis = Vec3.from_array(d_cylinder.axis)
     change = d_size - n.dot(d_point) + lean.dot(d_axis)
-    d_t = jnp.where(usable, change / jnp.where(usable, n_d, 1), 0)
+    d_t = hit_tangent(change, n_d, mask)
     return jnp.where(on_cap, -d_t, d_t)
 
 

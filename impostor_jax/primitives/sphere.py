@@ -1,12 +1,8 @@
 """Sphere.
 
 The ray's stretch in the ball, and of its two ends the first in front of the origin. As
-for the cylinder the derivative is that of the implicit surface: with p the hit, n the
-outward normal and d the direction,
-
-    dt = (dr - n . (d_point - d_center)) / (n . d),
-
-where d_point is the change of the ray's own point at the held t.
+for the cylinder the derivative follows from the equation of the surface alone
+(`impostor_jax.primitives.surface`).
 
 Rounding. No two large numbers are subtracted (`ball_interval`) and no ray is moved
 farther than what it meets (`Ray.brought_near`), so that depth errs by at most 8 eps
@@ -29,12 +25,13 @@ import numpy as np
 from jaxtyping import Array, Float
 from typing_extensions import override
 
-from impostor_jax.arguments import float_array, is_concrete
+from impostor_jax.arguments import check_positive, float_arrays
 from impostor_jax.geometry.frames import RigidTransform
 from impostor_jax.geometry.rays import Hit, Ray, ball_interval
 from impostor_jax.geometry.vec3 import Vec3
-from impostor_jax.numerics import lengths_with_squares, smallest_slope
+from impostor_jax.numerics import has_square
 from impostor_jax.primitives.base import AbstractPrimitive
+from impostor_jax.primitives.surface import facing, hit_tangent, within_range
 
 
 class Sphere(AbstractPrimitive):
@@ -57,18 +54,12 @@ class Sphere(AbstractPrimitive):
     radius: Float[Array, "*batch"]
 
     def __init__(self, center: Any, radius: Any):
-        center = float_array("center", center, (3,), "meters")
-        radius = float_array("radius", radius, (), "meters")
-        dtype = jnp.result_type(center, radius)
-        if center.shape[:-1] != radius.shape:
-            raise ValueError(
-                "center and radius must have one batch shape, got "
-                f"{center.shape[:-1]}, {radius.shape}"
-            )
-        if is_concrete(radius) and not np.all(np.asarray(radius) > 0):
-            raise ValueError(f"radius must be positive, in meters, got {radius}")
-        self.center = center.astype(dtype)
-        self.radius = radius.astype(dtype)
+        center, radius = float_arrays(
+            center=(center, (3,), "meters"), radius=(radius, (), "meters")
+        )
+        check_positive("radius", radius, "meters")
+        self.center = center
+        self.radius = radius
 
     @property
     @override
@@ -90,8 +81,7 @@ class Sphere(AbstractPrimitive):
         mask = hit.mask
         q = ray.at(jnp.where(mask, hit.t, 0)) - Vec3.from_array(self.center)
         n = q.normalize()
-        facing = jnp.where(n.dot(ray.direction) > 0, -1.0, 1.0)
-        return n * jnp.where(mask, facing, 0.0)
+        return facing(n, ray.direction, mask)
 
     @override
     def implicit(self, point: Vec3) -> Float[Array, "*batch"]:
@@ -110,8 +100,7 @@ def _first_hit(ray: Ray, sphere: Sphere) -> Float[Array, "*batch"]:
     near, foot = ray.brought_near(center, center, r)
     ball = ball_interval(near, r)
     enter, leave = foot + ball.lower, foot + ball.upper
-    low, high = lengths_with_squares(r.dtype)
-    hit = (enter <= leave) & (leave > 0) & (low < r) & (r < high)
+    hit = (enter <= leave) & (leave > 0) & has_square(r)
     return jnp.where(hit, jnp.where(enter > 0, enter, leave), jnp.inf)
 
 
@@ -125,13 +114,7 @@ def _first_hit_jvp(primals, tangents):
     # Counted in radii, so that no power of a small one is lost. A miss has no q.
     n = (q * jnp.where(mask, 1 / sphere.radius, 0)).normalize()
     n_d = n.dot(ray.direction)
-    usable = mask & (jnp.abs(n_d) > smallest_slope(n_d.dtype))
-    # Second derivatives grow with the lengths squared over r (n.d)^3.
-    square = 1 + q.dot(q) + t * t * ray.direction.dot(ray.direction)
-    bend = sphere.radius * jnp.abs(n_d) ** 3
-    bounded = square < bend * (float(np.finfo(n_d.dtype).max) / 1024)
-    n, n_d, t = jax.tree.map(
-        lambda x: jnp.where(bounded, x, jax.lax.stop_gradient(x)), (n, n_d, t)
-    )
+    squares = q.dot(q) + t * t * ray.direction.dot(ray.direction)
+    n, n_d, t = within_range((n, n_d, t), squares, sphere.radius, n_d)
     change = d_sphere.radius - n.dot(d_ray.at(t) - Vec3.from_array(d_sphere.center))
-    return hit, jnp.where(usable, change / jnp.where(usable, n_d, 1), 0)
+    return hit, hit_tangent(change, n_d, mask)

@@ -21,7 +21,7 @@ from jaxtyping import Array, Bool, Float
 from impostor_jax.numerics import safe_norm, safe_sqrt
 from tests.oracle.extremes import Rays
 
-FIELDS = ("origin", "direction", "center", "axis", "radius", "height")
+FIELDS = tuple(field.name for field in dataclasses.fields(Rays))
 CHUNK = 1000
 """Rays at a time, always as many: one compilation serves all."""
 

@@ -6,7 +6,7 @@ of it cancels to a degree that matters. Inputs are the rounded numbers that the 
 is given; the axis is made a unit vector here, in all digits.
 """
 
-__all__ = ["Answer", "answer"]
+__all__ = ["DIGITS", "Answer", "Vector", "answer", "vector"]
 
 import dataclasses
 from collections.abc import Sequence
@@ -48,13 +48,13 @@ def answer(
 ) -> Answer:
     """First surface in front of the origin; from inside, the one where it leaves."""
     with mp.workdps(DIGITS):
-        o, d, c, a = (_vector(v) for v in (origin, direction, center, axis))
+        o, d, c, a = (vector(v) for v in (origin, direction, center, axis))
         r, h = mp.mpf(float(radius)), mp.mpf(float(height)) / 2
-        length = mp.sqrt(_dot(a, a))
+        length = mp.sqrt(mp.fdot(a, a))
         a = [x / length for x in a]
         w = [x - y for x, y in zip(o, c, strict=True)]
         # Of the ray: along the axis, and across it.
-        w_a, d_a = _dot(w, a), _dot(d, a)
+        w_a, d_a = mp.fdot(w, a), mp.fdot(d, a)
         w_c = [x - w_a * y for x, y in zip(w, a, strict=True)]
         d_c = [x - d_a * y for x, y in zip(d, a, strict=True)]
         wall = _wall(w_c, d_c, r)
@@ -72,7 +72,7 @@ def answer(
 def _seen(o, d, c, a, t, on_cap, entering) -> Answer:
     p = [x + t * y for x, y in zip(o, d, strict=True)]
     q = [x - y for x, y in zip(p, c, strict=True)]
-    q_a = _dot(q, a)
+    q_a = mp.fdot(q, a)
     radial = [x - q_a * y for x, y in zip(q, a, strict=True)]
     if on_cap:
         end = 1 if q_a > 0 else -1
@@ -81,12 +81,12 @@ def _seen(o, d, c, a, t, on_cap, entering) -> Answer:
         d_axis = [end * x for x in radial]
         sizes = (mp.mpf(0), -mp.mpf(1) / 2)
     else:
-        size = mp.sqrt(_dot(radial, radial))
+        size = mp.sqrt(mp.fdot(radial, radial))
         n = [x / size for x in radial]
         # F = |p - c - ((p - c).a) a| - r
         d_axis = [-q_a * x for x in n]
         sizes = (-mp.mpf(1), mp.mpf(0))
-    n_d = _dot(n, d)
+    n_d = mp.fdot(n, d)
     gradient = [*(-x for x in n), *d_axis, *sizes, *n, *(t * x for x in n)]
     derivative = [-x / n_d for x in gradient] if n_d else None
     facing = [-x for x in n] if n_d > 0 else n
@@ -95,7 +95,7 @@ def _seen(o, d, c, a, t, on_cap, entering) -> Answer:
 
 def _wall(w: Vector, d: Vector, r: mp.mpf) -> tuple[mp.mpf, mp.mpf]:
     """Stretch of the ray within the radius; w and d are across the axis."""
-    a, b, c = _dot(d, d), _dot(w, d), _dot(w, w) - r * r
+    a, b, c = mp.fdot(d, d), mp.fdot(w, d), mp.fdot(w, w) - r * r
     if a == 0:
         return (-mp.inf, mp.inf) if c <= 0 else (mp.inf, -mp.inf)
     discriminant = b * b - a * c
@@ -113,9 +113,6 @@ def _slab(w: mp.mpf, d: mp.mpf, h: mp.mpf) -> tuple[mp.mpf, mp.mpf]:
     return min(first, second), max(first, second)
 
 
-def _vector(values: Sequence[float]) -> Vector:
+def vector(values: Sequence[float]) -> Vector:
+    """Take the numbers as they are rounded."""
     return [mp.mpf(float(value)) for value in values]
-
-
-def _dot(v: Vector, w: Vector) -> mp.mpf:
-    return mp.fsum(x * y for x, y in zip(v, w, strict=True))

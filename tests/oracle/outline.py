@@ -14,7 +14,8 @@ from collections.abc import Sequence
 
 import mpmath as mp
 
-DIGITS = 50
+from tests.oracle.cylinder import DIGITS, vector
+
 NORMALS = 240
 
 
@@ -27,9 +28,9 @@ def outline_distance(
 ) -> mp.mpf:
     """Signed distance in the plane z = 1, negative inside; all of the body at z > 0."""
     with mp.workdps(DIGITS):
-        p, c, a = ([mp.mpf(float(x)) for x in v] for v in (place, center, axis))
+        p, c, a = (vector(v) for v in (place, center, axis))
         r, h = mp.mpf(float(radius)), mp.mpf(float(height)) / 2
-        length = mp.sqrt(mp.fsum(x * x for x in a))
+        length = mp.sqrt(mp.fdot(a, a))
         a = [x / length for x in a]
         ends = [
             [x + side * h * y for x, y in zip(c, a, strict=True)] for side in (-1, 1)

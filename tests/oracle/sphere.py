@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import mpmath as mp
 
-from tests.oracle.cylinder import DIGITS, Answer
+from tests.oracle.cylinder import DIGITS, Answer, vector
 
 
 def answer(
@@ -20,10 +20,10 @@ def answer(
     The derivative is in center (3), radius, origin (3) and direction (3).
     """
     with mp.workdps(DIGITS):
-        o, d, c = ([mp.mpf(float(x)) for x in v] for v in (origin, direction, center))
+        o, d, c = (vector(v) for v in (origin, direction, center))
         r = mp.mpf(float(radius))
         w = [x - y for x, y in zip(o, c, strict=True)]
-        a, b = mp.fsum(x * x for x in d), mp.fdot(w, d)
+        a, b = mp.fdot(d, d), mp.fdot(w, d)
         discriminant = b * b - a * (mp.fdot(w, w) - r * r)
         if discriminant < 0:
             return Answer(None, None, False, False, None)
@@ -45,7 +45,7 @@ def distance(
 ) -> mp.mpf:
     """Distance of the ray's line from the center."""
     with mp.workdps(DIGITS):
-        o, d, c = ([mp.mpf(float(x)) for x in v] for v in (origin, direction, center))
+        o, d, c = (vector(v) for v in (origin, direction, center))
         w = [x - y for x, y in zip(o, c, strict=True)]
         along, square = mp.fdot(w, d), mp.fdot(d, d)
         return mp.sqrt(mp.fdot(w, w) - along * along / square)
