@@ -8,6 +8,7 @@ from .fit.result import Deviations, Directions, FitResult, FitStatus
 from .geometry.frames import RigidTransform
 from .primitives.base import AbstractPrimitive
 from .primitives.cylinder import Cylinder
+from .primitives.frustum import Frustum
 from .primitives.sphere import Sphere
 from .rendering.coverage import coverage
 from .rendering.distance import signed_distance
@@ -35,6 +36,7 @@ __all__ = [
     "FitResult",
     "FitStatus",
     "FlyingPixels",
+    "Frustum",
     "GeometryMaps",
     "LateralNoise",
     "OrthographicCamera",

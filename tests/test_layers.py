@@ -28,7 +28,15 @@ LAYERS = (
 ORDER = {
     "geometry": ("vec3", "rays", "frames", "so3"),
     "camera": ("pixels", "base", "lens", "pinhole", "orthographic"),
-    "primitives": ("base", "surface", "cylinder", "sphere"),
+    "primitives": (
+        "base",
+        "surface",
+        "sector",
+        "tapered",
+        "cylinder",
+        "sphere",
+        "frustum",
+    ),
     "rendering": (
         "maps",
         "raycast",

@@ -15,6 +15,8 @@ __all__ = [
     "Interval",
     "Ray",
     "ball_interval",
+    "cone_interval",
+    "plane_interval",
     "slab_interval",
     "wall_interval",
 ]
@@ -22,7 +24,7 @@ __all__ = [
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool, Float, Int
 
 from impostor_jax.geometry.vec3 import Vec3
 from impostor_jax.numerics import safe_sqrt, smallest_slope
@@ -71,10 +73,13 @@ class Hit(eqx.Module):
     Attributes:
         t: Ray parameter; `+inf` where nothing is hit.
         on_cap: Whether the surface is a flat cap; False where nothing is hit.
+        part: Which piece of its surface, as the primitive counts them; None if that is
+            told by `on_cap`, or there is only one.
     """
 
     t: Float[Array, "*batch"]
     on_cap: Bool[Array, "*batch"]
+    part: Int[Array, "*batch"] | None = None
 
     @property
     def mask(self) -> Bool[Array, "*batch"]:
@@ -109,6 +114,69 @@ def wall_interval(ray: Ray, axis: Vec3, radius: Float[Array, "*#batch"]) -> Inte
     return Interval(lower=middle - half, upper=middle + half)
 
 
+def cone_interval(
+    ray: Ray,
+    axis: Vec3,
+    radius: Float[Array, "*#batch"],
+    slope: Float[Array, "*#batch"],
+) -> Interval:
+    """Stretch of the ray inside one nappe of a cone whose axis meets the origin.
+
+    With e and p the parts of the direction and the origin across the unit axis, rho the
+    cone's radius beside the ray's origin and k its change along the ray, the wall is
+    met where |p + t e| = rho + t k. The discriminant of this quadratic,
+
+        (p.e - rho k)^2 - (e.e - k^2) (p.p - rho^2) = |rho e - k p|^2 - (m.o)^2,
+
+    is that of `wall_interval` where the slope is 0, and no apex has to be known, which
+    runs to infinity there. Of the two roots the one that would be the difference of two
+    equal numbers is made from their product, so that a ray parallel to the wall, which
+    has but one, needs no case of its own.
+
+    Args:
+        ray: From near the cone, relative to a point of the axis.
+        axis: Unit vector.
+        radius: Of the cone at the origin, across the axis.
+        slope: Change of the radius per length along the axis.
+
+    Returns:
+        The stretch in the nappe of positive radius if the ray runs within its cone of
+        directions. Elsewhere the stretch may lie in the other: cut it by planes between
+        which the radius is positive.
+    """
+    o, d, a = ray.origin, ray.direction, axis
+    o_a, d_a = o.dot(a), d.dot(a)
+    # Turned by a right angle about the axis, which leaves all lengths and products and
+    # removes what rounding has left of them along it.
+    m, p = (d - a * d_a).cross(a), (o - a * o_a).cross(a)
+    rho, k = radius + slope * o_a, slope * d_a
+    m_o, m_m = m.dot(o), m.dot(m)
+    w = m * rho - p * k
+    discriminant = w.dot(w) - m_o * m_o
+    size = safe_sqrt(m_m)
+    opening = (size - k) * (size + k)
+    half_sum = p.dot(m) - rho * k
+    beside = p.dot(p) - rho * rho
+    root = safe_sqrt(discriminant)
+    total = -jnp.where(half_sum < 0, half_sum - root, half_sum + root)
+    # Both roots are 0 without a linear part. A zero below has to be a positive one.
+    balanced = total == 0
+    first = jnp.where(balanced, 0, beside / jnp.where(balanced, 1, total))
+    second = jnp.where(balanced, 0, total / jnp.where(opening == 0, 0, opening))
+    low, high = jnp.minimum(first, second), jnp.maximum(first, second)
+    within = opening < 0
+    # Along the axis of a cylinder there is no root.
+    parallel = (m_m < smallest_slope(m_m.dtype) ** 2) & (k == 0)
+    lower = jnp.where(within, jnp.where(k > 0, high, -jnp.inf), low)
+    upper = jnp.where(within, jnp.where(k > 0, jnp.inf, low), high)
+    lower = jnp.where(parallel, -jnp.inf, lower)
+    upper = jnp.where(parallel, jnp.inf, upper)
+    meets = jnp.where(parallel, beside <= 0, within | (discriminant >= 0))
+    return Interval(
+        lower=jnp.where(meets, lower, jnp.inf), upper=jnp.where(meets, upper, -jnp.inf)
+    )
+
+
 def slab_interval(
     ray: Ray, axis: Vec3, half_height: Float[Array, "*#batch"]
 ) -> Interval:
@@ -120,6 +188,21 @@ def slab_interval(
     half = jnp.where(parallel, between, half_height * jnp.abs(inverse))
     middle = -o_a * inverse
     return Interval(lower=middle - half, upper=middle + half)
+
+
+def plane_interval(
+    ray: Ray, axis: Vec3, low: Float[Array, "*#batch"], high: Float[Array, "*#batch"]
+) -> Interval:
+    """Stretch of the ray between two planes across `axis`, at `low` and `high`."""
+    d_a, o_a = ray.direction.dot(axis), ray.origin.dot(axis)
+    parallel = jnp.abs(d_a) < smallest_slope(d_a.dtype)
+    speed = jnp.where(parallel, 1, d_a)
+    first, second = (low - o_a) / speed, (high - o_a) / speed
+    between = jnp.where((low <= o_a) & (o_a <= high), jnp.inf, -jnp.inf)
+    return Interval(
+        lower=jnp.where(parallel, -between, jnp.minimum(first, second)),
+        upper=jnp.where(parallel, between, jnp.maximum(first, second)),
+    )
 
 
 def ball_interval(ray: Ray, radius: Float[Array, "*#batch"]) -> Interval:

@@ -1,9 +1,10 @@
-"""Right circular cylinder with flat end caps.
+"""Right circular cylinder with flat end caps, whole or a sector of it.
 
 The solid is an infinite round wall cut by a slab. Both are convex, so a ray spends one
 interval in each and their overlap in the solid; the surface hit is the bound entered
 last (or, from inside, the one left first), and which bound that was tells wall from
-cap.
+cap. All this is the whole, closed cylinder's; one that is open, or a sector, is cast as
+a `Tapered` body without slope.
 
 The derivative of the hit does not pass through that construction but follows from the
 equation of the wall or the cap alone (`impostor_jax.primitives.surface`).
@@ -49,11 +50,18 @@ from impostor_jax.geometry.rays import Hit, Ray, slab_interval, wall_interval
 from impostor_jax.geometry.vec3 import Vec3
 from impostor_jax.numerics import has_square, safe_norm, safe_sqrt
 from impostor_jax.primitives.base import AbstractPrimitive
+from impostor_jax.primitives.sector import sector, sector_fields
 from impostor_jax.primitives.surface import facing, hit_tangent, within_range
+from impostor_jax.primitives.tapered import (
+    Tapered,
+    tapered_distance,
+    tapered_hit,
+    tapered_normal,
+)
 
 
 class Cylinder(AbstractPrimitive):
-    """Right circular cylinder with flat end caps, in the world frame.
+    """Right circular cylinder, in the world frame.
 
     Args:
         center: Midpoint of the axis between the caps, (*batch, 3), in meters.
@@ -61,11 +69,20 @@ class Cylinder(AbstractPrimitive):
             vector.
         radius: In meters, positive, (*batch,).
         height: Full length from cap to cap in meters, positive, (*batch,).
+        start_angle: Where a sector begins, in radians, (*batch,); counted about the
+            axis, counterclockwise as one sees it who looks back from its end. None for
+            the whole turn.
+        end_angle: Where it ends; the sweep from start to end is taken modulo a turn.
+        zero: Direction of the angle 0, (*batch, 3); its part along the axis does not
+            count. None for a vector across the axis that `tangent_basis` chooses.
+        caps: Whether the ends are closed. Through an open one the wall is seen from
+            inside.
+        cut_faces: Whether the two flat faces of a sector are closed; as `caps` if None.
 
     Derivatives:
         The depth of a pixel is smooth in every field while the same surface is seen and
-        jumps where the outline or the rim crosses the pixel. It grows without bound as
-        a ray grazes the wall; on a ray that grazes to rounding it is 0.
+        jumps where the outline, the rim or a cut crosses the pixel. It grows without
+        bound as a ray grazes the wall; on a ray that grazes to rounding it is 0.
 
     Raises:
         ValueError: A concrete value is out of range, or a shape does not fit.
@@ -75,8 +92,24 @@ class Cylinder(AbstractPrimitive):
     axis: Float[Array, "*batch 3"]
     radius: Float[Array, "*batch"]
     height: Float[Array, "*batch"]
+    start_angle: Float[Array, "*batch"] | None
+    end_angle: Float[Array, "*batch"] | None
+    zero: Float[Array, "*batch 3"] | None
+    caps: bool = eqx.field(static=True)
+    cut_faces: bool = eqx.field(static=True)
 
-    def __init__(self, center: Any, axis: Any, radius: Any, height: Any):
+    def __init__(
+        self,
+        center: Any,
+        axis: Any,
+        radius: Any,
+        height: Any,
+        start_angle: Any = None,
+        end_angle: Any = None,
+        zero: Any = None,
+        caps: bool = True,
+        cut_faces: bool | None = None,
+    ):
         center, axis, radius, height = float_arrays(
             center=(center, (3,), "meters"),
             axis=(axis, (3,), "numbers"),
@@ -91,6 +124,16 @@ class Cylinder(AbstractPrimitive):
         self.axis = _unit(axis)
         self.radius = radius
         self.height = height
+        self.start_angle, self.end_angle, self.zero = sector_fields(
+            self.axis, start_angle, end_angle, zero
+        )
+        self.caps = caps
+        self.cut_faces = caps if cut_faces is None else cut_faces
+
+    @property
+    def is_whole(self) -> bool:
+        """Whether it is closed and goes all the way round."""
+        return self.caps and self.start_angle is None
 
     @property
     @override
@@ -104,11 +147,15 @@ class Cylinder(AbstractPrimitive):
 
     @override
     def intersect(self, ray: Ray) -> Hit:
+        if not self.is_whole:
+            return tapered_hit(ray, self._tapered())
         t = _signed_hit(ray, self)
         return Hit(t=jnp.abs(t), on_cap=t < 0)
 
     @override
     def normal(self, ray: Ray, hit: Hit) -> Vec3:
+        if not self.is_whole:
+            return tapered_normal(ray, hit, self._tapered())
         mask = hit.mask
         a = Vec3.from_array(self.axis)
         q = ray.at(jnp.where(mask, hit.t, 0)) - Vec3.from_array(self.center)
@@ -117,6 +164,8 @@ class Cylinder(AbstractPrimitive):
 
     @override
     def implicit(self, point: Vec3) -> Float[Array, "*batch"]:
+        if not self.is_whole:
+            return tapered_distance(point, self._tapered())
         a = Vec3.from_array(self.axis)
         q = point - Vec3.from_array(self.center)
         along = q.dot(a)
@@ -131,7 +180,26 @@ class Cylinder(AbstractPrimitive):
     def transformed(self, target_from_source: RigidTransform) -> "Cylinder":
         center = target_from_source.apply(self.center)
         axis = target_from_source.rotate(self.axis)
-        return eqx.tree_at(lambda c: (c.center, c.axis), self, (center, axis))
+        moved = eqx.tree_at(lambda c: (c.center, c.axis), self, (center, axis))
+        if self.zero is None:
+            return moved
+        zero = target_from_source.rotate(self.zero)
+        return eqx.tree_at(lambda c: c.zero, moved, zero)
+
+    def _tapered(self) -> Tapered:
+        """The open body, or the sector, of no slope."""
+        a = Vec3.from_array(self.axis)
+        return Tapered(
+            anchor=Vec3.from_array(self.center),
+            axis=a,
+            low=-self.height / 2,
+            high=self.height / 2,
+            radius=self.radius,
+            slope=jnp.zeros_like(self.radius),
+            sector=sector(a, self.start_angle, self.end_angle, self.zero),
+            caps=self.caps,
+            cut_faces=self.cut_faces,
+        )
 
 
 @jax.jit

@@ -67,7 +67,8 @@ def _render(
     hit = primitive.intersect(ray)
     sees = camera.sees(row, col)
     if sees is not None:
-        hit = Hit(t=jnp.where(sees, hit.t, jnp.inf), on_cap=hit.on_cap & sees)
+        t = jnp.where(sees, hit.t, jnp.inf)
+        hit = Hit(t=t, on_cap=hit.on_cap & sees, part=hit.part)
     maps = {}
     if "depth" in outputs:
         maps["depth"] = hit.t

@@ -9,9 +9,10 @@ of single precision the size of what no formula can avoid. A decision, such as h
 miss, is the sign of a margin g; it is sure unless |g| is below eps sum |x_i dg/dx_i|.
 """
 
-__all__ = ["Reference", "reference"]
+__all__ = ["FIELDS", "Reference", "decisions", "frustum_bounds", "reference"]
 
 import dataclasses
+from functools import partial
 
 import jax
 import jax.numpy as jnp
@@ -88,19 +89,30 @@ def _examine(*fields):
         jnp.sum(jnp.abs(x) * jnp.linalg.norm(bend.reshape(8, -1), axis=0))
         for x, bend in zip(fields, bends, strict=True)
     )
-    margins = _margins(*fields)
-    slopes = jax.jacrev(_margins, argnums=every)(*fields)
-    moves = {name: _change(fields, slopes[name]) for name in margins}
-    sure = {name: jnp.abs(margins[name]) / moves[name] for name in margins}
     return (
         t,
         on_cap,
         jnp.where(hit, condition, 0),
         slope,
         jnp.where(hit, moved / jnp.linalg.norm(slope), 0),
-        _hit_margin(margins, sure),
-        _surface_margin(margins, sure),
+        *decisions(_bounds, *fields),
     )
+
+
+def decisions(bounds, *fields) -> tuple[Float[Array, ""], Float[Array, ""]]:
+    """Relative change of the inputs that turns a hit, and the surface, into another.
+
+    Args:
+        bounds: Where a ray enters and leaves a body's wall and slab, from the fields.
+        fields: Numbers of a ray and a body.
+    """
+    every = tuple(range(len(fields)))
+    margins = _margins(bounds, *fields)
+    slopes = jax.jacrev(partial(_margins, bounds), argnums=every)(*fields)
+    moves = {name: _change(fields, slopes[name]) for name in margins}
+    sure = {name: jnp.abs(margins[name]) / moves[name] for name in margins}
+    surface = _surface_margin(margins, sure)
+    return _hit_margin(margins, sure), surface
 
 
 def _hit_margin(margins, sure):
@@ -167,6 +179,48 @@ def _bounds(origin, direction, center, axis, radius, height):
     return gap, wall, slab, safe_norm(m), jnp.where(is_across, between, FAR)
 
 
+def frustum_bounds(origin, direction, p1, p2, radius1, radius2):
+    """As `_bounds`, of a frustum."""
+    way, d = p2 - p1, direction
+    length = jnp.sqrt(way @ way)
+    a, slope = way / length, (radius2 - radius1) / length
+    # Any point of the axis and any start give the same t, but near ones cancel less.
+    second = (origin - p1) @ a > length / 2
+    low, high = jnp.where(second, -length, 0), jnp.where(second, 0, length)
+    radius = jnp.where(second, radius2, radius1)
+    o = origin - jnp.where(second, p2, p1)
+    level = jax.lax.stop_gradient(jnp.clip(o @ a, low, high))
+    foot = jax.lax.stop_gradient(-((o - level * a) @ d) / (d @ d))
+    o = o + foot * d
+    o_a, d_a = o @ a, d @ a
+    p, e = o - o_a * a, d - d_a * a
+    rho, k = radius + slope * o_a, slope * d_a
+    w, m_p = rho * e - k * p, jnp.cross(e, a) @ p
+    opening, half_sum = e @ e - k * k, p @ e - rho * k
+    root = safe_sqrt(w @ w - m_p**2)
+    total = -jnp.where(half_sum < 0, half_sum - root, half_sum + root)
+    total = jnp.where(total == 0, 1, total)
+    roots = (p @ p - rho * rho) / total, total / jnp.where(opening == 0, 1, opening)
+    first, last = jnp.minimum(*roots), jnp.maximum(*roots)
+    is_within, is_across = opening < 0, d_a == 0
+    wall = (
+        foot + jnp.where(is_within, jnp.where(k > 0, last, -FAR), first),
+        foot + jnp.where(is_within, jnp.where(k > 0, FAR, first), last),
+    )
+    gap = safe_norm(w) - jnp.abs(m_p)
+    speed = jnp.where(is_across, 1, d_a)
+    planes = [(end - o_a) / speed for end in (low, high)]
+    between = jnp.minimum(o_a - low, high - o_a)
+    beyond = jnp.where(between >= 0, FAR, -FAR)
+    slab = (
+        jnp.where(is_across, -beyond, foot + jnp.minimum(*planes)),
+        jnp.where(is_across, beyond, foot + jnp.maximum(*planes)),
+    )
+    # A ray on the wall and along it, both to rounding, leaves it anywhere.
+    along_wall = jnp.abs(safe_norm(e) - jnp.abs(k))
+    return gap, wall, slab, along_wall, jnp.where(is_across, between, FAR)
+
+
 def _surface(*fields):
     gap, wall, slab, _, _ = _bounds(*fields)
     enter, leave = jnp.maximum(wall[0], slab[0]), jnp.minimum(wall[1], slab[1])
@@ -179,8 +233,8 @@ def _depth(*fields):
     return _surface(*fields)[0]
 
 
-def _margins(*fields):
-    gap, wall, slab, sine, between = _bounds(*fields)
+def _margins(bounds, *fields):
+    gap, wall, slab, sine, between = bounds(*fields)
     return {
         "gap": gap,
         "top": wall[1] - slab[0],

@@ -1,0 +1,249 @@
+"""Round body whose radius changes linearly along its axis, whole or a sector of it.
+
+What a frustum and a cylinder with a sector have in common. The wall (one nappe of a
+cone), the slab between the ends and the sector are each one interval of a ray, or all
+but one. So a ray crosses at most four surfaces: where it enters and leaves wall and
+slab together, and the two faces of the cut. The first of these in front of the origin
+that is there, and in the sector, is seen. Missing caps or faces are passed through to
+the wall's inner side.
+
+Rounding. All is counted from a point of the axis near the ray's origin, with the radius
+of that place, so that a tip close to the camera is as exact as a wall. The bounds of
+`impostor_jax.primitives.cylinder` hold: 8 eps times the condition number in depth.
+"""
+
+__all__ = ["Tapered", "tapered_distance", "tapered_hit", "tapered_normal"]
+
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int
+
+from impostor_jax.geometry.rays import Hit, Ray, cone_interval, plane_interval
+from impostor_jax.geometry.vec3 import Vec3
+from impostor_jax.numerics import eps, has_square, safe_divide, safe_sqrt
+from impostor_jax.primitives.sector import Sector
+from impostor_jax.primitives.surface import facing, hit_tangent, within_range
+
+WALL, LOW_CAP, HIGH_CAP, START_FACE, END_FACE = range(5)
+"""Parts of the surface."""
+
+
+class Tapered(eqx.Module):
+    """The body, relative to a point of its axis.
+
+    Attributes:
+        anchor: The point; any, but the nearer to where rays start, the more exact.
+        axis: Unit vector.
+        low: Where the body begins, along the axis from the anchor.
+        high: Where it ends.
+        radius: Of the wall at the anchor.
+        slope: Change of the radius per length along the axis.
+        sector: Part of the turn; None for all of it.
+        caps: Whether the ends are closed.
+        cut_faces: Whether the faces of the cut are closed.
+    """
+
+    anchor: Vec3
+    axis: Vec3
+    low: Float[Array, "*#batch"]
+    high: Float[Array, "*#batch"]
+    radius: Float[Array, "*#batch"]
+    slope: Float[Array, "*#batch"]
+    sector: Sector | None
+    caps: bool = eqx.field(static=True)
+    cut_faces: bool = eqx.field(static=True)
+
+
+class _Crossing(NamedTuple):
+    """Where a ray crosses a surface, and whether that is there."""
+
+    at: Float[Array, "*batch"]
+    part: Int[Array, "*batch"]
+    is_there: Bool[Array, "*batch"]
+
+
+def tapered_hit(ray: Ray, body: Tapered) -> Hit:
+    """First surface in front of the origin; `part` tells which."""
+    t, part = _first_hit(ray, body)
+    on_cap = (part == LOW_CAP) | (part == HIGH_CAP)
+    return Hit(t=t, on_cap=on_cap & jnp.isfinite(t), part=part)
+
+
+def tapered_normal(ray: Ray, hit: Hit, body: Tapered) -> Vec3:
+    """Unit normal at a hit, turned towards the ray's origin; zero on a miss."""
+    q = ray.at(jnp.where(hit.mask, hit.t, 0)) - body.anchor
+    n, _ = _gradient(q, hit.part, body)
+    return facing(n.normalize(), ray.direction, hit.mask)
+
+
+def tapered_distance(point: Vec3, body: Tapered) -> Float[Array, "*batch"]:
+    """Signed distance from the closed solid, in meters, negative inside.
+
+    With a sector it is the larger of the distances from the whole solid and from the
+    sector: 0 on the same surface, and never more than the true distance.
+    """
+    q, a = point - body.anchor, body.axis
+    along = q.dot(a)
+    out = (q - a * along).norm()
+    at_low, at_high = (body.radius + body.slope * end for end in (body.low, body.high))
+    length = body.high - body.low
+    # In the half-plane of axis and point the solid is bounded by three segments.
+    steep = jnp.sqrt(1 + body.slope * body.slope)
+    beyond_wall = (out - body.radius - body.slope * along) / steep
+    beyond_end = jnp.maximum(body.low - along, along - body.high)
+    way_out, way_up = at_high - at_low, length
+    part = (out - at_low) * way_out + (along - body.low) * way_up
+    part = jnp.clip(part / (way_out * way_out + way_up * way_up), 0, 1)
+    off_wall = Vec3(
+        out - at_low - part * way_out,
+        along - body.low - part * way_up,
+        jnp.zeros_like(out),
+    ).norm()
+    off_ends = [
+        safe_sqrt(jnp.maximum(out - wide, 0) ** 2 + (along - end) ** 2)
+        for wide, end in ((at_low, body.low), (at_high, body.high))
+    ]
+    size = jnp.minimum(off_wall, jnp.minimum(*off_ends))
+    inside = (beyond_wall < 0) & (beyond_end < 0)
+    distance = jnp.where(inside, -size, size)
+    if body.sector is None:
+        return distance
+    return jnp.maximum(distance, body.sector.distance(q, a))
+
+
+@jax.custom_jvp
+def _first_hit(
+    ray: Ray, body: Tapered
+) -> tuple[Float[Array, "*batch"], Int[Array, "*batch"]]:
+    """Ray parameter of the first hit, `+inf` on a miss, and the part that is hit."""
+    a = body.axis
+    at_low, at_high = (body.radius + body.slope * end for end in (body.low, body.high))
+    widest = jnp.maximum(at_low, at_high)
+    level = jnp.clip((ray.origin - body.anchor).dot(a), body.low, body.high)
+    near, foot = ray.brought_near(body.anchor, body.anchor + a * level, widest)
+    # An end that is a point may be rounded to less than nothing.
+    least = -eps(widest.dtype, 8) * widest
+    is_solid = has_square(widest) & (jnp.minimum(at_low, at_high) >= least)
+    is_solid &= body.low < body.high
+    t = jnp.full(foot.shape, jnp.inf, foot.dtype)
+    part = jnp.full(foot.shape, WALL)
+    for crossing in _crossings(near, body):
+        at = foot + crossing.at
+        nearer = crossing.is_there & is_solid & (at > 0) & (at < t)
+        t = jnp.where(nearer, at, t)
+        part = jnp.where(nearer, crossing.part, part)
+    return t, part
+
+
+def _crossings(near: Ray, body: Tapered) -> list[_Crossing]:
+    """Where the ray enters and leaves wall and slab, and where it crosses the faces."""
+    a = body.axis
+    wall = cone_interval(near, a, body.radius, body.slope)
+    slab = plane_interval(near, a, body.low, body.high)
+    enter = jnp.maximum(wall.lower, slab.lower)
+    leave = jnp.minimum(wall.upper, slab.upper)
+    meets = enter <= leave
+    rises = near.direction.dot(a) > 0
+    # An end that is a point, to rounding, has no cap.
+    at_low, at_high = (body.radius + body.slope * end for end in (body.low, body.high))
+    least = eps(at_low.dtype, 4) * jnp.maximum(at_low, at_high)
+    has_low, has_high = at_low > least, at_high > least
+    into_cap = (slab.lower > wall.lower) & jnp.where(rises, has_low, has_high)
+    out_of_cap = (slab.upper < wall.upper) & jnp.where(rises, has_high, has_low)
+    cap_in = jnp.where(rises, LOW_CAP, HIGH_CAP)
+    cap_out = jnp.where(rises, HIGH_CAP, LOW_CAP)
+    enters, leaves = meets, meets
+    if not body.caps:
+        enters, leaves = meets & ~into_cap, meets & ~out_of_cap
+    found = [
+        _Crossing(enter, jnp.where(into_cap, cap_in, WALL), enters),
+        _Crossing(leave, jnp.where(out_of_cap, cap_out, WALL), leaves),
+    ]
+    if body.sector is None:
+        return found
+    cut = body.sector.cut(near, a)
+    found = [c._replace(is_there=c.is_there & cut.holds(c.at)) for c in found]
+    if body.cut_faces:
+        for at, is_start in (
+            (cut.stretch.lower, cut.begins_at_start),
+            (cut.stretch.upper, cut.finishes_at_start),
+        ):
+            through = meets & cut.crosses & (enter < at) & (at < leave)
+            part = jnp.where(is_start, START_FACE, END_FACE)
+            found.append(_Crossing(at, part, through))
+    return found
+
+
+@_first_hit.defjvp
+def _first_hit_jvp(primals, tangents):
+    (ray, body), (d_ray, d_body) = primals, tangents
+    hit, part = _first_hit(ray, body)
+    mask = jnp.isfinite(hit)
+    t = jnp.where(mask, hit, 0)
+    d, a = ray.direction, body.axis
+    q = (ray.at(t) - body.anchor) * mask.astype(t.dtype)
+    n, along = _gradient(q, part, body)
+    on_wall = part == WALL
+    d_a = d.dot(a)
+    # Of the part of d across the axis: rounding leaves a radial a part along it.
+    across = (d - a * d_a).where(on_wall, d)
+    lean = jnp.where(on_wall, body.slope * d_a, 0)
+    n_d = (n + a * jnp.where(on_wall, body.slope, 0)).dot(across) - lean
+    local = jnp.abs(body.radius + body.slope * along)
+    # A frustum's ends turn the axis by what they move over the length between them.
+    span = body.high - body.low
+    leverage = (1 + body.slope * body.slope) * (
+        1 + safe_divide(jnp.ones_like(span), span * span)
+    )
+    squares = (q.dot(q) + t * t * d.dot(d)) * leverage
+    n, n_d, q, along, t = within_range(
+        (n, n_d, q, along, t), squares, jnp.where(on_wall, local, 1), n_d
+    )
+    d_q = d_ray.at(t) - d_body.anchor
+    # How far the surface itself moves along n, the point held.
+    moved = jnp.where(part == LOW_CAP, -d_body.low, 0)
+    moved = jnp.where(part == HIGH_CAP, d_body.high, moved)
+    moved = jnp.where(on_wall, d_body.radius + along * d_body.slope, moved)
+    # The wall's radial unit vector is n + slope a, and a turns across itself.
+    turned = n * along + q * body.slope
+    end = jnp.where(part == LOW_CAP, -1, jnp.where(part == HIGH_CAP, 1, 0))
+    turned = turned.where(on_wall, q * -end.astype(t.dtype))
+    moved = moved + turned.dot(d_body.axis)
+    if body.sector is not None:
+        for face, plane in (
+            (START_FACE, -d_body.sector.start),
+            (END_FACE, d_body.sector.end),
+        ):
+            moved = jnp.where(part == face, -q.dot(plane), moved)
+    d_t = hit_tangent(moved - n.dot(d_q), n_d, mask)
+    return (hit, part), (d_t, np.zeros(part.shape, jax.dtypes.float0))
+
+
+def _gradient(
+    q: Vec3, part: Int[Array, "*batch"], body: Tapered
+) -> tuple[Vec3, Float[Array, "*batch"]]:
+    """Gradient of the equation of a part of the surface, and q along the axis.
+
+    It points outward and is a unit vector, but on a wall: there it is the radial unit
+    vector, leaning by the slope.
+
+    Args:
+        q: Point of the surface, relative to the anchor.
+        part: Which part.
+        body: The body.
+    """
+    a, along = body.axis, q.dot(body.axis)
+    # Counted in radii, so that no power of a small one is lost.
+    local = jax.lax.stop_gradient(jnp.abs(body.radius + body.slope * along))
+    counted = q * jnp.where(has_square(local), 1 / local, 1)
+    radial = (counted - a * counted.dot(a)).normalize()
+    n = (radial - a * body.slope).where(part == WALL, a)
+    n = (-a).where(part == LOW_CAP, n)
+    if body.sector is not None:
+        n = (-body.sector.start).where(part == START_FACE, n)
+        n = body.sector.end.where(part == END_FACE, n)
+    return n, along
