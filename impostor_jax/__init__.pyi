@@ -7,7 +7,9 @@ from .fit.cylinder import fit_cylinder
 from .fit.result import Deviations, Directions, FitResult, FitStatus
 from .geometry.frames import RigidTransform
 from .primitives.base import AbstractPrimitive
+from .primitives.box import Box
 from .primitives.cylinder import Cylinder
+from .primitives.plane import Plane
 from .primitives.sphere import Sphere
 from .rendering.coverage import coverage
 from .rendering.distance import signed_distance
@@ -27,6 +29,7 @@ __all__ = [
     "AbstractCamera",
     "AbstractDepthNoise",
     "AbstractPrimitive",
+    "Box",
     "ConstantNoise",
     "Cylinder",
     "Deviations",
@@ -40,6 +43,7 @@ __all__ = [
     "OrthographicCamera",
     "Outline",
     "PinholeCamera",
+    "Plane",
     "RigidTransform",
     "Sphere",
     "StereoDisparity",

@@ -28,7 +28,7 @@ LAYERS = (
 ORDER = {
     "geometry": ("vec3", "rays", "frames", "so3"),
     "camera": ("pixels", "base", "lens", "pinhole", "orthographic"),
-    "primitives": ("base", "surface", "cylinder", "sphere"),
+    "primitives": ("base", "surface", "cylinder", "sphere", "plane", "box"),
     "rendering": (
         "maps",
         "raycast",

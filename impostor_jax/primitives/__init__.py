@@ -1,12 +1,16 @@
 """Analytic shapes that a ray can be cast at."""
 
-__all__ = ["PRIMITIVES", "AbstractPrimitive", "Cylinder", "Sphere"]
+__all__ = ["PRIMITIVES", "AbstractPrimitive", "Box", "Cylinder", "Plane", "Sphere"]
 
 from impostor_jax.primitives.base import AbstractPrimitive
+from impostor_jax.primitives.box import Box
 from impostor_jax.primitives.cylinder import Cylinder
+from impostor_jax.primitives.plane import Plane
 from impostor_jax.primitives.sphere import Sphere
 
 PRIMITIVES: dict[str, type[AbstractPrimitive]] = {
+    "box": Box,
     "cylinder": Cylinder,
+    "plane": Plane,
     "sphere": Sphere,
 }
