@@ -7,8 +7,10 @@ from .fit.cylinder import fit_cylinder
 from .fit.result import Deviations, Directions, FitResult, FitStatus
 from .geometry.frames import RigidTransform
 from .primitives.base import AbstractPrimitive
+from .primitives.box import Box
 from .primitives.cylinder import Cylinder
 from .primitives.frustum import Frustum
+from .primitives.plane import Plane
 from .primitives.sphere import Sphere
 from .rendering.coverage import coverage
 from .rendering.distance import signed_distance
@@ -28,6 +30,7 @@ __all__ = [
     "AbstractCamera",
     "AbstractDepthNoise",
     "AbstractPrimitive",
+    "Box",
     "ConstantNoise",
     "Cylinder",
     "Deviations",
@@ -42,6 +45,7 @@ __all__ = [
     "OrthographicCamera",
     "Outline",
     "PinholeCamera",
+    "Plane",
     "RigidTransform",
     "Sphere",
     "StereoDisparity",

@@ -7,7 +7,9 @@ Shapes and dtypes are known while tracing and are always checked.
 __all__ = [
     "angle_below_grazing",
     "bounded_number",
+    "check_direction",
     "check_positive",
+    "check_rotation",
     "float_array",
     "float_arrays",
     "is_concrete",
@@ -164,6 +166,25 @@ def check_positive(name: str, value: Float[Array, "..."], unit: str) -> None:
     """Raise unless all of a concrete `value` is positive."""
     if is_concrete(value) and not np.all(np.asarray(value) > 0):
         raise ValueError(f"{name} must be positive, in {unit}, got {value}")
+
+
+def check_direction(name: str, value: Float[Array, "*batch 3"]) -> None:
+    """Raise if any of the concrete vectors is the zero vector."""
+    if is_concrete(value) and not np.all(np.any(np.asarray(value) != 0, axis=-1)):
+        raise ValueError(f"{name} must not be the zero vector, got {value}")
+
+
+def check_rotation(name: str, value: Float[Array, "*batch 3 3"]) -> None:
+    """Raise unless all concrete matrices are rotations to within 1e-3."""
+    if not is_concrete(value):
+        return
+    matrix = np.asarray(value, dtype=float)
+    square = matrix @ np.swapaxes(matrix, -1, -2)
+    rigid = np.allclose(square, np.eye(3), atol=1e-3)
+    if not rigid or np.any(np.linalg.det(matrix) < 0):
+        raise ValueError(
+            f"{name} must be orthogonal with determinant 1, got {matrix.tolist()}"
+        )
 
 
 def one_of(name: str, value: Any, allowed: Iterable[str]) -> None:

@@ -10,10 +10,12 @@ __all__ = [
     "has_square",
     "safe_divide",
     "safe_norm",
+    "safe_normalize",
     "safe_sqrt",
     "smallest_slope",
 ]
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.typing import DTypeLike
@@ -61,3 +63,13 @@ def safe_divide(
 def safe_norm(vectors: Float[Array, "*batch n"]) -> Float[Array, "*batch"]:
     """Length along the last axis; derivative 0 for the zero vector."""
     return safe_sqrt(jnp.sum(vectors * vectors, axis=-1))
+
+
+@jax.jit
+def safe_normalize(vectors: Float[Array, "*batch n"]) -> Float[Array, "*batch n"]:
+    """Scale vectors of any length to length 1; a zero vector stays, derivative 0."""
+    # Divided by the largest component first, so that no square under- or overflows.
+    largest = jax.lax.stop_gradient(jnp.max(jnp.abs(vectors), axis=-1, keepdims=True))
+    scaled = vectors / jnp.where(largest > 0, largest, 1)
+    length = safe_norm(scaled)[..., None]
+    return scaled / jnp.where(length > 0, length, 1)

@@ -8,7 +8,10 @@ from impostor_jax.camera.pinhole import PinholeCamera
 from impostor_jax.geometry.frames import RigidTransform
 from impostor_jax.geometry.rays import Ray
 from impostor_jax.geometry.vec3 import Vec3
+from impostor_jax.primitives.box import Box
 from impostor_jax.primitives.cylinder import Cylinder
+from impostor_jax.primitives.frustum import Frustum
+from impostor_jax.primitives.plane import Plane
 from impostor_jax.primitives.sphere import Sphere
 from impostor_jax.sensor.dropout import Dropout
 from impostor_jax.sensor.flying_pixels import FlyingPixels
@@ -17,12 +20,21 @@ from impostor_jax.sensor.lateral import LateralNoise
 from impostor_jax.sensor.quantization import StereoDisparity
 from impostor_jax.sensor.structured_light import StructuredLight
 
+TURNED = np.array([[2, 3, 6], [3, -6, 2], [6, 2, -3]]) / 7
+
 PRIMITIVES = {
     "cylinder": lambda: Cylinder((0.1, -0.2, 3.0), (0.3, 0.8, 0.52), 0.5, 1.4),
     "disc": lambda: Cylinder((0.1, -0.2, 3.0), (0.1, -0.3, 0.9), 0.8, 0.02),
     "rod": lambda: Cylinder((0.1, -0.2, 3.0), (0.9, 0.4, -0.1), 0.02, 2.0),
     "cylinder along z": lambda: Cylinder((0.0, 0.0, 3.0), (0, 0, 1), 0.5, 1.0),
     "sphere": lambda: Sphere((0.1, -0.2, 3.0), 0.5),
+    "frustum": lambda: Frustum((0.3, -0.5, 2.8), (-0.1, 0.1, 3.2), 0.5, 0.2),
+    "sector": lambda: Frustum(
+        (0.3, -0.5, 2.8), (-0.1, 0.1, 3.2), 0.3, 0.5, 4.0, 6.5, (0, 0, -1)
+    ),
+    "plane": lambda: Plane((0.1, -0.2, 3.0), (0.3, 0.8, 0.52)),
+    "box": lambda: Box((0.1, -0.2, 3.0), TURNED, (0.8, 0.6, 1.4)),
+    "sheet": lambda: Box((0.1, -0.2, 3.0), TURNED, (1.2, 0.9, 1e-4)),
 }
 
 CAMERAS = {
@@ -76,17 +88,13 @@ def pose() -> RigidTransform:
 def rays_at(primitive) -> Ray:
     """Rays that break formulas, then random ones, at a primitive.
 
-    A sphere is met as the cylinder that holds it. Along the axis on it, off it and
-    outside; parallel to a cap, in its plane and between the planes; grazing the wall;
-    through the rim; away from it; from inside, along, across and skew to the axis; then
-    200 random rays from around it.
+    All are met as the cylinder that holds them, a plane as one of its discs. Along the
+    axis on it, off it and outside; parallel to a cap, in its plane and between the
+    planes; grazing the wall; through the rim; away from it; from inside, along, across
+    and skew to the axis; then 200 random rays from around it.
     """
     rng = np.random.default_rng(0)
-    c, r = np.asarray(primitive.center, float), float(primitive.radius)
-    a, h = np.array([0.0, 0.6, 0.8]), r
-    if isinstance(primitive, Cylinder):
-        a, h = np.asarray(primitive.axis, float), float(primitive.height) / 2
-    u = np.linalg.svd(a[None])[2][1]
+    c, a, u, r, h = holder(primitive)
     w = np.cross(a, u)
     far = 3 * (r + h)
     pairs = [
@@ -111,8 +119,45 @@ def rays_at(primitive) -> Ray:
         target = c + rng.uniform(-1, 1) * h * a + 1.2 * r * rng.uniform(-1, 1, 3)
         pairs.append((origin, target - origin))
     origins, directions = jnp.asarray(np.array(pairs)).swapaxes(0, 1)
-    dtype = primitive.center.dtype
     return Ray(
-        Vec3.from_array(origins.astype(dtype)),
-        Vec3.from_array(directions.astype(dtype)),
+        Vec3.from_array(origins.astype(primitive.dtype)),
+        Vec3.from_array(directions.astype(primitive.dtype)),
     )
+
+
+def is_decided(primitive, rays: Ray) -> np.ndarray:
+    """Rays whose hit or miss is no matter of rounding, as it is of one in a flat face.
+
+    The fifth ray lies in a face of a box; many lie in a plane, start on it or run along
+    it.
+    """
+    if isinstance(primitive, Plane):
+        along = rays.direction.dot(Vec3.from_array(primitive.unit_normal))
+        start = primitive.implicit(rays.origin)
+        return np.asarray((jnp.abs(along) > 1e-6) & (jnp.abs(start) > 1e-6))
+    fifth = np.arange(rays.origin.x.size) == 4
+    return ~(fifth & isinstance(primitive, Box))
+
+
+def holder(primitive):
+    """Center, axis, a direction across it, radius and half-height of a cylinder."""
+    if isinstance(primitive, Box):
+        u, _, a = np.asarray(primitive.rotation, float).T
+        r, _, h = np.asarray(primitive.size, float) / 2
+        return np.asarray(primitive.center, float), a, u, r, h
+    if isinstance(primitive, Plane):
+        c, a, r, h = primitive.point, primitive.unit_normal, 1.0, 0.0
+    elif isinstance(primitive, Cylinder):
+        c, a, r = primitive.center, primitive.axis, primitive.radius
+        h = float(primitive.height) / 2
+    elif isinstance(primitive, Frustum):
+        p1, p2 = np.asarray(primitive.p1, float), np.asarray(primitive.p2, float)
+        h = np.linalg.norm(p2 - p1) / 2
+        # Off the axis, which is the edge of a sector.
+        c, a = (p1 + p2) / 2 + (0.011, 0.007, -0.013), (p2 - p1) / (2 * h)
+        r = max(float(primitive.radius1), float(primitive.radius2))
+    else:
+        c, a = primitive.center, (0.0, 0.6, 0.8)
+        r = h = float(primitive.radius)
+    c, a = np.asarray(c, float), np.asarray(a, float)
+    return c, a, np.linalg.svd(a[None])[2][1], float(r), h

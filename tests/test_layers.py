@@ -36,6 +36,8 @@ ORDER = {
         "cylinder",
         "sphere",
         "frustum",
+        "plane",
+        "box",
     ),
     "rendering": (
         "maps",

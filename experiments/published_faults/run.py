@@ -95,8 +95,9 @@ class Drivers:
         )
         cylinder = ij.Cylinder(*values)
         with jax.enable_x64(True):
-            fields = (cylinder.center, cylinder.axis, cylinder.radius, cylinder.height)
-            wide = ij.Cylinder(*(np.asarray(field, np.float64) for field in fields))
+            names = ("center", "axis", "radius", "height")
+            fields = {n: np.asarray(getattr(cylinder, n), np.float64) for n in names}
+            wide = ij.Cylinder(**fields)
             exact = draw_with_jax(wide, camera)
         return Views(
             self.published.draw(cylinder, camera),

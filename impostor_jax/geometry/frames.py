@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from impostor_jax.arguments import float_array, is_concrete
+from impostor_jax.arguments import check_rotation, float_array, is_concrete
 
 
 class RigidTransform(eqx.Module):
@@ -30,14 +30,7 @@ class RigidTransform(eqx.Module):
     def __init__(self, rotation: Any, translation: Any):
         self.rotation = float_array("rotation", rotation, (3, 3))
         self.translation = float_array("translation", translation, (3,), "meters")
-        if is_concrete(self.rotation):
-            matrix = np.asarray(self.rotation, dtype=float)
-            rigid = np.allclose(matrix @ matrix.T, np.eye(3), atol=1e-3)
-            if not rigid or np.linalg.det(matrix) < 0:
-                raise ValueError(
-                    "rotation must be orthogonal with determinant 1, "
-                    f"got {matrix.tolist()}"
-                )
+        check_rotation("rotation", self.rotation)
 
     @staticmethod
     def of(value: Any) -> "RigidTransform | None":

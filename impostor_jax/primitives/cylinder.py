@@ -44,11 +44,11 @@ import numpy as np
 from jaxtyping import Array, Float
 from typing_extensions import override
 
-from impostor_jax.arguments import check_positive, float_arrays, is_concrete
+from impostor_jax.arguments import check_direction, check_positive, float_arrays
 from impostor_jax.geometry.frames import RigidTransform
 from impostor_jax.geometry.rays import Hit, Ray, slab_interval, wall_interval
 from impostor_jax.geometry.vec3 import Vec3
-from impostor_jax.numerics import has_square, safe_norm, safe_sqrt
+from impostor_jax.numerics import has_square, safe_normalize, safe_sqrt
 from impostor_jax.primitives.base import AbstractPrimitive
 from impostor_jax.primitives.sector import sector, sector_fields
 from impostor_jax.primitives.surface import facing, hit_tangent, within_range
@@ -118,10 +118,9 @@ class Cylinder(AbstractPrimitive):
         )
         check_positive("radius", radius, "meters")
         check_positive("height", height, "meters")
-        if is_concrete(axis) and not np.all(np.any(np.asarray(axis) != 0, axis=-1)):
-            raise ValueError(f"axis must not be the zero vector, got {axis}")
+        check_direction("axis", axis)
         self.center = center
-        self.axis = _unit(axis)
+        self.axis = safe_normalize(axis)
         self.radius = radius
         self.height = height
         self.start_angle, self.end_angle, self.zero = sector_fields(
@@ -200,16 +199,6 @@ class Cylinder(AbstractPrimitive):
             caps=self.caps,
             cut_faces=self.cut_faces,
         )
-
-
-@jax.jit
-def _unit(vectors: Float[Array, "*batch 3"]) -> Float[Array, "*batch 3"]:
-    """Scale vectors to length 1; a zero vector, which only tracing lets in, stays."""
-    # Divided by the largest component first, so that no square under- or overflows.
-    largest = jax.lax.stop_gradient(jnp.max(jnp.abs(vectors), axis=-1, keepdims=True))
-    scaled = vectors / jnp.where(largest > 0, largest, 1)
-    length = safe_norm(scaled)[..., None]
-    return scaled / jnp.where(length > 0, length, 1)
 
 
 @jax.custom_jvp

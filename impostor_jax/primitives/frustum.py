@@ -19,7 +19,7 @@ from impostor_jax.arguments import float_arrays, is_concrete
 from impostor_jax.geometry.frames import RigidTransform
 from impostor_jax.geometry.rays import Hit, Ray
 from impostor_jax.geometry.vec3 import Vec3
-from impostor_jax.numerics import safe_divide
+from impostor_jax.numerics import safe_divide, safe_normalize
 from impostor_jax.primitives.base import AbstractPrimitive
 from impostor_jax.primitives.sector import sector, sector_fields
 from impostor_jax.primitives.tapered import (
@@ -141,9 +141,9 @@ class Frustum(AbstractPrimitive):
 
     def _axis(self) -> tuple[Vec3, Float[Array, "*batch"]]:
         """Unit vector from p1 to p2, and their distance."""
+        axis = Vec3.from_array(safe_normalize(self.p2 - self.p1))
         way = Vec3.from_array(self.p2) - Vec3.from_array(self.p1)
-        length = way.norm()
-        return way * safe_divide(jnp.ones_like(length), length), length
+        return axis, way.dot(axis)
 
     def _seen_from(self, place: Vec3) -> Tapered:
         """The body relative to the end that is nearer to a place."""

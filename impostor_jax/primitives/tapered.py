@@ -19,7 +19,7 @@ from typing import NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import numpy as np
+from jax.custom_derivatives import zero_from_primal
 from jaxtyping import Array, Bool, Float, Int
 
 from impostor_jax.geometry.rays import Hit, Ray, cone_interval, plane_interval
@@ -76,6 +76,7 @@ def tapered_hit(ray: Ray, body: Tapered) -> Hit:
 def tapered_normal(ray: Ray, hit: Hit, body: Tapered) -> Vec3:
     """Unit normal at a hit, turned towards the ray's origin; zero on a miss."""
     q = ray.at(jnp.where(hit.mask, hit.t, 0)) - body.anchor
+    assert hit.part is not None
     n, _ = _gradient(q, hit.part, body)
     return facing(n.normalize(), ray.direction, hit.mask)
 
@@ -194,15 +195,14 @@ def _first_hit_jvp(primals, tangents):
     lean = jnp.where(on_wall, body.slope * d_a, 0)
     n_d = (n + a * jnp.where(on_wall, body.slope, 0)).dot(across) - lean
     local = jnp.abs(body.radius + body.slope * along)
-    # A frustum's ends turn the axis by what they move over the length between them.
+    # A frustum's ends turn the axis by their move over the length between them, and
+    # what they are differentiated through needs some room.
     span = body.high - body.low
-    leverage = (1 + body.slope * body.slope) * (
-        1 + safe_divide(jnp.ones_like(span), span * span)
-    )
-    squares = (q.dot(q) + t * t * d.dot(d)) * leverage
-    n, n_d, q, along, t = within_range(
-        (n, n_d, q, along, t), squares, jnp.where(on_wall, local, 1), n_d
-    )
+    lengths = q.dot(q) + t * t * d.dot(d)
+    lengths = lengths + safe_divide(lengths, span * span)
+    squares = lengths * (1 + body.slope * body.slope)
+    curvature = jnp.where(on_wall, local, 1) / 1024
+    n, n_d, q, along, t = within_range((n, n_d, q, along, t), squares, curvature, n_d)
     d_q = d_ray.at(t) - d_body.anchor
     # How far the surface itself moves along n, the point held.
     moved = jnp.where(part == LOW_CAP, -d_body.low, 0)
@@ -220,7 +220,7 @@ def _first_hit_jvp(primals, tangents):
         ):
             moved = jnp.where(part == face, -q.dot(plane), moved)
     d_t = hit_tangent(moved - n.dot(d_q), n_d, mask)
-    return (hit, part), (d_t, np.zeros(part.shape, jax.dtypes.float0))
+    return (hit, part), (d_t, zero_from_primal(part))
 
 
 def _gradient(

@@ -1,6 +1,6 @@
 """Random rays at random cylinders, over all the extremes together."""
 
-__all__ = ["Rays", "extreme_rays"]
+__all__ = ["Draws", "Rays", "across", "extreme_rays", "unit"]
 
 import dataclasses
 
@@ -20,6 +20,53 @@ class Rays:
     height: Float[np.ndarray, " n"]
 
 
+class Draws:
+    """Random numbers, one for each of `count` rays."""
+
+    def __init__(self, count: int, seed: int):
+        self.count = count
+        self.rng = np.random.default_rng(seed)
+
+    def log_uniform(self, low: float, high: float) -> Float[np.ndarray, " n"]:
+        """Each order of magnitude is as likely as any other."""
+        return np.exp(self.rng.uniform(np.log(low), np.log(high), self.count))
+
+    def choose(self, weights: list[float], *options) -> Float[np.ndarray, "n 3"]:
+        """Take one of the options, with these probabilities, for each ray."""
+        kind = self.rng.choice(len(options), size=self.count, p=weights)
+        return np.choose(kind[:, None], options)
+
+    def view_and_axis(self) -> tuple[np.ndarray, np.ndarray]:
+        """Forward directions; axes anywhere or nearly along or across what matters."""
+        view = unit(self.rng.normal(size=(self.count, 3)) * [0.5, 0.5, 1.0])
+        view[:, 2] = np.abs(view[:, 2])
+        tilt = self.log_uniform(1e-9, 1e-3)[:, None]
+        anywhere = unit(self.rng.normal(size=(self.count, 3)))
+        aside = np.cross(view, across(view)) * np.cos(tilt) + across(view) * np.sin(
+            tilt
+        )
+        coordinate = np.eye(3)[self.rng.integers(3, size=self.count)]
+        axis = self.choose(
+            [0.5, 0.2, 0.15, 0.15],
+            anywhere,
+            unit(view + tilt * anywhere),
+            unit(aside + tilt * anywhere),
+            unit(coordinate + tilt * anywhere),
+        )
+        return view, axis
+
+
+def unit(v: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
+    """Scale to length 1."""
+    return v / np.linalg.norm(v, axis=-1, keepdims=True)
+
+
+def across(v: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
+    """One unit vector across each."""
+    other = np.eye(3)[np.argmin(np.abs(v), axis=-1)]
+    return unit(np.cross(v, other))
+
+
 def extreme_rays(count: int, seed: int, dtype: str = "float32") -> Rays:
     """Draw rays; each extreme is met by a good part of them, most by several.
 
@@ -33,35 +80,9 @@ def extreme_rays(count: int, seed: int, dtype: str = "float32") -> Rays:
         seed: Of the draws.
         dtype: Numbers are rounded to it; the axis is rounded after it is a unit vector.
     """
-    rng = np.random.default_rng(seed)
-
-    def log_uniform(low, high):
-        return np.exp(rng.uniform(np.log(low), np.log(high), count))
-
-    def unit(v):
-        return v / np.linalg.norm(v, axis=-1, keepdims=True)
-
-    def across(v):
-        other = np.eye(3)[np.argmin(np.abs(v), axis=-1)]
-        return unit(np.cross(v, other))
-
-    def choose(weights, *options):
-        kind = rng.choice(len(options), size=count, p=weights)
-        return np.choose(kind[:, None], options)
-
-    view = unit(rng.normal(size=(count, 3)) * [0.5, 0.5, 1.0])
-    view[:, 2] = np.abs(view[:, 2])
-    tilt = log_uniform(1e-9, 1e-3)[:, None]
-    anywhere = unit(rng.normal(size=(count, 3)))
-    aside = np.cross(view, across(view)) * np.cos(tilt) + across(view) * np.sin(tilt)
-    coordinate = np.eye(3)[rng.integers(3, size=count)]
-    axis = choose(
-        [0.5, 0.2, 0.15, 0.15],
-        anywhere,
-        unit(view + tilt * anywhere),
-        unit(aside + tilt * anywhere),
-        unit(coordinate + tilt * anywhere),
-    )
+    draws = Draws(count, seed)
+    rng, log_uniform, choose = draws.rng, draws.log_uniform, draws.choose
+    view, axis = draws.view_and_axis()
     radius = np.ones(count)
     height = log_uniform(1e-4, 1e4)
     # Where the ray goes, relative to the center, in the frame of the axis.

@@ -87,10 +87,14 @@ def test_depth_keeps_its_promise_over_all_extremes(dtype):
             continue
         told += 1
         assert abs(float(t[k] / exact.t) - 1) <= eps(dtype, 8) * condition
-        facing = np.array([float(x) for x in exact.normal])
-        if -facing @ numbers[3:6] > 0.05 * np.linalg.norm(numbers[3:6]):
+        # Where the hit is well known in units of the frustum, so is the gradient.
+        cosine = -np.array(exact.normal, float) @ numbers[3:6]
+        way = numbers[9:12].astype(float) - numbers[6:9]
+        least = min(np.linalg.norm(way), max(numbers[12:14]))
+        reach = max(*np.abs(numbers[:3]), *np.abs(numbers[6:14]))
+        if reach < 100 * least and cosine > 0.05:
             lost = np.linalg.norm(slopes[k] - derivative) / np.linalg.norm(derivative)
-            assert lost <= eps(dtype, 8) ** 0.5 * condition
+            assert lost <= eps(dtype, 100_000)
     assert told > 200
 
 
