@@ -80,6 +80,7 @@ ORDER = {
         "reference",
         "case",
         "cylinder_cases",
+        "sphere_cases",
         "cases",
         "compare",
         "known_differences",

@@ -5,12 +5,20 @@ __all__ = ["CAMERAS", "cases"]
 from impostor_jax.arguments import one_of
 from impostor_jax.glsl.case import Case
 from impostor_jax.glsl.cylinder_cases import many_cylinders, single_cylinders
+from impostor_jax.glsl.sphere_cases import (
+    many_spheres,
+    mixed_primitives,
+    single_spheres,
+)
 
 CAMERAS = ("perspective", "orthographic")
 
 FAMILIES = (
     single_cylinders,
     many_cylinders,
+    single_spheres,
+    many_spheres,
+    mixed_primitives,
 )
 """What makes the cases of one kind of camera."""
 

@@ -108,4 +108,83 @@ KNOWN_DIFFERENCES = (
     KnownDifference(
         "orthographic/inside, oblique", "depth_relative.p999", 1e-4, _NEAR_PLANE
     ),
+    KnownDifference(
+        "perspective/sphere, distance 1.2", "depth_ulp.p99", 28.0, _NEAR_SURFACE
+    ),
+    KnownDifference(
+        "perspective/sphere, distance 1.2", "depth_relative.p999", 5e-6, _NEAR_SURFACE
+    ),
+    KnownDifference(
+        "perspective/sphere, distance 2",
+        "depth_relative.p999",
+        1.5e-6,
+        _NEAR_SURFACE,
+        ("softpipe", "webgl"),
+    ),
+    KnownDifference(
+        "perspective/sphere, reaching behind", "depth_ulp.p99", 12.0, _NEAR_SURFACE
+    ),
+    KnownDifference(
+        "perspective/sphere, reaching behind",
+        "depth_relative.p999",
+        1.5e-6,
+        _NEAR_SURFACE,
+    ),
+    KnownDifference(
+        "perspective/inside a sphere, near its wall",
+        "depth_ulp.p99",
+        600.0,
+        _NEAR_SURFACE,
+    ),
+    KnownDifference(
+        "perspective/inside a sphere, near its wall",
+        "depth_relative.p999",
+        7e-5,
+        _NEAR_SURFACE,
+    ),
+    KnownDifference(
+        "orthographic/sphere, distance 1.01", "depth_ulp.p99", 17.0, _NEAR_PLANE
+    ),
+    KnownDifference(
+        "orthographic/sphere, distance 1.01", "depth_relative.p999", 4.5e-6, _NEAR_PLANE
+    ),
+    KnownDifference(
+        "orthographic/sphere, distance 1.05", "depth_ulp.p99", 14.0, _NEAR_PLANE
+    ),
+    KnownDifference(
+        "orthographic/sphere, distance 1.05", "depth_relative.p999", 3e-6, _NEAR_PLANE
+    ),
+    KnownDifference(
+        "orthographic/sphere, distance 1.2", "depth_ulp.p99", 12.0, _NEAR_PLANE
+    ),
+    KnownDifference(
+        "orthographic/sphere, distance 1.2", "depth_relative.p999", 2.5e-6, _NEAR_PLANE
+    ),
+    KnownDifference(
+        "orthographic/sphere, reaching behind", "depth_ulp.p99", 260.0, _NEAR_PLANE
+    ),
+    KnownDifference(
+        "orthographic/sphere, reaching behind",
+        "depth_relative.p999",
+        1.6e-3,
+        _NEAR_PLANE,
+    ),
+    KnownDifference(
+        "orthographic/inside a sphere", "depth_ulp.p99", 180.0, _NEAR_PLANE
+    ),
+    KnownDifference(
+        "orthographic/inside a sphere", "depth_relative.p999", 1e-4, _NEAR_PLANE
+    ),
+    KnownDifference(
+        "orthographic/inside a sphere, near its wall",
+        "depth_ulp.p99",
+        190.0,
+        _NEAR_PLANE,
+    ),
+    KnownDifference(
+        "orthographic/inside a sphere, near its wall",
+        "depth_relative.p999",
+        4.5e-4,
+        _NEAR_PLANE,
+    ),
 )
