@@ -14,6 +14,7 @@ from .rendering.distance import signed_distance
 from .rendering.maps import GeometryMaps
 from .rendering.outline_curve import Outline, outline
 from .rendering.raycast import render
+from .rendering.shade import AmbientLight, DirectionalLight, PointLight, shade
 from .rendering.tile import outline_box, outline_tile
 from .sensor.base import AbstractDepthNoise
 from .sensor.dropout import Dropout
@@ -27,9 +28,11 @@ __all__ = [
     "AbstractCamera",
     "AbstractDepthNoise",
     "AbstractPrimitive",
+    "AmbientLight",
     "ConstantNoise",
     "Cylinder",
     "Deviations",
+    "DirectionalLight",
     "Directions",
     "Dropout",
     "FitResult",
@@ -40,6 +43,7 @@ __all__ = [
     "OrthographicCamera",
     "Outline",
     "PinholeCamera",
+    "PointLight",
     "RigidTransform",
     "Sphere",
     "StereoDisparity",
@@ -52,5 +56,6 @@ __all__ = [
     "outline_box",
     "outline_tile",
     "render",
+    "shade",
     "signed_distance",
 ]

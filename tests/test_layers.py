@@ -32,6 +32,7 @@ ORDER = {
     "rendering": (
         "maps",
         "raycast",
+        "shade",
         "outline",
         "tile",
         "polygon",
