@@ -17,6 +17,7 @@ from .rendering.distance import signed_distance
 from .rendering.maps import GeometryMaps
 from .rendering.outline_curve import Outline, outline
 from .rendering.raycast import render
+from .rendering.shade import AmbientLight, DirectionalLight, PointLight, shade
 from .rendering.tile import outline_box, outline_tile
 from .sensor.base import AbstractDepthNoise
 from .sensor.dropout import Dropout
@@ -30,10 +31,12 @@ __all__ = [
     "AbstractCamera",
     "AbstractDepthNoise",
     "AbstractPrimitive",
+    "AmbientLight",
     "Box",
     "ConstantNoise",
     "Cylinder",
     "Deviations",
+    "DirectionalLight",
     "Directions",
     "Dropout",
     "FitResult",
@@ -46,6 +49,7 @@ __all__ = [
     "Outline",
     "PinholeCamera",
     "Plane",
+    "PointLight",
     "RigidTransform",
     "Sphere",
     "StereoDisparity",
@@ -58,5 +62,6 @@ __all__ = [
     "outline_box",
     "outline_tile",
     "render",
+    "shade",
     "signed_distance",
 ]

@@ -95,9 +95,9 @@ class Drivers:
         )
         cylinder = ij.Cylinder(*values)
         with jax.enable_x64(True):
-            names = ("center", "axis", "radius", "height")
-            fields = {n: np.asarray(getattr(cylinder, n), np.float64) for n in names}
-            wide = ij.Cylinder(**fields)
+            fields = (cylinder.center, cylinder.axis, cylinder.radius, cylinder.height)
+            center, axis, *sizes = (np.asarray(field, np.float64) for field in fields)
+            wide = ij.Cylinder(center, axis, sizes[0], sizes[1])
             exact = draw_with_jax(wide, camera)
         return Views(
             self.published.draw(cylinder, camera),

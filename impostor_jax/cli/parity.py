@@ -9,7 +9,7 @@ from typing import Literal
 
 @dataclasses.dataclass(frozen=True)
 class Parity:
-    """Compare JAX with the GLSL impostor, drawn by a real OpenGL driver.
+    """Compare JAX with the GLSL impostors, drawn by a real OpenGL driver.
 
     Writes parity.json, parity.md and a picture of each case; exit code 1 where a
     difference is larger than its bound.

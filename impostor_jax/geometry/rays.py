@@ -73,13 +73,17 @@ class Hit(eqx.Module):
     Attributes:
         t: Ray parameter; `+inf` where nothing is hit.
         on_cap: Whether the surface is a flat cap; False where nothing is hit.
-        part: Which piece of its surface, as the primitive counts them; None if that is
-            told by `on_cap`, or there is only one.
+        part: Which piece of the surface, as the primitive counts them from 0.
     """
 
     t: Float[Array, "*batch"]
     on_cap: Bool[Array, "*batch"]
-    part: Int[Array, "*batch"] | None = None
+    part: Int[Array, "*batch"]
+
+    @staticmethod
+    def on_one_piece(t: Float[Array, "*batch"]) -> "Hit":
+        """Hit on a surface that is all one piece."""
+        return Hit(t, jnp.zeros(t.shape, bool), jnp.zeros(t.shape, int))
 
     @property
     def mask(self) -> Bool[Array, "*batch"]:

@@ -1,1 +1,1 @@
-"""The same impostor as a shader, drawn by an OpenGL driver, and parity with it."""
+"""The same impostors as shaders, drawn by an OpenGL driver, and parity with them."""

@@ -43,10 +43,10 @@ class Comparison:
     Attributes:
         num_hits: Pixels where the reference hits something.
         num_band: Pixels of the band.
-        flips_on_band: Pixels of the band where another cylinder, or none, is seen.
+        flips_on_band: Pixels of the band where another primitive, or none, is seen.
         flips_off_band: The same off the band.
-        cap_flips: Pixels that see the same cylinder, but cap in place of wall.
-        depth_m: Depth, in meters, where both see the same cylinder.
+        cap_flips: Pixels that see the same primitive, but cap in place of wall.
+        depth_m: Depth, in meters, where both see the same primitive.
         depth_ulp: The same in units of the last place of the reference's depth.
         depth_relative: The same as a part of the reference's depth.
         normal_deg: Angle between the normals there, in degrees.
@@ -64,10 +64,10 @@ class Comparison:
 
 
 def edge_band(index: Int[np.ndarray, "h w"]) -> Bool[np.ndarray, "h w"]:
-    """Pixels within one pixel of an edge between two cylinders or the background.
+    """Pixels within one pixel of an edge between two primitives or the background.
 
     Args:
-        index: Which cylinder is seen; -1 for none.
+        index: Which primitive is seen; -1 for none.
     """
     # As floats: OpenCV takes the extremes of no wider integers than 16 bits.
     values, window = index.astype(np.float32), np.ones((3, 3), np.uint8)
@@ -87,7 +87,7 @@ def compare(reference: DrawnMaps, drawn: DrawnMaps) -> Comparison:
     """Compare a driver's rendering with the reference, which may be more precise.
 
     Returns:
-        The differences; those of depth and normal where both see the same cylinder.
+        The differences; those of depth and normal where both see the same primitive.
     """
     band = edge_band(reference.index)
     flips = reference.index != drawn.index

@@ -9,33 +9,32 @@
 
 The depth buffer holds z linearly between two planes around all that is drawn. A buffer
 of 24 bits then resolves a 17-millionth of that stretch everywhere; the usual encoding,
-linear in 1/z, resolves far surfaces coarsely.
+linear in 1/z, resolves far surfaces coarsely. Only where something drawn has no end
+does the encoding bend, so that an infinite depth is 1.
 """
 
 __all__ = [
     "GLSL",
+    "DepthRange",
     "DrawnMaps",
     "depth_range",
     "maps_from_targets",
-    "meters_from_window",
     "uniforms",
 ]
 
 import dataclasses
-from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from impostor_jax.camera.orthographic import OrthographicCamera
 from impostor_jax.camera.pinhole import PinholeCamera
-from impostor_jax.primitives.cylinder import Cylinder
 
 GLSL = """
 uniform vec2 focal;
 uniform vec2 principal;
 uniform vec2 image_size;   // width, height
-uniform vec2 depth_range;  // z at window depth 0 and 1
+uniform vec3 depth_range;  // near, length and bend of a DepthRange
 
 vec4 clip_of_pixel(vec2 pixel) {
     vec2 part = (pixel + 0.5) / image_size;
@@ -54,7 +53,7 @@ vec4 clip_of_point(vec3 p) {
 #else
     vec4 center = clip_of_pixel(principal);
     vec2 slope = 2.0 * focal / image_size * vec2(1.0, -1.0);
-    float near = 1e-3 * depth_range.y;
+    float near = 1e-3 * (depth_range.x + depth_range.y);
     return vec4(center.xy * p.z + slope * p.xy, p.z - 2.0 * near, p.z);
 #endif
 }
@@ -72,10 +71,36 @@ void ray_of_fragment(vec2 fragment, out vec3 o, out vec3 d) {
 }
 
 float window_depth(float z) {
-    return (z - depth_range.x) / (depth_range.y - depth_range.x);
+    float ahead = z - depth_range.x;
+    float window = ahead / (depth_range.y + depth_range.z * ahead);
+    // Nearer than the cleared buffer, by the last of its 24 bits.
+    return min(window, 1.0 - 1.0 / 16777216.0);
 }
 """
 """Uniforms and conversions, in front of every shader."""
+
+
+@dataclasses.dataclass(frozen=True)
+class DepthRange:
+    """Depths that the depth buffer spans, and how it encodes them.
+
+    Attributes:
+        near: z where the buffer holds 0, in meters.
+        length: In meters, from there to where it holds 1, or 1/2 if it bends.
+        bend: 0 for a linear encoding, 1 for one that reaches to infinity.
+    """
+
+    near: float
+    length: float
+    bend: float
+
+    def meters(self, window: Float[np.ndarray, "h w"]) -> Float[np.ndarray, "h w"]:
+        """Depth that the buffer's value stands for; `+inf` where it is infinite."""
+        ahead = window * self.length
+        if self.bend:
+            with np.errstate(divide="ignore"):
+                ahead = ahead / (1 - self.bend * window)
+        return self.near + ahead
 
 
 @dataclasses.dataclass(frozen=True)
@@ -87,7 +112,7 @@ class DrawnMaps:
         point: Surface point in meters; `+inf` where nothing is hit.
         normal: Unit normal; zero where nothing is hit.
         mask: Whether anything is hit.
-        index: Which cylinder is hit; -1 where none is.
+        index: Which primitive is hit, counted through all drawn; -1 where none is.
         on_cap: Whether the surface is a cap.
         buffer_depth: The depth buffer's z in meters; `+inf` where nothing is hit.
     """
@@ -101,49 +126,50 @@ class DrawnMaps:
     buffer_depth: Float[np.ndarray, "h w"]
 
 
-def depth_range(cylinders: Cylinder) -> tuple[float, float]:
-    """Depths, in meters, that enclose all that is drawn of cylinders (n,).
+def depth_range(
+    center: Float[np.ndarray, "n 3"], reach: Float[np.ndarray, " n"]
+) -> DepthRange:
+    """Depths that enclose all that is drawn.
 
     Args:
-        cylinders: In the camera frame.
+        center: Of balls that hold what is drawn, in the camera frame, in meters.
+        reach: Their radii; `+inf` for something without end, around a point of it.
     """
-    reach = np.hypot(np.asarray(cylinders.radius), np.asarray(cylinders.height) / 2)
-    z = np.asarray(cylinders.center)[:, 2]
-    near, far = max(float(np.min(z - reach)), 0.0), float(np.max(z + reach))
+    z, ends = center[:, 2], reach[np.isfinite(reach)]
+    near, largest = max(float(np.min(z - reach)), 0.0), float(np.max(ends, initial=0.0))
+    if len(ends) < len(reach):
+        # Half of the buffer for what is no farther than the farthest center.
+        farthest = float(np.max(np.linalg.norm(center, axis=-1)))
+        return DepthRange(near, (farthest + largest) or 1.0, 1.0)
     # Nothing is seen of what lies behind the camera.
-    far = max(far, near + float(np.max(reach)))
+    far = max(float(np.max(z + reach)), near + largest)
     margin = 1e-3 * (far - near)
-    return max(near - margin, 0.0), far + margin
+    near = max(near - margin, 0.0)
+    return DepthRange(near, far + margin - near, 0.0)
 
 
 def uniforms(
-    camera: PinholeCamera | OrthographicCamera, stretch: tuple[float, float]
-) -> dict[str, tuple[float, float]]:
+    camera: PinholeCamera | OrthographicCamera, stretch: DepthRange
+) -> dict[str, tuple[float, ...]]:
     """Values of the shaders' uniforms.
 
     Args:
         camera: Without a lens, concrete; its pose is not used.
-        stretch: Depths at the ends of the depth buffer's range, in meters.
+        stretch: Depths that the depth buffer spans.
     """
     return {
         "focal": (float(camera.fx), float(camera.fy)),
         "principal": (float(camera.cx), float(camera.cy)),
         "image_size": (float(camera.width), float(camera.height)),
-        "depth_range": stretch,
+        "depth_range": dataclasses.astuple(stretch),
     }
-
-
-def meters_from_window(window: Any, stretch: tuple[float, float]) -> Any:
-    """Depth in meters that the depth buffer's value stands for."""
-    near, far = stretch
-    return near + window * (far - near)
 
 
 def maps_from_targets(
     position: Float[np.ndarray, "h w 4"],
     normal: Float[np.ndarray, "h w 4"],
     window: Float[np.ndarray, "h w"],
-    stretch: tuple[float, float],
+    stretch: DepthRange,
 ) -> DrawnMaps:
     """Maps from the float targets as OpenGL reads them back, the bottom row first.
 
@@ -151,12 +177,12 @@ def maps_from_targets(
         position: Surface point and index; index -1 where nothing was drawn.
         normal: Normal, and 1 on a cap.
         window: The depth buffer.
-        stretch: Depths that it stands for.
+        stretch: Depths that the buffer spans.
     """
     position, normal, window = position[::-1], normal[::-1], window[::-1]
     mask = position[..., 3] >= 0
     point = np.where(mask[..., None], position[..., :3], np.inf)
-    buffer = meters_from_window(window.astype(np.float64), stretch)
+    buffer = stretch.meters(window.astype(np.float64))
     return DrawnMaps(
         depth=point[..., 2],
         point=point,

@@ -9,6 +9,7 @@ __all__ = ["DRIVERS", "DriverError", "OffscreenRenderer"]
 
 import contextlib
 import os
+from collections.abc import Sequence
 from types import TracebackType
 from typing import Any
 
@@ -17,15 +18,11 @@ import numpy as np
 from impostor_jax.arguments import one_of
 from impostor_jax.camera.orthographic import OrthographicCamera
 from impostor_jax.camera.pinhole import PinholeCamera
-from impostor_jax.glsl.conventions import (
-    DrawnMaps,
-    depth_range,
-    maps_from_targets,
-    uniforms,
-)
-from impostor_jax.glsl.program import ATTRIBUTES, instances, shader_sources
-from impostor_jax.glsl.request import batch_in_camera
-from impostor_jax.primitives.cylinder import Cylinder
+from impostor_jax.glsl.conventions import DrawnMaps, maps_from_targets
+from impostor_jax.glsl.impostors import Impostor
+from impostor_jax.glsl.program import attributes, shader_sources
+from impostor_jax.glsl.scene import NOTHING, scene_of
+from impostor_jax.primitives.base import AbstractPrimitive
 
 DRIVERS: dict[str, dict[str, str]] = {
     "llvmpipe": {"LIBGL_ALWAYS_SOFTWARE": "1", "GALLIUM_DRIVER": "llvmpipe"},
@@ -33,9 +30,6 @@ DRIVERS: dict[str, dict[str, str]] = {
     "gpu": {},
 }
 """Environment that makes Mesa choose a driver; "gpu" takes what the system offers."""
-
-NOTHING = (0.0, 0.0, 0.0, -1.0)
-"""Where no cylinder is drawn: no position, and the index -1."""
 
 MAX_DEVICES = 8
 """Devices of EGL that are asked for a driver."""
@@ -50,7 +44,7 @@ class DriverError(OSError):
 
 
 class OffscreenRenderer:
-    """Draws cylinders into float32 targets; close it, or use it in a `with` block.
+    """Draws primitives into float32 targets; close it, or use it in a `with` block.
 
     Args:
         driver: "llvmpipe", "softpipe", or "gpu" for the system's own.
@@ -72,24 +66,27 @@ class OffscreenRenderer:
                 f"already, got {driver!r}; use another process"
             )
         self._as_published = as_published
-        self._programs: dict[bool, Any] = {}
+        self._programs: dict[tuple[str, bool], Any] = {}
         self._context: Any = _context(driver)
         self.name = str(self._context.info["GL_RENDERER"])
         _chosen[:] = [driver]
 
     def draw(
-        self, cylinders: Cylinder, camera: PinholeCamera | OrthographicCamera
+        self,
+        primitives: AbstractPrimitive | Sequence[AbstractPrimitive],
+        camera: PinholeCamera | OrthographicCamera,
     ) -> DrawnMaps:
-        """Draw cylinders in one call; the closest one is seen.
+        """Draw primitives in one call for each type; the closest one is seen.
 
         Args:
-            cylinders: One, or a batch (n,), in the world frame.
+            primitives: In the world frame: one, a batch (n,), or a sequence of these,
+                whose types may differ. The index counts through the sequence.
             camera: Without a lens.
 
         Returns:
             The maps as NumPy arrays. The depth buffer has 24 bits: of surfaces nearer
             to each other than a 17-millionth of the depth of all that is drawn, the
-            first in the batch is seen.
+            first of a type is seen, and of the type that is given first.
 
         Raises:
             ValueError: The camera has a lens, an argument is of a wrong type or traced,
@@ -97,37 +94,37 @@ class OffscreenRenderer:
         """
         if self._context is None:
             raise ValueError("the renderer is closed and draws no more")
-        cylinders = batch_in_camera(cylinders, camera)
-        stretch = depth_range(cylinders)
-        size, rows = (camera.width, camera.height), instances(cylinders)
+        scene, size = scene_of(primitives, camera), (camera.width, camera.height)
         with self._context as context, contextlib.ExitStack() as stack:
 
             def held(made: Any) -> Any:
                 stack.callback(made.release)
                 return made
 
-            program = self._program(isinstance(camera, OrthographicCamera))
-            for name, value in uniforms(camera, stretch).items():
-                # A driver drops what a variant of the shader does not use.
-                if name in program:
-                    program[name].value = value
             targets = [held(context.texture(size, 4, dtype="f4")) for _ in range(2)]
             depth = held(context.depth_texture(size))
-            buffer = held(context.buffer(rows.tobytes()))
-            layout = " ".join(f"{count}f" for _, count in ATTRIBUTES) + "/i"
-            names = [name for name, _ in ATTRIBUTES]
-            array = held(context.vertex_array(program, [(buffer, layout, *names)]))
             frame = held(context.framebuffer(targets, depth))
             frame.use()
             context.enable_only(context.DEPTH_TEST)
             frame.clear(*NOTHING, depth=1.0)
-            array.render(context.TRIANGLE_STRIP, vertices=4, instances=len(rows))
+            for draw in scene.draws:
+                program = self._program(draw.impostor, scene.orthographic)
+                for name, value in scene.uniforms.items():
+                    # A driver drops what a variant of the shader does not use.
+                    if name in program:
+                        program[name].value = value
+                buffer = held(context.buffer(draw.rows.tobytes()))
+                layout, names = _layout(draw.impostor, program)
+                array = held(context.vertex_array(program, [(buffer, layout, *names)]))
+                array.render(
+                    context.TRIANGLE_STRIP, vertices=4, instances=len(draw.rows)
+                )
             position, normal = (
                 np.frombuffer(target.read(), np.float32).reshape(*size[::-1], 4)
                 for target in targets
             )
             window = np.frombuffer(depth.read(), np.float32).reshape(size[::-1])
-        return maps_from_targets(position, normal, window, stretch)
+        return maps_from_targets(position, normal, window, scene.stretch)
 
     def close(self) -> None:
         """Release the programs and the context."""
@@ -151,13 +148,28 @@ class OffscreenRenderer:
     ) -> None:
         self.close()
 
-    def _program(self, orthographic: bool) -> Any:
-        if orthographic not in self._programs:
-            vertex, fragment = shader_sources("330", orthographic, self._as_published)
-            self._programs[orthographic] = self._context.program(
+    def _program(self, impostor: Impostor, orthographic: bool) -> Any:
+        key = (impostor.name, orthographic)
+        if key not in self._programs:
+            vertex, fragment = shader_sources(
+                impostor, "330", orthographic, self._as_published
+            )
+            self._programs[key] = self._context.program(
                 vertex_shader=vertex, fragment_shader=fragment
             )
-        return self._programs[orthographic]
+        return self._programs[key]
+
+
+def _layout(impostor: Impostor, program: Any) -> tuple[str, list[str]]:
+    """Layout of an instance's row in moderngl's words, and the names in it.
+
+    What the driver has dropped from the program is skipped.
+    """
+    parts, names = [], []
+    for name, count in attributes(impostor):
+        parts.append(f"{count}f" if name in program else f"{4 * count}x")
+        names += [name] if name in program else []
+    return " ".join(parts) + "/i", names
 
 
 def _context(driver: str) -> Any:

@@ -21,7 +21,8 @@ from jaxtyping import UInt8
 
 from impostor_jax.arguments import one_of
 from impostor_jax.glsl.bounds import Verdict, judge
-from impostor_jax.glsl.cases import Case, cases
+from impostor_jax.glsl.case import Case
+from impostor_jax.glsl.cases import cases
 from impostor_jax.glsl.compare import Comparison, compare
 from impostor_jax.glsl.conventions import DrawnMaps
 from impostor_jax.glsl.offscreen import DRIVERS, OffscreenRenderer
@@ -100,8 +101,8 @@ def run_parity(
         A row for each case as it is done.
     """
     for case in chosen:
-        reference = draw_with_jax(case.cylinders, case.camera)
-        drawn = renderer.draw(case.cylinders, case.camera)
+        reference = draw_with_jax(case.primitives, case.camera)
+        drawn = renderer.draw(case.primitives, case.camera)
         found = compare(reference, drawn)
         yield Row(case, found, judge(case, found, driver), reference, drawn)
 
@@ -129,7 +130,7 @@ def write_parity(folder: Path, name: str, rows: Sequence[Row]) -> None:
 def _record(row: Row) -> dict[str, object]:
     return {
         "case": row.case.name,
-        "count": int(row.case.cylinders.radius.size),
+        "count": row.case.count,
         "distance_over_radius": row.case.distance_over_radius,
         "holds": row.holds,
         **dataclasses.asdict(row.found),
@@ -141,7 +142,7 @@ def _table(name: str, rows: Sequence[Row]) -> str:
     lines = [
         f"# Parity of JAX with {name}",
         "",
-        "Flips: pixels that see another cylinder, or none, on the band one pixel to "
+        "Flips: pixels that see another primitive, or none, on the band one pixel to "
         "each side of an edge, and off it. Depth and normals where both see the same.",
         "",
         "| case | hits | band | flips on | flips off | cap flips | depth, m: median "

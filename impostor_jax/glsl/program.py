@@ -1,15 +1,14 @@
-"""The shaders' sources, as each dialect of GLSL wants them."""
+"""The shaders' sources, put together as each dialect of GLSL wants them."""
 
-__all__ = ["ATTRIBUTES", "instances", "shader_sources"]
+__all__ = ["attributes", "shader_sources"]
 
 from importlib import resources
 
 import numpy as np
-from jaxtyping import Float
 
 from impostor_jax.glsl.conventions import GLSL
+from impostor_jax.glsl.impostors import Impostor
 from impostor_jax.numerics import smallest_slope
-from impostor_jax.primitives.cylinder import Cylinder
 
 HEADERS = {
     "330": "#version 330 core\n",
@@ -17,35 +16,74 @@ HEADERS = {
 }
 """First lines of a shader: desktop OpenGL 3.3 and WebGL2."""
 
-ATTRIBUTES = (("cylinder_center", 3), ("cylinder_axis", 3), ("cylinder_size", 2))
-"""Names and numbers of components of what each instance has, in order."""
+TYPES = {1: "float", 2: "vec2", 3: "vec3", 4: "vec4", 9: "mat3"}
+"""GLSL's types by their numbers of components."""
+
+
+def attributes(impostor: Impostor) -> list[tuple[str, int]]:
+    """Names and numbers of components of what each instance has, in order."""
+    found = []
+    for name, count in impostor.fields.items():
+        # An attribute holds four numbers at most: a matrix comes row by row.
+        rows = [f"{name}_{row}" for row in range(3)] if count == 9 else [name]
+        found += [(f"instance_{row}", count // len(rows)) for row in rows]
+    return [*found, ("instance_index", 1)]
 
 
 def shader_sources(
-    dialect: str, orthographic: bool, as_published: bool
+    impostor: Impostor, dialect: str, orthographic: bool, as_published: bool
 ) -> tuple[str, str]:
-    """Vertex and fragment shader of the capped cylinder.
+    """Vertex and fragment shader of a primitive.
 
     Args:
+        impostor: How the primitive is drawn.
         dialect: "330" or "300 es".
         orthographic: Whether the camera's rays are parallel.
         as_published: Whether to use the published formulas, with their faults.
     """
-    defines = f"#define SMALLEST_SLOPE {smallest_slope(np.float32):.9e}\n"
+    head = f"#define SMALLEST_SLOPE {smallest_slope(np.float32):.9e}\n"
     if orthographic:
-        defines += "#define ORTHOGRAPHIC\n"
+        head += "#define ORTHOGRAPHIC\n"
     if as_published:
-        defines += "#define AS_PUBLISHED\n"
+        head += "#define AS_PUBLISHED\n"
+    head = HEADERS[dialect] + head + GLSL
     folder = resources.files("impostor_jax.glsl") / "shaders"
-    vertex, fragment = (
-        HEADERS[dialect] + defines + GLSL + (folder / f"cylinder.{kind}").read_text()
-        for kind in ("vert", "frag")
+    billboard = folder / f"{impostor.name}.vert"
+    if not billboard.is_file():
+        billboard = folder / "whole_image.vert"
+    vertex = (folder / "billboard.glsl", billboard, folder / "main.vert")
+    fragment = (
+        folder / "rays.glsl",
+        folder / f"{impostor.name}.frag",
+        folder / "main.frag",
     )
-    return vertex, fragment
+    return (
+        head + _handed_over(impostor) + "".join(part.read_text() for part in vertex),
+        head
+        + _declared(impostor, "in")
+        + "".join(part.read_text() for part in fragment),
+    )
 
 
-def instances(cylinders: Cylinder) -> Float[np.ndarray, "n 8"]:
-    """Attributes of cylinders (n,) in the camera frame, one row each."""
-    sizes = np.stack([cylinders.radius, cylinders.height], axis=-1)
-    rows = np.concatenate([cylinders.center, cylinders.axis, sizes], axis=-1)
-    return np.ascontiguousarray(rows, dtype=np.float32)
+def _declared(impostor: Impostor, way: str) -> str:
+    """The fields and the index as variables that a whole instance shares."""
+    fields = {**impostor.fields, "index": 1}
+    return "".join(
+        f"flat {way} {TYPES[count]} {name};\n" for name, count in fields.items()
+    )
+
+
+def _handed_over(impostor: Impostor) -> str:
+    """An instance's attributes, and how the vertex shader hands them over."""
+    inputs = "".join(
+        f"layout(location = {place}) in {TYPES[count]} {name};\n"
+        for place, (name, count) in enumerate(attributes(impostor))
+    )
+    body = "    index = instance_index;\n"
+    for name, count in impostor.fields.items():
+        value = f"instance_{name}"
+        if count == 9:
+            rows = ", ".join(f"{value}_{row}" for row in range(3))
+            value = f"transpose(mat3({rows}))"
+        body += f"    {name} = {value};\n"
+    return inputs + _declared(impostor, "out") + f"void take_instance() {{\n{body}}}\n"

@@ -1,7 +1,9 @@
 """What a caller hands to a driver, checked."""
 
-__all__ = ["batch_in_camera"]
+__all__ = ["Batch", "batches_in_camera"]
 
+import dataclasses
+from collections.abc import Sequence
 from typing import Any
 
 import jax
@@ -10,21 +12,40 @@ import numpy as np
 from impostor_jax.arguments import is_concrete
 from impostor_jax.camera.orthographic import OrthographicCamera
 from impostor_jax.camera.pinhole import PinholeCamera
-from impostor_jax.primitives.base import in_camera_frame
-from impostor_jax.primitives.cylinder import Cylinder
+from impostor_jax.glsl.impostors import IMPOSTORS, Impostor
+from impostor_jax.primitives.base import AbstractPrimitive, in_camera_frame
 
 
-def batch_in_camera(cylinders: Any, camera: Any) -> Cylinder:
-    """Cylinders as a batch (n,) in the camera frame.
+@dataclasses.dataclass(frozen=True)
+class Batch:
+    """Primitives of one type.
+
+    Attributes:
+        primitives: A batch (n,) of NumPy arrays in the camera frame.
+        first: Index of the first of them among all that are drawn.
+        impostor: How they are drawn.
+    """
+
+    primitives: AbstractPrimitive
+    first: int
+    impostor: Impostor
+
+    @property
+    def count(self) -> int:
+        """How many they are."""
+        return self.primitives.batch_shape[0]
+
+
+def batches_in_camera(primitives: Any, camera: Any) -> list[Batch]:
+    """Primitives in the camera frame, in the order in which they are given.
+
+    Args:
+        primitives: One primitive, a batch (n,), or a sequence of these.
+        camera: Without a lens.
 
     Raises:
         ValueError: A type is wrong, the camera has a lens, or something is traced.
     """
-    if not isinstance(cylinders, Cylinder) or cylinders.radius.ndim > 1:
-        raise ValueError(
-            "cylinders must be one Cylinder or a batch (n,) of them, got "
-            f"{type(cylinders).__name__}"
-        )
     if not isinstance(camera, PinholeCamera | OrthographicCamera):
         raise ValueError(
             "camera must be a PinholeCamera or an OrthographicCamera, got "
@@ -32,10 +53,29 @@ def batch_in_camera(cylinders: Any, camera: Any) -> Cylinder:
         )
     if isinstance(camera, PinholeCamera) and camera.distortion is not None:
         raise ValueError("camera must have no lens: the shaders draw straight lines")
-    if not is_concrete((cylinders, camera)):
-        raise ValueError("cylinders and camera must be concrete, got traced ones")
-    if not cylinders.radius.ndim:
-        cylinders = jax.tree.map(lambda field: field[None], cylinders)
-    if not cylinders.radius.shape[0]:
-        raise ValueError("cylinders must hold at least one, got an empty batch")
-    return jax.tree.map(np.asarray, in_camera_frame(cylinders, camera))
+    if not is_concrete((primitives, camera)):
+        raise ValueError("primitives and camera must be concrete, got traced ones")
+    given = primitives if isinstance(primitives, Sequence) else (primitives,)
+    batches, first = [], 0
+    for one in given:
+        batch = Batch(_batch(one, camera), first, IMPOSTORS[type(one)])
+        if batch.count:
+            batches.append(batch)
+        first += batch.count
+    if not first:
+        raise ValueError("primitives must hold at least one, got none")
+    return batches
+
+
+def _batch(
+    primitive: Any, camera: PinholeCamera | OrthographicCamera
+) -> AbstractPrimitive:
+    if type(primitive) not in IMPOSTORS or len(primitive.batch_shape) > 1:
+        names = ", ".join(known.__name__ for known in IMPOSTORS)
+        raise ValueError(
+            f"primitives must be one primitive of {names}, a batch (n,) of one of "
+            f"them, or a sequence of these, got {type(primitive).__name__}"
+        )
+    if not primitive.batch_shape:
+        primitive = jax.tree.map(lambda field: field[None], primitive)
+    return jax.tree.map(np.asarray, in_camera_frame(primitive, camera))

@@ -5,6 +5,7 @@ __all__ = ["WebglRenderer", "page"]
 import base64
 import json
 import shutil
+from collections.abc import Sequence
 from importlib import resources
 from types import TracebackType
 from typing import Any
@@ -13,16 +14,12 @@ import numpy as np
 
 from impostor_jax.camera.orthographic import OrthographicCamera
 from impostor_jax.camera.pinhole import PinholeCamera
-from impostor_jax.glsl.conventions import (
-    DrawnMaps,
-    depth_range,
-    maps_from_targets,
-    uniforms,
-)
-from impostor_jax.glsl.offscreen import NOTHING, DriverError
-from impostor_jax.glsl.program import ATTRIBUTES, instances, shader_sources
-from impostor_jax.glsl.request import batch_in_camera
-from impostor_jax.primitives.cylinder import Cylinder
+from impostor_jax.glsl.conventions import DrawnMaps, maps_from_targets
+from impostor_jax.glsl.offscreen import DriverError
+from impostor_jax.glsl.program import attributes, shader_sources
+from impostor_jax.glsl.scene import NOTHING, Scene, scene_of
+from impostor_jax.primitives.base import AbstractPrimitive
+from impostor_jax.primitives.sphere import Sphere
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 
@@ -40,20 +37,20 @@ FLAGS = (
 
 
 def page(
-    cylinders: Cylinder,
+    primitives: AbstractPrimitive | Sequence[AbstractPrimitive],
     camera: PinholeCamera | OrthographicCamera,
     as_published: bool = False,
 ) -> str:
-    """HTML page that draws cylinders with WebGL2 and needs nothing else.
+    """HTML page that draws primitives with WebGL2 and needs nothing else.
 
     Its function `drawScene` draws another scene of the same form as the page's own.
 
     Args:
-        cylinders: One, or a batch (n,), in the world frame.
+        primitives: As `OffscreenRenderer.draw` takes them.
         camera: Without a lens.
         as_published: Whether to draw with the published formulas and their faults.
     """
-    scene, _ = _scene(cylinders, camera, as_published)
+    scene = _message(scene_of(primitives, camera), as_published)
     # A script ends at the first "</", even inside a string.
     text = json.dumps(scene).replace("</", "<\\/")
     template = (resources.files("impostor_jax.glsl") / "page.html").read_text()
@@ -61,7 +58,7 @@ def page(
 
 
 class WebglRenderer:
-    """Draws cylinders in headless Chromium; close it, or use it in a `with` block.
+    """Draws primitives in headless Chromium; close it, or use it in a `with` block.
 
     Args:
         as_published: Whether to draw with the published formulas and their faults.
@@ -93,7 +90,7 @@ class WebglRenderer:
                 executable_path=browser, args=list(FLAGS)
             )
             self._page = self._browser.new_page()
-            one = Cylinder((0, 0, 1), (0, 1, 0), 0.1, 0.2)
+            one = Sphere((0, 0, 1), 0.1)
             camera = PinholeCamera(32.0, 32.0, 15.5, 15.5, 32, 32)
             self._page.set_content(page(one, camera, as_published))
             self.name = str(self._page.evaluate(_NAME))
@@ -103,15 +100,18 @@ class WebglRenderer:
             raise DriverError(f"Chromium does not draw: {message}") from error
 
     def draw(
-        self, cylinders: Cylinder, camera: PinholeCamera | OrthographicCamera
+        self,
+        primitives: AbstractPrimitive | Sequence[AbstractPrimitive],
+        camera: PinholeCamera | OrthographicCamera,
     ) -> DrawnMaps:
-        """Draw cylinders in one call, as `OffscreenRenderer.draw` does.
+        """Draw primitives as `OffscreenRenderer.draw` does.
 
         The depth buffer cannot be read back: `buffer_depth` is NaN where something is
         hit.
         """
-        scene, stretch = _scene(cylinders, camera, self._as_published)
-        found = self._page.evaluate("(scene) => drawScene(scene)", scene)
+        scene = scene_of(primitives, camera)
+        message = _message(scene, self._as_published)
+        found = self._page.evaluate("(scene) => drawScene(scene)", message)
         position, normal = (
             np.frombuffer(base64.b64decode(text), np.float32).reshape(
                 camera.height, camera.width, 4
@@ -119,7 +119,7 @@ class WebglRenderer:
             for text in found
         )
         window = np.full((camera.height, camera.width), np.nan, np.float32)
-        return maps_from_targets(position, normal, window, stretch)
+        return maps_from_targets(position, normal, window, scene.stretch)
 
     def close(self) -> None:
         """Close the browser."""
@@ -144,22 +144,18 @@ _NAME = """() => {
 }"""
 
 
-def _scene(
-    cylinders: Cylinder,
-    camera: PinholeCamera | OrthographicCamera,
-    as_published: bool,
-) -> tuple[dict[str, Any], tuple[float, float]]:
-    """What the page's `drawScene` takes, and the depths that its buffer spans."""
-    cylinders = batch_in_camera(cylinders, camera)
-    stretch = depth_range(cylinders)
-    orthographic = isinstance(camera, OrthographicCamera)
-    rows = instances(cylinders)
-    scene = {
-        "sources": shader_sources("300 es", orthographic, as_published),
-        "attributes": ATTRIBUTES,
-        "uniforms": uniforms(camera, stretch),
-        "instances": rows.ravel().tolist(),
-        "count": len(rows),
-        "nothing": NOTHING,
-    }
-    return scene, stretch
+def _message(scene: Scene, as_published: bool) -> dict[str, Any]:
+    """What the page's `drawScene` takes."""
+    draws = [
+        {
+            "name": draw.impostor.name,
+            "sources": shader_sources(
+                draw.impostor, "300 es", scene.orthographic, as_published
+            ),
+            "attributes": attributes(draw.impostor),
+            "instances": draw.rows.ravel().tolist(),
+            "count": len(draw.rows),
+        }
+        for draw in scene.draws
+    ]
+    return {"draws": draws, "uniforms": scene.uniforms, "nothing": NOTHING}

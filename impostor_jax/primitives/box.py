@@ -100,7 +100,6 @@ class Box(AbstractPrimitive):
 
     @override
     def normal(self, ray: Ray, hit: Hit) -> Vec3:
-        assert hit.part is not None
         n = _of(hit.part, [a.normalize() for a in _axes(self)])
         return facing(n, ray.direction, hit.mask)
 

@@ -149,7 +149,7 @@ class Cylinder(AbstractPrimitive):
         if not self.is_whole:
             return tapered_hit(ray, self._tapered())
         t = _signed_hit(ray, self)
-        return Hit(t=jnp.abs(t), on_cap=t < 0)
+        return Hit(t=jnp.abs(t), on_cap=t < 0, part=(t < 0).astype(int))
 
     @override
     def normal(self, ray: Ray, hit: Hit) -> Vec3:

@@ -74,7 +74,7 @@ class Sphere(AbstractPrimitive):
     @override
     def intersect(self, ray: Ray) -> Hit:
         t = _first_hit(ray, self)
-        return Hit(t=t, on_cap=jnp.zeros(t.shape, bool))
+        return Hit.on_one_piece(t)
 
     @override
     def normal(self, ray: Ray, hit: Hit) -> Vec3:

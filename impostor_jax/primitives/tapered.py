@@ -76,7 +76,6 @@ def tapered_hit(ray: Ray, body: Tapered) -> Hit:
 def tapered_normal(ray: Ray, hit: Hit, body: Tapered) -> Vec3:
     """Unit normal at a hit, turned towards the ray's origin; zero on a miss."""
     q = ray.at(jnp.where(hit.mask, hit.t, 0)) - body.anchor
-    assert hit.part is not None
     n, _ = _gradient(q, hit.part, body)
     return facing(n.normalize(), ray.direction, hit.mask)
 

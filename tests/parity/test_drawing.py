@@ -2,24 +2,28 @@
 
 import dataclasses
 
-import jax.numpy as jnp
+import jax
 import numpy as np
 import pytest
 
 import impostor_jax as ij
 from impostor_jax.glsl import offscreen
+from impostor_jax.glsl.billboard import near_pole_square
 from impostor_jax.glsl.compare import compare, edge_band
 from impostor_jax.glsl.conventions import depth_range
+from impostor_jax.glsl.impostors import Impostor
 from impostor_jax.glsl.offscreen import DriverError, OffscreenRenderer
-from impostor_jax.glsl.program import instances, shader_sources
+from impostor_jax.glsl.program import attributes, shader_sources
 from impostor_jax.glsl.reference import draw_with_jax
-from impostor_jax.glsl.request import batch_in_camera
+from impostor_jax.glsl.request import batches_in_camera
+from impostor_jax.glsl.scene import scene_of
 from impostor_jax.glsl.webgl import WebglRenderer, page
 
 moderngl = pytest.importorskip("moderngl")
 
 CAMERA = ij.PinholeCamera(150.0, 140.0, 70.0, 66.0, width=160, height=120)
 ROD = ij.Cylinder((0.05, -0.04, 0.6), (0.6, 0.7, 0.3), 0.02, 0.3)
+BALL = ij.Sphere((-0.05, 0.06, 0.5), 0.04)
 
 
 @pytest.fixture(scope="module")
@@ -51,10 +55,20 @@ def test_pose_of_the_camera_is_used(renderer):
 
 def test_depth_buffer_holds_the_depth(renderer):
     drawn = renderer.draw(ROD, CAMERA)
-    near, far = depth_range(ij.Cylinder(*(np.asarray(x)[None] for x in (
-        ROD.center, ROD.axis, ROD.radius, ROD.height))))  # fmt: skip
     apart = drawn.buffer_depth[drawn.mask] - drawn.depth[drawn.mask]
-    assert np.abs(apart).max() < (far - near) * 2.0**-22
+    assert np.abs(apart).max() < scene_of(ROD, CAMERA).stretch.length * 2.0**-22
+
+
+def test_depth_buffer_reaches_to_infinity_where_something_has_no_end():
+    center = np.array([[0.0, 0.0, 2.0], [1.0, 0.0, 5.0]])
+    stretch = depth_range(center, np.array([np.inf, 1.0]))
+    assert stretch.near == 0
+    window = np.array([[0.0, 0.5, 1.0]])
+    middle = np.sqrt(26) + 1
+    np.testing.assert_allclose(stretch.meters(window), [[0, middle, np.inf]])
+    # Without it the buffer is linear around all that is drawn.
+    stretch = depth_range(center[1:], np.array([1.0]))
+    np.testing.assert_allclose(stretch.meters(window), [[3.998, 5, 6.002]])
 
 
 def test_closest_of_overlapping_cylinders_wins_in_any_order(renderer):
@@ -74,59 +88,176 @@ def test_closest_of_overlapping_cylinders_wins_in_any_order(renderer):
         assert seen == {0, 1, 2}
 
 
-@pytest.mark.parametrize("orthographic", [False, True])
-@pytest.mark.parametrize("axis", [(0.6, 0.7, 0.3), (1, 0, 0), (0.05, 0.02, 1)])
-def test_billboard_is_tight_to_the_outline(renderer, orthographic, axis):
-    make = ij.OrthographicCamera if orthographic else ij.PinholeCamera
-    camera = make(250.0, 250.0, 79.5, 59.5, 160, 120)
-    rod = ij.Cylinder((0.02, -0.03, 0.9), axis, 0.04, 0.3)
-    mask = renderer.draw(rod, camera).mask
-    # The same rectangle, all of it filled.
-    vertex, _ = shader_sources("330", orthographic, False)
+def test_index_counts_through_a_sequence_of_batches_and_single_primitives(renderer):
+    center = np.array([[-0.1, 0.0, 0.5], [0.1, 0.0, 0.5]])
+    balls = ij.Sphere(center, np.array([0.03, 0.03]))
+    drawn = renderer.draw([balls, ROD, BALL], CAMERA)
+    for index, one in enumerate([*_singles(balls), ROD, BALL]):
+        seen = np.asarray(ij.render(one, CAMERA, outputs=("mask",)).mask)
+        assert (drawn.index[seen] == index).mean() > 0.5
+    assert set(np.unique(drawn.index)) == {-1, 0, 1, 2, 3}
+
+
+def test_closest_of_mixed_primitives_wins_in_any_order(renderer):
+    scene = {
+        "can": ij.Cylinder((0.0, 0.0, 0.6), (0.3, 1, 0.2), 0.05, 0.3),
+        "front": ij.Sphere((0.03, 0.02, 0.5), 0.05),
+        "back": ij.Sphere((-0.05, 0.0, 0.7), 0.15),
+        "rod": ROD,
+    }
+    kept = []
+    for order in (list(scene), list(scene)[::-1], ["rod", "back", "can", "front"]):
+        primitives = [scene[name] for name in order]
+        drawn, reference = (
+            draw(primitives, CAMERA) for draw in (renderer.draw, draw_with_jax)
+        )
+        off = ~edge_band(reference.index)
+        np.testing.assert_array_equal(drawn.index[off], reference.index[off])
+        both = drawn.mask & reference.mask & off
+        np.testing.assert_allclose(drawn.depth[both], reference.depth[both], rtol=1e-6)
+        names = np.array([*order, "nothing"])[drawn.index]
+        assert set(names[drawn.mask]) == set(scene)
+        kept.append(names)
+    np.testing.assert_array_equal(kept[0], kept[1])
+    np.testing.assert_array_equal(kept[0], kept[2])
+
+
+def test_matrix_of_an_instance_comes_row_by_row():
+    box = Impostor("box", {"rotation": 9, "radius": 1}, lambda boxes: None)
+    rows = [(f"instance_rotation_{row}", 3) for row in range(3)]
+    assert attributes(box) == [*rows, ("instance_radius", 1), ("instance_index", 1)]
+
+
+def _singles(batch):
+    """The primitives of a batch, one by one."""
+    return [
+        jax.tree.map(lambda field, k=k: field[k], batch)
+        for k in range(batch.batch_shape[0])
+    ]
+
+
+def filled(renderer, primitive, camera):
+    """Pixels of the billboard, all of it filled."""
+    scene = scene_of(primitive, camera)
+    (draw,) = scene.draws
+    vertex, _ = shader_sources(draw.impostor, "330", scene.orthographic, False)
     fill = "#version 330 core\nout vec4 color;\nvoid main() { color = vec4(1.0); }\n"
+    size = (camera.width, camera.height)
     with renderer._context as context:
         program = context.program(vertex_shader=vertex, fragment_shader=fill)
-        values = {"focal": (250.0, 250.0), "principal": (79.5, 59.5),
-                  "image_size": (160.0, 120.0)}  # fmt: skip
-        for name, value in values.items():
-            program[name].value = value
-        batch = ij.Cylinder(*(jnp.asarray(x)[None] for x in (
-            rod.center, rod.axis, rod.radius, rod.height)))  # fmt: skip
-        buffer = context.buffer(instances(batch).tobytes())
-        names = ("cylinder_center", "cylinder_axis", "cylinder_size")
-        array = context.vertex_array(program, [(buffer, "3f 3f 2f/i", *names)])
-        target = context.texture((160, 120), 4, dtype="f4")
+        for name, value in scene.uniforms.items():
+            if name in program:
+                program[name].value = value
+        buffer = context.buffer(draw.rows.tobytes())
+        layout, names = offscreen._layout(draw.impostor, program)
+        array = context.vertex_array(program, [(buffer, layout, *names)])
+        target = context.texture(size, 4, dtype="f4")
         frame = context.framebuffer([target])
         frame.use()
         context.disable(context.DEPTH_TEST)
         frame.clear(0, 0, 0, 0)
         array.render(context.TRIANGLE_STRIP, vertices=4, instances=1)
-        filled = (
-            np.frombuffer(target.read(), np.float32).reshape(120, 160, 4)[::-1, :, 0]
-            > 0
-        )
+        color = np.frombuffer(target.read(), np.float32).reshape(*size[::-1], 4)
         for used in (frame, target, array, buffer, program):
             used.release()
-    assert not (mask & ~filled).any()
-    # In the rectangle's own directions it ends where the outline does.
-    a, c = np.asarray(rod.axis), np.asarray(rod.center)
-    along = a[:2] if orthographic else a[:2] * c[2] - c[:2] * a[2]
+    return color[::-1, :, 0] > 0
+
+
+def check_tight(mask, billboard, along):
+    """Hold the rectangle to end, in its own directions, where the outline does."""
+    assert mask.any()
+    assert not (mask & ~billboard).any()
     along = along / np.linalg.norm(along)
     for direction in (along, (-along[1], along[0])):
         rows, cols = np.indices(mask.shape)
         place = cols * direction[0] + rows * direction[1]
-        assert place[filled].max() - place[mask].max() < 1.5
-        assert place[mask].min() - place[filled].min() < 1.5
+        assert place[billboard].max() - place[mask].max() < 1.5
+        assert place[mask].min() - place[billboard].min() < 1.5
+
+
+def camera_with(focal, orthographic):
+    make = ij.OrthographicCamera if orthographic else ij.PinholeCamera
+    return make(focal, focal, 79.5, 59.5, 160, 120)
+
+
+@pytest.mark.parametrize("orthographic", [False, True])
+@pytest.mark.parametrize("axis", [(0.6, 0.7, 0.3), (1, 0, 0), (0.05, 0.02, 1)])
+def test_billboard_is_tight_to_the_outline(renderer, orthographic, axis):
+    camera = camera_with(250.0, orthographic)
+    rod = ij.Cylinder((0.02, -0.03, 0.9), axis, 0.04, 0.3)
+    mask = renderer.draw(rod, camera).mask
+    a, c = np.asarray(rod.axis), np.asarray(rod.center)
+    along = a[:2] if orthographic else a[:2] * c[2] - c[:2] * a[2]
+    check_tight(mask, filled(renderer, rod, camera), along)
+
+
+@pytest.mark.parametrize("orthographic", [False, True])
+@pytest.mark.parametrize(
+    ("center", "radius", "focal"),
+    [
+        pytest.param((0.0, 0.0, 0.9), 0.1, 250.0, id="on the axis"),
+        pytest.param((0.06, -0.04, 0.5), 0.08, 250.0, id="off the axis"),
+        pytest.param((0.4, 0.2, 0.5), 0.1, 60.0, id="far off the axis"),
+        pytest.param((0.01, 0.005, 0.11), 0.07, 60.0, id="near"),
+    ],
+)
+def test_billboard_of_a_sphere_is_tight_to_the_cone_of_its_tangents(
+    renderer, orthographic, center, radius, focal
+):
+    camera = camera_with(focal, orthographic)
+    ball = ij.Sphere(center, radius)
+    mask = renderer.draw(ball, camera).mask
+    along = np.array(center[:2]) if any(center[:2]) else np.array([1.0, 0.0])
+    check_tight(mask, filled(renderer, ball, camera), along)
+
+
+def test_billboard_of_a_sphere_around_or_beside_the_camera_is_the_whole_image(renderer):
+    camera = camera_with(250.0, orthographic=False)
+    for center in ((0.0, 0.0, 0.0), (0.3, -0.2, 0.4), (0.9, 0.8, 0.5)):
+        assert filled(renderer, ij.Sphere(center, 1.0), camera).all()
+
+
+def test_camera_inside_a_sphere_sees_its_wall_everywhere(renderer):
+    ball = ij.Sphere((0.3, -0.2, 0.4), 1.0)
+    drawn = renderer.draw(ball, CAMERA)
+    assert drawn.mask.all()
+    away = np.linalg.norm(drawn.point - np.asarray(ball.center), axis=-1)
+    np.testing.assert_allclose(away, 1, atol=1e-6)
+    assert (np.sum(drawn.normal * drawn.point, axis=-1) < 0).all()
+
+
+def test_square_through_the_near_pole_has_the_published_numbers():
+    # R = 5, D = 15: the tangents are 14.142 long.
+    distance, half_size = near_pole_square(5.0, 15.0)
+    assert distance == 10
+    assert half_size == pytest.approx(5 * 10 / np.sqrt(200))
+    assert half_size == pytest.approx(3.536, abs=5e-4)
+    # Its sides are seen at the angle of the tangents.
+    assert np.arctan(half_size / distance) == pytest.approx(np.arcsin(5 / 15))
+    with pytest.raises(ValueError, match="distance must be more than a positive"):
+        near_pole_square(5.0, 5.0)
+
+
+def test_published_square_holds_the_sphere_and_a_camera_inside_sees_nothing(renderer):
+    with OffscreenRenderer(as_published=True) as published:
+        drawn = published.draw(BALL, CAMERA)
+        inside = published.draw(ij.Sphere((0.1, 0.0, 0.2), 1.0), CAMERA)
+    found = compare(renderer.draw(BALL, CAMERA), drawn)
+    assert found.flips_off_band == 0
+    assert found.flips_on_band <= 2
+    assert not inside.mask.any()
 
 
 def test_lens_and_wrong_types_are_named():
     lens = ij.PinholeCamera(150.0, 150.0, 79.5, 59.5, 160, 120, (0.1, 0, 0, 0, 0))
     with pytest.raises(ValueError, match="camera must have no lens"):
-        batch_in_camera(ROD, lens)
+        batches_in_camera(ROD, lens)
     with pytest.raises(ValueError, match="camera must be a PinholeCamera or"):
-        batch_in_camera(ROD, None)
-    with pytest.raises(ValueError, match="cylinders must be one Cylinder or a batch"):
-        batch_in_camera([ROD], CAMERA)
+        batches_in_camera(ROD, None)
+    with pytest.raises(ValueError, match="primitives must be one primitive of Cyl"):
+        batches_in_camera([ROD, CAMERA], CAMERA)
+    with pytest.raises(ValueError, match="primitives must hold at least one"):
+        batches_in_camera([], CAMERA)
 
 
 def test_driver_must_be_known_and_one_for_the_process(renderer):
@@ -206,18 +337,19 @@ def test_page_needs_nothing_from_the_network():
     assert "href=" not in text
 
 
-def test_page_shows_the_cylinder_where_it_is(tmp_path):
+def test_page_shows_the_primitives_where_they_are(tmp_path):
     pytest.importorskip("playwright")
     try:
         browser = WebglRenderer()
     except DriverError as error:
         pytest.skip(str(error))
     with browser:
-        drawn = browser.draw(ROD, CAMERA)
+        drawn = browser.draw([BALL, ROD], CAMERA)
         path = tmp_path / "page.html"
-        path.write_text(page(ROD, CAMERA))
+        path.write_text(page([BALL, ROD], CAMERA))
         browser._page.goto(path.as_uri())
-        assert browser._page.inner_text("#note").startswith("1 cylinder(s)")
+        note = browser._page.inner_text("#note")
+        assert note.startswith("1 sphere(s), 1 cylinder(s), colored")
         shown = browser._page.evaluate(
             """() => {
               const canvas = document.getElementById("view");
@@ -228,7 +360,9 @@ def test_page_shows_the_cylinder_where_it_is(tmp_path):
         )
     pixels = np.array(shown).reshape(120, 160, 4)[..., :3]
     np.testing.assert_array_equal((pixels != 255).any(axis=-1), drawn.mask)
-    np.testing.assert_array_equal(drawn.mask, np.asarray(ij.render(ROD, CAMERA).mask))
+    for index, one in enumerate((BALL, ROD)):
+        seen = np.asarray(ij.render(one, CAMERA, outputs=("mask",)).mask)
+        np.testing.assert_array_equal(drawn.index == index, seen)
 
 
 def test_missing_browser_names_the_package(monkeypatch):

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from impostor_jax.glsl.bounds import KNOWN_DIFFERENCES
-from impostor_jax.glsl.cases import cases
+from impostor_jax.glsl.cases import CAMERAS, cases
+from impostor_jax.glsl.known_differences import KNOWN_DIFFERENCES
 
 pytest.importorskip("moderngl")
 
@@ -44,7 +44,8 @@ def test_jax_and_the_driver_agree_on_every_case(driver, tmp_path):
     listed = {(k.case, k.quantity) for k in KNOWN_DIFFERENCES if driver in k.drivers}
     assert needed == listed
     table = (tmp_path / "parity.md").read_text()
-    assert table.count("\n| perspective/") == table.count("\n| orthographic/") == 29
+    for camera in CAMERAS:
+        assert table.count(f"\n| {camera}/") == len(cases(camera)) == 47
     assert len(list(tmp_path.glob("*.png"))) == len(cases())
 
 

@@ -3,29 +3,14 @@
 // Camera frame as everywhere else: x right, y down, z forward; lengths in meters. The
 // rectangle lies along the axis as it is seen. Its sides come from the support function
 // of the outline, the larger of those of the two end discs (rendering/outline.py).
-
-layout(location = 0) in vec3 cylinder_center;
-layout(location = 1) in vec3 cylinder_axis;
-layout(location = 2) in vec2 cylinder_size;  // radius, height
-
-flat out vec3 center;
-flat out vec3 axis;
-flat out float radius;
-flat out float height;
-flat out int index;
+// Fields: center, axis, radius, height.
 
 #ifdef AS_PUBLISHED
 
-void main() {
-    center = cylinder_center;
-    axis = cylinder_axis;
-    radius = cylinder_size.x;
-    height = cylinder_size.y;
-    index = gl_InstanceID;
-    vec2 corner = vec2(gl_VertexID & 1, gl_VertexID >> 1) * 2.0 - 1.0;
+vec4 billboard(vec2 corner) {
     // Fault 3: this square cuts off corners, and more in perspective.
     float half_size = max(radius, height / 2.0);
-    gl_Position = clip_of_point(center + vec3(corner * half_size, 0.0));
+    return clip_of_point(center + vec3(corner * half_size, 0.0));
 }
 
 #else
@@ -74,36 +59,17 @@ bool in_front(vec3 below, vec3 above, vec3 a, float r) {
 
 #endif
 
-void main() {
-    center = cylinder_center;
-    axis = cylinder_axis;
-    radius = cylinder_size.x;
-    height = cylinder_size.y;
-    index = gl_InstanceID;
-    vec2 corner = vec2(gl_VertexID & 1, gl_VertexID >> 1) * 2.0 - 1.0;
-
+vec4 billboard(vec2 corner) {
     vec3 below = center - axis * (height / 2.0), above = center + axis * (height / 2.0);
-    vec2 along = seen_axis(center, axis);
-    // Its largest component first, so that no square under- or overflows.
-    float largest = max(abs(along.x), abs(along.y));
-    along = largest > 0.0 ? normalize(along / largest) : vec2(1.0, 0.0);
-    vec2 aside = vec2(-along.y, along.x);
-
-    vec2 n = corner.x * along, m = corner.y * aside;
+    vec2 along = direction_of(seen_axis(center, axis));
+    vec2 n = corner.x * along, m = corner.y * vec2(-along.y, along.x);
     float ahead = max(disc_support(n, below, axis, radius),
                       disc_support(n, above, axis, radius));
     float beside = max(disc_support(m, below, axis, radius),
                        disc_support(m, above, axis, radius));
-    // A driver snaps corners to parts of a pixel, and the support is rounded.
-    float margin = 0.25 / min(focal.x, focal.y);
-    ahead += margin + 1e-6 * abs(ahead);
-    beside += margin + 1e-6 * abs(beside);
-    vec2 seen = ahead * n + beside * m;
-
-    bool tight = in_front(below, above, axis, radius)
-        && max(abs(ahead), abs(beside)) * max(focal.x, focal.y) < 1e6;
-    gl_Position = tight ? clip_of_pixel(focal * seen + principal)
-                        : clip_of_corner(corner);
+    return clip_of_rectangle(
+        corner, n, ahead, m, beside, in_front(below, above, axis, radius)
+    );
 }
 
 #endif

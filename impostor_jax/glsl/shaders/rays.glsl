@@ -1,0 +1,68 @@
+// Rays and the stretch of a ray that lies in a convex solid; formulas and names are those
+// of geometry/rays.py and primitives/surface.py.
+
+const float INFINITE = 3e38;
+
+struct Interval {
+    float lower;
+    float upper;
+};
+
+const Interval EMPTY = Interval(INFINITE, -INFINITE);
+const Interval WHOLE = Interval(-INFINITE, INFINITE);
+
+// Where a ray first meets a primitive: o + d t, with a unit normal.
+struct Surface {
+    float t;
+    vec3 normal;
+    bool on_cap;
+};
+
+const Surface MISS = Surface(INFINITE, vec3(0.0), false);
+
+// The normal turned against the ray.
+vec3 facing(vec3 n, vec3 d) {
+    return dot(n, d) > 0.0 ? -n : n;
+}
+
+// The ray's origin relative to center, moved along it by foot: started near the target,
+// a ray that comes from afar loses nothing by distance.
+vec3 brought_near(vec3 o, vec3 d, vec3 center, vec3 target, float radius, out float foot) {
+    foot = dot(target - o, d) / dot(d, d);
+    if (foot <= radius) foot = 0.0;
+    return o - center + d * foot;
+}
+
+Interval wall_interval(vec3 o, vec3 d, vec3 a, float radius) {
+    // Made from the part across the axis, m stays across it where it is mere rounding.
+    vec3 e = d - a * dot(d, a), p = o - a * dot(o, a);
+    vec3 m = cross(e, a);
+    float m_m = dot(m, m), m_o = dot(m, o);
+    if (m_m < SMALLEST_SLOPE * SMALLEST_SLOPE) {
+        if (dot(p, p) <= radius * radius) return WHOLE;
+        return EMPTY;
+    }
+    float discriminant = radius * radius * m_m - m_o * m_o;
+    if (discriminant < 0.0) return EMPTY;
+    float middle = -dot(e, p) / m_m, span = sqrt(discriminant) / m_m;
+    return Interval(middle - span, middle + span);
+}
+
+Interval slab_interval(vec3 o, vec3 d, vec3 a, float half_height) {
+    float d_a = dot(d, a), o_a = dot(o, a);
+    if (abs(d_a) < SMALLEST_SLOPE) {
+        if (abs(o_a) <= half_height) return WHOLE;
+        return EMPTY;
+    }
+    float middle = -o_a / d_a, span = half_height / abs(d_a);
+    return Interval(middle - span, middle + span);
+}
+
+Interval ball_interval(vec3 o, vec3 d, float radius) {
+    vec3 m = cross(o, d);
+    float d_d = dot(d, d);
+    float discriminant = radius * radius * d_d - dot(m, m);
+    if (discriminant < 0.0) return EMPTY;
+    float middle = -dot(o, d) / d_d, span = sqrt(discriminant) / d_d;
+    return Interval(middle - span, middle + span);
+}
