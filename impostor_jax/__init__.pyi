@@ -8,7 +8,10 @@ from .fit.result import Deviations, Directions, FitResult, FitStatus
 from .geometry.frames import RigidTransform
 from .primitives.base import AbstractPrimitive
 from .primitives.cylinder import Cylinder
+from .primitives.heightfield import Heightfield
+from .primitives.heightfield_march import March
 from .primitives.sphere import Sphere
+from .primitives.terrain import Terrain
 from .rendering.coverage import coverage
 from .rendering.distance import signed_distance
 from .rendering.maps import GeometryMaps
@@ -36,7 +39,9 @@ __all__ = [
     "FitStatus",
     "FlyingPixels",
     "GeometryMaps",
+    "Heightfield",
     "LateralNoise",
+    "March",
     "OrthographicCamera",
     "Outline",
     "PinholeCamera",
@@ -44,6 +49,7 @@ __all__ = [
     "Sphere",
     "StereoDisparity",
     "StructuredLight",
+    "Terrain",
     "Tile",
     "coverage",
     "fit_cylinder",

@@ -9,6 +9,7 @@ from impostor_jax.geometry.frames import RigidTransform
 from impostor_jax.geometry.rays import Ray
 from impostor_jax.geometry.vec3 import Vec3
 from impostor_jax.primitives.cylinder import Cylinder
+from impostor_jax.primitives.heightfield import Heightfield
 from impostor_jax.primitives.sphere import Sphere
 from impostor_jax.sensor.dropout import Dropout
 from impostor_jax.sensor.flying_pixels import FlyingPixels
@@ -23,6 +24,12 @@ PRIMITIVES = {
     "rod": lambda: Cylinder((0.1, -0.2, 3.0), (0.9, 0.4, -0.1), 0.02, 2.0),
     "cylinder along z": lambda: Cylinder((0.0, 0.0, 3.0), (0, 0, 1), 0.5, 1.0),
     "sphere": lambda: Sphere((0.1, -0.2, 3.0), 0.5),
+    "heightfield": lambda: Heightfield(
+        [[0.0, 0.3, -0.2], [0.4, -0.3, 0.1], [-0.1, 0.5, 0.2], [0.2, -0.2, 0.0]],
+        ((-0.6, 0.6), (-0.5, 0.7)),
+        "bicubic",
+        world_from_field=RigidTransform(pose().rotation, (0.1, -0.2, 3.0)),
+    ),
 }
 
 CAMERAS = {
@@ -76,16 +83,13 @@ def pose() -> RigidTransform:
 def rays_at(primitive) -> Ray:
     """Rays that break formulas, then random ones, at a primitive.
 
-    A sphere is met as the cylinder that holds it. Along the axis on it, off it and
-    outside; parallel to a cap, in its plane and between the planes; grazing the wall;
-    through the rim; away from it; from inside, along, across and skew to the axis; then
-    200 random rays from around it.
+    A sphere or a heightfield is met as the cylinder that holds it. Along the axis on
+    it, off it and outside; parallel to a cap, in its plane and between the planes;
+    grazing the wall; through the rim; away from it; from inside, along, across and skew
+    to the axis; then 200 random rays from around it.
     """
     rng = np.random.default_rng(0)
-    c, r = np.asarray(primitive.center, float), float(primitive.radius)
-    a, h = np.array([0.0, 0.6, 0.8]), r
-    if isinstance(primitive, Cylinder):
-        a, h = np.asarray(primitive.axis, float), float(primitive.height) / 2
+    c, a, r, h = _holding_cylinder(primitive)
     u = np.linalg.svd(a[None])[2][1]
     w = np.cross(a, u)
     far = 3 * (r + h)
@@ -111,8 +115,21 @@ def rays_at(primitive) -> Ray:
         target = c + rng.uniform(-1, 1) * h * a + 1.2 * r * rng.uniform(-1, 1, 3)
         pairs.append((origin, target - origin))
     origins, directions = jnp.asarray(np.array(pairs)).swapaxes(0, 1)
-    dtype = primitive.center.dtype
+    dtype = primitive.dtype
     return Ray(
         Vec3.from_array(origins.astype(dtype)),
         Vec3.from_array(directions.astype(dtype)),
     )
+
+
+def _holding_cylinder(primitive) -> tuple[np.ndarray, np.ndarray, float, float]:
+    """Center, axis, radius and half height."""
+    if isinstance(primitive, Heightfield):
+        pose = primitive.world_from_field
+        up = np.asarray(pose.rotation, float)[:, 1]
+        return np.asarray(pose.translation, float), up, 0.6, 0.4
+    center, radius = np.asarray(primitive.center, float), float(primitive.radius)
+    if isinstance(primitive, Cylinder):
+        axis = np.asarray(primitive.axis, float)
+        return center, axis, radius, float(primitive.height) / 2
+    return center, np.array([0.0, 0.6, 0.8]), radius, radius

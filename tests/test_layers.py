@@ -28,7 +28,17 @@ LAYERS = (
 ORDER = {
     "geometry": ("vec3", "rays", "frames", "so3"),
     "camera": ("pixels", "base", "lens", "pinhole", "orthographic"),
-    "primitives": ("base", "surface", "cylinder", "sphere"),
+    "primitives": (
+        "base",
+        "surface",
+        "cylinder",
+        "sphere",
+        "terrain",
+        "heightfield_grid",
+        "heightfield_march",
+        "heightfield_cells",
+        "heightfield",
+    ),
     "rendering": (
         "maps",
         "raycast",

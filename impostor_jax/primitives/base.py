@@ -16,12 +16,12 @@ from impostor_jax.geometry.vec3 import Vec3
 
 
 class AbstractPrimitive(eqx.Module):
-    """A solid with a closed-form intersection; lengths are in meters."""
+    """A shape that rays are cast at: a solid, or an open sheet; lengths in meters."""
 
     @property
     @abc.abstractmethod
     def batch_shape(self) -> tuple[int, ...]:
-        """Shape of a batch of solids; () for a single one."""
+        """Shape of a batch of shapes; () for a single one."""
 
     @property
     @abc.abstractmethod
@@ -42,7 +42,10 @@ class AbstractPrimitive(eqx.Module):
 
     @abc.abstractmethod
     def implicit(self, point: Vec3) -> Float[Array, "*batch"]:
-        """Signed distance from the surface in meters, negative inside."""
+        """Signed distance from the surface in meters, negative inside.
+
+        Of a sheet it is negative below, and of first order: right near the surface.
+        """
 
     @abc.abstractmethod
     def transformed(self, target_from_source: RigidTransform) -> "AbstractPrimitive":

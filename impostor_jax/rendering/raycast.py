@@ -28,7 +28,7 @@ def render(
     of one image size.
 
     Args:
-        primitive: One cylinder or sphere, in the world frame; map a batch with
+        primitive: One shape, in the world frame; map a batch with
             `jax.vmap`.
         camera: The camera; without a pose its frame is the world.
         outputs: Any of depth, range, point, normal and mask.
