@@ -35,6 +35,7 @@ ORDER = {
         "sphere",
         "terrain",
         "heightfield_grid",
+        "heightfield_height",
         "heightfield_march",
         "heightfield_cells",
         "heightfield",

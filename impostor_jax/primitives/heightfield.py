@@ -22,29 +22,23 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Float
 from typing_extensions import override
 
 from impostor_jax.arguments import float_array, is_concrete, one_of
 from impostor_jax.geometry.frames import RigidTransform
 from impostor_jax.geometry.rays import Hit, Interval, Ray, slab_interval
 from impostor_jax.geometry.vec3 import Vec3
-from impostor_jax.numerics import eps, safe_sqrt
+from impostor_jax.numerics import safe_sqrt
 from impostor_jax.primitives.base import AbstractPrimitive
 from impostor_jax.primitives.heightfield_cells import first_crossing
-from impostor_jax.primitives.heightfield_grid import (
-    INTERPOLATIONS,
-    all_control_points,
-    control_points,
-    surface,
+from impostor_jax.primitives.heightfield_grid import INTERPOLATIONS, all_control_points
+from impostor_jax.primitives.heightfield_height import (
+    as_tree,
+    function_surface,
+    grid_surface,
 )
-from impostor_jax.primitives.heightfield_march import (
-    MARCHES,
-    March,
-    advance,
-    march,
-    settled,
-)
+from impostor_jax.primitives.heightfield_march import MARCHES, March, advance, march
 from impostor_jax.primitives.surface import facing, hit_tangent
 
 Numbers = Float[Array, "*batch"]
@@ -109,7 +103,7 @@ class Heightfield(AbstractPrimitive):
             one_of("method", method, ("safe", *MARCHES))
         extent = _checked_extent(extent)
         if callable(height):
-            self.height = _as_tree(height)
+            self.height = as_tree(height)
             if method == "safe" and lipschitz is None:
                 raise ValueError(
                     'lipschitz must bound the slope of height where method is "safe" '
@@ -200,18 +194,8 @@ class Heightfield(AbstractPrimitive):
         Beside the extent the patches of a grid are continued.
         """
         if callable(self.height):
-            function, one, none = self.height, jnp.ones_like(x), jnp.zeros_like(x)
-            height, by_x = jax.jvp(function, (x, z), (one, none))
-            _, by_z = jax.jvp(function, (x, z), (none, one))
-            return height, by_x, by_z
-        rows, cols = self.height.shape[0] - 1, self.height.shape[1] - 1
-        (x0, x1), (z0, z1) = self.extent
-        per_x, per_z = rows / (x1 - x0), cols / (z1 - z0)
-        i, u = _place((x - x0) * per_x, rows)
-        j, v = _place((z - z0) * per_z, cols)
-        points = control_points(self.height, self.interpolation, i, j)
-        height, by_u, by_v = surface(points, u, v)
-        return height, by_u * per_x, by_v * per_z
+            return function_surface(self.height, x, z)
+        return grid_surface(self.height, self.extent, self.interpolation, x, z)
 
     def _gap(self, point: Vec3) -> Numbers:
         """Height of a point of its own frame above the surface."""
@@ -295,10 +279,11 @@ def _trace(ray: Ray, field: Heightfield) -> Float[Array, "*batch"]:
     x, z = jnp.mean(field.extent, axis=-1)
     half_x, half_z = (field.extent[:, 1] - field.extent[:, 0]) / 2
     radius = jnp.sqrt(half_x * half_x + half_z * half_z)
-    points = None
+    points, slope = None, field.lipschitz
+    if slope is None:
+        slope = jnp.full((), jnp.inf, dtype)
     if callable(field.height):
         y = field.surface(x, z)[0]
-        slope = jnp.inf if field.lipschitz is None else field.lipschitz
         relief = slope * radius
     else:
         points = all_control_points(field.height, field.interpolation)
@@ -322,87 +307,16 @@ def _trace(ray: Ray, field: Heightfield) -> Float[Array, "*batch"]:
         return field._gap(p + center)
 
     if field.method == "safe" and points is not None:
-        t = first_crossing(points - y, _in_patches(near, points, half_x, half_z), span)
+        t = first_crossing(points - y, near, half_x, half_z, span)
+    elif field.method == "safe":
+        # Rounding of x and z, which the slope multiplies, and of the heights.
+        reach = slope * jnp.sum(jnp.max(jnp.abs(field.extent), axis=1)) + 2 * jnp.abs(y)
+        t = advance(gap, near, span, reach, slope, field.curvature)
     else:
-        t = _march(field, gap, near, center, foot, span)
-    return jnp.where(jnp.isfinite(t), foot + t, jnp.inf)
-
-
-def _march(
-    field: Heightfield,
-    gap: Callable[[Numbers], Numbers],
-    near: Ray,
-    center: Vec3,
-    foot: Numbers,
-    span: Interval,
-) -> Numbers:
-    """First hit by marching, from the side of the surface on which the ray begins."""
-    o, d = near.origin, near.direction
-    begin = jnp.where(span.lower <= span.upper, span.lower, 0)
-    first, slope = jax.jvp(gap, (begin,), (jnp.ones_like(begin),))
-    bound = 0 if field.lipschitz is None else field.lipschitz
-    # Of x and z, which the slope multiplies, and of the heights.
-    reach = bound * jnp.sum(jnp.max(jnp.abs(field.extent), axis=1))
-
-    def rounding(t: Numbers) -> Numbers:
-        y = jnp.abs(o.y) + jnp.abs(t * d.y) + 2 * jnp.abs(center.y)
-        return eps(field.dtype, 2) * (y + reach)
-
-    begins_on = jnp.abs(first) <= rounding(begin)
-    sign = jnp.where(jnp.where(begins_on, slope, first) < 0, -1, 1)
-    side = sign.astype(field.dtype)
-
-    def above(t: Numbers) -> Numbers:
-        return side * gap(t)
-
-    length = d.norm()
-    if field.method != "safe":
         settings = field.method
         settings = settings if isinstance(settings, March) else MARCHES[settings]
-        return march(above, span, foot, length, settings)
-    level = safe_sqrt(d.x * d.x + d.z * d.z)
-    closing = bound * level - side * d.y
-    bend = None if field.curvature is None else field.curvature * level * level
-    return settled(above, advance(above, span, closing, bend, rounding))
-
-
-def _in_patches(
-    near: Ray,
-    points: Float[Array, "k k rows cols"],
-    half_x: Float[Array, ""],
-    half_z: Float[Array, ""],
-) -> Ray:
-    """The ray with x and z counted in patches from the corner of the first one."""
-    rows, cols = points.shape[2:]
-    per_x, per_z = rows / (2 * half_x), cols / (2 * half_z)
-    o, d = near.origin, near.direction
-    return Ray(
-        origin=Vec3(o.x * per_x + rows / 2, o.y, o.z * per_z + cols / 2),
-        direction=Vec3(d.x * per_x, d.y, d.z * per_z),
-    )
-
-
-def _place(x: Numbers, count: int) -> tuple[Int[Array, "*batch"], Numbers]:
-    """Number of the patch that holds x, and the place in it."""
-    i = jnp.clip(jnp.floor(jax.lax.stop_gradient(x)), 0, count - 1)
-    return i.astype(jnp.int32), x - i
-
-
-class _Function(eqx.Module):
-    """A callable taken apart into its arrays and numbers, and the rest."""
-
-    leaves: Any
-    rest: Any = eqx.field(static=True)
-
-    def __call__(self, x: Numbers, z: Numbers) -> Numbers:
-        """Call what was taken apart."""
-        return eqx.combine(self.leaves, self.rest)(x, z)
-
-
-def _as_tree(function: Function) -> Function:
-    """The function itself if it is a tree of arrays; else one whose rest is static."""
-    leaves, rest = eqx.partition(function, eqx.is_array_like)
-    return _Function(leaves, rest) if jax.tree.leaves(rest) else function
+        t = march(gap, near, span, foot, settings)
+    return jnp.where(jnp.isfinite(t), foot + t, jnp.inf)
 
 
 def _checked_extent(value: Any) -> Float[Array, "*batch 2 2"]:

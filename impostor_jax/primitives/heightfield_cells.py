@@ -21,6 +21,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
 from impostor_jax.geometry.rays import Interval, Ray
+from impostor_jax.geometry.vec3 import Vec3
 from impostor_jax.numerics import eps
 from impostor_jax.primitives.heightfield_grid import Blocks, largest_bend, surface
 from impostor_jax.primitives.heightfield_march import free_step
@@ -30,15 +31,22 @@ Indices = Int[Array, "*batch"]
 
 
 def first_crossing(
-    points: Float[Array, "k k rows cols"], ray: Ray, span: Interval
+    points: Float[Array, "k k rows cols"],
+    near: Ray,
+    half_x: Float[Array, ""],
+    half_z: Float[Array, ""],
+    span: Interval,
 ) -> Float[Array, "*batch"]:
     """Ray parameter of the first crossing, `+inf` where there is none.
 
     Args:
         points: Control points of the patches.
-        ray: With x and z counted in patches from the corner of the first one.
+        near: Ray in meters from the middle of the grid.
+        half_x: Half of the grid's extent along x, in meters.
+        half_z: Likewise along z.
         span: Stretch of the ray over the grid.
     """
+    ray = _in_patches(near, points, half_x, half_z)
     blocks = Blocks.of(points)
     last = len(blocks.shapes) - 1
     o, d = ray.origin, ray.direction
@@ -89,6 +97,22 @@ def first_crossing(
     zero = jnp.zeros(t.shape, jnp.int32)
     state = (t, zero, zero, zero + last, active, jnp.full_like(t, jnp.inf))
     return jax.lax.while_loop(lambda s: jnp.any(s[4]), turn, state)[-1]
+
+
+def _in_patches(
+    near: Ray,
+    points: Float[Array, "k k rows cols"],
+    half_x: Float[Array, ""],
+    half_z: Float[Array, ""],
+) -> Ray:
+    """The ray with x and z counted in patches from the corner of the first one."""
+    rows, cols = points.shape[2:]
+    per_x, per_z = rows / (2 * half_x), cols / (2 * half_z)
+    o, d = near.origin, near.direction
+    return Ray(
+        origin=Vec3(o.x * per_x + rows / 2, o.y, o.z * per_z + cols / 2),
+        direction=Vec3(d.x * per_x, d.y, d.z * per_z),
+    )
 
 
 def _step(

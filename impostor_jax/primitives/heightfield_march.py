@@ -7,17 +7,17 @@ over which the gap provably keeps its sign, from a bound on how fast it may clos
 (`free_step`).
 """
 
-__all__ = ["MARCHES", "March", "advance", "free_step", "march", "settled"]
+__all__ = ["MARCHES", "March", "advance", "free_step", "march"]
 
 import dataclasses
 from collections.abc import Callable
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
-from impostor_jax.geometry.rays import Interval
-from impostor_jax.numerics import safe_divide, safe_sqrt
+from impostor_jax.geometry.rays import Interval, Ray
+from impostor_jax.numerics import eps, safe_divide, safe_sqrt
 
 Numbers = Float[Array, "*batch"]
 Gap = Callable[[Numbers], Numbers]
@@ -54,21 +54,24 @@ MARCHES = {
 
 
 def march(
-    gap: Gap, span: Interval, start: Numbers, length: Numbers, settings: March
+    gap: Gap, ray: Ray, span: Interval, start: Numbers, settings: March
 ) -> Numbers:
     """Ray parameter where a march stops at the surface, `+inf` where it does not.
 
     Args:
-        gap: Of the point at a ray parameter, in meters; positive where a ray begins.
+        gap: Of the point at a ray parameter, in meters.
+        ray: The ray.
         span: Stretch of the ray over the extent.
         start: What to add to the ray parameter to count it from the camera.
-        length: Of the ray's direction.
         settings: How to march.
     """
+    active, t = _beginning(span)
+    side = _side(gap, t, jnp.zeros_like(t))
+    length = ray.direction.norm()
 
     def turn(state):
         count, t, step, last, active, found = state
-        now = gap(t)
+        now = side * gap(t)
         distance = (start + t) * length
         limit = settings.threshold * (distance if settings.proportional else 1.0)
         arrives = active & (now < limit)
@@ -87,8 +90,6 @@ def march(
     def is_open(state):
         return (state[0] < settings.steps) & jnp.any(state[4])
 
-    active = span.lower <= span.upper
-    t = jnp.where(active, span.lower, 0)
     none, never = jnp.zeros_like(t), jnp.full_like(t, jnp.inf)
     state = (jnp.int32(0), t, none, none, active, never)
     return jax.lax.while_loop(is_open, turn, state)[-1]
@@ -100,25 +101,40 @@ MOST_STEPS = 1 << 14
 
 def advance(
     gap: Gap,
+    ray: Ray,
     span: Interval,
-    closing: Numbers,
-    bend: Numbers | None,
-    rounding: Callable[[Numbers], Numbers],
+    reach: Float[Array, ""],
+    lipschitz: Float[Array, ""],
+    curvature: Float[Array, ""] | None,
 ) -> Numbers:
     """Ray parameter where the gap first closes, `+inf` where it does not.
 
     Args:
-        gap: Of the point at a ray parameter; positive where a ray begins, or rising.
+        gap: Of the point at a ray parameter, in meters.
+        ray: The ray.
         span: Stretch of the ray over the extent.
-        closing: Bound of how fast the gap may fall with the ray parameter.
-        bend: Bound of the gap's second derivative; None where none is known.
-        rounding: Of the gap at a ray parameter: what is not above it is closed.
+        reach: Lengths, besides that of the ray, whose rounding the gap suffers.
+        lipschitz: Bound of the surface's slope.
+        curvature: Bound of its second derivative; None where none is known.
     """
+    o, d = ray.origin, ray.direction
+
+    def rounding(t: Numbers) -> Numbers:
+        return eps(t.dtype, 2) * (jnp.abs(o.y) + jnp.abs(t * d.y) + reach)
+
+    active, t = _beginning(span)
+    side = _side(gap, t, rounding(t))
+    level = safe_sqrt(d.x * d.x + d.z * d.z)
+    closing = lipschitz * level - side * d.y
+    bend = None if curvature is None else curvature * level * level
+
+    def above(t: Numbers) -> Numbers:
+        return side * gap(t)
 
     def slope_of(t: Numbers) -> tuple[Numbers, Numbers]:
         if bend is None:
-            return gap(t), jnp.zeros_like(t)
-        return jax.jvp(gap, (t,), (jnp.ones_like(t),))
+            return above(t), jnp.zeros_like(t)
+        return jax.jvp(above, (t,), (jnp.ones_like(t),))
 
     def turn(state):
         count, t, away, active, found = state
@@ -140,15 +156,29 @@ def advance(
     def is_open(state):
         return (state[0] < MOST_STEPS) & jnp.any(state[3])
 
-    active = span.lower <= span.upper
-    t = jnp.where(active, span.lower, 0)
     away, never = jnp.zeros(t.shape, bool), jnp.full_like(t, jnp.inf)
     state = (jnp.int32(0), t, away, active, never)
     _, t, _, active, found = jax.lax.while_loop(is_open, turn, state)
-    return jnp.where(active, t, found)
+    return _settled(gap, jnp.where(active, t, found))
 
 
-def settled(gap: Gap, t: Numbers) -> Numbers:
+def _beginning(span: Interval) -> tuple[Bool[Array, "*batch"], Numbers]:
+    """Whether a ray is over the extent at all, and where it begins to be."""
+    active = span.lower <= span.upper
+    return active, jnp.where(active, span.lower, 0)
+
+
+def _side(gap: Gap, t: Numbers, rounding: Numbers) -> Numbers:
+    """Side on which a ray is at t: 1 above, -1 below.
+
+    A ray on the surface is on the side to which it goes.
+    """
+    now, slope = jax.jvp(gap, (t,), (jnp.ones_like(t),))
+    leans = jnp.where(jnp.abs(now) > rounding, now, slope)
+    return jnp.where(leans < 0, -jnp.ones_like(t), jnp.ones_like(t))
+
+
+def _settled(gap: Gap, t: Numbers) -> Numbers:
     """Ray parameter after a step of Newton's, where that lowers the gap."""
     at = jnp.where(jnp.isfinite(t), t, 0)
     now, slope = jax.jvp(gap, (at,), (jnp.ones_like(at),))
