@@ -107,40 +107,36 @@ def largest_bend(
 
 
 class Blocks(eqx.Module):
-    """Lowest and highest control point of every block of 2^level by 2^level patches.
+    """Highest control point of every block of 2^level by 2^level patches.
 
     Attributes:
-        lowest: All levels one after the other, row by row.
-        highest: Likewise.
+        tops: All levels one after the other, row by row; then those of the blocks
+            upside down, whose tops are minus the lowest control points.
         shapes: Number of rows and columns of blocks at each level; the last is (1, 1).
     """
 
-    lowest: Float[Array, " blocks"]
-    highest: Float[Array, " blocks"]
+    tops: Float[Array, " blocks"]
     shapes: tuple[tuple[int, int], ...] = eqx.field(static=True)
 
     @staticmethod
     def of(points: Float[Array, "k k rows cols"]) -> "Blocks":
         """Merge the patches two by two until one block is left."""
-        low, high = jnp.min(points, axis=(0, 1)), jnp.max(points, axis=(0, 1))
-        lows, highs = [low], [high]
-        while low.shape != (1, 1):
-            low = -_merged(-low)
-            high = _merged(high)
-            lows.append(low)
-            highs.append(high)
-        return Blocks(
-            lowest=jnp.concatenate([level.ravel() for level in lows]),
-            highest=jnp.concatenate([level.ravel() for level in highs]),
-            shapes=tuple((level.shape[0], level.shape[1]) for level in lows),
-        )
+        levels = [jnp.stack([jnp.max(p, axis=(0, 1)) for p in (points, -points)])]
+        while levels[-1].shape[1:] != (1, 1):
+            levels.append(_merged(levels[-1]))
+        flat = jnp.concatenate([level.reshape(2, -1) for level in levels], axis=1)
+        shapes = tuple((level.shape[1], level.shape[2]) for level in levels)
+        return Blocks(tops=flat.ravel(), shapes=shapes)
 
     def shape(
         self, level: Int[Array, "*batch"]
     ) -> tuple[Int[Array, "*batch"], Int[Array, "*batch"]]:
         """Number of rows and columns of blocks at a level."""
-        rows, cols = jnp.asarray(np.array(self.shapes, np.int32).T)
-        return rows[level], cols[level]
+        rows, cols = self.shapes[0]
+        return (
+            jnp.right_shift(rows - 1, level) + 1,
+            jnp.right_shift(cols - 1, level) + 1,
+        )
 
     def top(
         self,
@@ -154,11 +150,12 @@ class Blocks(eqx.Module):
         start = np.cumsum([0, *sizes[:-1]], dtype=np.int32)
         _, cols = self.shape(level)
         k = jnp.asarray(start)[level] + i * cols + j
-        return jnp.where(side > 0, self.highest[k], -self.lowest[k])
+        return self.tops[jnp.where(side > 0, k, k + sum(sizes))]
 
 
-def _merged(high: Float[Array, "rows cols"]) -> Float[Array, "_ _"]:
-    rows, cols = high.shape
-    padding = ((0, rows % 2), (0, cols % 2))
-    high = jnp.pad(high, padding, constant_values=-np.inf)
-    return jnp.max(high.reshape((rows + 1) // 2, 2, (cols + 1) // 2, 2), axis=(1, 3))
+def _merged(tops: Float[Array, "2 rows cols"]) -> Float[Array, "2 _ _"]:
+    _, rows, cols = tops.shape
+    padding = ((0, 0), (0, rows % 2), (0, cols % 2))
+    tops = jnp.pad(tops, padding, constant_values=-np.inf)
+    parts = tops.reshape(2, (rows + 1) // 2, 2, (cols + 1) // 2, 2)
+    return jnp.max(parts, axis=(2, 4))
