@@ -67,8 +67,8 @@ def draw(folder: Path) -> None:
         column[1].set_xlabel("time, microseconds a ray")
     axes[0, 0].set_ylabel("surface missed, part of the rays that hit")
     axes[1, 0].set_ylabel("median depth error of the others, m")
-    if axes[0, 1].lines:
-        axes[0, 1].legend(fontsize=7)
+    handles, labels = axes[0, 0].get_legend_handles_labels()
+    figure.legend(handles, labels, fontsize=8, ncols=4, loc="outside lower center")
     write_atomically(
         folder / "figures" / "marching_trade.png",
         lambda temporary: figure.savefig(temporary, dpi=90, format="png"),
@@ -91,17 +91,17 @@ def _curves(axes: Axes, values: Values, name: str, quantity: str) -> None:
         if points:
             axes.plot(*zip(*points, strict=True), "o-", ms=3, label=f"factor {factor}")
     marks = {
-        "published.proportional": "s",
-        "published.secant": "D",
-        "patient.secant": "^",
-        "safe.slope": "v",
-        "safe.curvature": "P",
-        "safe.grid": "*",
+        "published.fixed": ("o", "published: 0.2, 64 steps, 0.02 m"),
+        "published.secant": ("D", "published: 0.2, 64 steps, 0.001 t, secant"),
+        "patient.secant": ("^", "the same with 1024 steps"),
+        "safe.slope": ("v", LABELS["safe.slope"]),
+        "safe.curvature": ("P", LABELS["safe.curvature"]),
+        "safe.grid": ("*", LABELS["safe.grid"]),
     }
-    for key, mark in marks.items():
+    for key, (mark, label) in marks.items():
         point = at(key)
         if point is not None:
-            axes.plot(*point, mark, ms=8, label=LABELS[key])
+            axes.plot(*point, mark, ms=8, label=label)
     axes.set_xscale("log")
     if quantity == "missed":
         axes.set_yscale("symlog", linthresh=1e-3)
