@@ -94,7 +94,7 @@ def run(config: Config) -> int:
 
 
 def never_missed(config: Config) -> Iterator[Metric]:
-    """The safe setting on a grid of slopes up to 86 degrees, against all its cells."""
+    """The safe setting on a grid of slopes up to 88 degrees, against all its cells."""
     rng = np.random.default_rng(config.seed)
     extent = ((-1.0, 1.0), (-1.0, 1.0))
     grid = rng.normal(size=(17, 17)).astype(np.float32).astype(float)
