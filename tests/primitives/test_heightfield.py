@@ -16,7 +16,7 @@ from tests.checks import central_difference
 from tests.oracle import heightfield as oracle
 
 EXTENT = ((-1.0, 1.0), (-0.5, 1.0))
-# Slopes of up to 80 degrees.
+# Slopes of up to 87 degrees.
 STEEP = np.random.default_rng(3).normal(size=(9, 7)).astype(np.float32)
 
 
