@@ -10,8 +10,11 @@ from .primitives.base import AbstractPrimitive
 from .primitives.box import Box
 from .primitives.cylinder import Cylinder
 from .primitives.frustum import Frustum
+from .primitives.heightfield import Heightfield
+from .primitives.heightfield_march import March
 from .primitives.plane import Plane
 from .primitives.sphere import Sphere
+from .primitives.terrain import Terrain
 from .rendering.coverage import coverage
 from .rendering.distance import signed_distance
 from .rendering.maps import GeometryMaps
@@ -44,7 +47,9 @@ __all__ = [
     "FlyingPixels",
     "Frustum",
     "GeometryMaps",
+    "Heightfield",
     "LateralNoise",
+    "March",
     "OrthographicCamera",
     "Outline",
     "PinholeCamera",
@@ -54,6 +59,7 @@ __all__ = [
     "Sphere",
     "StereoDisparity",
     "StructuredLight",
+    "Terrain",
     "Tile",
     "coverage",
     "fit_cylinder",

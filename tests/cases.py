@@ -11,6 +11,7 @@ from impostor_jax.geometry.vec3 import Vec3
 from impostor_jax.primitives.box import Box
 from impostor_jax.primitives.cylinder import Cylinder
 from impostor_jax.primitives.frustum import Frustum
+from impostor_jax.primitives.heightfield import Heightfield
 from impostor_jax.primitives.plane import Plane
 from impostor_jax.primitives.sphere import Sphere
 from impostor_jax.sensor.dropout import Dropout
@@ -35,6 +36,12 @@ PRIMITIVES = {
     "plane": lambda: Plane((0.1, -0.2, 3.0), (0.3, 0.8, 0.52)),
     "box": lambda: Box((0.1, -0.2, 3.0), TURNED, (0.8, 0.6, 1.4)),
     "sheet": lambda: Box((0.1, -0.2, 3.0), TURNED, (1.2, 0.9, 1e-4)),
+    "heightfield": lambda: Heightfield(
+        [[0.0, 0.3, -0.2], [0.4, -0.3, 0.1], [-0.1, 0.5, 0.2], [0.2, -0.2, 0.0]],
+        ((-0.6, 0.6), (-0.5, 0.7)),
+        "bicubic",
+        world_from_field=RigidTransform(pose().rotation, (0.1, -0.2, 3.0)),
+    ),
 }
 
 CAMERAS = {
@@ -145,7 +152,10 @@ def holder(primitive):
         u, _, a = np.asarray(primitive.rotation, float).T
         r, _, h = np.asarray(primitive.size, float) / 2
         return np.asarray(primitive.center, float), a, u, r, h
-    if isinstance(primitive, Plane):
+    if isinstance(primitive, Heightfield):
+        pose = primitive.world_from_field
+        c, a, r, h = pose.translation, np.asarray(pose.rotation)[:, 1], 0.6, 0.4
+    elif isinstance(primitive, Plane):
         c, a, r, h = primitive.point, primitive.unit_normal, 1.0, 0.0
     elif isinstance(primitive, Cylinder):
         c, a, r = primitive.center, primitive.axis, primitive.radius

@@ -38,6 +38,12 @@ ORDER = {
         "frustum",
         "plane",
         "box",
+        "terrain",
+        "heightfield_grid",
+        "heightfield_height",
+        "heightfield_march",
+        "heightfield_cells",
+        "heightfield",
     ),
     "rendering": (
         "maps",

@@ -1,4 +1,4 @@
-"""Analytic shapes that a ray can be cast at."""
+"""Shapes that a ray can be cast at."""
 
 __all__ = [
     "PRIMITIVES",
@@ -6,6 +6,7 @@ __all__ = [
     "Box",
     "Cylinder",
     "Frustum",
+    "Heightfield",
     "Plane",
     "Sphere",
 ]
@@ -14,6 +15,7 @@ from impostor_jax.primitives.base import AbstractPrimitive
 from impostor_jax.primitives.box import Box
 from impostor_jax.primitives.cylinder import Cylinder
 from impostor_jax.primitives.frustum import Frustum
+from impostor_jax.primitives.heightfield import Heightfield
 from impostor_jax.primitives.plane import Plane
 from impostor_jax.primitives.sphere import Sphere
 
@@ -21,6 +23,7 @@ PRIMITIVES: dict[str, type[AbstractPrimitive]] = {
     "box": Box,
     "cylinder": Cylinder,
     "frustum": Frustum,
+    "heightfield": Heightfield,
     "plane": Plane,
     "sphere": Sphere,
 }

@@ -16,7 +16,7 @@ from impostor_jax.geometry.vec3 import Vec3
 
 
 class AbstractPrimitive(eqx.Module):
-    """A shape with a closed-form intersection; lengths are in meters."""
+    """A shape that rays are cast at: a solid, or an open sheet; lengths in meters."""
 
     @property
     @abc.abstractmethod
@@ -44,7 +44,8 @@ class AbstractPrimitive(eqx.Module):
     def implicit(self, point: Vec3) -> Float[Array, "*batch"]:
         """Signed distance from the surface in meters, negative inside.
 
-        Of a plane, negative on the side that its normal points away from.
+        Of a plane, negative on the side that its normal points away from. Of a
+        heightfield, negative below, and of first order: right near the surface.
         """
 
     @abc.abstractmethod

@@ -28,8 +28,7 @@ def render(
     of one image size.
 
     Args:
-        primitive: One cylinder, sphere, box or plane, in the world frame; map a
-            batch with `jax.vmap`.
+        primitive: One shape, in the world frame; map a batch with `jax.vmap`.
         camera: The camera; without a pose its frame is the world.
         outputs: Any of depth, range, point, normal and mask.
         tile: Block of pixels to render, the whole image if None. `outline_tile` gives

@@ -10,6 +10,7 @@ from impostor_jax.geometry.rays import Ray
 from impostor_jax.numerics import eps
 from impostor_jax.primitives import PRIMITIVES as CLASSES
 from impostor_jax.primitives.cylinder import Cylinder
+from impostor_jax.primitives.heightfield import Heightfield
 from tests.cases import PRIMITIVES, is_decided, pose, rays_at
 from tests.checks import all_finite, central_difference
 
@@ -60,8 +61,12 @@ def test_rays_leaving_a_hit_do_not_meet_the_solid_again(primitive, rays, dtype):
     # Off the surface by more than its rounding errors.
     off = normal * (eps(dtype, 1024) ** 0.9 * reach(primitive, rays))
     start = rays.at(jnp.where(hit.mask, hit.t, 0)) + off
-    again = primitive.intersect(Ray(start, normal)).mask
-    assert not (again & hit.mask & outside).any()
+    again = primitive.intersect(Ray(start, normal))
+    met = again.mask
+    if isinstance(primitive, Heightfield):
+        # A bent sheet may stand in the way farther on.
+        met &= again.t < 0.01
+    assert not (met & hit.mask & outside).any()
 
 
 def test_a_miss_is_infinite(primitive, rays):

@@ -1,0 +1,1 @@
+"""What do the published ways to march over a heightfield cost and miss?"""

@@ -1,0 +1,341 @@
+"""Heightfield: the surface y = height(x, z) over a rectangle, seen from both sides.
+
+Where a ray meets it is found by walking over the patches of a grid
+(`impostor_jax.primitives.heightfield_cells`), or by marching where the height is a
+function (`impostor_jax.primitives.heightfield_march`). Depth is not differentiated
+through either but follows from the equation of the surface at the hit
+(`impostor_jax.primitives.surface`).
+
+Rounding. Walk and march run near the surface (`Ray.brought_near`). The hit of a safe
+method is closed in on from the ray's own side, by steps that provably do not cross, and
+a last step of Newton's is kept where it lowers the gap. The gap is then no more than
+its rounding, and the depth as exact as a change of ray and heights by a few eps leaves
+it.
+"""
+
+__all__ = ["Heightfield"]
+
+from collections.abc import Callable
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+from typing_extensions import override
+
+from impostor_jax.arguments import float_array, is_concrete, one_of
+from impostor_jax.geometry.frames import RigidTransform
+from impostor_jax.geometry.rays import Hit, Interval, Ray, slab_interval
+from impostor_jax.geometry.vec3 import Vec3
+from impostor_jax.numerics import safe_sqrt
+from impostor_jax.primitives.base import AbstractPrimitive
+from impostor_jax.primitives.heightfield_cells import first_crossing
+from impostor_jax.primitives.heightfield_grid import INTERPOLATIONS, all_control_points
+from impostor_jax.primitives.heightfield_height import (
+    as_tree,
+    function_surface,
+    grid_surface,
+)
+from impostor_jax.primitives.heightfield_march import MARCHES, March, advance, march
+from impostor_jax.primitives.surface import facing, hit_tangent
+
+Numbers = Float[Array, "*batch"]
+Function = Callable[[Any, Any], Any]
+
+
+class Heightfield(AbstractPrimitive):
+    """Open surface y = height(x, z) over a rectangle of its own frame, whose y is up.
+
+    It has no sides and no bottom: a ray from below sees its underside, and beside the
+    extent there is nothing. In a batch every one has its own grid; map it with
+    `jax.vmap`.
+
+    Args:
+        height: Heights in meters: an array (*batch, n, m), n samples along x and m
+            along z, at least 2 each, the outermost at the ends of the extent; or a
+            function of two arrays x and z of one shape, elementwise. The arrays and
+            numbers that a function holds as a pytree, as an `eqx.Module` does, are
+            differentiated in.
+        extent: ((x0, x1), (z0, z1)) in meters, for one or for each; of a function it
+            sets the dtype.
+        interpolation: Of an array: "bilinear", or "bicubic" (Catmull-Rom, one-sided
+            slopes at the border). Both pass through the samples.
+        method: "safe" passes over no crossing; "fixed", "proportional" and "secant"
+            march as published (`MARCHES`), as does a `March` of your own.
+        lipschitz: Bound of the slope of a function, in meters per meter. "safe" needs
+            it, and passes over nothing as long as it holds.
+        curvature: Bound of a function's second derivative along any horizontal
+            direction, in 1/m. "safe" then closes in by tens of steps and not hundreds.
+        world_from_field: Pose of its own frame; None where that is the world.
+
+    Derivatives:
+        The depth of a pixel is smooth in the ray, the pose and the heights while the
+        same fold is seen, and jumps where a crest crosses the pixel. It grows without
+        bound as a ray grazes; on a ray that grazes to rounding it is 0. A bilinear
+        surface has creases at its samples: there it is that of one side.
+
+    Raises:
+        ValueError: An argument is out of range or missing, or a shape does not fit.
+    """
+
+    height: Float[Array, "*batch n m"] | Function
+    extent: Float[Array, "*batch 2 2"]
+    lipschitz: Float[Array, ""] | None
+    curvature: Float[Array, ""] | None
+    world_from_field: RigidTransform | None
+    interpolation: str = eqx.field(static=True)
+    method: str | March = eqx.field(static=True)
+
+    def __init__(
+        self,
+        height: Any,
+        extent: Any,
+        interpolation: str = "bilinear",
+        method: str | March = "safe",
+        lipschitz: Any = None,
+        curvature: Any = None,
+        world_from_field: Any = None,
+    ):
+        one_of("interpolation", interpolation, INTERPOLATIONS)
+        if not isinstance(method, March):
+            one_of("method", method, ("safe", *MARCHES))
+        extent = _checked_extent(extent)
+        if callable(height):
+            self.height = as_tree(height)
+            if method == "safe" and lipschitz is None:
+                raise ValueError(
+                    'lipschitz must bound the slope of height where method is "safe" '
+                    "and height is a function, got None"
+                )
+        else:
+            grid = float_array("height", height, (None, None), "meters")
+            if min(grid.shape[-2:]) < 2:
+                raise ValueError(
+                    "height must have at least 2 samples along x and z, "
+                    f"got shape {grid.shape}"
+                )
+            if lipschitz is not None or curvature is not None:
+                raise ValueError(
+                    "lipschitz and curvature must be None for an array of heights, "
+                    f"whose bounds are known; got {lipschitz} and {curvature}"
+                )
+            dtype = jnp.result_type(grid, extent)
+            self.height, extent = grid.astype(dtype), extent.astype(dtype)
+            if extent.ndim == 2:
+                extent = jnp.broadcast_to(extent, (*grid.shape[:-2], 2, 2))
+        self.extent = extent
+        self.lipschitz = _checked_bound("lipschitz", lipschitz, extent.dtype)
+        self.curvature = _checked_bound("curvature", curvature, extent.dtype)
+        self.world_from_field = RigidTransform.of(world_from_field)
+        self.interpolation = interpolation
+        self.method = method
+
+    @property
+    @override
+    def batch_shape(self) -> tuple[int, ...]:
+        return self.extent.shape[:-2]
+
+    @property
+    @override
+    def dtype(self) -> np.dtype:
+        return self.extent.dtype
+
+    @override
+    def intersect(self, ray: Ray) -> Hit:
+        if self.batch_shape:
+            raise ValueError(
+                f"heightfield must be a single one, got a batch of shape "
+                f"{self.batch_shape}; map over it with jax.vmap"
+            )
+        t = _first_hit(ray, self)
+        return Hit.on_one_piece(t)
+
+    @override
+    def normal(self, ray: Ray, hit: Hit) -> Vec3:
+        return _normal(self, ray, hit)
+
+    def difference_normal(self, ray: Ray, hit: Hit, epsilon: Any) -> Vec3:
+        """Normal by central differences, as shaders take it.
+
+        Args:
+            ray: That was cast.
+            hit: What it hit.
+            epsilon: Half the distance of the samples in meters, a number or one per
+                ray. Published are 0.02, and 0.001 times the distance of the hit.
+        """
+        p = self._hit_point(ray, hit)
+        e = jnp.where(hit.mask, jnp.asarray(epsilon, self.dtype), 1)
+        by_x = (self.surface(p.x + e, p.z)[0] - self.surface(p.x - e, p.z)[0]) / (2 * e)
+        by_z = (self.surface(p.x, p.z + e)[0] - self.surface(p.x, p.z - e)[0]) / (2 * e)
+        return self._facing_normal(by_x, by_z, ray, hit)
+
+    @override
+    def implicit(self, point: Vec3) -> Float[Array, "*batch"]:
+        """First-order signed distance in meters: the gap over sqrt(1 + slope^2).
+
+        Negative below. Beside the extent it is positive: the distance from the extent
+        put together with that of the surface at its border.
+        """
+        return _distance(self, point)
+
+    @override
+    def transformed(self, target_from_source: RigidTransform) -> "Heightfield":
+        pose = self.world_from_field
+        pose = target_from_source if pose is None else target_from_source @ pose
+        return eqx.tree_at(
+            lambda h: h.world_from_field, self, pose, is_leaf=lambda x: x is None
+        )
+
+    def surface(self, x: Numbers, z: Numbers) -> tuple[Numbers, Numbers, Numbers]:
+        """Height at points of its own frame, and its derivatives in x and z.
+
+        Beside the extent the patches of a grid are continued.
+        """
+        if callable(self.height):
+            return function_surface(self.height, x, z)
+        return grid_surface(self.height, self.extent, self.interpolation, x, z)
+
+    def _gap(self, point: Vec3) -> Numbers:
+        """Height of a point of its own frame above the surface."""
+        return point.y - self.surface(point.x, point.z)[0]
+
+    def _own_ray(self, ray: Ray) -> Ray:
+        """The ray in its own frame."""
+        if self.world_from_field is None:
+            return ray
+        own = self.world_from_field.inverse()
+        return Ray(
+            origin=Vec3.from_array(own.apply(ray.origin.stack())),
+            direction=Vec3.from_array(own.rotate(ray.direction.stack())),
+        )
+
+    def _hit_point(self, ray: Ray, hit: Hit) -> Vec3:
+        """Hit in its own frame; on a miss the middle of the extent.
+
+        There a function has a height, which it may not have where a miss ends.
+        """
+        point = self._own_ray(ray).at(jnp.where(hit.mask, hit.t, 0))
+        x, z = jax.lax.stop_gradient(jnp.mean(self.extent, axis=-1))
+        return point.where(hit.mask, Vec3(x, jnp.zeros_like(x), z))
+
+    def _facing_normal(self, by_x: Numbers, by_z: Numbers, ray: Ray, hit: Hit) -> Vec3:
+        n = Vec3(-by_x, jnp.ones_like(by_x), -by_z).normalize()
+        if self.world_from_field is not None:
+            n = Vec3.from_array(self.world_from_field.rotate(n.stack()))
+        return facing(n, ray.direction, hit.mask)
+
+
+@jax.jit
+def _normal(field: Heightfield, ray: Ray, hit: Hit) -> Vec3:
+    point = field._hit_point(ray, hit)
+    _, by_x, by_z = field.surface(point.x, point.z)
+    return field._facing_normal(by_x, by_z, ray, hit)
+
+
+@jax.jit
+def _distance(field: Heightfield, point: Vec3) -> Numbers:
+    still = Vec3(*(jnp.zeros_like(point.x) for _ in range(3)))
+    p = field._own_ray(Ray(point, still)).origin
+    (x0, x1), (z0, z1) = field.extent
+    x, z = jnp.clip(p.x, x0, x1), jnp.clip(p.z, z0, z1)
+    height, by_x, by_z = field.surface(x, z)
+    distance = (p.y - height) / jnp.sqrt(1 + by_x * by_x + by_z * by_z)
+    beside = (p.x - x) ** 2 + (p.z - z) ** 2
+    return jnp.where(beside > 0, safe_sqrt(beside + distance * distance), distance)
+
+
+@jax.custom_jvp
+def _first_hit(ray: Ray, field: Heightfield) -> Float[Array, "*batch"]:
+    """Ray parameter of the first hit, `+inf` on a miss."""
+    return _trace(ray, field)
+
+
+@_first_hit.defjvp
+def _first_hit_jvp(primals, tangents):
+    t = _first_hit(*primals)
+    return t, _hit_tangent(t, primals, tangents)
+
+
+@jax.jit
+def _hit_tangent(t: Numbers, primals: Any, tangents: Any) -> Numbers:
+    hit = Hit.on_one_piece(t)
+
+    def gap(ray: Ray, field: Heightfield) -> tuple[Numbers, Numbers]:
+        """Gap at the held hit, and its slope along the ray."""
+        p, d = field._hit_point(ray, hit), field._own_ray(ray).direction
+        height, by_x, by_z = field.surface(p.x, p.z)
+        return p.y - height, d.y - by_x * d.x - by_z * d.z
+
+    _, d_gap, slope = jax.jvp(gap, primals, tangents, has_aux=True)
+    return hit_tangent(-d_gap, slope, hit.mask)
+
+
+@jax.jit
+def _trace(ray: Ray, field: Heightfield) -> Float[Array, "*batch"]:
+    ray = field._own_ray(ray)
+    dtype = field.dtype
+    x, z = jnp.mean(field.extent, axis=-1)
+    half_x, half_z = (field.extent[:, 1] - field.extent[:, 0]) / 2
+    radius = jnp.sqrt(half_x * half_x + half_z * half_z)
+    points, slope = None, field.lipschitz
+    if slope is None:
+        slope = jnp.full((), jnp.inf, dtype)
+    if callable(field.height):
+        y = field.surface(x, z)[0]
+        relief = slope * radius
+    else:
+        points = all_control_points(field.height, field.interpolation)
+        low, high = jnp.min(points), jnp.max(points)
+        y, relief = (low + high) / 2, (high - low) / 2
+    center = Vec3(x, y, z)
+    near, foot = ray.brought_near(center, center, radius)
+    span = Interval(lower=-foot, upper=jnp.full_like(foot, jnp.inf))
+    # From above the surface by its size, so that a ray begins clearly on one side.
+    for axis, half in enumerate((half_x, relief + radius, half_z)):
+        slab = slab_interval(near, Vec3.from_array(jnp.eye(3, dtype=dtype)[axis]), half)
+        span = Interval(
+            lower=jnp.maximum(span.lower, slab.lower),
+            upper=jnp.minimum(span.upper, slab.upper),
+        )
+
+    def gap(t: Numbers) -> Numbers:
+        p = near.at(t)
+        # A function may have no height beside the extent.
+        p = Vec3(jnp.clip(p.x, -half_x, half_x), p.y, jnp.clip(p.z, -half_z, half_z))
+        return field._gap(p + center)
+
+    if field.method == "safe" and points is not None:
+        t = first_crossing(points - y, near, half_x, half_z, span)
+    elif field.method == "safe":
+        # Rounding of x and z, which the slope multiplies, and of the heights.
+        reach = slope * jnp.sum(jnp.max(jnp.abs(field.extent), axis=1)) + 2 * jnp.abs(y)
+        t = advance(gap, near, span, reach, slope, field.curvature)
+    else:
+        settings = field.method
+        settings = settings if isinstance(settings, March) else MARCHES[settings]
+        t = march(gap, near, span, foot, settings)
+    return jnp.where(jnp.isfinite(t), foot + t, jnp.inf)
+
+
+def _checked_extent(value: Any) -> Float[Array, "*batch 2 2"]:
+    extent = float_array("extent", value, (2, 2), "meters")
+    if is_concrete(extent):
+        ends = np.asarray(extent)
+        if not np.all(ends[..., 0] < ends[..., 1]):
+            raise ValueError(
+                "extent must be ((x0, x1), (z0, z1)) in meters with x0 < x1 and "
+                f"z0 < z1, got {ends.tolist()}"
+            )
+    return extent
+
+
+def _checked_bound(name: str, value: Any, dtype: Any) -> Float[Array, ""] | None:
+    """A number that is not negative, or None."""
+    if value is None:
+        return None
+    bound = float_array(name, value, ()).astype(dtype)
+    if bound.shape != () or (is_concrete(bound) and float(bound) < 0):
+        raise ValueError(f"{name} must be a number, not negative, got {value}")
+    return bound
