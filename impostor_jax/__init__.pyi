@@ -20,6 +20,7 @@ from .rendering.distance import signed_distance
 from .rendering.maps import GeometryMaps
 from .rendering.outline_curve import Outline, outline
 from .rendering.raycast import render
+from .rendering.scene import Scene
 from .rendering.shade import AmbientLight, DirectionalLight, PointLight, shade
 from .rendering.tile import outline_box, outline_tile
 from .sensor.base import AbstractDepthNoise
@@ -56,6 +57,7 @@ __all__ = [
     "Plane",
     "PointLight",
     "RigidTransform",
+    "Scene",
     "Sphere",
     "StereoDisparity",
     "StructuredLight",

@@ -245,7 +245,7 @@ def normals(name: str, rays: Rays, true: Depths) -> Iterator[Metric]:
     """Angle between the normal by differences and the analytic one, at the root."""
     with jax.enable_x64(True):
         field, cast = land(name, "float64", method="fixed"), as_rays(rays, "float64")
-        hit = Hit(t=jnp.asarray(true), on_cap=jnp.zeros(true.shape, bool))
+        hit = Hit.on_one_piece(jnp.asarray(true))
         exact = field.normal(cast, hit)
         for label, epsilon in (("fixed", 0.02), ("proportional", 0.001 * hit.t)):
             other = field.difference_normal(cast, hit, epsilon)

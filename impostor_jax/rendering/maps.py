@@ -3,9 +3,9 @@
 __all__ = ["OUTPUTS", "GeometryMaps"]
 
 import equinox as eqx
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool, Float, Int
 
-OUTPUTS = ("depth", "range", "point", "normal", "mask")
+OUTPUTS = ("depth", "range", "point", "normal", "mask", "index")
 
 
 class GeometryMaps(eqx.Module):
@@ -17,6 +17,7 @@ class GeometryMaps(eqx.Module):
         point: Surface point in meters; `+inf` where nothing is hit.
         normal: Unit normal that faces the camera; zero where nothing is hit.
         mask: Whether the pixel's center ray hits anything.
+        index: Which shape of a scene is hit, counted from 0; -1 where none is.
     """
 
     depth: Float[Array, "h w"] | None = None
@@ -24,3 +25,4 @@ class GeometryMaps(eqx.Module):
     point: Float[Array, "h w 3"] | None = None
     normal: Float[Array, "h w 3"] | None = None
     mask: Bool[Array, "h w"] | None = None
+    index: Int[Array, "h w"] | None = None

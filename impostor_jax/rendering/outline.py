@@ -13,6 +13,7 @@ curve of `outline_curve` knows no such limit.
 
 __all__ = [
     "bounding_box",
+    "disc_support",
     "in_front",
     "outline_points",
     "parallel_bounding_box",
@@ -60,6 +61,33 @@ def support(
         Hartley and Zisserman (2004), section 2.2.3, for the dual conic.
     """
     a, r = Vec3.from_array(cylinder.axis), cylinder.radius
+    (s0, x0, y0), (s1, x1, y1) = (
+        disc_support(c, a, r, n_x, n_y) for c in _discs(cylinder)
+    )
+    second = s1 > s0
+    return (
+        jnp.where(second, s1, s0),
+        jnp.where(second, x1, x0),
+        jnp.where(second, y1, y0),
+    )
+
+
+def disc_support(
+    c: Vec3,
+    a: Vec3,
+    r: Float[Array, ""],
+    n_x: Float[Array, "*batch"],
+    n_y: Float[Array, "*batch"],
+) -> tuple[Float[Array, "*batch"], Float[Array, "*batch"], Float[Array, "*batch"]]:
+    """Support function of the image of a disc, and the point where the line touches.
+
+    Args:
+        c: Center of the disc, in the camera frame, wholly in front of the camera.
+        a: Its unit normal.
+        r: Its radius.
+        n_x: First component of the unit normal of a line in the plane z = 1.
+        n_y: Second component.
+    """
     zero, one = jnp.zeros_like(n_x), jnp.ones_like(n_x)
     normal, forward = Vec3(n_x, n_y, zero), Vec3(zero, zero, one)
 
@@ -68,27 +96,18 @@ def support(
 
     n_n, n_z = across(normal, normal), across(normal, forward)
     z_z = across(forward, forward)
-    touches = []
-    for c in _discs(cylinder):
-        w = normal * c.z - forward * normal.dot(c)
-        # The discriminant b^2 - a c of the quadratic below, multiplied out: as it
-        # stands it cancels where the disc is small for its distance.
-        gap = r * r * (across(w, w) - r * r * (n_n * z_z - n_z * n_z))
-        height = c.z * c.z - r * r * z_z
-        s = (normal.dot(c) * c.z - r * r * n_z + safe_sqrt(gap)) / height
-        # The line (n, -s) touches the conic at the point C (n, -s).
-        line = normal - forward * s
-        pole_x = r * r * (line.x - a.x * line.dot(a)) - c.x * line.dot(c)
-        pole_y = r * r * (line.y - a.y * line.dot(a)) - c.y * line.dot(c)
-        pole_z = r * r * (line.z - a.z * line.dot(a)) - c.z * line.dot(c)
-        touches.append((s, safe_divide(pole_x, pole_z), safe_divide(pole_y, pole_z)))
-    (s0, x0, y0), (s1, x1, y1) = touches
-    second = s1 > s0
-    return (
-        jnp.where(second, s1, s0),
-        jnp.where(second, x1, x0),
-        jnp.where(second, y1, y0),
-    )
+    w = normal * c.z - forward * normal.dot(c)
+    # The discriminant b^2 - a c of the quadratic below, multiplied out: as it stands it
+    # cancels where the disc is small for its distance.
+    gap = r * r * (across(w, w) - r * r * (n_n * z_z - n_z * n_z))
+    height = c.z * c.z - r * r * z_z
+    s = (normal.dot(c) * c.z - r * r * n_z + safe_sqrt(gap)) / height
+    # The line (n, -s) touches the conic at the point C (n, -s).
+    line = normal - forward * s
+    pole_x = r * r * (line.x - a.x * line.dot(a)) - c.x * line.dot(c)
+    pole_y = r * r * (line.y - a.y * line.dot(a)) - c.y * line.dot(c)
+    pole_z = r * r * (line.z - a.z * line.dot(a)) - c.z * line.dot(c)
+    return s, safe_divide(pole_x, pole_z), safe_divide(pole_y, pole_z)
 
 
 def outline_points(cylinder: Cylinder, count: int = 360) -> Float[Array, "{count} 2"]:

@@ -1,0 +1,138 @@
+"""Box in the image around any shape, from its exact outline.
+
+A cylinder or a frustum is the hull of its two end discs, a box that of its corners, and
+a sphere is seen within a cone; each has an explicit support function. What has no end,
+or an unknown one, may be seen anywhere.
+"""
+
+__all__ = ["ImageBounds", "image_bounds"]
+
+from collections.abc import Callable
+from typing import Any
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+
+from impostor_jax.geometry.vec3 import Vec3
+from impostor_jax.numerics import eps, safe_sqrt
+from impostor_jax.primitives.base import AbstractPrimitive
+from impostor_jax.primitives.box import Box
+from impostor_jax.primitives.cylinder import Cylinder
+from impostor_jax.primitives.frustum import Frustum
+from impostor_jax.primitives.sphere import Sphere
+from impostor_jax.rendering.outline import disc_support
+
+Corner = Float[Array, "2"]
+Disc = tuple[Vec3, Vec3, Float[Array, ""]]
+
+SIDES = ((-1.0, 0.0, 1.0, 0.0), (0.0, -1.0, 0.0, 1.0))
+"""Components of the four directions in which a box ends."""
+
+
+class ImageBounds(eqx.Module):
+    """Box in the plane z = 1, or across parallel rays, that holds a shape's image.
+
+    Attributes:
+        low: Smallest x and y; `+inf` of a shape that is wholly behind the camera.
+        high: Largest x and y.
+    """
+
+    low: Corner
+    high: Corner
+
+    def overlaps(
+        self, low: tuple[Array, Array], high: tuple[Array, Array]
+    ) -> Bool[Array, "*batch"]:
+        """Whether blocks of rays, from low to high (x, y), may meet the shape."""
+        x = (low[0] <= self.high[0]) & (high[0] >= self.low[0])
+        return x & (low[1] <= self.high[1]) & (high[1] >= self.low[1])
+
+
+def image_bounds(primitive: AbstractPrimitive, is_central: bool) -> ImageBounds:
+    """Box around one shape's image.
+
+    Args:
+        primitive: A single one, in the camera frame.
+        is_central: Whether the camera's rays start in its origin; else along z.
+
+    Returns:
+        Wider than the outline by a few roundings of the rays. Endless in every
+        direction where the shape reaches behind the camera, or is not bounded.
+    """
+    bounds = _BOUNDS.get(type(primitive))
+    if bounds is None:
+        everywhere = jnp.full(2, jnp.inf, primitive.dtype)
+        return ImageBounds(-everywhere, everywhere)
+    reach, nearest, farthest = bounds(primitive, is_central)
+    if is_central:
+        reach = jnp.where(nearest > 0, reach, jnp.inf)
+    reach = jnp.where(farthest > 0, reach, -jnp.inf)
+    reach = reach + eps(reach.dtype, 8) * (1 + jnp.abs(reach))
+    return ImageBounds(low=-reach[:2], high=reach[2:])
+
+
+def _discs_reach(
+    discs: list[Disc], is_central: bool
+) -> tuple[Float[Array, "4"], Array, Array]:
+    """Support of the hull of discs to all four sides, smallest and largest depth."""
+    n_x, n_y = jnp.array(SIDES, discs[0][2].dtype)
+    reaches = []
+    for c, a, r in discs:
+        if is_central:
+            reaches.append(disc_support(c, a, r, n_x, n_y)[0])
+        else:
+            across = safe_sqrt(1 - (n_x * a.x + n_y * a.y) ** 2)
+            reaches.append(n_x * c.x + n_y * c.y + r * across)
+    deep = [(c.z, r * safe_sqrt(1 - a.z * a.z)) for c, a, r in discs]
+    return (
+        jnp.max(jnp.stack(reaches), axis=0),
+        jnp.min(jnp.stack([z - reach for z, reach in deep])),
+        jnp.max(jnp.stack([z + reach for z, reach in deep])),
+    )
+
+
+def _cylinder_reach(cylinder: Cylinder, is_central: bool):
+    center, a = Vec3.from_array(cylinder.center), Vec3.from_array(cylinder.axis)
+    offset = a * (cylinder.height / 2)
+    discs = [(c, a, cylinder.radius) for c in (center - offset, center + offset)]
+    return _discs_reach(discs, is_central)
+
+
+def _frustum_reach(frustum: Frustum, is_central: bool):
+    p1, p2 = Vec3.from_array(frustum.p1), Vec3.from_array(frustum.p2)
+    a = (p2 - p1).normalize()
+    discs = [(p1, a, frustum.radius1), (p2, a, frustum.radius2)]
+    return _discs_reach(discs, is_central)
+
+
+def _sphere_reach(sphere: Sphere, is_central: bool):
+    (x, y, z), r = sphere.center, sphere.radius
+    n_x, n_y = jnp.array(SIDES, r.dtype)
+    n_c = n_x * x + n_y * y
+    reach = n_c + r
+    if is_central:
+        # The plane through the camera and the line n.x = s is r away from the center:
+        # (n.c - s z)^2 = r^2 (1 + s^2).
+        square = (z - r) * (z + r)
+        reach = (n_c * z + r * safe_sqrt(n_c * n_c + square)) / square
+    return reach, z - r, z + r
+
+
+def _box_reach(box: Box, is_central: bool):
+    sign = jnp.array([[i, j, k] for i in (-1, 1) for j in (-1, 1) for k in (-1, 1)])
+    offset = sign.astype(box.dtype) * (box.size / 2)[None]
+    corners = jnp.einsum("ij,nj->ni", box.rotation, offset, precision="highest")
+    x, y, z = (corners + box.center[None]).T
+    if is_central:
+        x, y = x / z, y / z
+    reach = jnp.stack([-jnp.min(x), -jnp.min(y), jnp.max(x), jnp.max(y)])
+    return reach, jnp.min(z), jnp.max(z)
+
+
+_BOUNDS: dict[type[AbstractPrimitive], Callable[[Any, bool], Any]] = {
+    Box: _box_reach,
+    Cylinder: _cylinder_reach,
+    Frustum: _frustum_reach,
+    Sphere: _sphere_reach,
+}
