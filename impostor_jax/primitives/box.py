@@ -42,7 +42,12 @@ from impostor_jax.geometry.frames import RigidTransform
 from impostor_jax.geometry.rays import Hit, Interval, Ray, slab_interval
 from impostor_jax.geometry.vec3 import Vec3
 from impostor_jax.primitives.base import AbstractPrimitive
-from impostor_jax.primitives.surface import facing, hit_tangent, within_range
+from impostor_jax.primitives.surface import (
+    computed_apart,
+    facing,
+    hit_tangent,
+    within_range,
+)
 
 Values = TypeVar("Values")
 
@@ -155,23 +160,29 @@ def _first_hit(
 
     Faces 0 to 5 are the lower and the upper one across the first axis, and so on.
     """
-    foot, (x, y, z) = _bounds(ray, box)
-    lower = jnp.maximum(jnp.maximum(x.lower, y.lower), z.lower)
-    upper = jnp.minimum(jnp.minimum(x.upper, y.upper), z.upper)
-    enter, leave = foot + lower, foot + upper
-    enters = enter > 0
-    bounds = [jnp.where(enters, slab.lower, -slab.upper) for slab in (x, y, z)]
-    axis = jnp.where(
-        bounds[0] >= jnp.maximum(bounds[1], bounds[2]),
-        0,
-        jnp.where(bounds[1] >= bounds[2], 1, 2),
-    )
-    # A face that the ray enters looks against it, one that it leaves along it.
-    rises = _of(2 * axis, [ray.direction.dot(a) > 0 for a in _axes(box)])
-    face = 2 * axis + (rises != enters).astype(axis.dtype)
-    is_solid = jnp.min(box.size, axis=-1) > 0
-    hit = (lower <= upper) & (leave > 0) & is_solid
-    return jnp.where(hit, jnp.where(enters, enter, leave), jnp.inf), face
+
+    def trace() -> tuple[Float[Array, "*batch"], Int[Array, "*batch"]]:
+        foot, (x, y, z) = _bounds(ray, box)
+        lower = jnp.maximum(jnp.maximum(x.lower, y.lower), z.lower)
+        upper = jnp.minimum(jnp.minimum(x.upper, y.upper), z.upper)
+        enter, leave = foot + lower, foot + upper
+        enters = enter > 0
+        bounds = [jnp.where(enters, slab.lower, -slab.upper) for slab in (x, y, z)]
+        axis = jnp.where(
+            bounds[0] >= jnp.maximum(bounds[1], bounds[2]),
+            0,
+            jnp.where(bounds[1] >= bounds[2], 1, 2),
+        )
+        # A face that the ray enters looks against it, one that it leaves along it.
+        rises = _of(2 * axis, [ray.direction.dot(a) > 0 for a in _axes(box)])
+        face = 2 * axis + (rises != enters).astype(axis.dtype)
+        is_solid = jnp.min(box.size, axis=-1) > 0
+        hit = (lower <= upper) & (leave > 0) & is_solid
+        return jnp.where(hit, jnp.where(enters, enter, leave), jnp.inf), face
+
+    shape = jnp.broadcast_shapes(ray.direction.x.shape, box.batch_shape)
+    start = jnp.zeros(shape, box.dtype), jnp.zeros(shape, int)
+    return computed_apart(trace, start, box.size)
 
 
 @_first_hit.defjvp

@@ -31,7 +31,12 @@ from impostor_jax.geometry.rays import Hit, Ray, ball_interval
 from impostor_jax.geometry.vec3 import Vec3
 from impostor_jax.numerics import has_square
 from impostor_jax.primitives.base import AbstractPrimitive
-from impostor_jax.primitives.surface import facing, hit_tangent, within_range
+from impostor_jax.primitives.surface import (
+    computed_apart,
+    facing,
+    hit_tangent,
+    within_range,
+)
 
 
 class Sphere(AbstractPrimitive):
@@ -96,12 +101,18 @@ class Sphere(AbstractPrimitive):
 @jax.custom_jvp
 def _first_hit(ray: Ray, sphere: Sphere) -> Float[Array, "*batch"]:
     """Ray parameter of the first hit, `+inf` on a miss."""
-    center, r = Vec3.from_array(sphere.center), sphere.radius
-    near, foot = ray.brought_near(center, center, r)
-    ball = ball_interval(near, r)
-    enter, leave = foot + ball.lower, foot + ball.upper
-    hit = (enter <= leave) & (leave > 0) & has_square(r)
-    return jnp.where(hit, jnp.where(enter > 0, enter, leave), jnp.inf)
+
+    def trace() -> Float[Array, "*batch"]:
+        center, r = Vec3.from_array(sphere.center), sphere.radius
+        near, foot = ray.brought_near(center, center, r)
+        ball = ball_interval(near, r)
+        enter, leave = foot + ball.lower, foot + ball.upper
+        hit = (enter <= leave) & (leave > 0) & has_square(r)
+        return jnp.where(hit, jnp.where(enter > 0, enter, leave), jnp.inf)
+
+    shape = jnp.broadcast_shapes(ray.direction.x.shape, sphere.radius.shape)
+    start = jnp.zeros(shape, sphere.radius.dtype)
+    return computed_apart(trace, start, sphere.radius)
 
 
 @_first_hit.defjvp

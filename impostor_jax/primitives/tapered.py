@@ -26,7 +26,12 @@ from impostor_jax.geometry.rays import Hit, Ray, cone_interval, plane_interval
 from impostor_jax.geometry.vec3 import Vec3
 from impostor_jax.numerics import eps, has_square, safe_divide, safe_sqrt
 from impostor_jax.primitives.sector import Sector
-from impostor_jax.primitives.surface import facing, hit_tangent, within_range
+from impostor_jax.primitives.surface import (
+    computed_apart,
+    facing,
+    hit_tangent,
+    within_range,
+)
 
 WALL, LOW_CAP, HIGH_CAP, START_FACE, END_FACE = range(5)
 """Parts of the surface."""
@@ -56,6 +61,11 @@ class Tapered(eqx.Module):
     sector: Sector | None
     caps: bool = eqx.field(static=True)
     cut_faces: bool = eqx.field(static=True)
+
+    @property
+    def end_radii(self) -> tuple[Float[Array, "*batch"], Float[Array, "*batch"]]:
+        """Radii of the low and the high end."""
+        return self.radius + self.slope * self.low, self.radius + self.slope * self.high
 
 
 class _Crossing(NamedTuple):
@@ -89,7 +99,7 @@ def tapered_distance(point: Vec3, body: Tapered) -> Float[Array, "*batch"]:
     q, a = point - body.anchor, body.axis
     along = q.dot(a)
     out = (q - a * along).norm()
-    at_low, at_high = (body.radius + body.slope * end for end in (body.low, body.high))
+    at_low, at_high = body.end_radii
     length = body.high - body.low
     # In the half-plane of axis and point the solid is bounded by three segments.
     steep = jnp.sqrt(1 + body.slope * body.slope)
@@ -120,23 +130,29 @@ def _first_hit(
     ray: Ray, body: Tapered
 ) -> tuple[Float[Array, "*batch"], Int[Array, "*batch"]]:
     """Ray parameter of the first hit, `+inf` on a miss, and the part that is hit."""
-    a = body.axis
-    at_low, at_high = (body.radius + body.slope * end for end in (body.low, body.high))
-    widest = jnp.maximum(at_low, at_high)
-    level = jnp.clip((ray.origin - body.anchor).dot(a), body.low, body.high)
-    near, foot = ray.brought_near(body.anchor, body.anchor + a * level, widest)
-    # An end that is a point may be rounded to less than nothing.
-    least = -eps(widest.dtype, 8) * widest
-    is_solid = has_square(widest) & (jnp.minimum(at_low, at_high) >= least)
-    is_solid &= body.low < body.high
-    t = jnp.full(foot.shape, jnp.inf, foot.dtype)
-    part = jnp.full(foot.shape, WALL)
-    for crossing in _crossings(near, body):
-        at = foot + crossing.at
-        nearer = crossing.is_there & is_solid & (at > 0) & (at < t)
-        t = jnp.where(nearer, at, t)
-        part = jnp.where(nearer, crossing.part, part)
-    return t, part
+
+    def trace() -> tuple[Float[Array, "*batch"], Int[Array, "*batch"]]:
+        a = body.axis
+        at_low, at_high = body.end_radii
+        widest = jnp.maximum(at_low, at_high)
+        level = jnp.clip((ray.origin - body.anchor).dot(a), body.low, body.high)
+        near, foot = ray.brought_near(body.anchor, body.anchor + a * level, widest)
+        # An end that is a point may be rounded to less than nothing.
+        least = -eps(widest.dtype, 8) * widest
+        is_solid = has_square(widest) & (jnp.minimum(at_low, at_high) >= least)
+        is_solid &= body.low < body.high
+        t = jnp.full(foot.shape, jnp.inf, foot.dtype)
+        part = jnp.full(foot.shape, WALL)
+        for crossing in _crossings(near, body):
+            at = foot + crossing.at
+            nearer = crossing.is_there & is_solid & (at > 0) & (at < t)
+            t = jnp.where(nearer, at, t)
+            part = jnp.where(nearer, crossing.part, part)
+        return t, part
+
+    shape = jnp.broadcast_shapes(ray.direction.x.shape, body.low.shape)
+    start = jnp.zeros(shape, body.low.dtype), jnp.zeros(shape, int)
+    return computed_apart(trace, start, body.radius)
 
 
 def _crossings(near: Ray, body: Tapered) -> list[_Crossing]:
@@ -149,7 +165,7 @@ def _crossings(near: Ray, body: Tapered) -> list[_Crossing]:
     meets = enter <= leave
     rises = near.direction.dot(a) > 0
     # An end that is a point, to rounding, has no cap.
-    at_low, at_high = (body.radius + body.slope * end for end in (body.low, body.high))
+    at_low, at_high = body.end_radii
     least = eps(at_low.dtype, 4) * jnp.maximum(at_low, at_high)
     has_low, has_high = at_low > least, at_high > least
     into_cap = (slab.lower > wall.lower) & jnp.where(rises, has_low, has_high)

@@ -65,10 +65,10 @@ def image_bounds(primitive: AbstractPrimitive, is_central: bool) -> ImageBounds:
         everywhere = jnp.full(2, jnp.inf, primitive.dtype)
         return ImageBounds(-everywhere, everywhere)
     reach, nearest, farthest = bounds(primitive, is_central)
+    reach = reach + eps(reach.dtype, 8) * (1 + jnp.abs(reach))
     if is_central:
         reach = jnp.where(nearest > 0, reach, jnp.inf)
     reach = jnp.where(farthest > 0, reach, -jnp.inf)
-    reach = reach + eps(reach.dtype, 8) * (1 + jnp.abs(reach))
     return ImageBounds(low=-reach[:2], high=reach[2:])
 
 

@@ -110,10 +110,11 @@ def _cast(
             cut = jax.lax.dynamic_slice
             ray = jax.tree.map(lambda a: cut(a, (y, x), (ROWS, COLS)), rays)
             seen = shape.intersect(ray).t
-            kept = cut(nearest, (0, y, x), (2, ROWS, COLS))
+            corner = (jnp.zeros_like(y), y, x)
+            kept = cut(nearest, corner, (2, ROWS, COLS))
             found = jnp.stack([seen, jnp.full_like(seen, place)])
             found = jnp.where((seen < kept[0])[None], found, kept)
-            return jax.lax.dynamic_update_slice(nearest, found, (0, y, x))
+            return jax.lax.dynamic_update_slice(nearest, found, corner)
 
         return jax.lax.fori_loop(0, count, at_block, nearest)
 

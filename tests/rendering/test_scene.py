@@ -1,0 +1,208 @@
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import impostor_jax as ij
+from impostor_jax.numerics import eps
+from impostor_jax.primitives import PRIMITIVES
+from impostor_jax.rendering.bounds import image_bounds
+from impostor_jax.rendering.raycast import _render
+from tests.cases import CAMERAS, pose
+from tests.checks import all_finite, central_difference
+
+CAMERA = CAMERAS["pinhole"]()
+OUTPUTS = ("depth", "normal", "mask", "index", "point", "range")
+
+
+MAKERS = {
+    "cylinder": lambda c, a, r: ij.Cylinder(c, a, r, 3 * r),
+    "sphere": lambda c, a, r: ij.Sphere(c, r),
+    "frustum": lambda c, a, r: ij.Frustum(c, c + 3 * r * a, r, 0.3 * r),
+    "box": lambda c, a, r: ij.Box(c, np.eye(3), (r, 2 * r, 3 * r)),
+    "sector": lambda c, a, r: ij.Cylinder(c, a, r, 3 * r, 1.0, 4.0, caps=False),
+}
+WALL = ij.Plane((0, 0, 4.5), (0, 0.1, -1))
+ROUND = ("cylinder", "sphere")
+
+
+def shapes_of(seed=0, count=12, types=ROUND):
+    """A mix that overlaps."""
+    rng = np.random.default_rng(seed)
+    shapes = []
+    for k in range(count):
+        axis = rng.normal(size=3)
+        center = rng.uniform((-1.2, -0.9, 2), (1.2, 0.9, 4))
+        axis /= np.linalg.norm(axis)
+        make = MAKERS[types[k % len(types)]]
+        shapes.append(make(center, axis, rng.uniform(0.1, 0.35)))
+    return shapes
+
+
+def ground():
+    """Uneven ground below, whose y is up."""
+    relief = [[0.0, 0.2, -0.1], [0.3, -0.2, 0.1], [0.0, 0.1, 0.2]]
+    pose = ((1, 0, 0, 0), (0, -1, 0, 1.0), (0, 0, -1, 3), (0, 0, 0, 1))
+    return ij.Heightfield(relief, ((-1, 1), (-1, 1)), world_from_field=pose)
+
+
+def nearest_of(shapes, camera):
+    """Depth, normal and index, by every shape alone."""
+    depth = np.full((camera.height, camera.width), np.inf)
+    index, normal = np.full(depth.shape, -1), np.zeros((*depth.shape, 3))
+    for k, shape in enumerate(shapes):
+        maps = ij.render(shape, camera)
+        nearer = np.asarray(maps.depth) < depth
+        depth = np.where(nearer, maps.depth, depth)
+        index = np.where(nearer, k, index)
+        normal = np.where(nearer[..., None], maps.normal, normal)
+    return depth, normal, index
+
+
+@pytest.mark.parametrize("name", ["distorted", "orthographic", "posed"])
+def test_the_closest_of_all_shapes_is_seen(name):
+    # All types for one camera: how each is cast does not depend on the camera.
+    camera, shapes = CAMERAS[name](), [*shapes_of(), WALL]
+    if name == "posed":
+        shapes = [*shapes_of(types=tuple(MAKERS)), WALL, ground()]
+    maps = ij.render(ij.Scene(shapes), camera, OUTPUTS)
+    depth, normal, index = nearest_of(shapes, camera)
+    # Parallel rays see a meter.
+    assert len(np.unique(index)) > (10 if camera.is_central else 3)
+    np.testing.assert_array_equal(maps.index, index)
+    assert maps.index.dtype == np.int32
+    np.testing.assert_array_equal(maps.mask, index >= 0)
+    np.testing.assert_allclose(maps.depth, depth, rtol=eps("float32", 32))
+    np.testing.assert_allclose(maps.normal, normal, atol=1e-4)
+    hit = np.asarray(maps.mask)
+    np.testing.assert_allclose(np.asarray(maps.point)[hit][:, 2], depth[hit], rtol=1e-6)
+
+
+def test_batches_and_tiles_are_parts_of_the_same_image():
+    shapes = [*shapes_of(1), WALL]
+    whole = ij.render(ij.Scene(shapes), CAMERA, OUTPUTS)
+    spheres = [shape for shape in shapes if isinstance(shape, ij.Sphere)]
+    batch = ij.Sphere(
+        np.stack([s.center for s in spheres]), np.stack([s.radius for s in spheres])
+    )
+    others = [shape for shape in shapes if not isinstance(shape, ij.Sphere)]
+    maps = ij.render(ij.Scene([batch, *others]), CAMERA, OUTPUTS)
+    np.testing.assert_array_equal(maps.depth, whole.depth)
+    order = [*map(shapes.index, spheres), *map(shapes.index, others), -1]
+    np.testing.assert_array_equal(np.take(order, maps.index), whole.index)
+    tile = ij.Tile(10, 20, 17, 23)
+    part = ij.render(ij.Scene(shapes), CAMERA, OUTPUTS, tile)
+    np.testing.assert_array_equal(part.index, whole.index[10:27, 20:43])
+    np.testing.assert_array_equal(part.depth, whole.depth[10:27, 20:43])
+
+
+def test_one_more_of_a_type_or_one_that_moves_compiles_nothing():
+    spheres = [ij.Sphere((x, 0, 3), 0.1) for x in np.linspace(-1, 1, 7)]
+    scene = ij.Scene([*spheres[:5], ij.Plane((0, 0, 4), (0, 0, 1))])
+    before = ij.render(scene, CAMERA, ("index",))
+    compiled = _render._cache_size()
+    moved = [*spheres[:6], ij.Sphere((0, 0.5, 2), 0.2)]
+    # Also in another order.
+    scene = ij.Scene([ij.Plane((0, 0, 5), (0, 0.2, 1)), *moved])
+    after = ij.render(scene, CAMERA, ("index",))
+    assert _render._cache_size() == compiled
+    assert set(np.unique(before.index)) == set(range(6))
+    assert set(np.unique(after.index)) == set(range(8))
+
+
+def test_types_that_a_scene_does_not_hold_are_not_traced(monkeypatch):
+    def fail(*_):
+        raise AssertionError("traced")
+
+    for name in set(PRIMITIVES) - {"sphere"}:
+        monkeypatch.setattr(PRIMITIVES[name], "intersect", fail)
+        monkeypatch.setattr(PRIMITIVES[name], "normal", fail)
+    scene = ij.Scene([ij.Sphere((x, 0, 3), 0.123) for x in (-0.5, 0.0, 0.5)])
+    assert ij.render(scene, CAMERA, OUTPUTS).mask.any()
+    with pytest.raises(AssertionError, match="traced"):
+        ij.render(ij.Scene([scene.groups[0].primitives, *shapes_of(count=1)]), CAMERA)
+
+
+@pytest.mark.usefixtures("double")
+def test_derivatives_are_those_of_what_is_seen():
+    shapes = [*shapes_of(2, count=10), WALL, ij.Sphere((0, 0, 9.0), 0.5)]
+    camera = CAMERAS["pinhole"]()
+    index = np.asarray(ij.render(ij.Scene(shapes), camera, ("index",)).index)
+    rng = np.random.default_rng(3)
+    inner = rng.uniform(size=index.shape)
+
+    @jax.jit
+    def total(shapes):
+        maps = ij.render(ij.Scene(shapes), camera, ("depth", "normal", "index"))
+        # Edges jump: only pixels that see the same before and after count.
+        same = maps.index == index
+        seen = jnp.where(same & jnp.isfinite(maps.depth), maps.depth, 0)
+        return jnp.sum(inner * seen) + jnp.sum(
+            jnp.where(same[..., None], maps.normal, 0)
+        )
+
+    slope = jax.jit(jax.grad(total))(shapes)
+    assert all_finite(slope)
+    # The last sphere hides behind the wall.
+    assert not np.any(slope[-1].radius)
+    assert not np.any(slope[-1].center)
+    for k in np.unique(index)[np.unique(index) >= 0]:
+        assert any(np.any(leaf) for leaf in jax.tree.leaves(slope[k]))
+    sphere = 1
+    along = jax.tree.map(jnp.zeros_like, shapes)
+    along[sphere] = jax.tree.map(jnp.ones_like, shapes[sphere])
+    numeric = central_difference(total, shapes, along, 1e-7)
+    expected = sum(np.sum(leaf) for leaf in jax.tree.leaves(slope[sphere]))
+    assert float(numeric) == pytest.approx(float(expected), rel=1e-4)
+
+
+@pytest.mark.parametrize("camera", ["pinhole", "orthographic"])
+def test_bounds_hold_every_pixel_and_are_tight(camera):
+    camera = CAMERAS[camera]()
+    row, col = camera.frame.pixels()
+    ray = camera.rays(row, col, "float32")
+    across = ray.direction if camera.is_central else ray.origin
+    for shape in shapes_of(4, count=20, types=tuple(MAKERS)):
+        mask = np.asarray(ij.render(shape, camera).mask)
+        bounds = image_bounds(shape, camera.is_central)
+        if not mask.any():
+            continue
+        whole = getattr(shape, "start_angle", None) is None
+        border = mask.copy()
+        border[1:-1, 1:-1] = False
+        for k, x in enumerate((across.x, across.y)):
+            seen = np.asarray(x)[mask]
+            assert bounds.low[k] <= seen.min()
+            assert seen.max() <= bounds.high[k]
+            if whole and not border.any():
+                # Two and a half pixels.
+                assert seen.min() - bounds.low[k] < 2.5 / 60
+                assert bounds.high[k] - seen.max() < 2.5 / 60
+
+
+def test_shape_behind_the_camera_is_bounded_by_nothing():
+    behind = ij.Sphere((0, 0, -3), 1)
+    assert np.all(np.asarray(image_bounds(behind, True).low) == np.inf)
+    around = image_bounds(ij.Sphere((0, 0, 0.5), 1), True)
+    assert np.all(np.asarray(around.low) == -np.inf)
+
+
+def test_scene_is_seen_through_a_pose():
+    camera = CAMERAS["posed"]()
+    shapes = shapes_of(5, count=5)
+    moved = [shape.transformed(pose()) for shape in shapes]
+    found = ij.render(ij.Scene(shapes), camera, ("depth", "index"))
+    expected = ij.render(ij.Scene(moved), CAMERA, ("depth", "index"))
+    assert np.mean(found.index == expected.index) > 0.998
+
+
+@pytest.mark.parametrize(
+    ("shapes", "message"),
+    [
+        ([], "shapes must hold at least one primitive"),
+        ([ij.Sphere(np.ones((2, 2, 3)), np.ones((2, 2)))], "shapes must be primitives"),
+    ],
+)
+def test_what_is_no_scene_is_refused(shapes, message):
+    with pytest.raises(ValueError, match=message):
+        ij.Scene(shapes)
