@@ -37,7 +37,8 @@ class Case:
         name: "camera/scene".
         primitives: In the camera frame.
         camera: The camera.
-        distance_over_radius: Depth of the nearest center over its radius.
+        distance_over_radius: Depth of the nearest center over its radius or another
+            measure of its size; 0 of something without end.
     """
 
     name: str
