@@ -15,6 +15,9 @@ def single_frusta(kind: str) -> list[Case]:
     """One frustum, of many shapes and at many distances."""
     radius, oblique = 0.05, (0.4, 0.6, 0.7)
 
+    across, away = (1.0, 0.2, 0.0), (-0.3, 0.4, -0.8)
+    small, large = (0.5, 2.0, across), (2.0, 2 * math.pi + 0.5, across)
+
     def placed(name, make, axis, distance, slenderness, aside):
         """A body `distance` radii away, `slenderness` radii long, a bit `aside`."""
         center = np.array([*aside, distance]) * radius
@@ -34,11 +37,8 @@ def single_frusta(kind: str) -> list[Case]:
         return placed(name, make, axis, distance, slenderness, aside)
 
     def pipe(center, way):
-        return Cylinder(center, way, radius, 3 * radius, 0.4, 2.2, across)
+        return Cylinder(center, way, radius, 3 * radius, *large, caps=False)
 
-    across = (1.0, 0.2, 0.0)
-    small, large = (0.5, 2.0, across), (2.0, 2 * math.pi + 0.5, across)
-    away = (-0.3, 0.4, -0.8)
     return [
         case("frustum"),
         case("frustum, pointed", (0.6, 0.8, 0.1), ratio=0.0),
@@ -50,8 +50,6 @@ def single_frusta(kind: str) -> list[Case]:
         case("inside a frustum", distance=0.5, slenderness=8.0),
         case("sector of less than half a turn", sector=small),
         case("sector of more than half a turn", sector=large),
-        case("inside a sector", distance=0.5, slenderness=8.0, sector=large),
-        case("open frustum", away, caps=False),
-        case("open sector", away, sector=large, caps=False),
-        placed("sector of a cylinder", pipe, oblique, 10.0, 3.0, (0.1, 0.2)),
+        case("frustum, open", away, caps=False),
+        placed("sector of a cylinder, open", pipe, away, 10.0, 3.0, (0.1, 0.2)),
     ]  # fmt: skip
