@@ -5,7 +5,7 @@ __all__ = ["all_shapes", "single_boxes", "single_planes"]
 import cv2
 import numpy as np
 
-from impostor_jax.glsl.case import RADIUS_PX, Case, camera_of_kind
+from impostor_jax.glsl.case import Case, camera_of_kind, camera_on
 from impostor_jax.primitives.box import Box
 from impostor_jax.primitives.cylinder import Cylinder
 from impostor_jax.primitives.frustum import Frustum
@@ -23,9 +23,8 @@ def single_boxes(kind: str) -> list[Case]:
     def case(name, turn=OBLIQUE, distance=10.0, size=(2.0, 1.4, 2.6), aside=(0.1, 0.2)):
         """A box `distance` units away, a bit `aside`, of a `size` in units."""
         center = np.array([*aside, distance]) * unit
-        focal = RADIUS_PX * (max(distance, 1) if kind == "perspective" else 1 / unit)
         box = Box(center, _rotation(turn), np.array(size) * unit)
-        return Case(f"{kind}/{name}", box, camera_of_kind(kind, focal), distance)
+        return Case(f"{kind}/{name}", box, camera_on(kind, distance, unit), distance)
 
     return [
         case("box"),
@@ -50,7 +49,7 @@ def single_planes(kind: str) -> list[Case]:
     return [
         case("floor", (0.0, 0.5, 3.0), (0.1, -1.0, -0.8)),
         case("wall", (0.3, 0.1, 2.0), (0.2, 0.1, -1.0)),
-        # Through the image's middle in perspective; nearly along all parallel rays.
+        # Its horizon is in the middle of the image; nearly along all parallel rays.
         case("plane, grazing", (0.0, 0.02, 1.0), (0.01, 1.0, -1e-3)),
     ]
 

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from impostor_jax.glsl.case import RADIUS_PX, Case, camera_of_kind
+from impostor_jax.glsl.case import Case, camera_on
 from impostor_jax.primitives.cylinder import Cylinder
 from impostor_jax.primitives.frustum import Frustum
 
@@ -14,7 +14,6 @@ from impostor_jax.primitives.frustum import Frustum
 def single_frusta(kind: str) -> list[Case]:
     """One frustum, of many shapes and at many distances."""
     radius, oblique = 0.05, (0.4, 0.6, 0.7)
-
     across, away = (1.0, 0.2, 0.0), (-0.3, 0.4, -0.8)
     small, large = (0.5, 2.0, across), (2.0, 2 * math.pi + 0.5, across)
 
@@ -22,8 +21,7 @@ def single_frusta(kind: str) -> list[Case]:
         """A body `distance` radii away, `slenderness` radii long, a bit `aside`."""
         center = np.array([*aside, distance]) * radius
         way = slenderness * radius * np.array(axis) / np.linalg.norm(axis)
-        focal = RADIUS_PX * (max(distance, 1) if kind == "perspective" else 1 / radius)
-        camera = camera_of_kind(kind, focal)
+        camera = camera_on(kind, distance, radius)
         return Case(f"{kind}/{name}", make(center, way), camera, distance)
 
     def case(name, axis=oblique, distance=10.0, slenderness=3.0, aside=(0.1, 0.2),

@@ -9,7 +9,8 @@ and `shaders/<name>.vert` the rectangle of the image on which this is tried,
     vec4 billboard(vec2 corner)          // clip space; corner is (-1 or 1, -1 or 1)
 
 of which a primitive without a `.vert` takes the whole image. Both read the fields
-listed below under the primitive's own names. All else is common to the primitives.
+listed below, which are the primitive's own or computed from them. All else is common to
+the primitives.
 """
 
 __all__ = ["IMPOSTORS", "Ball", "Impostor", "impostor_of"]

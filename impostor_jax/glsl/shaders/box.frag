@@ -5,7 +5,7 @@
 // rotation, size.
 
 Surface intersect(vec3 o, vec3 d) {
-    // Towards the point of the box nearest to the camera; v * rotation is along the edges.
+    // Towards the point of the box nearest to the camera. v * rotation: v along the edges.
     vec3 half_size = size / 2.0;
     vec3 nearest = rotation * clamp((o - center) * rotation, -half_size, half_size);
     float foot;
