@@ -28,7 +28,7 @@ def single_boxes(kind: str) -> list[Case]:
 
     return [
         case("box"),
-        case("box, far", distance=1e3),
+        case("box, far", (-0.9, 0.2, 0.4), distance=1e3),
         case("box, reaching behind", distance=1.2, size=(1.0, 1.4, 20.0),
              aside=(1.6, 0.8)),
         case("inside a box", distance=0.5, size=(2.0, 3.0, 8.0)),

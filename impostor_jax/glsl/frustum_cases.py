@@ -45,7 +45,7 @@ def single_frusta(kind: str) -> list[Case]:
         case("frustum, partly out of frame", aside=(3.0, 1.5)),
         case("frustum, reaching behind", (0.3, 0.1, 1.0), distance=1.2,
              slenderness=20.0, aside=(1.6, 0.8)),
-        case("inside a frustum", distance=0.5, slenderness=8.0),
+        case("inside a frustum", away, distance=0.5, slenderness=8.0),
         case("sector of less than half a turn", sector=small),
         case("sector of more than half a turn", sector=large),
         case("frustum, open", away, caps=False),
