@@ -98,6 +98,8 @@ ORDER = {
         "case",
         "cylinder_cases",
         "sphere_cases",
+        "frustum_cases",
+        "flat_cases",
         "cases",
         "compare",
         "known_differences",

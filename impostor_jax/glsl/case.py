@@ -1,10 +1,10 @@
 """A scene that JAX and the drivers are compared on, and how large it is seen."""
 
 __all__ = [
-    "RADIUS_PX",
     "Case",
     "Primitives",
     "camera_of_kind",
+    "camera_on",
     "scattered",
     "scattered_case",
 ]
@@ -37,7 +37,8 @@ class Case:
         name: "camera/scene".
         primitives: In the camera frame.
         camera: The camera.
-        distance_over_radius: Depth of the nearest center over its radius.
+        distance_over_radius: Depth of the nearest center over its radius or another
+            measure of its size; 0 of something without end.
     """
 
     name: str
@@ -64,6 +65,20 @@ def camera_of_kind(
     camera = PinholeCamera if kind == "perspective" else OrthographicCamera
     width, height = finer * WIDTH, finer * HEIGHT
     return camera(focal, focal, (width - 1) / 2, (height - 1) / 2, width, height)
+
+
+def camera_on(
+    kind: str, distance: float, radius: float
+) -> PinholeCamera | OrthographicCamera:
+    """A camera, as `camera_of_kind`, that sees a radius with `RADIUS_PX` pixels.
+
+    Args:
+        kind: Which of the two.
+        distance: In radii. From inside the view is as wide as from one radius away.
+        radius: In meters.
+    """
+    part = max(distance, 1) if kind == "perspective" else 1 / radius
+    return camera_of_kind(kind, RADIUS_PX * part)
 
 
 def scattered(

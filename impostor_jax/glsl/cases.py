@@ -5,6 +5,8 @@ __all__ = ["CAMERAS", "cases"]
 from impostor_jax.arguments import one_of
 from impostor_jax.glsl.case import Case
 from impostor_jax.glsl.cylinder_cases import many_cylinders, single_cylinders
+from impostor_jax.glsl.flat_cases import all_shapes, single_boxes, single_planes
+from impostor_jax.glsl.frustum_cases import single_frusta
 from impostor_jax.glsl.sphere_cases import (
     many_spheres,
     mixed_primitives,
@@ -19,6 +21,10 @@ FAMILIES = (
     single_spheres,
     many_spheres,
     mixed_primitives,
+    single_frusta,
+    single_boxes,
+    single_planes,
+    all_shapes,
 )
 """What makes the cases of one kind of camera."""
 

@@ -7,9 +7,8 @@ import math
 import numpy as np
 
 from impostor_jax.glsl.case import (
-    RADIUS_PX,
     Case,
-    camera_of_kind,
+    camera_on,
     scattered,
     scattered_case,
 )
@@ -23,9 +22,7 @@ def single_cylinders(kind: str) -> list[Case]:
         """A cylinder `distance` radii away, `slenderness` radii high, a bit `aside`."""
         center = np.array([*aside, 0.0]) + np.array([0.0, 0.0, distance])
         cylinder = Cylinder(center * radius, axis, radius, slenderness * radius)
-        # From inside as wide a view as from one radius away.
-        focal = RADIUS_PX * (max(distance, 1) if kind == "perspective" else 1 / radius)
-        camera = camera_of_kind(kind, focal)
+        camera = camera_on(kind, distance, radius)
         return Case(f"{kind}/{name}", cylinder, camera, distance)
 
     across, along, oblique = (0.6, 0.8, 0.0), (0.0, 0.0, 1.0), (0.4, 0.6, 0.7)

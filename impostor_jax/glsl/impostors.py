@@ -9,20 +9,29 @@ and `shaders/<name>.vert` the rectangle of the image on which this is tried,
     vec4 billboard(vec2 corner)          // clip space; corner is (-1 or 1, -1 or 1)
 
 of which a primitive without a `.vert` takes the whole image. Both read the fields
-listed below under the primitive's own names. All else is common to the primitives.
+listed below, which are the primitive's own or computed from them. All else is common to
+the primitives.
 """
 
-__all__ = ["IMPOSTORS", "Ball", "Impostor"]
+__all__ = ["IMPOSTORS", "Ball", "Impostor", "impostor_of"]
 
 import dataclasses
 from collections.abc import Callable
 from typing import Any
 
+import jax
+import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Array, Float
 
+from impostor_jax.geometry.vec3 import Vec3
+from impostor_jax.numerics import safe_normalize
 from impostor_jax.primitives.base import AbstractPrimitive
+from impostor_jax.primitives.box import Box
 from impostor_jax.primitives.cylinder import Cylinder
+from impostor_jax.primitives.frustum import Frustum
+from impostor_jax.primitives.plane import Plane
+from impostor_jax.primitives.sector import sector
 from impostor_jax.primitives.sphere import Sphere
 
 Ball = tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, " n"]]
@@ -35,14 +44,24 @@ class Impostor:
 
     Attributes:
         name: Stem of its shaders' file names.
-        fields: Fields of the primitive that the shaders read, each with its number of
-            components: 1 to 4, or 9 for a matrix.
+        fields: What the shaders read, each with its number of components: 1 to 4, or 9
+            for a matrix.
         ball: Balls that hold the primitives of a batch (n,), from their fields.
+        values: The fields' values of a batch (n,) by their names; those of the
+            primitive itself if not given.
     """
 
     name: str
     fields: dict[str, int]
     ball: Callable[[Any], Ball]
+    values: Callable[[Any], dict[str, Any]] = vars
+
+
+def impostor_of(primitive: AbstractPrimitive) -> Impostor:
+    """How a primitive is drawn: a cylinder that is not whole as a frustum."""
+    if isinstance(primitive, Cylinder) and not primitive.is_whole:
+        return _OPEN_CYLINDER
+    return IMPOSTORS[type(primitive)]
 
 
 def _cylinder_ball(cylinders: Cylinder) -> Ball:
@@ -54,9 +73,89 @@ def _sphere_ball(spheres: Sphere) -> Ball:
     return np.asarray(spheres.center), np.asarray(spheres.radius)
 
 
+def _box_ball(boxes: Box) -> Ball:
+    reach = np.linalg.norm(boxes.size, axis=-1) / 2
+    return np.asarray(boxes.center), np.asarray(reach)
+
+
+def _plane_ball(planes: Plane) -> Ball:
+    # Around the point nearest to the camera, whichever point the plane was given by.
+    normal = np.asarray(planes.unit_normal)
+    height = np.sum(normal * planes.point, axis=-1)
+    return normal * height[:, None], np.full(height.shape, np.inf)
+
+
+def _frustum_ball(frusta: Frustum) -> Ball:
+    p1, p2 = np.asarray(frusta.p1), np.asarray(frusta.p2)
+    length = np.linalg.norm(p2 - p1, axis=-1)
+    reach = np.hypot(np.maximum(frusta.radius1, frusta.radius2), length / 2)
+    return (p1 + p2) / 2, np.asarray(reach)
+
+
+def _frustum_values(frusta: Frustum) -> dict[str, Any]:
+    axis = safe_normalize(jnp.asarray(frusta.p2 - frusta.p1))
+    return {**vars(frusta), "axis": axis, **_openings(frusta, axis)}
+
+
+def _open_cylinder_values(cylinders: Cylinder) -> dict[str, Any]:
+    """Those of the frustum of equal radii."""
+    axis = jnp.asarray(cylinders.axis)
+    reach = axis * cylinders.height[:, None] / 2
+    return {
+        "p1": cylinders.center - reach,
+        "p2": cylinders.center + reach,
+        "radius1": cylinders.radius,
+        "radius2": cylinders.radius,
+        "axis": axis,
+        **_openings(cylinders, axis),
+    }
+
+
+def _openings(body: Frustum | Cylinder, axis: Float[Array, "n 3"]) -> dict[str, Any]:
+    """The faces of a sector, zero where the turn is whole, and what is there."""
+    angles = jax.tree.map(jnp.asarray, (body.start_angle, body.end_angle, body.zero))
+    cut = sector(Vec3.from_array(axis), *angles)
+    nothing = jnp.zeros_like(axis)
+    flags = {
+        "is_sector": cut is not None,
+        "caps": body.caps,
+        "cut_faces": body.cut_faces,
+    }
+    return {
+        "start": nothing if cut is None else cut.start.stack(),
+        "end": nothing if cut is None else cut.end.stack(),
+        **{name: np.full(len(axis), float(is_so)) for name, is_so in flags.items()},
+    }
+
+
+_FRUSTUM = Impostor(
+    "frustum",
+    {
+        "p1": 3,
+        "p2": 3,
+        "axis": 3,
+        "radius1": 1,
+        "radius2": 1,
+        "start": 3,
+        "end": 3,
+        "is_sector": 1,
+        "caps": 1,
+        "cut_faces": 1,
+    },
+    _frustum_ball,
+    _frustum_values,
+)
+
+_OPEN_CYLINDER = dataclasses.replace(
+    _FRUSTUM, ball=_cylinder_ball, values=_open_cylinder_values
+)
+
 IMPOSTORS: dict[type[AbstractPrimitive], Impostor] = {
+    Box: Impostor("box", {"center": 3, "rotation": 9, "size": 3}, _box_ball),
     Cylinder: Impostor(
         "cylinder", {"center": 3, "axis": 3, "radius": 1, "height": 1}, _cylinder_ball
     ),
+    Frustum: _FRUSTUM,
+    Plane: Impostor("plane", {"point": 3, "unit_normal": 3}, _plane_ball),
     Sphere: Impostor("sphere", {"center": 3, "radius": 1}, _sphere_ball),
 }

@@ -39,6 +39,11 @@ _NEAR_PLANE = (
     "The surface reaches the plane z = 0 where the rays begin, or almost: its depth "
     "goes to 0, and the ulp with it, but not the rounding of what it is made from."
 )
+_LARGER_THAN_NEAR = (
+    "The surface is far nearer than its primitive is long: its depth is a difference "
+    "of lengths that are far larger, and an ulp of the small rest is a part of an ulp "
+    "of those."
+)
 _GRAZING = (
     "The wall leans 1e-3 rad from the rays: its depth changes a thousand times as fast "
     "as the center, axis and radius that each side rounds in its own way."
@@ -186,5 +191,45 @@ KNOWN_DIFFERENCES = (
         "depth_relative.p999",
         4.5e-4,
         _NEAR_PLANE,
+    ),
+    KnownDifference(
+        "perspective/frustum, reaching behind", "depth_ulp.p99", 14.0, _LARGER_THAN_NEAR
+    ),
+    KnownDifference(
+        "perspective/frustum, reaching behind",
+        "depth_relative.p999",
+        3.6e-6,
+        _LARGER_THAN_NEAR,
+    ),
+    KnownDifference(
+        "perspective/inside a frustum", "depth_ulp.p99", 7.5, _LARGER_THAN_NEAR
+    ),
+    KnownDifference(
+        "perspective/box, reaching behind", "depth_ulp.p99", 11.0, _LARGER_THAN_NEAR
+    ),
+    KnownDifference(
+        "orthographic/frustum, reaching behind", "depth_ulp.p99", 240.0, _NEAR_PLANE
+    ),
+    KnownDifference(
+        "orthographic/frustum, reaching behind",
+        "depth_relative.p999",
+        3.3e-4,
+        _NEAR_PLANE,
+    ),
+    KnownDifference(
+        "orthographic/inside a frustum", "depth_ulp.p99", 70.0, _NEAR_PLANE
+    ),
+    KnownDifference(
+        "orthographic/inside a frustum", "depth_relative.p999", 3.4e-5, _NEAR_PLANE
+    ),
+    KnownDifference(
+        "orthographic/box, reaching behind", "depth_ulp.p99", 165.0, _NEAR_PLANE
+    ),
+    KnownDifference(
+        "orthographic/box, reaching behind", "depth_relative.p999", 1.3e-4, _NEAR_PLANE
+    ),
+    KnownDifference("orthographic/inside a box", "depth_ulp.p99", 190.0, _NEAR_PLANE),
+    KnownDifference(
+        "orthographic/inside a box", "depth_relative.p999", 1.2e-4, _NEAR_PLANE
     ),
 )

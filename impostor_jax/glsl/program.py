@@ -8,7 +8,7 @@ import numpy as np
 
 from impostor_jax.glsl.conventions import GLSL
 from impostor_jax.glsl.impostors import Impostor
-from impostor_jax.numerics import smallest_slope
+from impostor_jax.numerics import eps, smallest_slope
 
 HEADERS = {
     "330": "#version 330 core\n",
@@ -39,9 +39,11 @@ def shader_sources(
         impostor: How the primitive is drawn.
         dialect: "330" or "300 es".
         orthographic: Whether the camera's rays are parallel.
-        as_published: Whether to use the published formulas, with their faults.
+        as_published: Whether to use the published formulas, with their faults, of those
+            primitives that have any.
     """
     head = f"#define SMALLEST_SLOPE {smallest_slope(np.float32):.9e}\n"
+    head += f"#define EPS {eps(np.float32):.9e}\n"
     if orthographic:
         head += "#define ORTHOGRAPHIC\n"
     if as_published:

@@ -12,7 +12,7 @@ import numpy as np
 from impostor_jax.arguments import is_concrete
 from impostor_jax.camera.orthographic import OrthographicCamera
 from impostor_jax.camera.pinhole import PinholeCamera
-from impostor_jax.glsl.impostors import IMPOSTORS, Impostor
+from impostor_jax.glsl.impostors import IMPOSTORS, Impostor, impostor_of
 from impostor_jax.primitives.base import AbstractPrimitive, in_camera_frame
 
 
@@ -58,7 +58,7 @@ def batches_in_camera(primitives: Any, camera: Any) -> list[Batch]:
     given = primitives if isinstance(primitives, Sequence) else (primitives,)
     batches, first = [], 0
     for one in given:
-        batch = Batch(_batch(one, camera), first, IMPOSTORS[type(one)])
+        batch = Batch(_batch(one, camera), first, impostor_of(one))
         if batch.count:
             batches.append(batch)
         first += batch.count

@@ -70,8 +70,9 @@ def scene_of(primitives: Any, camera: PinholeCamera | OrthographicCamera) -> Sce
 
 def _rows(batch: Batch) -> Float[np.ndarray, "n k"]:
     """Fields of each primitive and its index, side by side."""
+    values = batch.impostor.values(batch.primitives)
     fields = [
-        np.asarray(getattr(batch.primitives, name)).reshape(batch.count, count)
+        np.asarray(values[name]).reshape(batch.count, count)
         for name, count in batch.impostor.fields.items()
     ]
     index = batch.first + np.arange(batch.count)[:, None]

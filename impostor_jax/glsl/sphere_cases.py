@@ -5,9 +5,8 @@ __all__ = ["many_spheres", "mixed_primitives", "single_spheres"]
 import numpy as np
 
 from impostor_jax.glsl.case import (
-    RADIUS_PX,
     Case,
-    camera_of_kind,
+    camera_on,
     scattered,
     scattered_case,
 )
@@ -21,9 +20,7 @@ def single_spheres(kind: str) -> list[Case]:
     def case(name, distance=10.0, radius=0.05, aside=(0.1, 0.2)):
         """A sphere `distance` radii away, a bit `aside`."""
         center = np.array([*aside, distance])
-        # From inside as wide a view as from one radius away.
-        focal = RADIUS_PX * (max(distance, 1) if kind == "perspective" else 1 / radius)
-        camera = camera_of_kind(kind, focal)
+        camera = camera_on(kind, distance, radius)
         return Case(f"{kind}/{name}", Sphere(center * radius, radius), camera, distance)
 
     found = [case(f"sphere, radius {r:g}", radius=r) for r in (1e-4, 1e-2, 1.0, 100.0)]
