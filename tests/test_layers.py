@@ -47,9 +47,12 @@ ORDER = {
     ),
     "rendering": (
         "maps",
+        "outline",
+        "bounds",
+        "scene",
+        "closest",
         "raycast",
         "shade",
-        "outline",
         "tile",
         "polygon",
         "outline_curve",

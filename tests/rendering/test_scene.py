@@ -22,7 +22,6 @@ MAKERS = {
     "box": lambda c, a, r: ij.Box(c, np.eye(3), (r, 2 * r, 3 * r)),
     "sector": lambda c, a, r: ij.Cylinder(c, a, r, 3 * r, 1.0, 4.0, caps=False),
 }
-WALL = ij.Plane((0, 0, 4.5), (0, 0.1, -1))
 ROUND = ("cylinder", "sphere")
 
 
@@ -37,6 +36,10 @@ def shapes_of(seed=0, count=12, types=ROUND):
         make = MAKERS[types[k % len(types)]]
         shapes.append(make(center, axis, rng.uniform(0.1, 0.35)))
     return shapes
+
+
+def wall():
+    return ij.Plane((0, 0, 4.5), (0, 0.1, -1))
 
 
 def ground():
@@ -62,9 +65,9 @@ def nearest_of(shapes, camera):
 @pytest.mark.parametrize("name", ["distorted", "orthographic", "posed"])
 def test_the_closest_of_all_shapes_is_seen(name):
     # All types for one camera: how each is cast does not depend on the camera.
-    camera, shapes = CAMERAS[name](), [*shapes_of(), WALL]
+    camera, shapes = CAMERAS[name](), [*shapes_of(), wall()]
     if name == "posed":
-        shapes = [*shapes_of(types=tuple(MAKERS)), WALL, ground()]
+        shapes = [*shapes_of(types=tuple(MAKERS)), wall(), ground()]
     maps = ij.render(ij.Scene(shapes), camera, OUTPUTS)
     depth, normal, index = nearest_of(shapes, camera)
     # Parallel rays see a meter.
@@ -79,7 +82,7 @@ def test_the_closest_of_all_shapes_is_seen(name):
 
 
 def test_batches_and_tiles_are_parts_of_the_same_image():
-    shapes = [*shapes_of(1), WALL]
+    shapes = [*shapes_of(1), wall()]
     whole = ij.render(ij.Scene(shapes), CAMERA, OUTPUTS)
     spheres = [shape for shape in shapes if isinstance(shape, ij.Sphere)]
     batch = ij.Sphere(
@@ -125,7 +128,7 @@ def test_types_that_a_scene_does_not_hold_are_not_traced(monkeypatch):
 
 @pytest.mark.usefixtures("double")
 def test_derivatives_are_those_of_what_is_seen():
-    shapes = [*shapes_of(2, count=10), WALL, ij.Sphere((0, 0, 9.0), 0.5)]
+    shapes = [*shapes_of(2, count=10), wall(), ij.Sphere((0, 0, 9.0), 0.5)]
     camera = CAMERAS["pinhole"]()
     index = np.asarray(ij.render(ij.Scene(shapes), camera, ("index",)).index)
     rng = np.random.default_rng(3)
