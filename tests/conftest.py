@@ -38,6 +38,19 @@ def double():
         yield
 
 
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items):
+    """A process takes a whole file, or what `tests.groups` keeps together: first."""
+
+    def is_grouped(item):
+        return item.get_closest_marker("xdist_group") is not None
+
+    items.sort(key=lambda item: not is_grouped(item))
+    for item in items:
+        if not is_grouped(item):
+            item.add_marker(pytest.mark.xdist_group(item.nodeid.split("::")[0]))
+
+
 @pytest.hookimpl(hookwrapper=True)
 def pytest_runtest_makereport(item, call):
     """With IMPOSTOR_REQUIRE_ALL=1 a skipped test is a failure."""

@@ -8,6 +8,7 @@ import pytest
 import impostor_jax as ij
 from impostor_jax.io.camera_file import read_camera
 from impostor_jax.io.depth_image import read_depth, read_mask
+from tests.groups import LARGE_IMAGES
 
 DATA = os.environ.get("IMPOSTOR_DATA")
 CASES = [
@@ -19,6 +20,7 @@ CASES = [
 
 if DATA is not None:
 
+    @LARGE_IMAGES
     @pytest.mark.parametrize(("folder", "depth", "mask", "radius"), CASES)
     def test_real_can_is_fitted_within_4_mm_of_its_radius(folder, depth, mask, radius):
         place = Path(DATA) / folder

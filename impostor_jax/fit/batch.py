@@ -19,6 +19,7 @@ from impostor_jax.fit.cylinder import (
     no_guess,
     object_region,
     pixel_indices,
+    some_pixels,
     starts_of,
     surroundings,
 )
@@ -31,7 +32,7 @@ from impostor_jax.fit.request import (
     checked_request,
 )
 from impostor_jax.fit.result import FitResult
-from impostor_jax.fit.solve import best_start, solve
+from impostor_jax.fit.solve import NUM_KEPT, best_start, solve
 from impostor_jax.primitives.cylinder import Cylinder
 
 
@@ -99,11 +100,12 @@ def fit_cylinders(
         region = object_region(image, mask, camera, noise)
         if initial is not None:
             return region, None, None
-        return region, starts_of(image, region, camera, noise), surroundings(region)
+        starts = starts_of(image, region, camera, noise)
+        return region, starts, (*some_pixels(region), *surroundings(region))
 
     # OpenCV and NumPy leave the other threads to run.
     with ThreadPoolExecutor() as pool:
-        regions, starts, beside = zip(*pool.map(prepare, images, given), strict=True)
+        regions, starts, places = zip(*pool.map(prepare, images, given), strict=True)
     size = bucket(max(int(np.count_nonzero(region)) for region in regions))
     row, col = map(
         np.stack, zip(*(pixel_indices(r, size) for r in regions), strict=True)
@@ -111,14 +113,15 @@ def fit_cylinders(
     mapped = (np.stack(images), np.stack(regions), row, col)
     shared = (camera, noise, beliefs)
     if initial is not None:
-        return _solve_all(mapped, jax.vmap(Start.at)(initial), shared, request, True)
+        begin = jax.vmap(partial(Start.at, count=NUM_KEPT))(initial)
+        return _solve_all(mapped, begin, shared, request, True)
     unguessed = [index for index, start in enumerate(starts) if start is None]
     if len(unguessed) == count:
         return _stacked([no_guess(region) for region in regions])
     some = next(start for start in starts if start is not None)
     filled = _stacked([some if start is None else start for start in starts])
-    near = tuple(map(np.stack, zip(*beside, strict=True)))
-    best = _best_starts(mapped, near, filled, shared, request)
+    places = tuple(map(np.stack, zip(*places, strict=True)))
+    best = _best_starts(mapped[0], places, filled, shared, request.estimate_scale)
     fits = _solve_all(mapped, best, shared, request, False)
     for index in unguessed:
         failed = no_guess(regions[index])
@@ -130,19 +133,17 @@ def _stacked(trees: Sequence[Any]) -> Any:
     return jax.tree.map(lambda *leaves: jnp.stack(leaves), *trees)
 
 
-@partial(jax.jit, static_argnames="request")
-def _best_starts(mapped, near, starts, shared, request):
-    camera, noise, prior = shared
-
+@partial(jax.jit, static_argnames="estimate_scale")
+def _best_starts(images, places, starts, shared, estimate_scale):
     def one(given):
-        image, row, col, near, starts = given
-        return best_start(image, row, col, *near, camera, noise, starts, prior, request)
+        image, places, starts = given
+        camera, noise, prior = shared
+        return best_start(image, *places, camera, noise, starts, prior, estimate_scale)
 
-    images, _, row, col = mapped
-    return jax.lax.map(one, (images, row, col, near, starts))
+    return jax.lax.map(one, (images, places, starts))
 
 
-@partial(jax.jit, static_argnames=("request", "is_far"))
+@partial(jax.jit, static_argnames="request")
 def _solve_all(mapped, starts, shared, request, is_far):
     camera, noise, prior = shared
 

@@ -11,6 +11,7 @@ __all__ = [
     "no_guess",
     "object_region",
     "pixel_indices",
+    "some_pixels",
     "starts_of",
     "surroundings",
 ]
@@ -137,14 +138,16 @@ def fit_cylinder(
     row, col = pixel_indices(region, bucket(int(np.count_nonzero(region))))
     shown = (image, region, row, col, camera, noise)
     if initial is not None:
-        return solve(*shown, Start.at(initial), beliefs, request, is_far=True)
+        start = Start.at(initial, NUM_KEPT)
+        return solve(*shown, start, beliefs, request, is_far=True)
     compiled = _compile_ahead(shown, beliefs, request)
     starts = starts_of(image, region, camera, noise)
     if starts is None:
         return no_guess(region)
     beside = surroundings(region)
+    some = some_pixels(region)
     start = best_start(
-        image, row, col, *beside, camera, noise, starts, beliefs, request
+        image, *some, *beside, camera, noise, starts, beliefs, request.estimate_scale
     )
     compiled.join()
     return solve(*shown, start, beliefs, request, is_far=False)
@@ -223,6 +226,16 @@ def pixel_indices(
     row, col = np.full(size, region.shape[0]), np.zeros(size, int)
     row[: len(index)], col[: len(index)] = np.divmod(index, region.shape[1])
     return row, col
+
+
+def some_pixels(
+    region: Bool[np.ndarray, "h w"],
+) -> tuple[Int[np.ndarray, " n"], Int[np.ndarray, " n"]]:
+    """Rows and columns of pixels that are evenly spread over a region."""
+    count = max(int(np.count_nonzero(region)), START_READINGS)
+    row, col = pixel_indices(region, count)
+    some = np.arange(START_READINGS) * count // START_READINGS
+    return row[some], col[some]
 
 
 def surroundings(

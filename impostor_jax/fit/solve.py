@@ -6,7 +6,7 @@ The best, or there the best few, goes on with all readings, in stages: evaluate 
 image against the estimate, which weighs each row, then minimize with the rows held.
 """
 
-__all__ = ["NUM_KEPT", "best_start", "solve"]
+__all__ = ["NUM_KEPT", "START_READINGS", "best_start", "solve"]
 
 from collections.abc import Callable
 from functools import partial
@@ -93,7 +93,7 @@ _Best = tuple[Float[Array, ""], Start, Solution]
 """Cost of a solution, where it began, and the solution."""
 
 
-@partial(jax.jit, static_argnames="request")
+@partial(jax.jit, static_argnames="estimate_scale")
 def best_start(
     depth: Float[Array, "h w"],
     row: Int[Array, " n"],
@@ -104,32 +104,34 @@ def best_start(
     noise: AbstractDepthNoise,
     starts: Cylinder,
     prior: Prior,
-    request: Request,
+    estimate_scale: bool,
 ) -> Start:
     """Solve from several starts on a part of the readings, and keep the best few.
 
+    It takes no more of what decides what is compiled than it needs: it is the same for
+    objects of all sizes, and for most of what a `Request` holds.
+
     Args:
         depth: In meters; 0 where there is no reading.
-        row: Rows of the object's pixels; those beyond the image come last.
-        col: Columns of the object's pixels.
+        row: Rows of `START_READINGS` of the object's pixels; one beyond the image only
+            fills up.
+        col: Columns of these pixels.
         beside_row: Rows of pixels around the object.
         beside_col: Columns of pixels around the object.
         camera: The camera.
         noise: Of its readings.
         starts: (k,), in the world frame.
         prior: In the world frame.
-        request: What is asked for.
+        estimate_scale: As in `Request`.
     """
     depth = depth.astype(starts.radius.dtype)
-    size = min(START_READINGS, row.shape[0])
-    count = jnp.sum(row < camera.height)
-    some = jnp.arange(size) * jnp.maximum(count, size) // size
-    pixels = gather_pixels(depth, camera, row[some], col[some])
+    pixels = gather_pixels(depth, camera, row, col)
     nominal, units = _units(pixels, noise, camera)
     beside = gather_pixels(depth, camera, beside_row, beside_col)
     in_camera = in_camera_frame(starts, camera)
     prior = prior.in_camera_frame(camera)
     always = _always(camera)
+    request = Request(estimate_scale=estimate_scale)
 
     def tried(start: Cylinder) -> _Tried:
         solution = _refine(
@@ -137,6 +139,7 @@ def best_start(
             None,
             start,
             FIRST_STAGES,
+            jnp.zeros((), int),
             "pseudo_huber",
             noise,
             units,
@@ -181,7 +184,7 @@ def best_start(
     return eqx.tree_at(lambda k: k.is_worth, kept, kept.is_worth.at[0].set(True))
 
 
-@partial(jax.jit, static_argnames=("request", "is_far"))
+@partial(jax.jit, static_argnames="request")
 def solve(
     depth: Float[Array, "h w"],
     mask: Bool[Array, "h w"],
@@ -192,7 +195,7 @@ def solve(
     start: Start,
     prior: Prior,
     request: Request,
-    is_far: bool,
+    is_far: Bool[Array, ""],
 ) -> FitResult:
     """Fit to the given pixels; the others only show where the object stops.
 
@@ -220,7 +223,9 @@ def solve(
             pixels,
             edge,
             in_camera_frame(cylinder, camera),
-            (*FIRST_STAGES[:-1], *LAST_STAGES) if is_far else LAST_STAGES,
+            (*FIRST_STAGES[:-1], *LAST_STAGES),
+            # An array: a fit is compiled once for both.
+            jnp.where(is_far, 0, len(FIRST_STAGES) - 1),
             request.kernel,
             noise,
             units,
@@ -289,6 +294,7 @@ def _refine(
     edge: tuple[Pixels, Bool[Array, "5 m"]] | None,
     start: Cylinder,
     stages: tuple[tuple[float, ...], ...],
+    first_stage: Int[Array, ""],
     kernel: str,
     noise: AbstractDepthNoise,
     units: _Units,
@@ -296,7 +302,7 @@ def _refine(
     request: Request,
     always: Bool[Array, ""],
 ) -> Solution:
-    """Go through the stages from one start."""
+    """Go through the stages, from the first one, beginning at one start."""
     unit = units[0]
     dtype = unit.dtype
     used = pixels.depth > 0
@@ -342,10 +348,10 @@ def _refine(
             moved=jnp.where(only, 0, jnp.sqrt(jnp.mean(vector**2))),
         )
 
-    def unless_settled(carry: Solution, given: tuple[Float[Array, "4"], Array]):
-        effort, repeats = given
-        settled = repeats & (carry.moved < SETTLED)
-        return jax.lax.cond(settled, lambda c, _: c, stage, carry, effort), None
+    def unless_settled(carry: Solution, given: tuple[Float[Array, "4"], Array, Array]):
+        effort, repeats, is_before = given
+        left_out = is_before | (repeats & (carry.moved < SETTLED))
+        return jax.lax.cond(left_out, lambda c, _: c, stage, carry, effort), None
 
     rows, seen, scale = _zeros_like_result(evaluate, start, unit, unit)
     begin = Solution(
@@ -358,7 +364,8 @@ def _refine(
         moved=jnp.full_like(scale, jnp.inf),
     )
     repeats = np.array([stage == last for last, stage in pairwise((None, *stages))])
-    given = (jnp.array(stages, dtype), jnp.asarray(repeats))
+    is_before = jnp.arange(len(stages)) < first_stage
+    given = (jnp.array(stages, dtype), jnp.asarray(repeats), is_before)
     refined, _ = jax.lax.scan(unless_settled, begin, given)
     return refined
 

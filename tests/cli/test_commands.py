@@ -1,4 +1,4 @@
-"""The command line as a user runs it, in processes of its own."""
+"""The command line as a user runs it, in a process of its own where that matters."""
 
 import json
 import subprocess
@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from impostor_jax.__main__ import main
+from tests.groups import LARGE_IMAGES, SMALL_IMAGES
 
 CAMERA = {"fx": 150.0, "fy": 150.0, "cx": 79.5, "cy": 59.5, "width": 160, "height": 120}
 RECORD_KEYS = {
@@ -25,6 +26,20 @@ def run(*arguments):
     )
 
 
+@pytest.fixture
+def call(monkeypatch):
+    """Run a command in this process, which has JAX and fits ready; its exit code."""
+
+    def run_here(*arguments):
+        monkeypatch.setattr(sys, "argv", ["impostor-jax", *map(str, arguments)])
+        try:
+            return main()
+        except SystemExit as stop:
+            return stop.code
+
+    return run_here
+
+
 @pytest.fixture(scope="module")
 def rendered(tmp_path_factory):
     """Folder that `render` wrote."""
@@ -39,6 +54,7 @@ def rendered(tmp_path_factory):
     return folder
 
 
+@SMALL_IMAGES
 def test_render_writes_what_fit_reads(rendered, tmp_path):
     names = {entry.name for entry in rendered.iterdir()}
     assert names == {
@@ -68,26 +84,28 @@ def test_render_writes_what_fit_reads(rendered, tmp_path):
     assert picture.std() > 10
 
 
-def test_record_goes_where_it_is_told(rendered, tmp_path):
-    found = run(
+@SMALL_IMAGES
+def test_record_goes_where_it_is_told(rendered, tmp_path, call, capfd):
+    code = call(
         "fit", rendered / "depth.tiff", "--camera", rendered / "camera.json",
         "--output", tmp_path, "--json", tmp_path / "deep" / "can.json",
     )  # fmt: skip
-    assert found.returncode == 0
-    assert "no mask: took the nearest object" in found.stdout
+    assert code == 0
+    assert "no mask: took the nearest object" in capfd.readouterr().out
     assert (tmp_path / "deep" / "can.json").is_file()
     assert not (tmp_path / "fit.json").exists()
 
 
-def test_failed_fit_exits_with_1_and_writes_its_files(rendered, tmp_path):
+@SMALL_IMAGES
+def test_failed_fit_exits_with_1_and_writes_its_files(rendered, tmp_path, call, capfd):
     row, col = np.mgrid[0:120, 0:160]
     box = 0.5 + 0.002 * np.abs(col - 80) + 0.001 * np.abs(row - 60)
     np.save(tmp_path / "box.npy", box)
-    found = run(
+    code = call(
         "fit", tmp_path / "box.npy", "--camera", rendered / "camera.json",
         "--mask", rendered / "mask.png", "--output", tmp_path,
     )  # fmt: skip
-    assert (found.returncode, found.stderr) == (1, "")
+    assert (code, capfd.readouterr().err) == (1, "")
     record = json.loads((tmp_path / "fit.json").read_text())
     assert record["success"] is False
     assert record["status"] != "converged"
@@ -95,6 +113,7 @@ def test_failed_fit_exits_with_1_and_writes_its_files(rendered, tmp_path):
     assert (tmp_path / "overlay.png").is_file()
 
 
+@LARGE_IMAGES
 def test_demo_prints_truth_beside_the_fit(tmp_path):
     found = run("demo", "--output", tmp_path)
     assert (found.returncode, found.stderr) == (0, "")
@@ -108,6 +127,7 @@ def test_demo_prints_truth_beside_the_fit(tmp_path):
 FIT = ("fit", "{depth}", "--camera", "{camera}")
 
 
+@SMALL_IMAGES
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
@@ -135,7 +155,7 @@ FIT = ("fit", "{depth}", "--camera", "{camera}")
     ],
 )  # fmt: skip
 def test_bad_input_gives_one_line_and_exit_code_2(
-    arguments, message, rendered, tmp_path, monkeypatch, capfd
+    arguments, message, rendered, tmp_path, call, capfd
 ):
     cv2.imwrite(str(tmp_path / "small.png"), np.full((9, 9), 255, np.uint8))
     cv2.imwrite(str(tmp_path / "empty.png"), np.zeros((120, 160), np.uint8))
@@ -150,14 +170,7 @@ def test_bad_input_gives_one_line_and_exit_code_2(
         "camera": rendered / "camera.json",
         "folder": tmp_path,
     }
-    arguments = [argument.format(**places) for argument in arguments]
-    # In this process: starting JAX for each would take four seconds.
-    monkeypatch.setattr(sys, "argv", ["impostor-jax", *arguments])
-    try:
-        code = main()
-    except SystemExit as stop:
-        code = stop.code
-    assert code == 2
+    assert call(*(argument.format(**places) for argument in arguments)) == 2
     check_one_line(capfd.readouterr().err, message)
 
 

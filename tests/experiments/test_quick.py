@@ -8,6 +8,10 @@ from pathlib import Path
 
 import pytest
 
+from tests.groups import LARGE_IMAGES
+
+pytestmark = LARGE_IMAGES
+
 ROOT = Path(__file__).parents[2]
 EXPERIMENTS = sorted(path.parent.name for path in ROOT.glob("experiments/*/run.py"))
 

@@ -9,6 +9,9 @@ import pytest
 import impostor_jax as ij
 from tests.checks import angle_between
 from tests.fit.scenes import CAMERA, SIGMA, can, image
+from tests.groups import SMALL_IMAGES
+
+pytestmark = SMALL_IMAGES
 
 FIELDS = ("center", "axis", "radius", "height")
 
@@ -16,14 +19,20 @@ FIELDS = ("center", "axis", "radius", "height")
 @functools.cache
 def plain(prior: bool = False):
     depth, mask = image()
-    beliefs = {"radius": (0.04, 0.001)} if prior else None
+    beliefs = belief(1) if prior else None
     return ij.fit_cylinder(depth, CAMERA, mask, SIGMA, prior=beliefs)
+
+
+def belief(scale):
+    """What is known of the can, its lengths times a factor."""
+    # The height to a meter, which says nothing.
+    return {"radius": (0.04 * scale, 0.001 * scale), "height": (0.12 * scale, scale)}
 
 
 def scaled(scale, prior=False):
     """The fit of the scene, sigma and prior times a factor, divided by it again."""
     depth, mask = image()
-    beliefs = {"radius": (0.04 * scale, 0.001 * scale)} if prior else None
+    beliefs = belief(scale) if prior else None
     depth = (depth * np.float32(scale)).astype(np.float32)
     fit = ij.fit_cylinder(depth, CAMERA, mask, SIGMA * scale, prior=beliefs)
     return fit, eqx.tree_at(
