@@ -11,8 +11,6 @@ from impostor_jax.glsl.reference import draw_with_jax
 from impostor_jax.glsl.scene import scene_of
 from impostor_jax.primitives import PRIMITIVES
 
-pytest.importorskip("moderngl")
-
 WITHOUT_A_SHADER: dict[str, str] = {}
 """Names of primitives that no shader draws, and why."""
 
