@@ -86,7 +86,7 @@ ORDER = {
         "cylinder",
         "batch",
     ),
-    "io": ("atomic", "depth_image", "camera_file", "record"),
+    "io": ("atomic", "depth_image", "camera_file", "scene_file", "record"),
     "viewer": ("figure",),
     "glsl": (
         "conventions",

@@ -6,6 +6,7 @@ __all__ = [
     "make_camera",
     "make_can",
     "make_many",
+    "make_mixed",
     "noisy_image",
 ]
 
@@ -27,6 +28,12 @@ WALL_DEPTH = 1.2
 
 TILE_SHAPE = (96, 112)
 """Rows and columns of the tile that follows a traced cylinder."""
+
+
+SHAPES = 1000
+"""Number of shapes in a scene."""
+
+SCENE_SEED = 1
 
 
 def make_can(grown: float = 1.0) -> ij.Cylinder:
@@ -57,6 +64,28 @@ def make_many(count: int, seed: int) -> ij.Cylinder:
     return ij.Cylinder(center, axis, radius, height)
 
 
+def make_mixed(count: int, seed: int) -> ij.Scene:
+    """The same cylinders, but three of four turned into other shapes of their size."""
+    one = make_many(count, seed)
+    center, axis = np.array(one.center), np.array(one.axis)
+    radius, height = np.array(one.radius), np.array(one.height)
+    rows = [np.arange(count) % 4 == k for k in range(4)]
+    half = axis * (height / 2)[:, None]
+    low, high = center - half, center + half
+    turn = np.linalg.qr(np.random.default_rng(seed).normal(size=(count, 3, 3)))[0]
+    turn[np.linalg.det(turn) < 0] *= -1
+    size = np.stack([2 * radius, 2 * radius, height], axis=-1)
+    k, s, f, b = rows
+    return ij.Scene(
+        [
+            ij.Cylinder(center[k], axis[k], radius[k], height[k]),
+            ij.Sphere(center[s], radius[s]),
+            ij.Frustum(low[f], high[f], radius[f], radius[f] / 2),
+            ij.Box(center[b], turn[b], size[b]),
+        ]
+    )
+
+
 def noisy_image(depth: Float[np.ndarray, "h w"], seed: int) -> Float[np.ndarray, "h w"]:
     """Depth image with a wall behind the can, and noise."""
     noise = np.random.default_rng(seed).normal(0, SIGMA, depth.shape)
@@ -83,6 +112,9 @@ def jax_cases(
     def loss_on_own_tile(cylinder: ij.Cylinder) -> Float[Array, ""]:
         return loss(cylinder, ij.outline_tile(cylinder, camera, shape=TILE_SHAPE))
 
+    outputs = ("depth", "normal", "index")
+    cylinders = ij.Scene([make_many(SHAPES, SCENE_SEED)])
+    mixed = make_mixed(SHAPES, SCENE_SEED)
     on_tile = jax.jit(jax.value_and_grad(lambda cylinder: loss(cylinder, tile)))
     on_own_tile = jax.jit(jax.value_and_grad(loss_on_own_tile))
     return {
@@ -90,6 +122,8 @@ def jax_cases(
         "tile": lambda: ij.render(can, camera, tile=tile),
         "gradient_tile": lambda: on_tile(can),
         "gradient_own_tile": lambda: on_own_tile(can),
+        "scene_cylinders": lambda: ij.render(cylinders, camera, outputs),
+        "scene_mixed": lambda: ij.render(mixed, camera, outputs),
         "fit_mask": lambda: ij.fit_cylinder(image, camera, mask, SIGMA),
         "fit_no_mask": lambda: ij.fit_cylinder(image, camera, sigma=SIGMA),
     }

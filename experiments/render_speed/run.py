@@ -57,8 +57,8 @@ MANY = 10_000
 MANY_REPEATS = 3
 """Timed calls of these: the one in JAX takes many seconds."""
 
-SLOW = ("fit_mask", "fit_no_mask", "first_fit")
-"""Cases that a quick run leaves out: to compile a fit takes 10 s."""
+SLOW = ("fit_mask", "fit_no_mask", "first_fit", "scene_mixed", "scene_cylinders")
+"""Cases that a quick run leaves out: they take 5 to 10 s to compile."""
 
 FIRST = {"first_render": "render", "first_fit": "fit_cylinder"}
 """Cases that are timed in new processes, and the function that each calls."""
@@ -179,7 +179,7 @@ def measure(config: Config) -> list[Metric]:
             timings = {} if left_out else time_in_turns({case: call}, config.repeats)
             metrics += case_metrics(case, timings.get(case))
         timings = time_many(camera, MANY // 100 if config.quick else MANY)
-        for case in ("many_gl", "many_jax"):
+        for case in ("many_gl", "many_jax", "many_scene"):
             metrics += case_metrics(case, timings.get(case))
         np.save(scratch / "image.npy", image)
         for case, function in FIRST.items():
@@ -202,8 +202,10 @@ def measure(config: Config) -> list[Metric]:
 def time_many(camera: ij.PinholeCamera, count: int) -> dict[str, Timing]:
     """Time many cylinders at once; without OpenGL only in JAX."""
     cylinders = make_many(count, SEED)
+    scene, outputs = ij.Scene([cylinders]), ("depth", "normal", "index")
     calls: dict[str, Callable[[], object]] = {
-        "many_jax": lambda: draw_with_jax(cylinders, camera).depth
+        "many_jax": lambda: draw_with_jax(cylinders, camera).depth,
+        "many_scene": lambda: ij.render(scene, camera, outputs),
     }
     try:
         renderer = OffscreenRenderer()

@@ -1,11 +1,18 @@
 """The camera file: intrinsics in pixels, and the scale of integer depth images."""
 
-__all__ = ["CameraFile", "read_camera", "write_camera"]
+__all__ = [
+    "CameraFile",
+    "camera_from_record",
+    "camera_record",
+    "read_camera",
+    "read_json_object",
+    "write_camera",
+]
 
 import json
 import math
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -38,40 +45,65 @@ def read_camera(path: Path) -> CameraFile:
         ValueError: The file is missing or broken, a key is missing or unknown, or a
             value is out of range.
     """
+    what = f"camera file {str(path)!r}"
+    return camera_from_record(read_json_object(path, what), what)
+
+
+def read_json_object(path: Path, what: str) -> dict[str, Any]:
+    """Read a JSON file that holds one object; `what` names it in errors.
+
+    Raises:
+        ValueError: The file is missing or broken, or holds something else.
+    """
     if not path.is_file():
-        raise ValueError(f"camera file {str(path)!r} does not exist")
+        raise ValueError(f"{what} does not exist")
     try:
         record = json.loads(path.read_text())
     except (ValueError, OSError) as error:
-        raise ValueError(f"camera file {str(path)!r} is not readable JSON") from error
+        raise ValueError(f"{what} is not readable JSON") from error
     if not isinstance(record, dict):
-        raise ValueError(f"camera file {str(path)!r} must hold one JSON object")
+        raise ValueError(f"{what} must hold one JSON object")
+    return record
+
+
+def camera_from_record(record: dict[str, Any], what: str) -> CameraFile:
+    """Make a camera from the keys of a camera file; `what` names it in errors.
+
+    Raises:
+        ValueError: A key is missing or unknown, or a value is out of range.
+    """
     missing = [key for key in REQUIRED if key not in record]
     if missing:
-        raise ValueError(f"camera file {str(path)!r} lacks {', '.join(missing)}")
+        raise ValueError(f"{what} lacks {', '.join(missing)}")
     unknown = sorted(set(record) - {*REQUIRED, *OPTIONAL})
     if unknown:
-        raise ValueError(
-            f"camera file {str(path)!r} holds unknown keys: {', '.join(unknown)}"
-        )
-    scale = record.pop("depth_scale_m", None)
+        raise ValueError(f"{what} holds unknown keys: {', '.join(unknown)}")
+    values = dict(record)
+    scale = values.pop("depth_scale_m", None)
     if scale is not None and not (
         isinstance(scale, int | float) and math.isfinite(scale) and scale > 0
     ):
         raise ValueError(
             f"depth_scale_m must be a positive number of meters a unit, got {scale!r}"
         )
-    fisheye = record.get("fisheye", False)
+    fisheye = values.get("fisheye", False)
     if not isinstance(fisheye, bool):
         raise ValueError(f"fisheye must be true or false, got {fisheye!r}")
-    return CameraFile(PinholeCamera(**record), scale)
+    return CameraFile(PinholeCamera(**values), scale)
 
 
 def write_camera(
     path: Path, camera: PinholeCamera, depth_scale_m: float | None
 ) -> None:
     """Write a camera as `read_camera` reads it; the pose is not written."""
-    record: dict[str, object] = {
+    write_json(path, camera_record(camera, depth_scale_m))
+
+
+def camera_record(
+    camera: PinholeCamera, depth_scale_m: float | None = None
+) -> dict[str, Any]:
+    """Keys of a camera file; the pose is none of them."""
+    record: dict[str, Any] = {
         "fx": camera.fx,
         "fy": camera.fy,
         "cx": camera.cx,
@@ -84,4 +116,4 @@ def write_camera(
     if camera.distortion is not None:
         record["distortion"] = np.asarray(camera.distortion, dtype=float).tolist()
         record["fisheye"] = camera.fisheye
-    write_json(path, record)
+    return record

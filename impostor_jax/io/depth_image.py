@@ -140,6 +140,19 @@ def write_mask(path: Path, mask: Any) -> None:
     _write_image(path, np.where(np.asarray(mask), 255, 0).astype(np.uint8))
 
 
+def write_index(path: Path, index: Any) -> None:
+    """Write which shape is seen as a 16-bit PNG: 0 for none, k + 1 for shape k.
+
+    Args:
+        path: File name.
+        index: (H, W), -1 where there is none, below 65535.
+    """
+    values = np.asarray(index) + 1
+    if values.max() > MAX_UINT16:
+        raise ValueError(f"index must be below {MAX_UINT16}, got {values.max() - 1}")
+    _write_image(path, values.astype(np.uint16))
+
+
 def write_normals(path: Path, normal: Any) -> None:
     """Write a normal map as an 8-bit PNG: red, green, blue = 127.5 (x, y, z) + 127.5.
 

@@ -215,9 +215,15 @@ def outline(cylinder: Cylinder, camera: AbstractCamera) -> Outline:
         camera: Its pose is used, and nothing else.
 
     Raises:
-        ValueError: The cylinder is a batch, or the camera has no center.
+        ValueError: The cylinder is a batch, open or a sector, or the camera has no
+            center.
     """
     check_central(camera)
+    if not cylinder.is_whole:
+        raise ValueError(
+            "cylinder must be closed and go all the way round to have an outline in "
+            "closed form, got an open one or a sector"
+        )
     if cylinder.radius.ndim:
         raise ValueError(
             f"cylinder must be a single one, got a batch of shape "

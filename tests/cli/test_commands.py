@@ -58,7 +58,7 @@ def rendered(tmp_path_factory):
 def test_render_writes_what_fit_reads(rendered, tmp_path):
     names = {entry.name for entry in rendered.iterdir()}
     assert names == {
-        "given.json", "camera.json", "depth.png", "depth.tiff", "mask.png",
+        "given.json", "camera.json", "depth.png", "depth.tiff", "index.png", "mask.png",
         "normal.png",
     }  # fmt: skip
     exact = cv2.imread(str(rendered / "depth.tiff"), cv2.IMREAD_UNCHANGED)
@@ -124,6 +124,23 @@ def test_demo_prints_truth_beside_the_fit(tmp_path):
     }  # fmt: skip
 
 
+def test_scene_file_is_rendered(tmp_path, call, capfd):
+    shapes = [
+        {"type": "sphere", "center": [0, 0, 0.5], "radius": 0.1},
+        {"type": "plane", "point": [0, 0, 1], "normal": [0, 0, 1]},
+        {"type": "sphere", "center": [0, 0, 2], "radius": 0.1},
+    ]
+    record = {"version": 1, "camera": CAMERA, "shapes": shapes}
+    (tmp_path / "scene.json").write_text(json.dumps(record))
+    assert call("render", tmp_path / "scene.json", "--output", tmp_path / "maps") == 0
+    assert "19200 of 19200 pixels see 2 of 3 shapes" in capfd.readouterr().out
+    index = cv2.imread(str(tmp_path / "maps" / "index.png"), cv2.IMREAD_UNCHANGED)
+    assert index.dtype == np.uint16
+    assert (index[60, 80], index[5, 5]) == (1, 2)
+    depth = cv2.imread(str(tmp_path / "maps" / "depth.tiff"), cv2.IMREAD_UNCHANGED)
+    assert depth[5, 5] == pytest.approx(1.0)
+
+
 FIT = ("fit", "{depth}", "--camera", "{camera}")
 
 
@@ -152,6 +169,11 @@ FIT = ("fit", "{depth}", "--camera", "{camera}")
              "1", "0", "--radius", "0", "--height", "1", "--output", "{folder}/r"),
             "radius must be positive, in meters, got 0.0",
         ),
+        (("render", "--camera", "{camera}", "--radius", "1", "--output", "{folder}/r"),
+         "a scene file or --center, --axis, --height must be given"),
+        (("render", "{folder}/scene.json", "--radius", "1", "--output", "{folder}/r"),
+         "a scene file must not be given together with --radius"),
+        (("render", "{folder}/scene.json", "--output", "{folder}/r"), "does not exist"),
     ],
 )  # fmt: skip
 def test_bad_input_gives_one_line_and_exit_code_2(

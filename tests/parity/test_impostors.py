@@ -11,7 +11,9 @@ from impostor_jax.glsl.reference import draw_with_jax
 from impostor_jax.glsl.scene import scene_of
 from impostor_jax.primitives import PRIMITIVES
 
-WITHOUT_A_SHADER: dict[str, str] = {}
+WITHOUT_A_SHADER = {
+    "heightfield": "its grid needs a texture, and a function has no form in a shader"
+}
 """Names of primitives that no shader draws, and why."""
 
 CAMERA = ij.PinholeCamera(150.0, 140.0, 70.0, 66.0, width=160, height=120)

@@ -152,3 +152,12 @@ def test_the_outline_moves_as_its_points_on_the_body(name):
     found = np.sum(velocity[best] * n.T, axis=1)
     numeric = central_difference(lambda c: reach(c, n), cylinder, tangent)
     np.testing.assert_allclose(found, numeric, atol=2e-3)
+
+
+def test_cylinder_that_is_not_whole_is_refused():
+    can = ij.Cylinder((0, 0, 1), (0, 1, 0), 0.1, 0.3, 0.0, 2.0)
+    camera = ij.PinholeCamera(60.0, 62.0, 31.5, 23.0, 64, 48)
+    with pytest.raises(ValueError, match="must be closed and go all the way round"):
+        ij.outline(can, camera)
+    with pytest.raises(ValueError, match="must be closed and go all the way round"):
+        ij.coverage(can, camera)
