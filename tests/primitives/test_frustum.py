@@ -98,7 +98,9 @@ def test_depth_keeps_its_promise_over_all_extremes(dtype):
     assert told > 200
 
 
-def test_products_are_numbers_with_lengths_from_1e_minus_12_to_1e12(dtype):
+def test_products_are_numbers_with_lengths_from_1e_minus_12_to_1e12():
+    # Single precision has the smaller range.
+    dtype = np.dtype("float32")
     rays, rng = frustum_rays(5000, 4, str(dtype)), np.random.default_rng(5)
     size = np.abs(rays[:, 6:14]).max(axis=1, keepdims=True)
     scale = np.exp(rng.uniform(*np.log([1e-12, 1e12]), (len(rays), 1))) / size
@@ -119,11 +121,7 @@ def test_products_are_numbers_with_lengths_from_1e_minus_12_to_1e12(dtype):
     assert all_finite(products(numbers, along))
 
 
-SECTORS = {
-    "closed": (True, True),
-    "open": (False, False),
-    "without faces": (True, False),
-}
+SECTORS = {"closed": (True, True), "without faces": (True, False)}
 
 
 @pytest.mark.parametrize("kind", SECTORS)
