@@ -60,10 +60,10 @@ class Render:
         write_camera(self.output / "camera.json", camera, scale)
         count = np.count_nonzero(np.asarray(maps.mask))
         seen = len(np.unique(np.asarray(maps.index)[np.asarray(maps.mask)]))
-        what = (
+        shown = (
             "the cylinder" if self.scene is None else f"{seen} of {len(shapes)} shapes"
         )
-        print(f"{count} of {camera.width * camera.height} pixels see {what}")
+        print(f"{count} of {camera.width * camera.height} pixels see {shown}")
         return 0
 
     def _shapes(self):

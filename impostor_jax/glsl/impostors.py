@@ -25,7 +25,6 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from impostor_jax.geometry.vec3 import Vec3
-from impostor_jax.numerics import safe_normalize
 from impostor_jax.primitives.base import AbstractPrimitive
 from impostor_jax.primitives.box import Box
 from impostor_jax.primitives.cylinder import Cylinder
@@ -93,7 +92,8 @@ def _frustum_ball(frusta: Frustum) -> Ball:
 
 
 def _frustum_values(frusta: Frustum) -> dict[str, Any]:
-    axis = safe_normalize(jnp.asarray(frusta.p2 - frusta.p1))
+    # Of NumPy's arrays, which it is kept as.
+    axis = jax.tree.map(jnp.asarray, frusta).axis
     return {**vars(frusta), "axis": axis, **_openings(frusta, axis)}
 
 

@@ -98,12 +98,16 @@ class Frustum(AbstractPrimitive):
         self.p2 = p2
         self.radius1 = radius1
         self.radius2 = radius2
-        axis, _ = self._axis()
         self.start_angle, self.end_angle, self.zero = sector_fields(
-            axis.stack(), start_angle, end_angle, zero
+            self.axis, start_angle, end_angle, zero
         )
         self.caps = caps
         self.cut_faces = caps if cut_faces is None else cut_faces
+
+    @property
+    def axis(self) -> Float[Array, "*batch 3"]:
+        """Unit vector from p1 to p2."""
+        return safe_normalize(self.p2 - self.p1)
 
     @property
     @override
@@ -139,16 +143,11 @@ class Frustum(AbstractPrimitive):
         turned = target_from_source.rotate(self.zero)
         return eqx.tree_at(lambda f: f.zero, moved, turned)
 
-    def _axis(self) -> tuple[Vec3, Float[Array, "*batch"]]:
-        """Unit vector from p1 to p2, and their distance."""
-        axis = Vec3.from_array(safe_normalize(self.p2 - self.p1))
-        way = Vec3.from_array(self.p2) - Vec3.from_array(self.p1)
-        return axis, way.dot(axis)
-
     def _seen_from(self, place: Vec3) -> Tapered:
         """The body relative to the end that is nearer to a place."""
-        a, length = self._axis()
+        a = Vec3.from_array(self.axis)
         p1, p2 = Vec3.from_array(self.p1), Vec3.from_array(self.p2)
+        length = (p2 - p1).dot(a)
         second = (place - p1).dot(a) > length / 2
         zero = jnp.zeros_like(length)
         return Tapered(

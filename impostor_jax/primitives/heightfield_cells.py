@@ -24,7 +24,7 @@ from impostor_jax.geometry.rays import Interval, Ray
 from impostor_jax.geometry.vec3 import Vec3
 from impostor_jax.numerics import eps
 from impostor_jax.primitives.heightfield_grid import Blocks, largest_bend, surface
-from impostor_jax.primitives.heightfield_march import free_step
+from impostor_jax.primitives.heightfield_march import free_step, side_of
 
 Numbers = Float[Array, "*batch"]
 Indices = Int[Array, "*batch"]
@@ -143,18 +143,13 @@ def _step(
 def _side(
     points: Float[Array, "k k rows cols"], ray: Ray, t: Numbers
 ) -> Float[Array, "*batch"]:
-    """Side on which a ray begins: 1 above, -1 below.
-
-    A ray that begins on the surface is on the side to which it goes.
-    """
+    """Side on which a ray begins."""
     _, _, rows, cols = points.shape
     p = ray.at(t)
     i = jnp.clip(jnp.floor(p.x).astype(jnp.int32), 0, rows - 1)
     j = jnp.clip(jnp.floor(p.z).astype(jnp.int32), 0, cols - 1)
     up = jnp.ones_like(t)
-    gap, slope, rounding = _gap(points[:, :, i, j], max(rows, cols), ray, up, t, i, j)
-    leans = jnp.where(jnp.abs(gap) > rounding, gap, slope)
-    return jnp.where(leans < 0, -up, up)
+    return side_of(*_gap(points[:, :, i, j], max(rows, cols), ray, up, t, i, j))
 
 
 def _gap(

@@ -7,7 +7,7 @@ over which the gap provably keeps its sign, from a bound on how fast it may clos
 (`free_step`).
 """
 
-__all__ = ["MARCHES", "March", "advance", "free_step", "march"]
+__all__ = ["MARCHES", "March", "advance", "free_step", "march", "side_of"]
 
 import dataclasses
 from collections.abc import Callable
@@ -169,13 +169,15 @@ def _beginning(span: Interval) -> tuple[Bool[Array, "*batch"], Numbers]:
 
 
 def _side(gap: Gap, t: Numbers, rounding: Numbers) -> Numbers:
-    """Side on which a ray is at t: 1 above, -1 below.
-
-    A ray on the surface is on the side to which it goes.
-    """
+    """Side on which a ray is at t."""
     now, slope = jax.jvp(gap, (t,), (jnp.ones_like(t),))
-    leans = jnp.where(jnp.abs(now) > rounding, now, slope)
-    return jnp.where(leans < 0, -jnp.ones_like(t), jnp.ones_like(t))
+    return side_of(now, slope, rounding)
+
+
+def side_of(gap: Numbers, slope: Numbers, rounding: Numbers) -> Numbers:
+    """Side of the surface: 1 above, -1 below; on it, the side to which a ray goes."""
+    leans = jnp.where(jnp.abs(gap) > rounding, gap, slope)
+    return jnp.where(leans < 0, -jnp.ones_like(gap), jnp.ones_like(gap))
 
 
 def _settled(gap: Gap, t: Numbers) -> Numbers:

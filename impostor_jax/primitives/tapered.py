@@ -102,9 +102,6 @@ def tapered_distance(point: Vec3, body: Tapered) -> Float[Array, "*batch"]:
     at_low, at_high = body.end_radii
     length = body.high - body.low
     # In the half-plane of axis and point the solid is bounded by three segments.
-    steep = jnp.sqrt(1 + body.slope * body.slope)
-    beyond_wall = (out - body.radius - body.slope * along) / steep
-    beyond_end = jnp.maximum(body.low - along, along - body.high)
     way_out, way_up = at_high - at_low, length
     part = (out - at_low) * way_out + (along - body.low) * way_up
     part = jnp.clip(part / (way_out * way_out + way_up * way_up), 0, 1)
@@ -118,7 +115,9 @@ def tapered_distance(point: Vec3, body: Tapered) -> Float[Array, "*batch"]:
         for wide, end in ((at_low, body.low), (at_high, body.high))
     ]
     size = jnp.minimum(off_wall, jnp.minimum(*off_ends))
-    inside = (beyond_wall < 0) & (beyond_end < 0)
+    inside = (out < body.radius + body.slope * along) & (
+        (body.low < along) & (along < body.high)
+    )
     distance = jnp.where(inside, -size, size)
     if body.sector is None:
         return distance

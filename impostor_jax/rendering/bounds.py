@@ -21,7 +21,7 @@ from impostor_jax.primitives.box import Box
 from impostor_jax.primitives.cylinder import Cylinder
 from impostor_jax.primitives.frustum import Frustum
 from impostor_jax.primitives.sphere import Sphere
-from impostor_jax.rendering.outline import disc_support
+from impostor_jax.rendering.outline import disc_support, discs
 
 Corner = Float[Array, "2"]
 Disc = tuple[Vec3, Vec3, Float[Array, ""]]
@@ -73,18 +73,18 @@ def image_bounds(primitive: AbstractPrimitive, is_central: bool) -> ImageBounds:
 
 
 def _discs_reach(
-    discs: list[Disc], is_central: bool
+    ends: list[Disc], is_central: bool
 ) -> tuple[Float[Array, "4"], Array, Array]:
     """Support of the hull of discs to all four sides, smallest and largest depth."""
-    n_x, n_y = jnp.array(SIDES, discs[0][2].dtype)
+    n_x, n_y = jnp.array(SIDES, ends[0][2].dtype)
     reaches = []
-    for c, a, r in discs:
+    for c, a, r in ends:
         if is_central:
             reaches.append(disc_support(c, a, r, n_x, n_y)[0])
         else:
             across = safe_sqrt(1 - (n_x * a.x + n_y * a.y) ** 2)
             reaches.append(n_x * c.x + n_y * c.y + r * across)
-    deep = [(c.z, r * safe_sqrt(1 - a.z * a.z)) for c, a, r in discs]
+    deep = [(c.z, r * safe_sqrt(1 - a.z * a.z)) for c, a, r in ends]
     return (
         jnp.max(jnp.stack(reaches), axis=0),
         jnp.min(jnp.stack([z - reach for z, reach in deep])),
@@ -93,17 +93,16 @@ def _discs_reach(
 
 
 def _cylinder_reach(cylinder: Cylinder, is_central: bool):
-    center, a = Vec3.from_array(cylinder.center), Vec3.from_array(cylinder.axis)
-    offset = a * (cylinder.height / 2)
-    discs = [(c, a, cylinder.radius) for c in (center - offset, center + offset)]
-    return _discs_reach(discs, is_central)
+    a = Vec3.from_array(cylinder.axis)
+    ends = [(c, a, cylinder.radius) for c in discs(cylinder)]
+    return _discs_reach(ends, is_central)
 
 
 def _frustum_reach(frustum: Frustum, is_central: bool):
     p1, p2 = Vec3.from_array(frustum.p1), Vec3.from_array(frustum.p2)
-    a = (p2 - p1).normalize()
-    discs = [(p1, a, frustum.radius1), (p2, a, frustum.radius2)]
-    return _discs_reach(discs, is_central)
+    a = Vec3.from_array(frustum.axis)
+    ends = [(p1, a, frustum.radius1), (p2, a, frustum.radius2)]
+    return _discs_reach(ends, is_central)
 
 
 def _sphere_reach(sphere: Sphere, is_central: bool):

@@ -14,6 +14,7 @@ curve of `outline_curve` knows no such limit.
 __all__ = [
     "bounding_box",
     "disc_support",
+    "discs",
     "in_front",
     "outline_points",
     "parallel_bounding_box",
@@ -28,7 +29,7 @@ from impostor_jax.numerics import safe_divide, safe_sqrt
 from impostor_jax.primitives.cylinder import Cylinder
 
 
-def _discs(cylinder: Cylinder) -> tuple[Vec3, Vec3]:
+def discs(cylinder: Cylinder) -> tuple[Vec3, Vec3]:
     """Centers of the two caps."""
     offset = cylinder.axis * (cylinder.height / 2)
     return (
@@ -40,7 +41,7 @@ def _discs(cylinder: Cylinder) -> tuple[Vec3, Vec3]:
 def in_front(cylinder: Cylinder) -> Bool[Array, ""]:
     """Whether every point of a cylinder, in the camera frame, has positive depth."""
     reach = cylinder.radius * safe_sqrt(1 - cylinder.axis[2] ** 2)
-    below, above = _discs(cylinder)
+    below, above = discs(cylinder)
     return jnp.minimum(below.z, above.z) > reach
 
 
@@ -62,7 +63,7 @@ def support(
     """
     a, r = Vec3.from_array(cylinder.axis), cylinder.radius
     (s0, x0, y0), (s1, x1, y1) = (
-        disc_support(c, a, r, n_x, n_y) for c in _discs(cylinder)
+        disc_support(c, a, r, n_x, n_y) for c in discs(cylinder)
     )
     second = s1 > s0
     return (

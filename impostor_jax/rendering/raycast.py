@@ -135,7 +135,7 @@ def _see_scene(scene: Scene, camera: AbstractCamera, ray: Ray) -> Seen:
             first += count
         hit = jax.tree.map(partial(jnp.where, mine), found, hit)
         index = jnp.where(mine, own_index, index)
-        seen = [(before & ~mine, shape) for before, shape in seen] + [(mine, only)]
+        seen = [(before & ~mine, other) for before, other in seen] + [(mine, only)]
 
     def normal(hit: Hit) -> Vec3:
         zero = jnp.zeros_like(hit.t)

@@ -18,14 +18,14 @@ from typing import Any
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Bool, Float
 from typing_extensions import override
 
-from impostor_jax.arguments import bounded_number, float_array, is_concrete
+from impostor_jax.arguments import bounded_number, check_direction, float_array
 from impostor_jax.camera.base import AbstractCamera
 from impostor_jax.geometry.frames import RigidTransform
 from impostor_jax.geometry.vec3 import Vec3
+from impostor_jax.numerics import safe_normalize
 from impostor_jax.rendering.maps import GeometryMaps
 
 Number = float | Float[Array, ""]
@@ -108,17 +108,12 @@ class DirectionalLight(AbstractLight):
     def __init__(self, direction: Any, intensity: Any):
         self.direction = float_array("direction", direction, (3,))
         self.intensity = _intensity(intensity)
-        if is_concrete(self.direction) and not np.any(np.asarray(self.direction)):
-            raise ValueError(
-                f"direction must not be the zero vector, got {self.direction}"
-            )
+        check_direction("direction", self.direction)
 
     @override
     def towards(self, point: Vec3) -> Vec3:
         direction = self.direction.astype(point.x.dtype)
-        # Its largest component first, so that no square under- or overflows.
-        largest = jax.lax.stop_gradient(jnp.max(jnp.abs(direction)))
-        return Vec3.from_array(direction / largest).normalize()
+        return Vec3.from_array(safe_normalize(direction))
 
     @override
     def transformed(self, target_from_source: RigidTransform) -> "DirectionalLight":
