@@ -22,6 +22,7 @@ from .rendering.outline_curve import Outline, outline
 from .rendering.raycast import render
 from .rendering.scene import Scene
 from .rendering.shade import AmbientLight, DirectionalLight, PointLight, shade
+from .rendering.sphere_outline import SphereOutline
 from .rendering.tile import outline_box, outline_tile
 from .sensor.base import AbstractDepthNoise
 from .sensor.dropout import Dropout
@@ -59,6 +60,7 @@ __all__ = [
     "RigidTransform",
     "Scene",
     "Sphere",
+    "SphereOutline",
     "StereoDisparity",
     "StructuredLight",
     "Terrain",

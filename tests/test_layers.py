@@ -55,6 +55,8 @@ ORDER = {
         "shade",
         "tile",
         "polygon",
+        "outline_base",
+        "sphere_outline",
         "outline_curve",
         "image_curve",
         "coverage",

@@ -21,7 +21,7 @@ from impostor_jax.primitives.box import Box
 from impostor_jax.primitives.cylinder import Cylinder
 from impostor_jax.primitives.frustum import Frustum
 from impostor_jax.primitives.sphere import Sphere
-from impostor_jax.rendering.outline import disc_support, discs
+from impostor_jax.rendering.outline import disc_support, discs, sphere_support
 
 Corner = Float[Array, "2"]
 Disc = tuple[Vec3, Vec3, Float[Array, ""]]
@@ -108,13 +108,10 @@ def _frustum_reach(frustum: Frustum, is_central: bool):
 def _sphere_reach(sphere: Sphere, is_central: bool):
     (x, y, z), r = sphere.center, sphere.radius
     n_x, n_y = jnp.array(SIDES, r.dtype)
-    n_c = n_x * x + n_y * y
-    reach = n_c + r
     if is_central:
-        # The plane through the camera and the line n.x = s is r away from the center:
-        # (n.c - s z)^2 = r^2 (1 + s^2).
-        square = (z - r) * (z + r)
-        reach = (n_c * z + r * safe_sqrt(n_c * n_c + square)) / square
+        reach = sphere_support(sphere, n_x, n_y)
+    else:
+        reach = n_x * x + n_y * y + r
     return reach, z - r, z + r
 
 

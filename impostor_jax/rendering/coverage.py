@@ -1,4 +1,4 @@
-"""Part of each pixel that a cylinder covers, and its derivative.
+"""Part of each pixel that a shape covers, and its derivative.
 
 The outline is walked in steps of less than a pixel, and each pixel takes the exact area
 inside the polygon of these steps. It does not matter how many edges, which curves or
@@ -17,7 +17,7 @@ from jaxtyping import Array, Float
 
 from impostor_jax.camera.base import AbstractCamera
 from impostor_jax.camera.pixels import Tile
-from impostor_jax.primitives.cylinder import Cylinder
+from impostor_jax.primitives.base import AbstractPrimitive
 from impostor_jax.rendering.image_curve import image_curve
 from impostor_jax.rendering.polygon import BLOCK, MARGIN, polygon_coverage
 
@@ -32,32 +32,34 @@ px in 99 of 100 extreme scenes, 1.5 px in the worst of 3400.
 
 @jax.jit
 def coverage(
-    cylinder: Cylinder, camera: AbstractCamera, tile: Tile | None = None
+    primitive: AbstractPrimitive, camera: AbstractCamera, tile: Tile | None = None
 ) -> Float[Array, "h w"]:
-    """Part of each pixel, a unit square around its center, that a cylinder covers.
+    """Part of each pixel, a unit square around its center, that a shape covers.
 
-    Works inside `jax.jit`, `grad`, `jacfwd` and `vmap`, over cylinders and over cameras
+    Works inside `jax.jit`, `grad`, `jacfwd` and `vmap`, over shapes and over cameras
     of one image size.
 
     Args:
-        cylinder: One cylinder, in the world frame; it may reach behind the camera.
+        primitive: A whole `Cylinder` or a `Sphere`, a single one, in the world frame;
+            it may reach behind the camera.
         camera: The camera, with or without a lens.
         tile: Block of pixels, the whole image if None. `outline_tile` with a margin of
             1 gives the smallest one that holds all of the area.
 
     Returns:
         Areas in [0, 1], of the shape of the tile: 1 everywhere for a camera inside the
-        cylinder, 0 in pixels that no light reaches.
+        solid, 0 in pixels that no light reaches.
 
     Derivatives:
-        Of first order, finite everywhere, in every field of the cylinder and of the
+        Of first order, finite everywhere, in every field of the shape and of the
         camera. Where a cap is seen exactly edge on, it is that of the cap unseen.
 
     Raises:
-        ValueError: The cylinder is a batch.
+        ValueError: The shape is of another type, a batch, or a cylinder that is open
+            or a sector; or the camera has no center.
     """
     tile = camera.frame if tile is None else tile
-    curve = image_curve(cylinder, camera, tile)
+    curve = image_curve(primitive, camera, tile)
     # The margin, and some room for a step across its border.
     room = MARGIN + 1
     count = STEPS * (tile.height + tile.width + 4 * room)

@@ -1,4 +1,4 @@
-"""Signed distance of image points from a cylinder's outline, in pixels.
+"""Signed distance of image points from a shape's outline, in pixels.
 
 The nearest point is searched along the outline itself, in the image: on the nearest of
 its chords, then of shorter chords there. It shows a point of the body, and the distance
@@ -14,7 +14,7 @@ from jaxtyping import Array, Float, Int
 
 from impostor_jax.camera.base import AbstractCamera
 from impostor_jax.numerics import safe_divide, safe_norm
-from impostor_jax.primitives.cylinder import Cylinder
+from impostor_jax.primitives.base import AbstractPrimitive
 from impostor_jax.rendering.image_curve import image_curve
 
 CHORDS = 48
@@ -29,14 +29,17 @@ direction by more than 1e-3.
 
 @jax.jit
 def signed_distance(
-    cylinder: Cylinder, camera: AbstractCamera, points: Float[Array, "*batch 2"]
+    primitive: AbstractPrimitive,
+    camera: AbstractCamera,
+    points: Float[Array, "*batch 2"],
 ) -> Float[Array, "*batch"]:
     """Distance of image points from the outline in pixels; negative inside.
 
     Unlike coverage it has a slope however far away the outline is.
 
     Args:
-        cylinder: A single one, in the world frame; it may reach behind the camera.
+        primitive: A whole `Cylinder` or a `Sphere`, a single one, in the world frame;
+            it may reach behind the camera.
         camera: The camera, with or without a lens.
         points: Image coordinates (u, v), in pixels.
 
@@ -44,15 +47,19 @@ def signed_distance(
         Distances, exact to rounding for an outline in or near the image: it is not
         followed farther from the optical axis than ten times the distance of the
         image's corners, or than a tenth beyond them through a lens. `+inf` where there
-        is no outline in front of the camera, `-inf` from inside the cylinder.
+        is no outline in front of the camera, `-inf` from inside the solid.
 
     Derivatives:
-        Exact, of first order, in every field of the cylinder and of the camera and in
-        the points.
+        Exact, of first order, in every field of the shape and of the camera and in the
+        points.
+
+    Raises:
+        ValueError: The shape is of another type, a batch, or a cylinder that is open
+            or a sector; or the camera has no center.
     """
     frame = camera.frame
     reach = 10.0 if camera.sees(*frame.pixels()) is None else 1.1
-    curve = image_curve(cylinder, camera, frame, reach)
+    curve = image_curve(primitive, camera, frame, reach)
     queries = points.reshape(-1, 2)
     target = jax.lax.stop_gradient(queries)
     index = jnp.arange(CHORDS + 1, dtype=target.dtype)

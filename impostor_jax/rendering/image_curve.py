@@ -3,7 +3,7 @@
 What lies behind the camera's plane z = 0 is pulled along straight lines, which stay in
 the convex solid, towards the solid's deepest point until it is in front. What lies far
 outside the image is pulled towards the optical axis. Both keep the curve closed, and on
-the same side of every pixel. So a cylinder that reaches behind the camera needs no
+the same side of every pixel. So a body that reaches behind the camera needs no
 formulas of its own, and a lens polynomial is not used where it folds back.
 """
 
@@ -20,8 +20,9 @@ from impostor_jax.camera.base import AbstractCamera
 from impostor_jax.camera.pixels import Tile
 from impostor_jax.geometry.vec3 import Vec3
 from impostor_jax.numerics import eps
-from impostor_jax.primitives.cylinder import Cylinder
-from impostor_jax.rendering.outline_curve import Outline, outline
+from impostor_jax.primitives.base import AbstractPrimitive
+from impostor_jax.rendering.outline_base import AbstractOutline, Place
+from impostor_jax.rendering.outline_curve import outline
 from impostor_jax.rendering.polygon import running_sum
 
 PASSES = 4
@@ -33,18 +34,14 @@ class Steps(eqx.Module):
 
     Attributes:
         parameter: Of the outline.
-        share: Part of the half height of the points on the body.
-        cosine: Of their rim angles.
-        sine: Of their rim angles.
+        place: Of the points on the body.
         pixels: Image coordinates (u, v).
         pulled: Whether (u, v) is not the point's own image but that of where it was
             pulled, far outside the tile.
     """
 
     parameter: Float[Array, " n"]
-    share: Float[Array, " n"]
-    cosine: Float[Array, " n"]
-    sine: Float[Array, " n"]
+    place: Place
     pixels: Float[Array, "n 2"]
     pulled: Bool[Array, " n"]
 
@@ -63,7 +60,7 @@ class ImageCurve(eqx.Module):
         visible: Whether there is an outline in front of the camera.
     """
 
-    outline: Outline
+    outline: AbstractOutline
     camera: AbstractCamera
     tile: Tile
     deepest: Vec3
@@ -86,7 +83,7 @@ class ImageCurve(eqx.Module):
         shrink = jnp.minimum(jnp.sqrt(still.limit * z * z / (x * x + y * y)), 1)
         points = Vec3(x * shrink, y * shrink, z).stack()
         pixels = still.camera.project(points)
-        return Steps(parameter, *place, pixels, (pull > 0) | (shrink < 1))
+        return Steps(parameter, place, pixels, (pull > 0) | (shrink < 1))
 
     def even_steps(self, count: int, margin: int) -> Steps:
         """Points a step apart on the closed curve; without a derivative.
@@ -126,7 +123,7 @@ class ImageCurve(eqx.Module):
 
         nothing = jnp.zeros(count, dtype)
         nowhere = Steps(
-            nothing, nothing, nothing, nothing, jnp.zeros((count, 2), dtype),
+            nothing, (nothing, nothing, nothing), jnp.zeros((count, 2), dtype),
             jnp.zeros(count, bool),
         )  # fmt: skip
         return jax.lax.fori_loop(0, PASSES + 1, spread, nowhere)
@@ -135,10 +132,10 @@ class ImageCurve(eqx.Module):
         """Image coordinates (u, v) of points of the curve.
 
         Derivatives:
-            In the cylinder and in the camera: each point moves with the body. 0 where
+            In the body and in the camera: each point moves with the body. 0 where
             it was pulled.
         """
-        points = self.outline.point(steps.share, steps.cosine, steps.sine)
+        points = self.outline.point(*steps.place)
         pulled = steps.pulled[:, None]
         forward = jnp.array([[0, 0, 1]], points.dtype)
         pixels = self.camera.project(jnp.where(pulled, forward, points))
@@ -150,7 +147,7 @@ class ImageCurve(eqx.Module):
         It means nothing where a point was pulled.
         """
         still = jax.lax.stop_gradient(self)
-        points = still.outline.point(steps.share, steps.cosine, steps.sine)
+        points = still.outline.point(*steps.place)
         forward = jnp.array([[0, 0, 1]], points.dtype)
         points = jnp.where(steps.pulled[:, None], forward, points)
         along = still.outline.tangent(steps.parameter)
@@ -158,27 +155,26 @@ class ImageCurve(eqx.Module):
 
 
 def image_curve(
-    cylinder: Cylinder, camera: AbstractCamera, tile: Tile, reach: float = 1.1
+    primitive: AbstractPrimitive,
+    camera: AbstractCamera,
+    tile: Tile,
+    reach: float = 1.1,
 ) -> ImageCurve:
-    """Curve of a cylinder's outline in a camera's image.
+    """Curve of a shape's outline in a camera's image.
 
     Args:
-        cylinder: A single one, in the world frame.
+        primitive: A single one with an `outline`, in the world frame.
         camera: The camera.
         tile: Block of pixels that matters.
         reach: How far the curve is exact: times as far from the optical axis, in the
             plane z = 1, as the tile sees. A lens polynomial folds back not much beyond.
     """
-    curve = outline(cylinder, camera)
-    body = curve.cylinder
-    limit = _limit(camera, tile, reach, body.radius.dtype)
-    c, a = Vec3.from_array(body.center), Vec3.from_array(body.axis)
-    across = Vec3(-a.x * a.z, -a.y * a.z, 1 - a.z * a.z).normalize()
-    end = jnp.where(a.z < 0, -body.height, body.height) / 2
-    deepest = c + a * end + across * body.radius
+    curve = outline(primitive, camera)
+    limit = _limit(camera, tile, reach, curve.radius.dtype)
+    deepest = curve.deepest
     # No point of the solid is nearer than this. One whose depth is a small part of it
     # is seen far from the optical axis, or not at all.
-    away = jnp.maximum(curve.clearance, eps(limit.dtype) * body.radius)
+    away = jnp.maximum(curve.clearance, eps(limit.dtype) * curve.radius)
     near = away / (8 + 4 * limit)
     visible = ~curve.inside & (deepest.z > near)
     return ImageCurve(

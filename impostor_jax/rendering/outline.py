@@ -1,13 +1,14 @@
-"""Perspective outline of a capped cylinder in closed form.
+"""Perspective outline of a capped cylinder and of a sphere in closed form.
 
 The cylinder is the convex hull of its two end discs, and a camera in front of it keeps
 convex hulls, so the outline is the hull of the images of the two discs. A disc with
 center c, unit axis a and radius r has the dual conic r^2 (I - a a^T) - c c^T: the line
 n.x = s of the plane z = 1 touches its image where (n, -s) makes that form zero. That is
 a quadratic in s, so the support function of each disc is explicit, and that of the
-cylinder is the larger of the two.
+cylinder is the larger of the two. A plane touches a sphere where its distance from the
+center is the radius, a quadratic again.
 
-All this holds while both discs lie wholly in front of the camera's plane z = 0. The
+All this holds while the shape lies wholly in front of the camera's plane z = 0. The
 curve of `outline_curve` knows no such limit.
 """
 
@@ -17,16 +18,19 @@ __all__ = [
     "discs",
     "in_front",
     "outline_points",
-    "parallel_bounding_box",
+    "sphere_box",
+    "sphere_support",
     "support",
 ]
 
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from impostor_jax.geometry.vec3 import Vec3
 from impostor_jax.numerics import safe_divide, safe_sqrt
 from impostor_jax.primitives.cylinder import Cylinder
+from impostor_jax.primitives.sphere import Sphere
 
 
 def discs(cylinder: Cylinder) -> tuple[Vec3, Vec3]:
@@ -124,6 +128,7 @@ def outline_points(cylinder: Cylinder, count: int = 360) -> Float[Array, "{count
     return jnp.stack([x, y], axis=-1)
 
 
+@jax.jit
 def bounding_box(cylinder: Cylinder) -> tuple[Float[Array, "2"], Float[Array, "2"]]:
     """Smallest and largest (x, y) of the outline in the plane z = 1.
 
@@ -139,12 +144,30 @@ def bounding_box(cylinder: Cylinder) -> tuple[Float[Array, "2"], Float[Array, "2
     return -reach[:2], reach[2:]
 
 
-def parallel_bounding_box(
-    cylinder: Cylinder,
-) -> tuple[Float[Array, "2"], Float[Array, "2"]]:
-    """Smallest and largest (x, y) of a cylinder, as rays along z see it."""
-    a = cylinder.axis[:2]
-    # A disc reaches its radius times the sine between its normal and the direction.
-    reach = cylinder.radius * safe_sqrt((1 - a) * (1 + a))
-    reach = reach + cylinder.height / 2 * jnp.abs(a)
-    return cylinder.center[:2] - reach, cylinder.center[:2] + reach
+def sphere_support(
+    sphere: Sphere, n_x: Float[Array, "*batch"], n_y: Float[Array, "*batch"]
+) -> Float[Array, "*batch"]:
+    """Support function of the image of a sphere: the largest n.x over its points x.
+
+    Args:
+        sphere: In the camera frame, wholly in front of the camera.
+        n_x: First component of the unit normal of a line in the plane z = 1.
+        n_y: Second component.
+    """
+    (x, y, z), r = sphere.center, sphere.radius
+    n_c = n_x * x + n_y * y
+    # The plane through the camera and the line n.x = s is r away from the center:
+    # (n.c - s z)^2 = r^2 (1 + s^2).
+    square = (z - r) * (z + r)
+    return safe_divide(n_c * z + r * safe_sqrt(n_c * n_c + square), square)
+
+
+@jax.jit
+def sphere_box(sphere: Sphere) -> tuple[Float[Array, "2"], Float[Array, "2"]]:
+    """Smallest and largest (x, y) of a sphere's outline; as `bounding_box`."""
+    dtype = sphere.radius.dtype
+    n_x = jnp.array([-1, 0, 1, 0], dtype)
+    n_y = jnp.array([0, -1, 0, 1], dtype)
+    reach = sphere_support(sphere, n_x, n_y)
+    reach = jnp.where(sphere.center[2] > sphere.radius, reach, jnp.inf)
+    return -reach[:2], reach[2:]

@@ -1,32 +1,37 @@
-"""The outline of a capped cylinder as a curve on the solid, in closed form.
+"""The outline of a shape as a curve on it, in closed form.
+
+That of a sphere is a circle (`sphere_outline`); here is that of a capped cylinder.
 
 The two planes through the camera that touch the infinite wall touch it in two straight
 lines, and these cut each rim in two arcs. Of a cap that the camera sees the far arc is
 on the outline, of a hidden cap the near one. So the outline is two lines and two arcs;
 a single rim where the camera looks along the wall from within; and nothing from inside
 the solid. That holds however the solid lies, also where it reaches behind the camera.
-
-To first order the outline moves as the body's points that make it do: it glides over
-the body only along the rays or along itself.
 """
 
 __all__ = ["Outline", "outline"]
 
-import equinox as eqx
+from collections.abc import Callable
+from typing import Any
+
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
+from typing_extensions import override
 
 from impostor_jax.camera.base import AbstractCamera, check_central
 from impostor_jax.geometry.so3 import tangent_basis
 from impostor_jax.geometry.vec3 import Vec3
 from impostor_jax.numerics import eps, safe_divide, safe_sqrt
-from impostor_jax.primitives.base import in_camera_frame
+from impostor_jax.primitives.base import AbstractPrimitive, in_camera_frame
 from impostor_jax.primitives.cylinder import Cylinder
+from impostor_jax.primitives.sphere import Sphere
 from impostor_jax.rendering.outline import bounding_box
+from impostor_jax.rendering.outline_base import AbstractOutline, Place
+from impostor_jax.rendering.sphere_outline import sphere_outline
 
 
-class Outline(eqx.Module):
+class Outline(AbstractOutline):
     """Closed curve on a cylinder whose image is the cylinder's outline.
 
     It has four pieces: along one tangent line to the end on the side of +axis, across
@@ -61,9 +66,18 @@ class Outline(eqx.Module):
     clearance: Float[Array, ""]
 
     @property
-    def inside(self) -> Bool[Array, ""]:
-        """Whether the camera is in the solid and sees no outline."""
-        return self.clearance < 0
+    @override
+    def radius(self) -> Float[Array, ""]:
+        return self.cylinder.radius
+
+    @property
+    @override
+    def deepest(self) -> Vec3:
+        body = self.cylinder
+        c, a = Vec3.from_array(body.center), Vec3.from_array(body.axis)
+        across = Vec3(-a.x * a.z, -a.y * a.z, 1 - a.z * a.z).normalize()
+        end = jnp.where(a.z < 0, -body.height, body.height) / 2
+        return c + a * end + across * body.radius
 
     @property
     def end_on(self) -> Bool[Array, ""]:
@@ -115,17 +129,12 @@ class Outline(eqx.Module):
         unit = jnp.eye(3, dtype=r.dtype)[None]
         return c_a * c_a * unit - c_a * mixed + (c_c - r * r) * outer
 
-    @jax.jit
+    @override
     def box(self) -> tuple[Float[Array, "2"], Float[Array, "2"]]:
-        """Smallest and largest (x, y) of the outline in the plane z = 1.
-
-        The whole plane where the cylinder is not wholly in front of the camera.
-        """
         return bounding_box(self.cylinder)
 
-    def place(
-        self, parameter: Float[Array, "*batch"]
-    ) -> tuple[Float[Array, "*batch"], Float[Array, "*batch"], Float[Array, "*batch"]]:
+    @override
+    def place(self, parameter: Float[Array, "*batch"]) -> Place:
         """Where on the body a point of the curve is.
 
         Args:
@@ -153,35 +162,8 @@ class Outline(eqx.Module):
         scale = side / (p * p + q * q)
         return share, (p * p - q * q) * scale, 2 * p * q * scale
 
-    def at(self, parameter: Float[Array, "*batch"]) -> Float[Array, "*batch 3"]:
-        """Point of the curve; `parameter` as in `place`."""
-        return _at(self, parameter)
-
-    def point(
-        self,
-        share: Float[Array, "*batch"],
-        cosine: Float[Array, "*batch"],
-        sine: Float[Array, "*batch"],
-    ) -> Float[Array, "*batch 3"]:
-        """Point of the wall or of a rim, at a place that is held constant.
-
-        Args:
-            share: Part of the half height, from -1 to 1.
-            cosine: Of the rim angle.
-            sine: Of the rim angle.
-        """
-        place = jnp.stack([jnp.ones_like(share), share, cosine, sine], axis=-1)
-        place = jax.lax.stop_gradient(place)
-        # One product, whose derivative is one product too.
-        return jnp.matmul(place, self._vectors(), precision="highest")
-
-    def tangent(self, parameter: Float[Array, "*batch"]) -> Float[Array, "*batch 3"]:
-        """Derivative of the point of the curve by the parameter, the body held."""
-        _, change = jax.jvp(self.place, (parameter,), (jnp.ones_like(parameter),))
-        place = jnp.stack([jnp.zeros_like(parameter), *change], axis=-1)
-        return jnp.matmul(place, self._vectors(), precision="highest")
-
-    def _vectors(self) -> Float[Array, "4 3"]:
+    @override
+    def vectors(self) -> Float[Array, "4 3"]:
         """Center, half the axis, and the radii at rim angles 0 and 90 degrees."""
         body, a = self.cylinder, self.cylinder.axis
         across, still = jax.lax.stop_gradient(
@@ -192,44 +174,46 @@ class Outline(eqx.Module):
         across = body.radius * (across - lean[:, None] * still[None])
         return jnp.stack([body.center, a * (body.height / 2), across[0], across[1]])
 
-    def points(self, count: int = 360) -> Float[Array, "{count} 3"]:
-        """Points of the closed curve in order, equally many on each piece.
-
-        `camera.project` brings them into an image, through a lens too.
-        """
-        steps = jnp.arange(count, dtype=self.sine.dtype)
-        return self.at(steps * (4 / count))
-
 
 @jax.jit
-def _at(curve: Outline, parameter: Float[Array, "*batch"]) -> Float[Array, "*batch 3"]:
-    return curve.point(*curve.place(parameter))
-
-
-@jax.jit
-def outline(cylinder: Cylinder, camera: AbstractCamera) -> Outline:
-    """Outline of a cylinder for a camera: two lines and two arcs in closed form.
+def outline(primitive: AbstractPrimitive, camera: AbstractCamera) -> AbstractOutline:
+    """Outline of a shape for a camera, in closed form.
 
     Args:
-        cylinder: A single one, in the world frame; it may reach behind the camera.
+        primitive: A whole `Cylinder` or a `Sphere`, a single one, in the world frame;
+            it may reach behind the camera.
         camera: Its pose is used, and nothing else.
 
+    Returns:
+        An `Outline`, two lines and two arcs, of a cylinder; a `SphereOutline`, a
+        circle, of a sphere.
+
     Raises:
-        ValueError: The cylinder is a batch, open or a sector, or the camera has no
-            center.
+        ValueError: The shape is of another type, a batch, or a cylinder that is open
+            or a sector; or the camera has no center.
     """
     check_central(camera)
+    outline_of = _OUTLINES.get(type(primitive))
+    if outline_of is None:
+        raise ValueError(
+            "primitive must be a Cylinder or a Sphere to have an outline in closed "
+            f"form, got a {type(primitive).__name__}"
+        )
+    if primitive.batch_shape:
+        raise ValueError(
+            f"primitive must be a single one, got a batch of shape "
+            f"{primitive.batch_shape}; map over it with jax.vmap"
+        )
+    return outline_of(in_camera_frame(primitive, camera))
+
+
+def _cylinder_outline(cylinder: Cylinder) -> Outline:
+    """Outline of a cylinder in the camera frame."""
     if not cylinder.is_whole:
         raise ValueError(
             "cylinder must be closed and go all the way round to have an outline in "
             "closed form, got an open one or a sector"
         )
-    if cylinder.radius.ndim:
-        raise ValueError(
-            f"cylinder must be a single one, got a batch of shape "
-            f"{cylinder.radius.shape}; map over it with jax.vmap"
-        )
-    cylinder = in_camera_frame(cylinder, camera)
     c, a = Vec3.from_array(cylinder.center), Vec3.from_array(cylinder.axis)
     r, along = cylinder.radius, c.dot(a)
     across = c - a * along
@@ -254,3 +238,9 @@ def outline(cylinder: Cylinder, camera: AbstractCamera) -> Outline:
         seen_end=jnp.where(past_cap > 0, -jnp.sign(along), 0),
         clearance=jnp.maximum(distance - r, past_cap),
     )
+
+
+_OUTLINES: dict[type[AbstractPrimitive], Callable[[Any], AbstractOutline]] = {
+    Cylinder: _cylinder_outline,
+    Sphere: sphere_outline,
+}

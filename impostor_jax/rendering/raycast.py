@@ -40,7 +40,7 @@ def render(
         camera: The camera; without a pose its frame is the world.
         outputs: Any of depth, range, point, normal, mask and index.
         tile: Block of pixels to render, the whole image if None. `outline_tile` gives
-            the smallest one that shows the cylinder.
+            the smallest one that shows the shape.
 
     Returns:
         The maps in the camera frame, of the shape of the tile.

@@ -1,4 +1,4 @@
-"""The impostor's billboard: a tile of pixels around the cylinder's exact outline."""
+"""The impostor's billboard: a tile of pixels around a shape's exact outline."""
 
 __all__ = ["outline_box", "outline_tile"]
 
@@ -8,51 +8,54 @@ import jax.numpy as jnp
 from impostor_jax.arguments import is_concrete
 from impostor_jax.camera.base import AbstractCamera
 from impostor_jax.camera.pixels import PixelBox, Tile
-from impostor_jax.numerics import eps
-from impostor_jax.primitives.base import in_camera_frame
-from impostor_jax.primitives.cylinder import Cylinder
-from impostor_jax.rendering.outline import bounding_box, parallel_bounding_box
+from impostor_jax.primitives.base import AbstractPrimitive, in_camera_frame
+from impostor_jax.rendering.bounds import image_bounds
 
 STEP = 16
 """Sides of a tile are multiples of this many pixels, so that few sizes are compiled."""
 
 
 @jax.jit
-def outline_box(cylinder: Cylinder, camera: AbstractCamera) -> PixelBox:
-    """Smallest box of pixels that holds all whose center ray can meet the cylinder.
+def outline_box(primitive: AbstractPrimitive, camera: AbstractCamera) -> PixelBox:
+    """Smallest box of pixels that holds all whose center ray can meet the shape.
 
     From the outline's support in four directions, not from max(radius, height): that
     square misses corners, and it is several times too large for a rod.
 
     Args:
-        cylinder: In the world frame.
+        primitive: Any shape, a single one, in the world frame.
         camera: The camera, with or without a lens.
 
     Returns:
-        The box; empty where no pixel sees the cylinder. Where the cylinder reaches
-        behind the camera's plane z = 0, the whole image.
+        The box; empty where no pixel sees the shape. The whole image where the shape
+        reaches behind the plane z = 0 of a camera with a center, and for a shape that
+        has no end or whose end is not known in closed form.
+
+    Raises:
+        ValueError: The shape is a batch.
     """
-    cylinder = in_camera_frame(cylinder, camera)
-    box = bounding_box if camera.is_central else parallel_bounding_box
-    low, high = box(cylinder)
-    # Wider by a few roundings of the rays themselves.
-    few = eps(low.dtype, 8)
-    low, high = low - few * (1 + jnp.abs(low)), high + few * (1 + jnp.abs(high))
-    return camera.pixel_box(low, high)
+    if primitive.batch_shape:
+        raise ValueError(
+            f"primitive must be a single one, got a batch of shape "
+            f"{primitive.batch_shape}; map over it with jax.vmap"
+        )
+    primitive = in_camera_frame(primitive, camera)
+    bounds = image_bounds(primitive, camera.is_central)
+    return camera.pixel_box(bounds.low, bounds.high)
 
 
 def outline_tile(
-    cylinder: Cylinder,
+    primitive: AbstractPrimitive,
     camera: AbstractCamera,
     shape: tuple[int, int] | None = None,
     margin: int = 0,
 ) -> Tile:
-    """Tile of pixels around the cylinder's outline.
+    """Tile of pixels around a shape's outline.
 
     Args:
-        cylinder: In the world frame.
+        primitive: Any shape, a single one, in the world frame.
         camera: The camera.
-        shape: Rows and columns of the tile. Needed where the cylinder or the camera is
+        shape: Rows and columns of the tile. Needed where the primitive or the camera is
             traced, because a size must be known when the program is compiled; the tile
             is then centered on the outline. If None, the smallest multiples of 16
             pixels that hold the outline.
@@ -63,15 +66,16 @@ def outline_tile(
         A tile that lies wholly in the image.
 
     Raises:
-        ValueError: `shape` is missing with traced arguments, or exceeds the image.
+        ValueError: `shape` is missing with traced arguments, or exceeds the image; or
+            the primitive is a batch.
     """
-    box = outline_box(cylinder, camera)
+    box = outline_box(primitive, camera)
     if is_concrete(box):
         # Python's own numbers: each small jax operation would cost 50 us.
         box = jax.tree.map(int, box)
     elif shape is None:
         raise ValueError(
-            "shape must be given where cylinder or camera is traced: the size of a "
+            "shape must be given where primitive or camera is traced: the size of a "
             "tile must be known when the program is compiled"
         )
     if shape is None:
