@@ -159,7 +159,8 @@ def sphere_support(
     # The plane through the camera and the line n.x = s is r away from the center:
     # (n.c - s z)^2 = r^2 (1 + s^2).
     square = (z - r) * (z + r)
-    return safe_divide(n_c * z + r * safe_sqrt(n_c * n_c + square), square)
+    root = safe_sqrt(n_c * n_c + square)
+    return (n_c * z + r * root) / jnp.where(square == 0, 1, square)
 
 
 @jax.jit

@@ -207,5 +207,5 @@ def test_vmap_over_posed_cylinders_with_tiles_and_forward_derivatives():
         if part.sum() == reference.sum():
             total = float(at_pinhole(SHAPES[name])[1].radius)
             assert float(slopes[i].sum()) == pytest.approx(total, rel=1e-3)
-    with pytest.raises(ValueError, match="cylinder must be a single one, got a batch"):
+    with pytest.raises(ValueError, match="primitive must be a single one, got a batch"):
         ij.coverage(batch, camera)
