@@ -27,6 +27,8 @@ from impostor_jax.rendering.polygon import running_sum
 
 PASSES = 4
 """How often steps along the curve are evened out, each time from the steps before."""
+BORDER = 0.02
+"""Width of the ring that holds what lies too far outside, as part of its radius."""
 
 
 class Steps(eqx.Module):
@@ -80,7 +82,10 @@ class ImageCurve(eqx.Module):
         x = x + pull * (still.deepest.x - x)
         y = y + pull * (still.deepest.y - y)
         z = jnp.maximum(z, still.near)
-        shrink = jnp.minimum(jnp.sqrt(still.limit * z * z / (x * x + y * y)), 1)
+        # All that is farther than the limit comes to lie between it and a little more,
+        # the farther the farther: on one circle the curve could not tell its two sides.
+        inner = jnp.sqrt(still.limit * z * z / (x * x + y * y))
+        shrink = jnp.where(inner < 1, inner * (1 + BORDER * (1 - inner)), 1)
         points = Vec3(x * shrink, y * shrink, z).stack()
         pixels = still.camera.project(points)
         return Steps(parameter, place, pixels, (pull > 0) | (shrink < 1))

@@ -129,3 +129,14 @@ def test_without_an_outline_the_distance_is_infinite():
         found, *slopes = distance_and_slopes(cylinder, camera, points)
         assert (np.asarray(found) == expected).all()
         assert all_finite(slopes)
+
+
+def test_what_is_far_outside_the_image_has_a_positive_distance(dtype):
+    # Its outline, pulled onto one circle around the image, once had a random sign.
+    points = np.random.default_rng(0).uniform((-10, -10), (74, 58), (200, 2))
+    points = jnp.asarray(points, dtype)
+    for center in ((24.5, 72.8, 7.7), (0.26, -32.2, 2.94), (5e3, 0, 1.0)):
+        shape = ij.Cylinder(center, (0.3, 0.2, 0.9), 1.0, 2.0)
+        found, *slopes = distance_and_slopes(shape, CAMERAS["pinhole"](), points)
+        assert (np.asarray(found) > 200).all()
+        assert all_finite(slopes)
