@@ -4,7 +4,19 @@ from .camera.pinhole import PinholeCamera
 from .camera.pixels import Tile
 from .fit.batch import fit_cylinders
 from .fit.cylinder import fit_cylinder
-from .fit.result import Deviations, Directions, FitResult, FitStatus
+from .fit.frustum import fit_frustum
+from .fit.result import (
+    Deviations,
+    Directions,
+    FitResult,
+    FitStatus,
+    FrustumDeviations,
+    FrustumFit,
+    SphereDeviations,
+    SphereFit,
+    TaperTest,
+)
+from .fit.sphere import fit_sphere
 from .geometry.frames import RigidTransform
 from .primitives.base import AbstractPrimitive
 from .primitives.box import Box
@@ -48,6 +60,8 @@ __all__ = [
     "FitStatus",
     "FlyingPixels",
     "Frustum",
+    "FrustumDeviations",
+    "FrustumFit",
     "GeometryMaps",
     "Heightfield",
     "LateralNoise",
@@ -60,14 +74,19 @@ __all__ = [
     "RigidTransform",
     "Scene",
     "Sphere",
+    "SphereDeviations",
+    "SphereFit",
     "SphereOutline",
     "StereoDisparity",
     "StructuredLight",
+    "TaperTest",
     "Terrain",
     "Tile",
     "coverage",
     "fit_cylinder",
     "fit_cylinders",
+    "fit_frustum",
+    "fit_sphere",
     "outline",
     "outline_box",
     "outline_tile",

@@ -1,6 +1,8 @@
 """What a solution shows: its ends, its deviations, and whether it can be believed."""
 
-__all__ = ["Solution", "Start", "assess"]
+__all__ = ["Solution", "Start", "assess", "deviations_of", "result_of"]
+
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -8,26 +10,31 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from impostor_jax.camera.pinhole import PinholeCamera
+from impostor_jax.fit.ball import Ball
+from impostor_jax.fit.body import AbstractBody, SurfaceSeen
 from impostor_jax.fit.evidence import Pixels
 from impostor_jax.fit.parameterization import Chart
 from impostor_jax.fit.prior import Prior, prior_residuals
 from impostor_jax.fit.request import Request
-from impostor_jax.fit.residuals import (
-    Rows,
-    SurfaceSeen,
-    residuals,
-)
+from impostor_jax.fit.residuals import residuals
 from impostor_jax.fit.result import (
     STATUSES,
+    AbstractFit,
     Deviations,
     Directions,
     FitResult,
     FitStatus,
+    FrustumDeviations,
+    FrustumFit,
+    SphereDeviations,
+    SphereFit,
 )
+from impostor_jax.fit.round_body import CylinderBody, FrustumBody, RoundBody
+from impostor_jax.fit.rows import Rows
 from impostor_jax.fit.uncertainty import free_covariance, score_covariance, spread
 from impostor_jax.geometry.so3 import tangent_basis
 from impostor_jax.numerics import safe_divide, safe_sqrt
-from impostor_jax.primitives.cylinder import Cylinder
+from impostor_jax.primitives.base import in_world_frame
 
 MIN_END_ROWS = 5
 """Fewest inlying readings of a cap, or crossings, that show an end."""
@@ -37,25 +44,25 @@ class Start(eqx.Module):
     """Where the last part of a fit begins; several, (k,), the likeliest first.
 
     Attributes:
-        cylinder: In the world frame.
+        body: In the world frame.
         is_worth: Whether to begin here at all.
         num_steps: Steps of the solver so far.
         num_tried: Guesses that were tried.
         num_agreeing: Those that led here.
     """
 
-    cylinder: Cylinder
+    body: AbstractBody
     is_worth: Bool[Array, "*k"]
     num_steps: Int[Array, "*k"]
     num_tried: Int[Array, "*k"]
     num_agreeing: Int[Array, "*k"]
 
     @staticmethod
-    def at(cylinder: Cylinder, count: int = 1) -> "Start":
+    def at(body: AbstractBody, count: int = 1) -> "Start":
         """The only guess, repeated where as many are expected."""
         # Typed as what `best_start` returns, so that the fit is compiled once for both.
         zero, one = jnp.zeros(count, int), jnp.ones(count, int)
-        repeated = jax.tree.map(lambda a: jnp.repeat(a[None], count, axis=0), cylinder)
+        repeated = jax.tree.map(lambda a: jnp.repeat(a[None], count, axis=0), body)
         return Start(repeated, jnp.arange(count) == 0, zero, one, one)
 
 
@@ -63,7 +70,7 @@ class Solution(eqx.Module):
     """An estimate in the camera frame, and the image evaluated at it.
 
     Attributes:
-        cylinder: The estimate.
+        body: The estimate.
         rows: Readings first, then crossings.
         seen: What the readings' rays see.
         scale: Robust standard deviation of the whitened residuals, at least 1.
@@ -72,7 +79,7 @@ class Solution(eqx.Module):
         moved: Root mean square of the coordinates by which the last stage moved it.
     """
 
-    cylinder: Cylinder
+    body: AbstractBody
     rows: Rows
     seen: SurfaceSeen
     scale: Float[Array, ""]
@@ -92,7 +99,7 @@ def assess(
     prior: Prior,
     request: Request,
     always: Bool[Array, ""],
-) -> FitResult:
+) -> AbstractFit:
     """Result of a fit in the world frame.
 
     Args:
@@ -107,34 +114,40 @@ def assess(
         request: What was asked for.
         always: As in `residuals`.
     """
-    solution = _signed(solution, camera)
-    rows, seen, cylinder = solution.rows, solution.seen, solution.cylinder
+    if not request.keep_ends:
+        solution = _signed(solution, camera)
+    rows, seen, body = solution.rows, solution.seen, solution.body
     num = pixels.depth.shape[0]
     used = pixels.depth > 0
     count = jnp.sum(used)
     meters = jnp.where(used, pixels.depth - seen.depth, 0)
-    whitened, gradient = residuals(rows, cylinder, always)
+    whitened, gradient = residuals(rows, body, always)
     wide = solution.scale
     inlier = used & (jnp.abs(whitened[:num]) <= 3 * wide)
     # The residuals take a cap for a whole plane; readings beyond its rim are not on it.
     inlier &= ~(seen.on_cap & (seen.cap_distance > 1.05))
     crossing = (rows.weight[num:] > 0) & (jnp.abs(whitened[num:]) < 6)
     believed = jnp.concatenate([inlier, crossing])
-    extent, ends_seen = _seen_extent(cylinder, rows, seen, believed, pixels.depth, wide)
-    held = {*request.fixed, *(n for n in ("center", "height") if getattr(prior, n))}
-    if not {"center", "height"} & held:
-        cylinder = extent
+    ends_seen = jnp.ones(2, bool)
+    if isinstance(body, RoundBody):
+        ends_seen, extent = _seen_extent(body, rows, seen, believed, pixels.depth, wide)
+        held = {*request.fixed, *(n for n in ("center", "height") if getattr(prior, n))}
+        if not {"center", "height"} & held:
+            body = extent
     num_inliers = jnp.maximum(jnp.sum(inlier), 1).astype(meters.dtype)
     rms = jnp.sqrt(jnp.sum(jnp.where(inlier, meters, 0) ** 2) / num_inliers)
     squares = jnp.sum(jnp.where(inlier, whitened[:num], 0) ** 2)
 
-    chart = Chart.around(cylinder, unit, unit, request.fixed)
-    # An end that is not seen is free, though some readings beyond it may lean on it.
-    leans = jnp.concatenate([jnp.ones(5, bool), ends_seen])
+    chart = Chart.around(body, unit, unit, request.fixed)
     natural = jnp.matmul(gradient.T, chart.natural(), precision="highest")
-    natural = jnp.where(believed[:, None] & leans[None], natural, 0)
+    natural = jnp.where(believed[:, None], natural, 0)
+    if isinstance(body, RoundBody):
+        # An end that is not seen is free, though some readings beyond it may lean on
+        # it. The ends are the last coordinates.
+        leans = jnp.concatenate([jnp.ones(natural.shape[1] - 2, bool), ends_seen])
+        natural = jnp.where(leans[None], natural, 0)
     jacobian = jnp.matmul(natural, chart.scale, precision="highest")
-    known = jax.jacfwd(lambda v: prior_residuals(prior, chart.cylinder(v)))(
+    known = jax.jacfwd(lambda v: prior_residuals(prior, chart.body(v)))(
         jnp.zeros(chart.size, unit.dtype)
     )
     widening = jnp.maximum(squares / num_inliers, 1)
@@ -151,18 +164,17 @@ def assess(
         rest = jnp.concatenate([jacobian[num:], known])
         meat = meat / widening**2 + jnp.matmul(rest.T, rest, precision="highest")
         covariance = covariance @ meat @ covariance
-    world, std, covariance, observed = _in_world(
-        cylinder, camera, chart, covariance, directions, free
+    world = in_world_frame(body, camera)
+    change = _changes(body, camera, chart, ends_seen)
+    std, covariance, observed, is_known = deviations_of(
+        world, change, covariance, directions, free
     )
     code = _status_code(
         converged=solution.converged,
-        finite=jnp.isfinite(cylinder.radius) & jnp.all(jnp.isfinite(cylinder.center)),
+        finite=jnp.isfinite(body.radius) & jnp.all(jnp.isfinite(body.center)),
         fits=(2 * num_inliers >= count.astype(meters.dtype))
-        & ((wide < 5) | (wide < cylinder.radius * jnp.max(rows.weight[:num]) / 50)),
-        determined=~_is_as_flat(pixels, rows.weight[:num], inlier, squares)
-        & (std.radius < cylinder.radius / 2)
-        & jnp.all(std.across_axis < cylinder.radius / 2)
-        & jnp.all(std.axis < 0.5),
+        & ((wide < 5) | (wide < body.radius * jnp.max(rows.weight[:num]) / 50)),
+        determined=~_is_as_flat(pixels, rows.weight[:num], inlier, squares) & is_known,
     )
     success = code == STATUSES.index(FitStatus.CONVERGED)
 
@@ -170,9 +182,10 @@ def assess(
         blank = jnp.zeros((camera.height, camera.width), values.dtype)
         return blank.at[row, col].set(values, mode="drop")
 
-    return FitResult(
-        cylinder=world,
+    return result_of(
+        world,
         std=jax.tree.map(lambda value: jnp.where(success, value, jnp.inf), std),
+        ends_seen=ends_seen,
         covariance=covariance,
         observed=observed,
         success=success,
@@ -183,28 +196,37 @@ def assess(
         residual=image_of(meters),
         inliers=image_of(inlier),
         region=image_of(used),
-        ends_seen=ends_seen,
         num_pixels=count,
         rms=rms,
     )
 
 
+def result_of(
+    body: AbstractBody, ends_seen: Bool[Array, "2"], **fields: Any
+) -> AbstractFit:
+    """Result of the kind that belongs to a body of the world."""
+    if isinstance(body, CylinderBody):
+        return FitResult(cylinder=body.shape, ends_seen=ends_seen, **fields)
+    if isinstance(body, FrustumBody):
+        return FrustumFit(frustum=body.shape, ends_seen=ends_seen, **fields)
+    assert isinstance(body, Ball)
+    return SphereFit(sphere=body.shape, **fields)
+
+
 def _signed(solution: Solution, camera: PinholeCamera) -> Solution:
     """Turn the axis so that its largest component in the world is positive."""
-    axis = solution.cylinder.axis
+    body = solution.body
+    if not isinstance(body, RoundBody):
+        return solution
+    axis = body.axis
     if camera.camera_from_world is not None:
         axis = camera.camera_from_world.inverse().rotate(axis)
     sign = jnp.where(axis[jnp.argmax(jnp.abs(axis))] < 0, -1, 1).astype(axis.dtype)
     return eqx.tree_at(
-        lambda s: (
-            s.cylinder.axis,
-            s.rows.end,
-            s.seen.slope,
-            s.seen.along,
-        ),
+        lambda s: (s.body, s.rows.end, s.seen.slope, s.seen.along),
         solution,
         (
-            solution.cylinder.axis * sign,
+            body.reversed(sign),
             solution.rows.end * sign,
             solution.seen.slope * sign,
             solution.seen.along * sign,
@@ -213,20 +235,20 @@ def _signed(solution: Solution, camera: PinholeCamera) -> Solution:
 
 
 def _seen_extent(
-    cylinder: Cylinder,
+    body: RoundBody,
     rows: Rows,
     seen: SurfaceSeen,
     believed: Bool[Array, " n"],
     depth: Float[Array, " m"],
     wide: Float[Array, ""],
-) -> tuple[Cylinder, Bool[Array, "2"]]:
+) -> tuple[Bool[Array, "2"], RoundBody]:
     """Tell which ends are seen, and draw an unseen one in to the last inlier.
 
     An end is seen through readings of its cap, or where the wall gives way to
     background.
 
     Args:
-        cylinder: The estimate.
+        body: The estimate.
         rows: Readings first, then crossings.
         seen: What the readings' rays see.
         believed: Rows that agree with the estimate.
@@ -246,71 +268,103 @@ def _seen_extent(
     ends_seen = counts >= MIN_END_ROWS
     on_wall = believed[:num] & ~seen.on_cap
     outward = jnp.where(on_wall[None], seen.along[None] * ends, -jnp.inf)
-    half = cylinder.height / 2
+    half = body.height / 2
     # How far the lower and the upper end lie from the center, each on its own side.
     reach = jnp.where(ends_seen, half, jnp.max(outward, axis=1))
     # Without a wall there is no extent to draw in to.
     height = jnp.sum(reach)
-    has_wall = jnp.isfinite(height) & (height > 0)
-    shift = jnp.where(has_wall, reach[1] - reach[0], 0) / 2
-    height = jnp.where(has_wall, height, cylinder.height)
-    center = cylinder.center + cylinder.axis * shift
-    return (
-        eqx.tree_at(lambda c: (c.center, c.height), cylinder, (center, height)),
-        ends_seen,
-    )
+    reach = jnp.where(jnp.isfinite(height) & (height > 0), reach, half)
+    return ends_seen, body.between(-reach[0], reach[1])
 
 
-def _in_world(
-    cylinder: Cylinder,
+def _changes(
+    body: AbstractBody,
     camera: PinholeCamera,
     chart: Chart,
+    ends_seen: Bool[Array, "2"],
+) -> Float[Array, "m n"]:
+    """Derivative of the world's coordinates in free coordinates of the camera frame."""
+    if not isinstance(body, RoundBody):
+        moved = chart.scale[:3]
+        if camera.camera_from_world is not None:
+            moved = camera.camera_from_world.inverse().rotate(moved.T).T
+        return jnp.concatenate([moved, body.radius * chart.scale[3:]])
+    change = body.changes(chart.scale, chart.fixed, ends_seen)
+    if camera.camera_from_world is None:
+        return change
+    # Each frame has tangent vectors of its own.
+    back = camera.camera_from_world.inverse()
+    turned = back.rotate(tangent_basis(body.axis))
+    own = tangent_basis(back.rotate(body.axis))
+    turn = jnp.matmul(own, turned.T, precision="highest")
+    return jnp.concatenate([turn @ change[:2], turn @ change[2:4], change[4:]])
+
+
+def deviations_of(
+    body: AbstractBody,
+    change: Float[Array, "m n"],
     covariance: Float[Array, "n n"],
     directions: Float[Array, "n n"],
     free: Bool[Array, " n"],
-) -> tuple[Cylinder, Deviations, Float[Array, "7 7"], Directions]:
-    """Express a solution and its covariance in the world."""
-    change = chart.quantities()
-    basis = tangent_basis(cylinder.axis)
-    if camera.camera_from_world is not None:
-        back = camera.camera_from_world.inverse()
-        cylinder = cylinder.transformed(back)
-        turned = back.rotate(basis)
-        # Each frame has tangent vectors of its own.
-        basis = tangent_basis(cylinder.axis)
-        turn = jnp.matmul(basis, turned.T, precision="highest")
-        change = jnp.concatenate([turn @ change[:2], turn @ change[2:4], change[4:]])
-    frame = jnp.concatenate([basis.T, cylinder.axis[:, None]], axis=1)
-    center = jnp.matmul(frame, change[2:5], precision="highest")
-    quantities = jnp.concatenate([change, center])
-    full, observed = spread(quantities, covariance, directions, free)
-    variance = jnp.where(observed, jnp.diagonal(full), jnp.inf)
+) -> tuple[eqx.Module, Float[Array, "m m"], Directions, Bool[Array, ""]]:
+    """Deviations of a body of the world; and whether they leave its place known."""
+    num = change.shape[0]
+    quantities = change
+    if isinstance(body, RoundBody):
+        basis = tangent_basis(body.axis)
+        frame = jnp.concatenate([basis.T, body.axis[:, None]], axis=1)
+        points = jnp.matmul(frame, change[2:5], precision="highest")
+        if isinstance(body, FrustumBody):
+            way = jnp.matmul(basis.T, change[:2], precision="highest") * body.height
+            way = (way + body.axis[:, None] * change[-1][None]) / 2
+            points = jnp.concatenate([points - way, points + way])
+        quantities = jnp.concatenate([change, points])
+    full, is_observed = spread(quantities, covariance, directions, free)
+    variance = jnp.where(is_observed, jnp.diagonal(full), jnp.inf)
     std = jnp.sqrt(variance)
-    public = jnp.where(jnp.eye(7, dtype=bool), variance[:7][:, None], full[:7, :7])
     # Motions of the surface: an angle moves the ends by half the size.
-    size = (cylinder.height + cylinder.radius) / 2
-    lengths = jnp.concatenate([size[None], size[None], jnp.ones(5, size.dtype)])
-    surface = full[:7, :7] * (lengths[:, None] * lengths[None])
-    values, vectors = jnp.linalg.eigh(
-        surface + jnp.diag(jnp.where(observed[:7], 0, 1e6 * size**2))
-    )
-    deviation = jnp.sqrt(jnp.maximum(values[::-1], 0))
-    return (
-        cylinder,
-        Deviations(
+    lengths = jnp.ones(num, full.dtype)
+    if isinstance(body, RoundBody):
+        lengths = lengths.at[:2].set(body.size)
+        is_known = jnp.all(std[5 : num - 1] < body.radius / 2)
+        is_known &= jnp.all(std[2:4] < body.radius / 2) & jnp.all(std[:2] < 0.5)
+    else:
+        is_known = jnp.all(std < body.radius / 2)
+    if isinstance(body, CylinderBody):
+        deviations = Deviations(
             center=std[7:],
             across_axis=std[2:4],
             axis=std[:2],
             radius=std[5],
             height=std[6],
-        ),
-        public,
-        Directions(
-            coordinates=observed[:7],
-            vector=vectors.T[::-1],
-            deviation=jnp.where(deviation > 500 * size, jnp.inf, deviation),
-        ),
+        )
+    elif isinstance(body, FrustumBody):
+        deviations = FrustumDeviations(
+            p1=std[8:11],
+            p2=std[11:],
+            across_axis=std[2:4],
+            axis=std[:2],
+            radius1=std[5],
+            radius2=std[6],
+            height=std[7],
+        )
+    else:
+        deviations = SphereDeviations(center=std[:3], radius=std[3])
+    size = body.size
+    surface = full[:num, :num] * (lengths[:, None] * lengths[None])
+    values, vectors = jnp.linalg.eigh(
+        surface + jnp.diag(jnp.where(is_observed[:num], 0, 1e6 * size**2))
     )
+    deviation = jnp.sqrt(jnp.maximum(values[::-1], 0))
+    public = jnp.where(
+        jnp.eye(num, dtype=bool), variance[:num][:, None], full[:num, :num]
+    )
+    observed = Directions(
+        coordinates=is_observed[:num],
+        vector=vectors.T[::-1],
+        deviation=jnp.where(deviation > 500 * size, jnp.inf, deviation),
+    )
+    return deviations, public, observed, is_known
 
 
 def _status_code(
@@ -339,15 +393,15 @@ def _is_as_flat(
     inlier: Bool[Array, " n"],
     squares: Float[Array, ""],
 ) -> Bool[Array, ""]:
-    """Whether a plane explains the readings as well as the cylinder does.
+    """Whether a plane explains the readings as well as the body does.
 
     A plane is linear in inverse depth over the rays, so one linear solve finds it. A
-    cylinder has to beat it by 25, in squared deviations.
+    body has to beat it by 25, in squared deviations.
 
     Args:
         pixels: The readings.
         weight: Inverse of their standard deviations.
-        inlier: Readings that lie on the cylinder.
+        inlier: Readings that lie on the body.
         squares: Sum of their squared residuals from it, in deviations.
     """
     d, depth = pixels.direction, pixels.depth

@@ -14,13 +14,11 @@ import numpy as np
 from impostor_jax.arguments import is_concrete
 from impostor_jax.camera.pinhole import PinholeCamera
 from impostor_jax.fit.assess import Start
-from impostor_jax.fit.cylinder import (
+from impostor_jax.fit.regions import (
     bucket,
-    no_guess,
     object_region,
     pixel_indices,
     some_pixels,
-    starts_of,
     surroundings,
 )
 from impostor_jax.fit.request import (
@@ -32,6 +30,8 @@ from impostor_jax.fit.request import (
     checked_request,
 )
 from impostor_jax.fit.result import FitResult
+from impostor_jax.fit.round_body import CylinderBody
+from impostor_jax.fit.shapes import CYLINDER, no_guess, starts_of
 from impostor_jax.fit.solve import NUM_KEPT, best_start, solve
 from impostor_jax.primitives.cylinder import Cylinder
 
@@ -75,8 +75,11 @@ def fit_cylinders(
         ValueError: As in `fit_cylinder`; or the numbers of images, masks and starts
             differ, or an argument is traced.
     """
-    request = checked_request(fixed, initial, mask_meaning, kernel, scale, errors)
-    noise, beliefs = checked_noise(sigma), checked_prior(prior)
+    names = CYLINDER.parameters
+    request = checked_request(
+        Cylinder, names, fixed, initial, mask_meaning, kernel, scale, errors
+    )
+    noise, beliefs = checked_noise(sigma), checked_prior(prior, names, initial)
     if not is_concrete((depths, masks, camera, noise, initial, beliefs)):
         raise ValueError(
             "depths, masks, camera and starts must be concrete, got traced ones; map "
@@ -88,7 +91,7 @@ def fit_cylinders(
         raise ValueError(f"depths must have the shape (N, H, W), got {depths.shape}")
     if masks is not None and len(masks) != count:
         raise ValueError(f"masks must be {count}, one an image, got {len(masks)}")
-    check_types(camera, initial, count)
+    check_types(Cylinder, camera, initial, count)
     images = [np.asarray(checked_depth(depth, camera)) for depth in depths]
     given = [
         None if masks is None else checked_mask(m, camera)
@@ -100,7 +103,7 @@ def fit_cylinders(
         region = object_region(image, mask, camera, noise)
         if initial is not None:
             return region, None, None
-        starts = starts_of(image, region, camera, noise)
+        starts = starts_of(CYLINDER, image, region, camera, noise)
         return region, starts, (*some_pixels(region), *surroundings(region))
 
     # OpenCV and NumPy leave the other threads to run.
@@ -113,18 +116,18 @@ def fit_cylinders(
     mapped = (np.stack(images), np.stack(regions), row, col)
     shared = (camera, noise, beliefs)
     if initial is not None:
-        begin = jax.vmap(partial(Start.at, count=NUM_KEPT))(initial)
+        begin = jax.vmap(partial(Start.at, count=NUM_KEPT))(CylinderBody.of(initial))
         return _solve_all(mapped, begin, shared, request, True)
     unguessed = [index for index, start in enumerate(starts) if start is None]
     if len(unguessed) == count:
-        return _stacked([no_guess(region) for region in regions])
+        return _stacked([no_guess(CYLINDER, region) for region in regions])
     some = next(start for start in starts if start is not None)
     filled = _stacked([some if start is None else start for start in starts])
     places = tuple(map(np.stack, zip(*places, strict=True)))
     best = _best_starts(mapped[0], places, filled, shared, request.estimate_scale)
     fits = _solve_all(mapped, best, shared, request, False)
     for index in unguessed:
-        failed = no_guess(regions[index])
+        failed = no_guess(CYLINDER, regions[index])
         fits = jax.tree.map(lambda all_, one: all_.at[index].set(one), fits, failed)  # noqa: B023
     return fits
 

@@ -1,4 +1,4 @@
-"""What a depth image says about a cylinder, as rows of residuals.
+"""What a depth image says about a body, as rows of residuals.
 
 Two kinds of evidence. Every reading of the object tells the depth of its surface. And
 every place at the region's edge where the image shows that the object stops (background
@@ -24,10 +24,11 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from impostor_jax.camera.base import AbstractCamera
-from impostor_jax.fit.residuals import Kind, Rows, SurfaceSeen, surface_seen
+from impostor_jax.fit.body import AbstractBody, SurfaceSeen
+from impostor_jax.fit.residuals import surface_seen
+from impostor_jax.fit.rows import Kind, Rows
 from impostor_jax.geometry.vec3 import Vec3
 from impostor_jax.numerics import eps, safe_divide, safe_sqrt
-from impostor_jax.primitives.cylinder import Cylinder
 from impostor_jax.sensor.base import AbstractDepthNoise
 
 MAX_CROSSINGS = 512
@@ -48,7 +49,7 @@ FOLD = 3.0
 one that lies farther back says that its ray misses the wall."""
 
 FARTHEST_CROSSING = 30.0
-"""Pixels from the predicted outline beyond which a crossing is not the cylinder's."""
+"""Pixels from the predicted outline beyond which a crossing is not the body's."""
 
 
 class Pixels(eqx.Module):
@@ -180,18 +181,18 @@ def reading_rows(
 
 def crossing_rows(
     around: tuple[Pixels, Bool[Array, "5 m"]],
-    cylinder: Cylinder,
+    body: AbstractBody,
     noise: AbstractDepthNoise,
     is_outline: bool,
     place: Float[Array, ""],
 ) -> Rows:
     """One row for each pixel at the edge where the image shows that the object stops.
 
-    The outline is where one of three margins passes 0: a ray misses the wall, the ends
-    that faces away, or the end that faces the camera. Each is positive outside, so the
-    largest, in pixels, is the signed distance from the outline and tells what a pixel
-    of the region and its neighbor outside have between them. They are compared along
-    the image direction that crosses it more steeply.
+    The outline is where one of a body's margins passes 0: a ray misses the wall, the
+    end that faces away, or the end that faces the camera. Each is positive outside, so
+    the largest, in pixels, is the signed distance from the outline and tells what a
+    pixel of the region and its neighbor outside have between them. They are compared
+    along the image direction that crosses it more steeply.
 
     An end's place is uniform between the two pixels and independent from row to row:
     its deviation is 1/sqrt(12) px. The wall's edge is straight, so along an image
@@ -202,25 +203,18 @@ def crossing_rows(
 
     Args:
         around: As `gather_edge` returns it.
-        cylinder: Current estimate, in the camera frame.
+        body: Current estimate, in the camera frame.
         noise: Of the sensor.
         is_outline: Whether the region's edge is the silhouette, readings or not.
         place: Softness, in pixels, of the walls of an interval in which the wall's edge
             lies: small, but an estimate that is off needs more.
     """
-    r = cylinder.radius
+    r = body.radius
     edge, in_region = around
-    seen = surface_seen(edge.direction, cylinder, r / 10)
+    seen = surface_seen(edge.direction, body, r / 10)
     near = -jnp.sign(seen.slope[0])
-    half = cylinder.height / 2
-    margins = jnp.stack(
-        [
-            -seen.square,
-            # The end that faces away is met where rays enter the wall.
-            -near[None] * seen.enter_along - half,
-            near[None] * seen.leave_along - half,
-        ]
-    )
+    margins = body.margins(seen)
+    kinds = margins.shape[0]
     gap, middle = margins[:, 1:] - margins[:, :1], (margins[:, 1:] + margins[:, :1]) / 2
     steep = jnp.abs(gap)
     across = jnp.maximum(steep[:, :2].max(axis=1), steep[:, 2:].max(axis=1))
@@ -235,18 +229,20 @@ def crossing_rows(
     outside = edge.exists & ~in_region
     shown = outside & (~occluder if is_outline else behind)
     inside = edge.exists[None, :1] & seen.outside[None, :1]
-    valid = outside[None, 1:] & inside & (gap >= across[:, None])
+    valid = outside[None, 1:] & inside & (gap >= across[:, None]) & (gap > 0)
     valid &= jnp.abs(off) < FARTHEST_CROSSING
     # Beside the wall's edge its two points have no place along the axis.
     central = (seen.square > 0.2 * (r * r)) & seen.outside
-    is_end = np.array([False, True, True])[:, None, None]
+    is_end = (np.arange(kinds) > 0)[:, None, None]
     valid &= ~is_end | (central[:1] & central[1:])[None]
-    score = jnp.where(valid, off, -jnp.inf).reshape(12, -1)
+    score = jnp.where(valid, off, -jnp.inf).reshape(4 * kinds, -1)
     best = jnp.argmax(score, axis=0)
-    chosen = best[None] == jnp.arange(12)[:, None]
+    chosen = best[None] == jnp.arange(4 * kinds)[:, None]
 
     def pick(values: Array) -> Array:
-        full = jnp.broadcast_to(values, (3, 4, values.shape[-1])).reshape(12, -1)
+        full = jnp.broadcast_to(values, (kinds, 4, values.shape[-1])).reshape(
+            4 * kinds, -1
+        )
         return jnp.sum(jnp.where(chosen, full, 0), axis=0)
 
     crosses = jnp.any(jnp.isfinite(score), axis=0)

@@ -1,13 +1,15 @@
-"""What is known of a cylinder before the image: normal priors on its parameters."""
+"""What is known of a shape before the image: normal priors on its parameters."""
 
 __all__ = ["Prior", "prior_residuals"]
+
+import dataclasses
 
 import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from impostor_jax.camera.base import AbstractCamera
-from impostor_jax.primitives.cylinder import Cylinder
+from impostor_jax.fit.body import AbstractBody
 
 Belief = tuple[Float[Array, "..."], Float[Array, ""]]
 
@@ -19,13 +21,17 @@ class Prior(eqx.Module):
         center: (3,) and a deviation in every direction, in meters.
         axis: (3,), of unit length and either sign, and the deviation of its angle in
             each of the two directions across it, in radians.
-        radius: In meters.
+        radius: Of a cylinder or a sphere, in meters.
+        radius1: Of a frustum at p1, in meters.
+        radius2: Of a frustum at p2, in meters.
         height: In meters.
     """
 
     center: Belief | None = None
     axis: Belief | None = None
     radius: Belief | None = None
+    radius1: Belief | None = None
+    radius2: Belief | None = None
     height: Belief | None = None
 
     def in_camera_frame(self, camera: AbstractCamera) -> "Prior":
@@ -38,19 +44,18 @@ class Prior(eqx.Module):
             center = (move.apply(center[0]), center[1])
         if axis is not None:
             axis = (move.rotate(axis[0]), axis[1])
-        return Prior(center, axis, self.radius, self.height)
+        return dataclasses.replace(self, center=center, axis=axis)
 
 
-def prior_residuals(prior: Prior, cylinder: Cylinder) -> Float[Array, " n"]:
-    """Cylinder less its expected value, in standard deviations."""
-    parts = [jnp.zeros(0, cylinder.radius.dtype)]
-    if prior.center is not None:
-        parts.append((cylinder.center - prior.center[0]) / prior.center[1])
-    if prior.axis is not None:
-        # Its length is the sine of the angle, and either sign of the axis will do.
-        parts.append(jnp.cross(prior.axis[0], cylinder.axis) / prior.axis[1])
-    if prior.radius is not None:
-        parts.append(((cylinder.radius - prior.radius[0]) / prior.radius[1])[None])
-    if prior.height is not None:
-        parts.append(((cylinder.height - prior.height[0]) / prior.height[1])[None])
+def prior_residuals(prior: Prior, body: AbstractBody) -> Float[Array, " n"]:
+    """Body less its expected value, in standard deviations."""
+    parts = [jnp.zeros(0, body.radius.dtype)]
+    for name in (field.name for field in dataclasses.fields(prior)):
+        belief = getattr(prior, name)
+        if belief is None:
+            continue
+        value, (expected, deviation) = getattr(body, name), belief
+        # Of an axis the length is the sine of the angle, and either sign will do.
+        off = jnp.cross(expected, value) if name == "axis" else value - expected
+        parts.append(jnp.atleast_1d(off) / deviation)
     return jnp.concatenate(parts)

@@ -1,4 +1,4 @@
-"""Checks of what `fit_cylinder` is asked."""
+"""Checks of what a fit is asked."""
 
 __all__ = [
     "MIN_READINGS",
@@ -23,12 +23,20 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from impostor_jax.arguments import float_array, is_concrete, one_of, real_number
+from impostor_jax.arguments import (
+    check_direction,
+    float_array,
+    is_concrete,
+    one_of,
+    real_number,
+)
 from impostor_jax.camera.pinhole import PinholeCamera
-from impostor_jax.fit.parameterization import PARAMETERS
 from impostor_jax.fit.prior import Prior
 from impostor_jax.fit.robust import KERNELS
+from impostor_jax.numerics import safe_normalize
+from impostor_jax.primitives.base import AbstractPrimitive
 from impostor_jax.primitives.cylinder import Cylinder
+from impostor_jax.primitives.frustum import Frustum
 from impostor_jax.sensor.base import AbstractDepthNoise
 from impostor_jax.sensor.gaussian import ConstantNoise
 
@@ -43,6 +51,8 @@ class Request:
         kernel: Name of the robust loss.
         estimate_scale: Whether its width follows the spread of the residuals.
         correlated: Whether deviations allow for correlated residuals.
+        keep_ends: Whether a frustum's ends keep their names; otherwise its axis is
+            signed.
     """
 
     fixed: tuple[str, ...] = ()
@@ -50,6 +60,7 @@ class Request:
     kernel: str = "geman_mcclure"
     estimate_scale: bool = True
     correlated: bool = False
+    keep_ends: bool = False
 
 
 DepthImage = Float[np.ndarray, "h w"] | Float[Array, "h w"]
@@ -60,20 +71,22 @@ MIN_READINGS = 50
 
 
 def checked_request(
+    shape: type[AbstractPrimitive],
+    parameters: tuple[str, ...],
     fixed: Sequence[str],
-    initial: Cylinder | None,
+    initial: AbstractPrimitive | None,
     mask_meaning: str,
     kernel: str,
     scale: str,
     errors: str,
 ) -> Request:
-    """What is asked for, with the held parameters in their order in `PARAMETERS`."""
+    """What is asked for, with the held parameters in their order in `parameters`."""
     if isinstance(fixed, str):
         raise ValueError(f"fixed must be a sequence of names, got {fixed!r}")
     for name in fixed:
-        one_of("fixed", name, PARAMETERS)
-    if len(set(fixed)) == len(PARAMETERS):
-        raise ValueError("fixed must leave a parameter to fit, got all four")
+        one_of("fixed", name, parameters)
+    if len(set(fixed)) == len(parameters):
+        raise ValueError(f"fixed must leave a parameter to fit, got all: {parameters}")
     if fixed and initial is None:
         raise ValueError(
             f"initial must be given with fixed={tuple(fixed)}: held parameters keep "
@@ -84,11 +97,12 @@ def checked_request(
     one_of("scale", scale, ("estimated", "fixed"))
     one_of("errors", errors, ("independent", "correlated"))
     return Request(
-        fixed=tuple(name for name in PARAMETERS if name in fixed),
+        fixed=tuple(name for name in parameters if name in fixed),
         is_outline=mask_meaning == "outline",
         kernel=kernel,
         estimate_scale=scale == "estimated",
         correlated=errors == "correlated",
+        keep_ends=shape is Frustum and initial is not None,
     )
 
 
@@ -101,11 +115,20 @@ def checked_noise(sigma: Any) -> AbstractDepthNoise:
     return ConstantNoise(jnp.asarray(sigma, jnp.result_type(float)))
 
 
-def checked_prior(prior: Mapping[str, Any] | None) -> Prior:
+def checked_prior(
+    prior: Mapping[str, Any] | None,
+    parameters: tuple[str, ...],
+    initial: AbstractPrimitive | None,
+) -> Prior:
     """Prior with arrays for values."""
     beliefs = {}
     for name, belief in ({} if prior is None else prior).items():
-        one_of("prior", name, PARAMETERS)
+        one_of("prior", name, parameters)
+        if name in ("radius1", "radius2") and initial is None:
+            raise ValueError(
+                f"initial must be given with prior[{name!r}]: it tells which end is "
+                "which"
+            )
         if not isinstance(belief, tuple | list) or len(belief) != 2:
             raise ValueError(
                 f"prior[{name!r}] must be a value and a standard deviation, got "
@@ -117,7 +140,8 @@ def checked_prior(prior: Mapping[str, Any] | None) -> Prior:
         if name in ("center", "axis"):
             value = float_array(label, value, (3,))
             if name == "axis":
-                value = Cylinder((0, 0, 0), value, 1, 1).axis.astype(value.dtype)
+                check_direction(label, value)
+                value = safe_normalize(jnp.asarray(value))
         else:
             real_number(label, value, positive=True, unit="meters")
             value = jnp.asarray(value, jnp.result_type(float))
@@ -126,11 +150,15 @@ def checked_prior(prior: Mapping[str, Any] | None) -> Prior:
 
 
 def check_types(
-    camera: PinholeCamera, initial: Cylinder | None, count: int | None = None
+    shape: type[AbstractPrimitive],
+    camera: PinholeCamera,
+    initial: AbstractPrimitive | None,
+    count: int | None = None,
 ) -> None:
     """Raise unless the objects are what their names say.
 
     Args:
+        shape: What is fitted.
         camera: The camera.
         initial: One start, or a batch of `count`.
         count: Number of images; None for one image alone.
@@ -139,10 +167,16 @@ def check_types(
         raise ValueError(f"camera must be a PinholeCamera, got {type(camera).__name__}")
     if initial is None:
         return
-    shape = () if count is None else (count,)
-    if not isinstance(initial, Cylinder) or initial.radius.shape != shape:
-        need = "one Cylinder" if count is None else f"a batch of {count} cylinders"
+    batch = () if count is None else (count,)
+    if not isinstance(initial, shape) or initial.batch_shape != batch:
+        name = shape.__name__
+        need = f"one {name}" if count is None else f"a batch of {count} {name.lower()}s"
         raise ValueError(f"initial must be {need}, got {initial!r}")
+    if isinstance(initial, Cylinder | Frustum):
+        if not initial.caps or initial.start_angle is not None:
+            raise ValueError(
+                f"initial must be whole, with caps and no sector, got {initial!r}"
+            )
 
 
 def checked_depth(depth: Any, camera: PinholeCamera) -> DepthImage:

@@ -1,6 +1,17 @@
 """What a fit returns."""
 
-__all__ = ["Deviations", "Directions", "FitResult", "FitStatus"]
+__all__ = [
+    "AbstractFit",
+    "Deviations",
+    "Directions",
+    "FitResult",
+    "FitStatus",
+    "FrustumDeviations",
+    "FrustumFit",
+    "SphereDeviations",
+    "SphereFit",
+    "TaperTest",
+]
 
 import enum
 
@@ -8,6 +19,8 @@ import equinox as eqx
 from jaxtyping import Array, Bool, Float, Int
 
 from impostor_jax.primitives.cylinder import Cylinder
+from impostor_jax.primitives.frustum import Frustum
+from impostor_jax.primitives.sphere import Sphere
 
 
 class FitStatus(enum.StrEnum):
@@ -29,9 +42,9 @@ class FitStatus(enum.StrEnum):
 _MEANINGS = {
     FitStatus.CONVERGED: "The fit converged.",
     FitStatus.STEP_LIMIT: "The solver reached its step limit before it converged.",
-    FitStatus.NO_FIRST_GUESS: "No cylinder lies near the readings: no first guess.",
-    FitStatus.POOR_FIT: "The readings do not lie on the fitted cylinder.",
-    FitStatus.UNDETERMINED: "The readings do not determine the radius and the axis.",
+    FitStatus.NO_FIRST_GUESS: "No shape lies near the readings: no first guess.",
+    FitStatus.POOR_FIT: "The readings do not lie on the fitted shape.",
+    FitStatus.UNDETERMINED: "The readings do not determine radius and place.",
     FitStatus.NOT_FINITE: "The solver met a number that is not finite.",
 }
 
@@ -40,7 +53,7 @@ STATUSES = tuple(FitStatus)
 
 
 class Deviations(eqx.Module):
-    """Standard deviations of the estimate; `inf` where undetermined, 0 where held.
+    """Standard deviations of a cylinder; `inf` where undetermined, 0 where held.
 
     Attributes:
         center: Along x, y and z of the world, in meters. Where an end is not seen, the
@@ -60,57 +73,84 @@ class Deviations(eqx.Module):
     height: Float[Array, "*batch"]
 
 
+class FrustumDeviations(eqx.Module):
+    """Standard deviations of a frustum; `inf` where undetermined, 0 where held.
+
+    Attributes:
+        p1: Along x, y and z of the world, in meters; all undetermined where the end is
+            not seen.
+        p2: The same of the other end.
+        across_axis: Of the midpoint along the two vectors of `tangent_basis(axis)`, in
+            meters; determined even where the ends are not.
+        axis: Along the same two vectors, in radians.
+        radius1: In meters.
+        radius2: In meters.
+        height: In meters.
+    """
+
+    p1: Float[Array, "*batch 3"]
+    p2: Float[Array, "*batch 3"]
+    across_axis: Float[Array, "*batch 2"]
+    axis: Float[Array, "*batch 2"]
+    radius1: Float[Array, "*batch"]
+    radius2: Float[Array, "*batch"]
+    height: Float[Array, "*batch"]
+
+
+class SphereDeviations(eqx.Module):
+    """Standard deviations of a sphere; 0 where held.
+
+    Attributes:
+        center: Along x, y and z of the world, in meters.
+        radius: In meters.
+    """
+
+    center: Float[Array, "*batch 3"]
+    radius: Float[Array, "*batch"]
+
+
 class Directions(eqx.Module):
     """What an image determines: the principal directions of the estimate's error.
 
     Attributes:
-        coordinates: Whether each of `COORDINATES` is determined.
-        vector: One direction a row, the least certain first, in `COORDINATES`, with
-            angles times half the cylinder's size, so that all are motions of its
-            surface in meters; of unit length.
+        coordinates: Whether each coordinate of the covariance is determined.
+        vector: One direction a row, the least certain first, in these coordinates, with
+            angles times half the shape's size, so that all are motions of its surface
+            in meters; of unit length.
         deviation: Standard deviation along each, in meters; `inf` where the image
-            leaves it free. A slide along the axis has its weight in `center_along` and
-            `height`, radius against distance in `radius` and `center_first` or
-            `center_second`.
+            leaves it free. Of a cylinder, a slide along the axis has its weight in
+            `center_along` and `height`, radius against distance in `radius` and
+            `center_first` or `center_second`.
     """
 
-    coordinates: Bool[Array, "*batch 7"]
-    vector: Float[Array, "*batch 7 7"]
-    deviation: Float[Array, "*batch 7"]
+    coordinates: Bool[Array, "*batch m"]
+    vector: Float[Array, "*batch m m"]
+    deviation: Float[Array, "*batch m"]
 
 
-class FitResult(eqx.Module):
-    """A fitted cylinder; read `success` and `status` first.
+class AbstractFit(eqx.Module):
+    """What every fit says; read `success` and `status` first.
 
     Attributes:
-        cylinder: The estimate, in the world frame. The axis is signed so that its
-            largest component is positive. Where an end is not seen, the height is the
-            visible extent and the center the middle of it.
-        std: One standard deviation of each parameter, from `covariance`; all `inf`
-            where the fit failed.
-        covariance: (7, 7), of `COORDINATES`, in meters and radians; widened where the
+        covariance: Of the shape's coordinates, in meters and radians; widened where the
             residuals are larger than `sigma` says. `inf` on the diagonal where
             undetermined, and 0 beside it; 0 where held.
         observed: Which directions the image determines.
-        success: Whether the fit converged to a cylinder that explains the readings.
+        success: Whether the fit converged to a shape that explains the readings.
         status_code: Position of `status` in `FitStatus`; the form that can be traced.
         num_steps: Steps of the solver.
         num_starts: Starts that were tried.
-        num_agreeing: Those among them that led to the same cylinder, the best included.
+        num_agreeing: Those among them that led to the same shape, the best included.
         residual: Reading less depth of the surface in meters, for each pixel that was
             used; 0 elsewhere.
-        inliers: Pixels that were used and lie on the fitted cylinder.
+        inliers: Pixels that were used and lie on the fitted shape.
         region: Pixels that were used: the mask's, or those of the object that was taken
             where no mask was given.
-        ends_seen: Whether the image shows the ends at center - axis * height / 2 and at
-            center + axis * height / 2.
         num_pixels: Number of pixels that were used.
         rms: Root mean square of the inliers' residuals, in meters.
     """
 
-    cylinder: Cylinder
-    std: Deviations
-    covariance: Float[Array, "*batch 7 7"]
+    covariance: Float[Array, "*batch m m"]
     observed: Directions
     success: Bool[Array, "*batch"]
     status_code: Int[Array, "*batch"]
@@ -120,7 +160,6 @@ class FitResult(eqx.Module):
     residual: Float[Array, "*batch h w"]
     inliers: Bool[Array, "*batch h w"]
     region: Bool[Array, "*batch h w"]
-    ends_seen: Bool[Array, "*batch 2"]
     num_pixels: Int[Array, "*batch"]
     rms: Float[Array, "*batch"]
 
@@ -128,6 +167,82 @@ class FitResult(eqx.Module):
     def status(self) -> FitStatus:
         """How the fit ended; needs a single, concrete result."""
         return STATUSES[int(self.status_code)]
+
+
+class FrustumFit(AbstractFit):
+    """A fitted frustum, and what `AbstractFit` lists.
+
+    Attributes:
+        frustum: The estimate, in the world frame. The end p1 is that of `initial`, or,
+            without one, such that the largest component of the axis from p1 to p2 is
+            positive. Where an end is not seen, it is put where the wall was last seen,
+            and its radius is the wall's there.
+        std: One standard deviation of each parameter, from `covariance`; all `inf`
+            where the fit failed.
+        ends_seen: Whether the image shows p1 and p2.
+    """
+
+    frustum: Frustum
+    std: FrustumDeviations
+    ends_seen: Bool[Array, "*batch 2"]
+
+
+class SphereFit(AbstractFit):
+    """A fitted sphere, and what `AbstractFit` lists.
+
+    Attributes:
+        sphere: The estimate, in the world frame.
+        std: One standard deviation of each parameter, from `covariance`; all `inf`
+            where the fit failed.
+    """
+
+    sphere: Sphere
+    std: SphereDeviations
+
+
+class TaperTest(eqx.Module):
+    """Test of a cylinder, a frustum without taper, against a frustum.
+
+    Attributes:
+        frustum: Fit of the frustum.
+        statistic: Twice the logarithm of the likelihood ratio, in the scale of the
+            frustum's residuals; of a cylinder it is chi-squared with one degree of
+            freedom.
+        p_value: Probability that a cylinder's noise gives as much; NaN where the
+            frustum's fit failed.
+    """
+
+    frustum: FrustumFit
+    statistic: Float[Array, "*batch"]
+    p_value: Float[Array, "*batch"]
+
+    def is_needed(self, level: float = 0.01) -> Bool[Array, "*batch"]:
+        """Whether the readings reject a cylinder.
+
+        Args:
+            level: Share of cylinders that are taken for frusta.
+        """
+        return self.p_value < level
+
+
+class FitResult(AbstractFit):
+    """A fitted cylinder, and what `AbstractFit` lists.
+
+    Attributes:
+        cylinder: The estimate, in the world frame. The axis is signed so that its
+            largest component is positive. Where an end is not seen, the height is the
+            visible extent and the center the middle of it.
+        std: One standard deviation of each parameter, from `covariance`; all `inf`
+            where the fit failed.
+        ends_seen: Whether the image shows the ends at center - axis * height / 2 and at
+            center + axis * height / 2.
+        taper: Whether a frustum is needed; None unless that was asked.
+    """
+
+    cylinder: Cylinder
+    std: Deviations
+    ends_seen: Bool[Array, "*batch 2"]
+    taper: TaperTest | None = None
 
     @property
     def height_observed(self) -> bool:

@@ -1,4 +1,4 @@
-"""The compiled fit: from starts to a cylinder with its covariance.
+"""The compiled fit: from starts to a body with its covariance.
 
 All of it runs in the camera's frame. Several starts are solved on a part of the
 readings, in one vmapped call, and where noise hides the tilt their mirror images, too.
@@ -6,7 +6,15 @@ The best, or there the best few, goes on with all readings, in stages: evaluate 
 image against the estimate, which weighs each row, then minimize with the rows held.
 """
 
-__all__ = ["NUM_KEPT", "START_READINGS", "best_start", "solve"]
+__all__ = [
+    "LAST_STAGES",
+    "NUM_KEPT",
+    "START_READINGS",
+    "best_start",
+    "evaluate",
+    "solve",
+    "step_units",
+]
 
 from collections.abc import Callable
 from functools import partial
@@ -21,6 +29,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from impostor_jax.camera.pinhole import PinholeCamera
 from impostor_jax.fit.assess import Solution, Start, assess
+from impostor_jax.fit.body import AbstractBody, SurfaceSeen
 from impostor_jax.fit.evidence import (
     Pixels,
     crossing_rows,
@@ -35,10 +44,10 @@ from impostor_jax.fit.parameterization import Chart
 from impostor_jax.fit.prior import Prior
 from impostor_jax.fit.request import Request
 from impostor_jax.fit.residuals import surface_seen
-from impostor_jax.fit.result import FitResult
+from impostor_jax.fit.result import AbstractFit
 from impostor_jax.fit.robust import KERNELS
+from impostor_jax.fit.rows import Rows
 from impostor_jax.primitives.base import in_camera_frame, in_world_frame
-from impostor_jax.primitives.cylinder import Cylinder
 from impostor_jax.sensor.base import AbstractDepthNoise
 
 START_READINGS = 512
@@ -62,7 +71,7 @@ SETTLED = 0.02
 deviation."""
 
 MISSED_LOSS = 3.0
-"""Loss of a pixel that the cylinder should cover and does not, or the reverse."""
+"""Loss of a pixel that the body should cover and does not, or the reverse."""
 
 HIDES_TILT = 0.03
 """Noise in radii from which the depth of a short object does not tell its tilt."""
@@ -83,7 +92,7 @@ MAX_FIRST_STEPS = 12
 """The same for the starts: all of them wait for the slowest, and a good one is done."""
 
 
-_Tried = tuple[Cylinder, Float[Array, "*k"], Int[Array, "*k"]]
+_Tried = tuple[AbstractBody, Float[Array, "*k"], Int[Array, "*k"]]
 """Where a start leads, its cost and its steps."""
 
 _Units = tuple[Float[Array, ""], Float[Array, ""]]
@@ -102,7 +111,7 @@ def best_start(
     beside_col: Int[Array, " m"],
     camera: PinholeCamera,
     noise: AbstractDepthNoise,
-    starts: Cylinder,
+    starts: AbstractBody,
     prior: Prior,
     estimate_scale: bool,
 ) -> Start:
@@ -126,14 +135,14 @@ def best_start(
     """
     depth = depth.astype(starts.radius.dtype)
     pixels = gather_pixels(depth, camera, row, col)
-    nominal, units = _units(pixels, noise, camera)
+    nominal, units = step_units(pixels, noise, camera)
     beside = gather_pixels(depth, camera, beside_row, beside_col)
     in_camera = in_camera_frame(starts, camera)
     prior = prior.in_camera_frame(camera)
     always = _always(camera)
     request = Request(estimate_scale=estimate_scale)
 
-    def tried(start: Cylinder) -> _Tried:
+    def tried(start: AbstractBody) -> _Tried:
         solution = _refine(
             pixels,
             None,
@@ -148,31 +157,31 @@ def best_start(
             always,
         )
         cost = _cost(pixels, solution, nominal)
-        hidden = _hides(beside, noise, solution.cylinder)
+        hidden = _hides(beside, noise, solution.body)
         cost = cost + MISSED_LOSS * jnp.mean(hidden.astype(cost.dtype))
-        return solution.cylinder, cost, solution.num_steps
+        return solution.body, cost, solution.num_steps
 
-    def left_out(start: Cylinder) -> _Tried:
+    def left_out(start: AbstractBody) -> _Tried:
         return start, jnp.full_like(start.radius, jnp.inf), jnp.zeros((), int)
 
-    def group(given: tuple[Bool[Array, ""], Cylinder]) -> _Tried:
+    def group(given: tuple[Bool[Array, ""], AbstractBody]) -> _Tried:
         return jax.lax.cond(given[0], jax.vmap(tried), jax.vmap(left_out), given[1])
 
     # The mirrored guesses only where noise hides the tilt; compiled once for both.
     is_noisy = nominal > HIDES_TILT * jnp.median(starts.radius)
-    groups = jax.tree.map(lambda *a: jnp.stack(a), in_camera, _mirrored(in_camera))
+    groups = jax.tree.map(lambda *a: jnp.stack(a), in_camera, in_camera.mirrored())
     ends = jax.lax.map(group, (jnp.stack([jnp.array(True), is_noisy]), groups))
-    cylinders, costs, steps = jax.tree.map(lambda a: a.reshape(-1, *a.shape[2:]), ends)
+    bodies, costs, steps = jax.tree.map(lambda a: a.reshape(-1, *a.shape[2:]), ends)
     copies = jnp.all(starts.center == starts.center[:1], axis=1).at[0].set(False)
     counts = jnp.concatenate([~copies, ~copies & is_noisy])
 
     def keep(costs: Float[Array, " k"], _):
         best = jnp.argmin(costs)
-        cylinder = jax.tree.map(lambda field: field[best], cylinders)
-        apart = _distance(cylinders, cylinder)
-        agreeing = counts & (apart < jnp.maximum(nominal, cylinder.radius / 50))
+        body = jax.tree.map(lambda field: field[best], bodies)
+        apart = body.distance(bodies)
+        agreeing = counts & (apart < jnp.maximum(nominal, body.radius / 50))
         start = Start(
-            cylinder=in_world_frame(cylinder, camera),
+            body=in_world_frame(body, camera),
             is_worth=is_noisy & jnp.isfinite(costs[best]),
             num_steps=steps[best],
             num_tried=jnp.sum(counts),
@@ -196,7 +205,7 @@ def solve(
     prior: Prior,
     request: Request,
     is_far: Bool[Array, ""],
-) -> FitResult:
+) -> AbstractFit:
     """Fit to the given pixels; the others only show where the object stops.
 
     Args:
@@ -211,18 +220,18 @@ def solve(
         request: What is asked for.
         is_far: Whether the start is a guess and not the best of several solutions.
     """
-    depth = depth.astype(start.cylinder.radius.dtype)
+    depth = depth.astype(start.body.radius.dtype)
     pixels = gather_pixels(depth, camera, row, col)
     edge = gather_edge(depth, mask, camera, row, col)
-    nominal, units = _units(pixels, noise, camera)
+    nominal, units = step_units(pixels, noise, camera)
     prior = prior.in_camera_frame(camera)
     always = _always(camera)
 
-    def solution_from(cylinder: Cylinder) -> Solution:
+    def solution_from(body: AbstractBody) -> Solution:
         return _refine(
             pixels,
             edge,
-            in_camera_frame(cylinder, camera),
+            in_camera_frame(body, camera),
             (*FIRST_STAGES[:-1], *LAST_STAGES),
             # An array: a fit is compiled once for both.
             jnp.where(is_far, 0, len(FIRST_STAGES) - 1),
@@ -239,9 +248,9 @@ def solve(
     share = MISSED_LOSS * each / count
 
     def try_from(best: _Best, begin: Start) -> _Best:
-        solution = solution_from(begin.cylinder)
+        solution = solution_from(begin.body)
         cost = _cost(pixels, solution, nominal)
-        hidden = _hides(around, noise, solution.cylinder)
+        hidden = _hides(around, noise, solution.body)
         cost = cost + share * jnp.sum(hidden.astype(cost.dtype))
         found = cost, begin, solution
         return jax.tree.map(partial(jnp.where, cost <= best[0]), found, best)
@@ -252,7 +261,7 @@ def solve(
         return jax.lax.cond(needed, try_from, lambda b, _: b, best, begin), None
 
     first = jax.tree.map(lambda field: field[0], start)
-    blank = _zeros_like_result(solution_from, first.cylinder)
+    blank = _zeros_like_result(solution_from, first.body)
     infinite = jnp.full_like(nominal, jnp.inf)
     blank = eqx.tree_at(lambda s: s.scale, blank, infinite)
     worst = infinite, first, blank
@@ -273,7 +282,7 @@ def _zeros_like_result(function: Callable[..., Any], *arguments: Any) -> Any:
     return jax.tree.map(lambda field: jnp.zeros(field.shape, field.dtype), shapes)
 
 
-def _units(
+def step_units(
     pixels: Pixels, noise: AbstractDepthNoise, camera: PinholeCamera
 ) -> tuple[Float[Array, ""], _Units]:
     """Typical deviation of a reading, and ten of positions that all readings share.
@@ -292,7 +301,7 @@ def _units(
 def _refine(
     pixels: Pixels,
     edge: tuple[Pixels, Bool[Array, "5 m"]] | None,
-    start: Cylinder,
+    start: AbstractBody,
     stages: tuple[tuple[float, ...], ...],
     first_stage: Int[Array, ""],
     kernel: str,
@@ -305,25 +314,15 @@ def _refine(
     """Go through the stages, from the first one, beginning at one start."""
     unit = units[0]
     dtype = unit.dtype
-    used = pixels.depth > 0
     _, width = KERNELS[kernel]
     max_steps = MAX_FIRST_STEPS if edge is None else MAX_STEPS
-
-    def evaluate(cylinder: Cylinder, soft: Float[Array, ""], place: Float[Array, ""]):
-        seen = surface_seen(pixels.direction, cylinder, cylinder.radius / 100)
-        rows = reading_rows(pixels, seen, noise, soft * cylinder.radius)
-        whitened = jnp.abs(seen.depth - pixels.depth) * rows.weight
-        scale = jnp.maximum(1.4826 * _median(whitened, used), 1)
-        if edge is not None:
-            crossings = crossing_rows(edge, cylinder, noise, request.is_outline, place)
-            rows = joined(rows, crossings)
-        return rows, seen, scale
+    evaluated = partial(evaluate, pixels, edge, noise, request.is_outline)
 
     def stage(carry: Solution, effort: Float[Array, "4"]) -> Solution:
         soft, tolerance, widening, place = effort
         only = jnp.isinf(tolerance)
-        rows, seen, scale = evaluate(carry.cylinder, soft, place)
-        chart = Chart.around(carry.cylinder, *units, request.fixed)
+        rows, seen, scale = evaluated(carry.body, soft, place)
+        chart = Chart.around(carry.body, *units, request.fixed)
         kernel_width = width * widening
         if request.estimate_scale:
             kernel_width = kernel_width * scale
@@ -339,7 +338,7 @@ def _refine(
             always,
         )
         return Solution(
-            cylinder=chart.cylinder(jnp.where(only, 0, vector)),
+            body=chart.body(jnp.where(only, 0, vector)),
             rows=rows,
             seen=seen,
             scale=scale,
@@ -353,9 +352,9 @@ def _refine(
         left_out = is_before | (repeats & (carry.moved < SETTLED))
         return jax.lax.cond(left_out, lambda c, _: c, stage, carry, effort), None
 
-    rows, seen, scale = _zeros_like_result(evaluate, start, unit, unit)
+    rows, seen, scale = _zeros_like_result(evaluated, start, unit, unit)
     begin = Solution(
-        cylinder=start,
+        body=start,
         rows=rows,
         seen=seen,
         scale=scale,
@@ -368,6 +367,40 @@ def _refine(
     given = (jnp.array(stages, dtype), jnp.asarray(repeats), is_before)
     refined, _ = jax.lax.scan(unless_settled, begin, given)
     return refined
+
+
+def evaluate(
+    pixels: Pixels,
+    edge: tuple[Pixels, Bool[Array, "5 m"]] | None,
+    noise: AbstractDepthNoise,
+    is_outline: bool,
+    body: AbstractBody,
+    soft: Float[Array, ""],
+    place: Float[Array, ""],
+) -> tuple[Rows, SurfaceSeen, Float[Array, ""]]:
+    """What an image says, evaluated at an estimate.
+
+    Args:
+        pixels: Pixels of the object.
+        edge: As `gather_edge` returns it; None to leave it out.
+        noise: Of the readings.
+        is_outline: Whether the mask's edge is the silhouette.
+        body: The estimate, in the camera frame.
+        soft: Half-chord in radii up to which the outline is blunted.
+        place: Softness of the outline's place, in pixels.
+
+    Returns:
+        Rows, readings first; what the readings' rays see; and the robust deviation of
+        the whitened residuals, at least 1.
+    """
+    seen = surface_seen(pixels.direction, body, body.radius / 100)
+    rows = reading_rows(pixels, seen, noise, soft * body.radius)
+    whitened = jnp.abs(seen.depth - pixels.depth) * rows.weight
+    scale = jnp.maximum(1.4826 * _median(whitened, pixels.depth > 0), 1)
+    if edge is not None:
+        crossings = crossing_rows(edge, body, noise, is_outline, place)
+        rows = joined(rows, crossings)
+    return rows, seen, scale
 
 
 def _median(values: Float[Array, " n"], used: Bool[Array, " n"]) -> Float[Array, ""]:
@@ -392,7 +425,7 @@ def _median(values: Float[Array, " n"], used: Bool[Array, " n"]) -> Float[Array,
 def _cost(
     pixels: Pixels, tried: Solution, nominal: Float[Array, ""]
 ) -> Float[Array, ""]:
-    """How badly a cylinder explains the readings: mean log loss of their residuals.
+    """How badly a body explains the readings: mean log loss of their residuals.
 
     Its logarithm compares good with better and counts a gross error like any other. As
     in a likelihood the logarithm of each deviation, in units of the `nominal` one, is a
@@ -400,7 +433,7 @@ def _cost(
     """
     seen, weight = tried.seen, tried.rows.weight[: pixels.depth.shape[0]]
     whitened = (seen.depth - pixels.depth) * weight
-    # A pixel of the object that the cylinder does not cover is as wrong as can be.
+    # A pixel of the object that the body does not cover is as wrong as can be.
     missed = (~seen.on_cap & (seen.square < 0)) | (
         seen.on_cap & (seen.cap_distance > 1.05)
     )
@@ -410,8 +443,8 @@ def _cost(
     used = pixels.depth > 0
     count = jnp.maximum(jnp.sum(used), 1).astype(loss.dtype)
     cost = jnp.sum(jnp.where(used, loss, 0)) / count
-    # Readings without weight would let a cylinder pass that is made of no numbers.
-    leaves = jax.tree.leaves(tried.cylinder)
+    # Readings without weight would let a body pass that is made of no numbers.
+    leaves = jax.tree.leaves(tried.body)
     numbers = jnp.stack([jnp.all(jnp.isfinite(leaf)) for leaf in leaves]).all()
     return jnp.where(numbers & jnp.isfinite(cost), cost, jnp.inf)
 
@@ -430,30 +463,9 @@ def _spread_pixels(
 
 
 def _hides(
-    beside: Pixels, noise: AbstractDepthNoise, cylinder: Cylinder
+    beside: Pixels, noise: AbstractDepthNoise, body: AbstractBody
 ) -> Bool[Array, " n"]:
-    """Which pixels beside the object see what the cylinder would hide."""
-    seen = surface_seen(beside.direction, cylinder, cylinder.radius / 100)
-    half = cylinder.height / 2
-    enters = jnp.minimum(seen.enter_along, seen.leave_along) < half
-    leaves = jnp.maximum(seen.enter_along, seen.leave_along) > -half
-    covers = (seen.square > 0) & seen.outside & enters & leaves
+    """Which pixels beside the object see what the body would hide."""
+    seen = surface_seen(beside.direction, body, body.radius / 100)
     sigma = noise.sigma(seen.depth, seen.cos_incidence)
-    return covers & (beside.depth > seen.depth + 5 * sigma)
-
-
-def _mirrored(cylinder: Cylinder) -> Cylinder:
-    """Tilt the other way, which looks the same from afar but for its depth."""
-    axis, center = cylinder.axis, cylinder.center
-    along = jnp.sum(axis * center, axis=-1) / jnp.sum(center**2, axis=-1)
-    mirrored = axis - 2 * along[..., None] * center
-    return eqx.tree_at(lambda c: c.axis, cylinder, mirrored)
-
-
-def _distance(tried: Cylinder, best: Cylinder) -> Float[Array, " k"]:
-    """How far the wall of each cylinder lies from the best one's, in meters."""
-    a = best.axis
-    turned = jnp.cross(tried.axis, a[None]) * ((best.height + best.radius) / 2)
-    moved = jnp.cross(tried.center - best.center[None], a[None])
-    grown = tried.radius - best.radius
-    return jnp.sqrt(jnp.sum(turned**2 + moved**2, axis=1) + grown**2)
+    return body.covers(seen) & (beside.depth > seen.depth + 5 * sigma)

@@ -3,7 +3,7 @@
 __all__ = ["AbstractPrimitive", "in_camera_frame", "in_world_frame"]
 
 import abc
-from typing import TypeVar
+from typing import Protocol, TypeVar, runtime_checkable
 
 import equinox as eqx
 import numpy as np
@@ -53,19 +53,28 @@ class AbstractPrimitive(eqx.Module):
         """Express the same shape in another frame."""
 
 
-Primitive = TypeVar("Primitive", bound=AbstractPrimitive)
+@runtime_checkable
+class Movable(Protocol):
+    """What has a place, and can be expressed in another frame."""
+
+    def transformed(self, target_from_source: RigidTransform) -> "Movable":
+        """Express the same in another frame."""
+        ...
 
 
-def in_camera_frame(primitive: Primitive, camera: AbstractCamera) -> Primitive:
-    """Express a primitive of the world in the frame of a camera."""
+Placed = TypeVar("Placed", bound=Movable)
+
+
+def in_camera_frame(placed: Placed, camera: AbstractCamera) -> Placed:
+    """Express what has a place in the world in the frame of a camera."""
     if camera.camera_from_world is None:
-        return primitive
-    # A primitive stays what it is; its abstract method cannot say so.
-    return primitive.transformed(camera.camera_from_world)  # pyright: ignore[reportReturnType]
+        return placed
+    # A thing stays what it is; its method cannot say so.
+    return placed.transformed(camera.camera_from_world)  # pyright: ignore[reportReturnType]
 
 
-def in_world_frame(primitive: Primitive, camera: AbstractCamera) -> Primitive:
-    """Express a primitive of the frame of a camera in the world."""
+def in_world_frame(placed: Placed, camera: AbstractCamera) -> Placed:
+    """Express what has a place in the frame of a camera in the world."""
     if camera.camera_from_world is None:
-        return primitive
-    return primitive.transformed(camera.camera_from_world.inverse())  # pyright: ignore[reportReturnType]
+        return placed
+    return placed.transformed(camera.camera_from_world.inverse())  # pyright: ignore[reportReturnType]

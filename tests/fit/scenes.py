@@ -23,7 +23,12 @@ def can(degrees: float = 60.0) -> ij.Cylinder:
 @functools.cache
 def image(degrees: float = 60.0, wall: float | None = 0.6, seed: int = 0):
     """Depth image with noise, and the mask of the can."""
-    maps = ij.render(can(degrees), CAMERA, outputs=("depth", "mask"))
+    return image_of(can(degrees), wall, seed)
+
+
+def image_of(shape, wall: float | None = 0.6, seed: int = 0):
+    """Depth image of any shape with noise, and its mask."""
+    maps = ij.render(shape, CAMERA, outputs=("depth", "mask"))
     mask = np.asarray(maps.mask)
     behind = np.inf if wall is None else wall
     depth = np.minimum(np.asarray(maps.depth), behind)

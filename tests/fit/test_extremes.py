@@ -79,7 +79,8 @@ def test_turning_camera_and_world_turns_the_estimate():
     back = fit.cylinder.transformed(camera.camera_from_world)
     expected = plain().cylinder
     assert int(fit.num_steps) == int(plain().num_steps)
-    assert float(back.radius) == float(expected.radius)
+    # The start is rounded anew, in a world whose origin is 2 m away.
+    assert float(back.radius) == pytest.approx(float(expected.radius), rel=1e-6)
     np.testing.assert_allclose(back.center, expected.center, atol=1e-6)
     assert angle_between(back.axis, expected.axis) < 1e-4
 

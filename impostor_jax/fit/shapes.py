@@ -1,0 +1,331 @@
+"""Fit a shape to a depth image: the way that is the same for all of them.
+
+Four steps: take the object's readings, guess shapes outside JAX, minimize the whitened
+residuals with optimistix, and say how sure the result is. The last two are one compiled
+function of arrays that come in few sizes.
+"""
+
+__all__ = [
+    "CYLINDER",
+    "FRUSTUM",
+    "SPHERE",
+    "Fittable",
+    "fit_shape",
+    "no_guess",
+    "pixels_shown",
+    "starts_of",
+]
+
+import dataclasses
+import threading
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Bool, Float
+
+from impostor_jax.arguments import is_concrete
+from impostor_jax.camera.pinhole import PinholeCamera
+from impostor_jax.fit.assess import Start, deviations_of, result_of
+from impostor_jax.fit.ball import Ball
+from impostor_jax.fit.body import AbstractBody
+from impostor_jax.fit.guess_sphere import guess_spheres
+from impostor_jax.fit.initialize import first_guesses
+from impostor_jax.fit.prior import Prior
+from impostor_jax.fit.regions import (
+    bucket,
+    object_region,
+    pixel_indices,
+    some_pixels,
+    surroundings,
+    typical_sigma,
+)
+from impostor_jax.fit.request import (
+    DepthImage,
+    Mask,
+    Request,
+    check_types,
+    checked_depth,
+    checked_mask,
+    checked_noise,
+    checked_prior,
+    checked_request,
+)
+from impostor_jax.fit.result import STATUSES, AbstractFit, FitStatus
+from impostor_jax.fit.round_body import CylinderBody, FrustumBody, RoundBody
+from impostor_jax.fit.solve import NUM_KEPT, best_start, solve
+from impostor_jax.primitives.base import (
+    AbstractPrimitive,
+    in_camera_frame,
+    in_world_frame,
+)
+from impostor_jax.primitives.cylinder import Cylinder
+from impostor_jax.primitives.frustum import Frustum
+from impostor_jax.primitives.sphere import Sphere
+from impostor_jax.sensor.base import AbstractDepthNoise
+
+TRACED_READINGS = 16384
+"""Most readings that a traced fit uses, evenly spaced over its region."""
+
+NUM_STARTS = 8
+"""First guesses that are solved; fewer are filled up by the best one."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Fittable:
+    """A shape that can be fitted.
+
+    Attributes:
+        shape: Its primitive.
+        body: As a fit moves it.
+        guesses: First guesses in the camera frame from depth, region, camera and the
+            typical deviation of a reading: the fields of a body, the likeliest first.
+        parameters: Names of what a caller may hold or expect.
+        example: Fields of a body of one meter.
+    """
+
+    shape: type[AbstractPrimitive]
+    body: type[AbstractBody]
+    guesses: Callable[..., list[dict[str, Any]]]
+    parameters: tuple[str, ...]
+    example: dict[str, Any]
+
+    def body_at(self, fields: dict[str, Any]) -> AbstractBody:
+        """A body, or a batch, from NumPy's or Python's numbers."""
+        dtype = np.dtype(jnp.result_type(float))
+        return self.body(
+            **{name: jnp.asarray(np.asarray(f, dtype)) for name, f in fields.items()}
+        )
+
+
+def _cylinders(*asked: Any) -> list[dict[str, Any]]:
+    return [
+        {"center": g.center, "axis": g.axis, "radius": g.radius, "height": g.height}
+        for g in first_guesses(*asked)
+    ]
+
+
+def _frusta(*asked: Any) -> list[dict[str, Any]]:
+    return [
+        {
+            "center": g.center,
+            "axis": g.axis,
+            "radius": g.radius,
+            "height": g.height,
+            "growth": g.slope * g.height / 2,
+        }
+        for g in first_guesses(*asked, tapered=True)
+    ]
+
+
+def _spheres(*asked: Any) -> list[dict[str, Any]]:
+    return [
+        {"center": center, "radius": radius} for center, radius in guess_spheres(*asked)
+    ]
+
+
+CYLINDER = Fittable(
+    shape=Cylinder,
+    body=CylinderBody,
+    guesses=_cylinders,
+    parameters=("center", "axis", "radius", "height"),
+    example={"center": (0, 0, 1), "axis": (0, 0, 1), "radius": 1, "height": 1},
+)
+FRUSTUM = Fittable(
+    shape=Frustum,
+    body=FrustumBody,
+    guesses=_frusta,
+    parameters=("center", "axis", "radius1", "radius2", "height"),
+    example=CYLINDER.example | {"growth": 0},
+)
+SPHERE = Fittable(
+    shape=Sphere,
+    body=Ball,
+    guesses=_spheres,
+    parameters=("center", "radius"),
+    example={"center": (0, 0, 1), "radius": 1},
+)
+
+
+def fit_shape(
+    kind: Fittable,
+    depth: Any,
+    camera: PinholeCamera,
+    mask: Any,
+    sigma: Any,
+    initial: AbstractPrimitive | None,
+    fixed: Sequence[str],
+    prior: Mapping[str, Any] | None,
+    mask_meaning: str,
+    kernel: str,
+    scale: str,
+    errors: str,
+) -> AbstractFit:
+    """Fit a shape; the arguments are those of `fit_cylinder`."""
+    check_types(kind.shape, camera, initial)
+    request = checked_request(
+        kind.shape,
+        kind.parameters,
+        fixed,
+        initial,
+        mask_meaning,
+        kernel,
+        scale,
+        errors,
+    )
+    noise = checked_noise(sigma)
+    beliefs = checked_prior(prior, kind.parameters, initial)
+    image = checked_depth(depth, camera)
+    given = checked_mask(mask, camera)
+    if not is_concrete((image, given, camera, noise, initial, beliefs)):
+        if initial is None:
+            raise ValueError(
+                "initial must be given to a traced fit: the first guess runs outside "
+                "JAX"
+            )
+        body = kind.body.of(initial)
+        return _fit_traced(image, given, camera, noise, body, beliefs, request)
+    shown = pixels_shown(image, given, camera, noise)
+    image, region = shown[:2]
+    if initial is not None:
+        start = Start.at(kind.body.of(initial), NUM_KEPT)
+        return solve(*shown, start, beliefs, request, is_far=True)
+    compiled = _compile_ahead(kind, shown, beliefs, request)
+    starts = starts_of(kind, image, region, camera, noise)
+    if starts is None:
+        return no_guess(kind, region)
+    beside = surroundings(region)
+    some = some_pixels(region)
+    start = best_start(
+        image, *some, *beside, camera, noise, starts, beliefs, request.estimate_scale
+    )
+    compiled.join()
+    return solve(*shown, start, beliefs, request, is_far=False)
+
+
+def pixels_shown(
+    depth: DepthImage,
+    mask: Mask | None,
+    camera: PinholeCamera,
+    noise: AbstractDepthNoise,
+) -> tuple[Any, ...]:
+    """The first arguments of `solve`: an image, the pixels of an object, and how seen.
+
+    Args:
+        depth: Checked and concrete.
+        mask: Checked and concrete; None to take the nearest object.
+        camera: The camera.
+        noise: Of its readings.
+    """
+    image, given = np.asarray(depth), None if mask is None else np.asarray(mask)
+    region = object_region(image, given, camera, noise)
+    row, col = pixel_indices(region, bucket(int(np.count_nonzero(region))))
+    return image, region, row, col, camera, noise
+
+
+_ahead: dict[Any, threading.Thread] = {}
+
+
+def _compile_ahead(
+    kind: Fittable, shown: tuple[Any, ...], prior: Prior, request: Request
+) -> threading.Thread:
+    """Compile the last part of a fit while the first is still on its way.
+
+    Only the first fit of its kind takes this time: on two cores it then waits for the
+    longer of the two parts and not for their sum.
+    """
+    arrays, structure = jax.tree.flatten((shown, prior))
+    shapes = tuple((np.shape(array), jnp.result_type(array)) for array in arrays)
+    double = jnp.result_type(float) == np.float64
+    key = (kind.body, shapes, structure, request, double)
+    if key not in _ahead:
+
+        def run() -> None:
+            kept = Start.at(kind.body_at(kind.example), NUM_KEPT)
+            solve.lower(*shown, kept, prior, request, is_far=False).compile()
+
+        # A precision that the caller's thread has set is not that of another one.
+        target = jax.enable_x64(True)(run) if double else run
+        thread = threading.Thread(target=target)
+        _ahead[key] = thread
+        thread.start()
+    return _ahead[key]
+
+
+def starts_of(
+    kind: Fittable,
+    image: Float[np.ndarray, "h w"],
+    region: Bool[np.ndarray, "h w"],
+    camera: PinholeCamera,
+    noise: AbstractDepthNoise,
+) -> AbstractBody | None:
+    """First guesses in the world, (NUM_STARTS,); None where there are none."""
+    sigma = typical_sigma(image, region, noise)
+    guesses = kind.guesses(image, region & (image > 0), camera, sigma)[:NUM_STARTS]
+    if not guesses:
+        return None
+    guesses += [guesses[0]] * (NUM_STARTS - len(guesses))
+    fields = {name: [guess[name] for guess in guesses] for name in guesses[0]}
+    return in_world_frame(kind.body_at(fields), camera)
+
+
+def no_guess(kind: Fittable, region: Bool[np.ndarray, "h w"]) -> AbstractFit:
+    """Result of a fit that could not start; its shape has no meaning."""
+    example = kind.body_at(kind.example)
+    nothing = jax.tree.map(jnp.zeros_like, example)
+    if isinstance(example, RoundBody):
+        nothing = eqx.tree_at(lambda b: b.axis, nothing, example.axis)
+    one = jnp.eye(example.free_directions(()).shape[1], dtype=nothing.radius.dtype)
+    std, covariance, observed, _ = deviations_of(
+        example, one, jnp.zeros_like(one), one, jnp.ones(len(one), bool)
+    )
+    zero = nothing.radius
+    return result_of(
+        nothing,
+        std=std,
+        ends_seen=jnp.zeros(2, bool),
+        covariance=covariance,
+        observed=observed,
+        success=jnp.array(False),
+        status_code=jnp.array(STATUSES.index(FitStatus.NO_FIRST_GUESS)),
+        num_steps=jnp.array(0),
+        num_starts=jnp.array(0),
+        num_agreeing=jnp.array(0),
+        residual=jnp.zeros(region.shape, zero.dtype),
+        inliers=jnp.zeros(region.shape, bool),
+        region=jnp.asarray(region),
+        num_pixels=jnp.array(np.count_nonzero(region)),
+        rms=jnp.full_like(zero, jnp.inf),
+    )
+
+
+def _fit_traced(
+    depth: DepthImage,
+    mask: Mask | None,
+    camera: PinholeCamera,
+    noise: AbstractDepthNoise,
+    initial: AbstractBody,
+    prior: Prior,
+    request: Request,
+) -> AbstractFit:
+    """Fit with sizes that do not depend on any value."""
+    row, col = camera.frame.pixels()
+    if mask is None:
+        ray = camera.rays(row, col, depth.dtype)
+        mask = in_camera_frame(initial.shape, camera).intersect(ray).mask
+    region = jnp.asarray(mask)
+    sees = camera.sees(row, col)
+    if sees is not None:
+        region &= sees
+    size = min(region.size, TRACED_READINGS)
+    rank = jnp.cumsum(region.reshape(-1))
+    count = rank[-1]
+    # The first pixel of each rank; ranks are spread out where there are too many.
+    wanted = jnp.arange(size) * jnp.maximum(count, size) // size + 1
+    index = jnp.searchsorted(rank, wanted, side="left").astype(wanted.dtype)
+    row, col = jnp.divmod(jnp.where(wanted <= count, index, region.size), camera.width)
+    shown = (depth, region, row, col, camera, noise)
+    return solve(*shown, Start.at(initial), prior, request, is_far=True)

@@ -1,0 +1,100 @@
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import impostor_jax as ij
+from tests.cases import pose
+from tests.fit.scenes import CAMERA, SIGMA, image_of
+from tests.groups import SMALL_IMAGES
+
+pytestmark = SMALL_IMAGES
+
+
+def ball():
+    return ij.Sphere((0.02, -0.01, 0.4), 0.05)
+
+
+def fit_of(shape, seed=0, **asked):
+    depth, mask = image_of(shape, seed=seed)
+    return ij.fit_sphere(depth, CAMERA, mask=mask, sigma=SIGMA, **asked)
+
+
+def test_noisy_sphere_is_recovered_within_its_deviations():
+    scores = []
+    for seed in range(12):
+        fit = fit_of(ball(), seed)
+        assert fit.status is ij.FitStatus.CONVERGED
+        scores += [*(np.asarray(fit.sphere.center - ball().center) / fit.std.center)]
+        scores += [float((fit.sphere.radius - 0.05) / fit.std.radius)]
+    assert float(fit.std.radius) < 1e-4
+    assert fit.rms == pytest.approx(SIGMA, rel=0.05)
+    # 48 draws, partly correlated: their own deviation is known to about 15 percent.
+    assert np.abs(scores).max() < 4
+    assert 0.6 < np.sqrt(np.mean(np.square(scores))) < 1.4
+
+
+def test_sphere_is_found_without_a_mask():
+    depth, mask = image_of(ball())
+    fit = ij.fit_sphere(depth, CAMERA, sigma=SIGMA)
+    assert fit.success
+    assert fit.sphere.radius == pytest.approx(0.05, abs=4 * float(fit.std.radius))
+    assert (np.asarray(fit.region) & mask).sum() > 0.97 * mask.sum()
+
+
+def test_sphere_around_the_camera_is_seen_from_inside():
+    room = ij.Sphere((0.02, 0.01, 0.1), 0.5)
+    fit = fit_of(room)
+    assert fit.success
+    assert fit.sphere.radius == pytest.approx(0.5, abs=4 * float(fit.std.radius))
+
+
+def test_a_posed_camera_gives_the_sphere_in_the_world():
+    posed = ij.PinholeCamera(
+        150.0, 150.0, 79.5, 59.5, 160, 120, camera_from_world=pose()
+    )
+    depth, mask = image_of(ball())
+    fit = ij.fit_sphere(depth, posed, mask=mask, sigma=SIGMA)
+    expected = fit_of(ball()).sphere.transformed(pose().inverse())
+    np.testing.assert_allclose(fit.sphere.center, expected.center, atol=1e-5)
+
+
+def test_held_and_expected_parameters_count():
+    held = fit_of(ball(), initial=ij.Sphere((0.0, 0.0, 0.41), 0.05), fixed=("radius",))
+    assert float(held.sphere.radius) == pytest.approx(0.05, rel=1e-6)
+    assert float(held.std.radius) == 0
+    plain = fit_of(ball())
+    assert float(held.std.center[2]) < float(plain.std.center[2])
+    expected = fit_of(ball(), prior={"radius": (0.05, 1e-6)})
+    assert float(expected.std.radius) == pytest.approx(1e-6, rel=0.05)
+
+
+def test_a_plane_is_no_sphere():
+    depth = np.full((CAMERA.height, CAMERA.width), 0.5)
+    depth = depth + np.random.default_rng(0).normal(0, SIGMA, depth.shape)
+    mask = np.zeros(depth.shape, bool)
+    mask[40:80, 50:110] = True
+    fit = ij.fit_sphere(depth.astype(np.float32), CAMERA, mask=mask, sigma=SIGMA)
+    assert not fit.success
+    assert np.isinf(fit.std.radius)
+
+
+def test_derivatives_are_those_of_finite_differences():
+    depth, mask = image_of(ball())
+
+    @jax.jit
+    def radius(offset):
+        moved = jnp.asarray(depth) + offset
+        fit = ij.fit_sphere(moved, CAMERA, mask=mask, sigma=SIGMA, initial=ball())
+        return fit.sphere.radius * 1e3
+
+    slope = jax.jit(jax.grad(radius))(jnp.zeros(()))
+    step = 1e-3
+    differences = (radius(jnp.asarray(step)) - radius(jnp.asarray(-step))) / (2 * step)
+    # The float32 radius is rounded to 4 nm, a part of 2e-3 of what it moves.
+    assert float(slope) == pytest.approx(float(differences), rel=0.02)
+
+
+def test_a_sphere_has_no_height_to_hold():
+    with pytest.raises(ValueError, match="fixed must be one of center, radius"):
+        fit_of(ball(), initial=ball(), fixed=("height",))
