@@ -1,0 +1,1 @@
+"""What does the package draw, differentiate and fit?"""
