@@ -14,7 +14,8 @@ from tests.groups import LARGE_IMAGES, SMALL_IMAGES
 CAMERA = {"fx": 150.0, "fy": 150.0, "cx": 79.5, "cy": 59.5, "width": 160, "height": 120}
 RECORD_KEYS = {
     "success", "status", "center_m", "axis", "radius_m", "height_m", "height_observed",
-    "std", "covariance", "num_starts", "num_agreeing", "num_pixels", "rms_m", "seconds",
+    "std", "covariance", "num_starts", "num_agreeing", "num_pixels", "rms_m", "taper",
+    "seconds",
 }  # fmt: skip
 
 
@@ -67,9 +68,11 @@ def test_render_writes_what_fit_reads(rendered, tmp_path, call, capfd):
     np.testing.assert_allclose(coarse * scale, exact, atol=scale / 2 + 1e-7)
     code = call(
         "fit", rendered / "depth.png", "--camera", rendered / "camera.json",
-        "--mask", rendered / "mask.png", "--output", tmp_path,
+        "--mask", rendered / "mask.png", "--test-taper", "--output", tmp_path,
     )  # fmt: skip
-    assert (code, capfd.readouterr().err) == (0, "")
+    printed = capfd.readouterr()
+    assert (code, printed.err) == (0, "")
+    assert "taper   not needed" in printed.out
     record = json.loads((tmp_path / "fit.json").read_text())
     assert set(record) == RECORD_KEYS
     assert record["success"] is True
@@ -79,6 +82,9 @@ def test_render_writes_what_fit_reads(rendered, tmp_path, call, capfd):
     assert record["height_observed"] is False
     assert record["std"]["height_m"] is None
     assert record["std"]["radius_m"] > 0
+    assert record["taper"]["needed"] is False
+    assert record["taper"]["p_value"] > 0.01
+    assert record["taper"]["radius1_m"] == pytest.approx(0.04, abs=1e-3)
     picture = cv2.imread(str(tmp_path / "overlay.png"))
     assert picture.shape[0] > 300
     assert picture.std() > 10
