@@ -1,6 +1,6 @@
 """The Cramér-Rao bound of a fit to the depths of one image."""
 
-__all__ = ["bound", "error"]
+__all__ = ["bound", "error", "least_deviation"]
 
 import jax
 import jax.numpy as jnp
@@ -54,9 +54,13 @@ def bound(
         values = (cylinder.center, cylinder.axis, cylinder.radius, cylinder.height)
         exact = [np.asarray(value, np.float64) for value in values]
         columns, cosine = _derivatives(*exact, camera)
-        used = mask & (np.asarray(cosine) >= least_cosine)
-        spread = np.broadcast_to(np.asarray(sigma, float), mask.shape)[used]
-        jacobian = np.asarray(columns)[used] / spread[:, None]
+    used = mask & (np.asarray(cosine) >= least_cosine)
+    spread = np.broadcast_to(np.asarray(sigma, float), mask.shape)[used]
+    return least_deviation(np.asarray(columns)[used] / spread[:, None])
+
+
+def least_deviation(jacobian: Float[np.ndarray, "n k"]) -> Float[np.ndarray, " k"]:
+    """The bound from the derivatives of all readings, in their deviations."""
     free = ~np.any(jacobian != 0, axis=0)
     size = np.where(free, 1, np.linalg.norm(jacobian, axis=0))
     information = (jacobian / size).T @ (jacobian / size)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Literal
 import tyro
 
 if TYPE_CHECKING:
-    from impostor_jax.fit.result import FitResult
+    from impostor_jax.fit.result import FitResult, TaperTest
 
 
 @dataclasses.dataclass(frozen=True)
@@ -33,6 +33,8 @@ class Fit:
     """Whether the mask is any part of the object or its edge is the silhouette."""
     errors: Literal["independent", "correlated"] = "independent"
     """How readings of neighboring pixels err; decides the reported deviations."""
+    test_taper: bool = False
+    """Whether to test if a frustum, a cup, is needed."""
     output: Path = Path(".")
     """Folder that the files are written to."""
     json: Path | None = None
@@ -58,6 +60,7 @@ class Fit:
             sigma=self.sigma,
             mask_meaning=self.mask_meaning,
             errors=self.errors,
+            test_taper=self.test_taper,
         )
         fit.rms.block_until_ready()
         seconds = time.perf_counter() - start
@@ -109,6 +112,8 @@ def summary(fit: "FitResult", seconds: float) -> str:
         f"  rms     {1e3 * float(fit.rms):.3f} mm over "
         f"{int(np.count_nonzero(fit.inliers))} inliers",
     ]
+    if fit.taper is not None:
+        lines.append(_taper(fit.taper))
     if not fit.height_observed:
         across = " ".join(f"{1e3 * x:.3f}" for x in np.asarray(std.across_axis))
         lines.append(
@@ -116,3 +121,15 @@ def summary(fit: "FitResult", seconds: float) -> str:
             f"across the axis the center's std is {across} mm."
         )
     return "\n".join(lines)
+
+
+def _taper(taper: "TaperTest") -> str:
+    found = taper.frustum
+    if not bool(found.success):
+        return f"  taper   not tested: the frustum's fit ended as {found.status}"
+    radii = f"{1e3 * found.frustum.radius1:.3f} to {1e3 * found.frustum.radius2:.3f} mm"
+    answer = "needed" if bool(taper.is_needed()) else "not needed"
+    return (
+        f"  taper   {answer}: radius {radii} along the axis, likelihood ratio "
+        f"{float(taper.statistic):.2f}, p-value {float(taper.p_value):.2g}"
+    )

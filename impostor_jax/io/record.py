@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from impostor_jax.fit.parameterization import COORDINATES
-from impostor_jax.fit.result import FitResult
+from impostor_jax.fit.result import FitResult, TaperTest
 
 
 def fit_record(fit: FitResult, seconds: float) -> dict[str, Any]:
@@ -40,7 +40,28 @@ def fit_record(fit: FitResult, seconds: float) -> dict[str, Any]:
         "num_agreeing": int(fit.num_agreeing),
         "num_pixels": int(fit.num_pixels),
         "rms_m": _numbers(fit.rms),
+        "taper": None if fit.taper is None else _taper(fit.taper),
         "seconds": seconds,
+    }
+
+
+def _taper(taper: TaperTest) -> dict[str, Any]:
+    frustum, std = taper.frustum.frustum, taper.frustum.std
+    return {
+        "needed": bool(taper.is_needed()),
+        "statistic": _numbers(taper.statistic),
+        "p_value": _numbers(taper.p_value),
+        "frustum_status": str(taper.frustum.status),
+        "p1_m": _numbers(frustum.p1),
+        "p2_m": _numbers(frustum.p2),
+        "radius1_m": _numbers(frustum.radius1),
+        "radius2_m": _numbers(frustum.radius2),
+        "std": {
+            "p1_m": _numbers(std.p1),
+            "p2_m": _numbers(std.p2),
+            "radius1_m": _numbers(std.radius1),
+            "radius2_m": _numbers(std.radius2),
+        },
     }
 
 

@@ -14,7 +14,8 @@ from tests.groups import LARGE_IMAGES, SMALL_IMAGES
 CAMERA = {"fx": 150.0, "fy": 150.0, "cx": 79.5, "cy": 59.5, "width": 160, "height": 120}
 RECORD_KEYS = {
     "success", "status", "center_m", "axis", "radius_m", "height_m", "height_observed",
-    "std", "covariance", "num_starts", "num_agreeing", "num_pixels", "rms_m", "seconds",
+    "std", "covariance", "num_starts", "num_agreeing", "num_pixels", "rms_m", "taper",
+    "seconds",
 }  # fmt: skip
 
 
@@ -55,7 +56,7 @@ def rendered(tmp_path_factory):
 
 
 @SMALL_IMAGES
-def test_render_writes_what_fit_reads(rendered, tmp_path):
+def test_render_writes_what_fit_reads(rendered, tmp_path, call, capfd):
     names = {entry.name for entry in rendered.iterdir()}
     assert names == {
         "given.json", "camera.json", "depth.png", "depth.tiff", "index.png", "mask.png",
@@ -65,11 +66,13 @@ def test_render_writes_what_fit_reads(rendered, tmp_path):
     coarse = cv2.imread(str(rendered / "depth.png"), cv2.IMREAD_UNCHANGED)
     scale = json.loads((rendered / "camera.json").read_text())["depth_scale_m"]
     np.testing.assert_allclose(coarse * scale, exact, atol=scale / 2 + 1e-7)
-    found = run(
+    code = call(
         "fit", rendered / "depth.png", "--camera", rendered / "camera.json",
-        "--mask", rendered / "mask.png", "--output", tmp_path,
+        "--mask", rendered / "mask.png", "--test-taper", "--output", tmp_path,
     )  # fmt: skip
-    assert (found.returncode, found.stderr) == (0, "")
+    printed = capfd.readouterr()
+    assert (code, printed.err) == (0, "")
+    assert "taper   not needed" in printed.out
     record = json.loads((tmp_path / "fit.json").read_text())
     assert set(record) == RECORD_KEYS
     assert record["success"] is True
@@ -79,6 +82,9 @@ def test_render_writes_what_fit_reads(rendered, tmp_path):
     assert record["height_observed"] is False
     assert record["std"]["height_m"] is None
     assert record["std"]["radius_m"] > 0
+    assert record["taper"]["needed"] is False
+    assert record["taper"]["p_value"] > 0.01
+    assert record["taper"]["radius1_m"] == pytest.approx(0.04, abs=1e-3)
     picture = cv2.imread(str(tmp_path / "overlay.png"))
     assert picture.shape[0] > 300
     assert picture.std() > 10
@@ -203,17 +209,10 @@ def check_one_line(errors, message):
     assert message in lines[0]
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (("fit", "none.png"), "--camera"),
-        (("fit", "none.png", "--camera", "none.json"), "does not exist"),
-    ],
-)
-def test_bad_input_ends_the_process_with_one_line_and_exit_code_2(arguments, message):
-    found = run(*arguments)
+def test_bad_input_ends_the_process_with_one_line_and_exit_code_2():
+    found = run("fit", "none.png", "--camera", "none.json")
     assert found.returncode == 2
-    check_one_line(found.stderr, message)
+    check_one_line(found.stderr, "does not exist")
 
 
 def test_help_is_printed_without_starting_jax():

@@ -176,19 +176,6 @@ def test_held_height_stays_where_an_end_is_not_seen():
     np.testing.assert_allclose(fit.cylinder.center, can().center, atol=5e-4)
 
 
-def test_a_posed_camera_gives_the_cylinder_in_the_world():
-    depth, mask = image()
-    posed = ij.PinholeCamera(
-        150.0, 150.0, 79.5, 59.5, 160, 120, camera_from_world=pose()
-    )
-    plain = ij.fit_cylinder(depth, CAMERA, mask=mask, sigma=SIGMA)
-    fit = ij.fit_cylinder(depth, posed, mask=mask, sigma=SIGMA)
-    expected = plain.cylinder.transformed(pose().inverse())
-    np.testing.assert_allclose(fit.cylinder.center, expected.center, atol=2e-5)
-    assert angle_between(fit.cylinder.axis, expected.axis) < 0.01
-    assert float(fit.std.radius) == pytest.approx(float(plain.std.radius), rel=0.02)
-
-
 def test_traced_fit_agrees_with_the_plain_one():
     depth, mask = image()
     start = can()
@@ -357,15 +344,6 @@ def test_slide_along_the_axis_is_named_as_what_the_image_leaves_free():
     assert np.isposinf(np.asarray(fit.covariance)[4, 4])
 
 
-def test_outline_of_the_mask_shows_an_end_without_background():
-    depth, mask = image(wall=None)
-    fit = ij.fit_cylinder(depth, CAMERA, mask=mask, sigma=SIGMA, mask_meaning="outline")
-    assert fit.success
-    assert fit.height_observed
-    # A quarter of a pixel, which is 2.3 mm wide here.
-    assert fit.cylinder.height == pytest.approx(0.12, abs=6e-4)
-
-
 def test_disc_is_fitted():
     coin = ij.Cylinder((0.01, 0.005, 0.35), (0.3, 0.5, 0.8), radius=0.06, height=0.015)
     maps = ij.render(coin, CAMERA)
@@ -393,50 +371,34 @@ def test_pipe_is_fitted_from_inside():
     assert angle_between(fit.cylinder.axis, pipe.axis) < 0.2
 
 
+# Options other than the usual, together, since each choice of them is compiled anew.
+OTHER_OPTIONS = {
+    "kernel": "cauchy",
+    "scale": "fixed",
+    "errors": "correlated",
+    "mask_meaning": "outline",
+}
+
+
 def test_another_kernel_bears_outliers():
     depth, mask = image()
     rng = np.random.default_rng(5)
     wrong = rng.random(depth.shape) < 0.1
     depth = np.where(wrong, rng.uniform(0.2, 1.0, depth.shape), depth)
     fit = ij.fit_cylinder(
-        depth.astype(np.float32), CAMERA, mask=mask, sigma=SIGMA, kernel="cauchy",
-        scale="fixed", initial=can(),
-    )  # fmt: skip
+        depth.astype(np.float32), CAMERA, mask=mask, sigma=SIGMA, **OTHER_OPTIONS
+    )
     assert fit.success
     assert fit.cylinder.radius == pytest.approx(0.04, abs=5e-4)
 
 
-# What is as good as unknown: a fit is compiled for the names that its prior has.
-VAGUE = {"radius": (0.04, 1.0), "height": (0.12, 1.0)}
-
-
-def test_prior_counts_as_a_reading_of_its_deviation():
-    depth, mask = image()
-    free = ij.fit_cylinder(depth, CAMERA, mask=mask, sigma=SIGMA)
-    deviation = float(free.std.radius)
-    expected = float(free.cylinder.radius) + deviation
-    belief = VAGUE | {"radius": (expected, deviation)}
-    both = ij.fit_cylinder(depth, CAMERA, mask=mask, sigma=SIGMA, prior=belief)
-    # Two equally sure witnesses meet in the middle.
-    moved = float(both.cylinder.radius - free.cylinder.radius)
-    assert moved == pytest.approx(deviation / 2, rel=0.3)
-    assert float(both.std.radius) == pytest.approx(deviation / 2**0.5, rel=0.1)
-
-
-def test_prior_on_the_height_places_an_end_that_is_not_seen():
+def test_outline_of_the_mask_shows_an_end_without_background():
     depth, mask = image(wall=None)
-    belief = VAGUE | {"height": (0.12, 0.001)}
-    fit = ij.fit_cylinder(depth, CAMERA, mask=mask, sigma=SIGMA, prior=belief)
-    assert fit.cylinder.height == pytest.approx(0.12, abs=1e-4)
-    assert float(fit.std.height) == pytest.approx(0.001, rel=0.1)
-    np.testing.assert_allclose(fit.cylinder.center, can().center, atol=1e-3)
-
-
-def test_noise_model_is_as_good_as_its_number():
-    depth, mask = image()
-    number = ij.fit_cylinder(depth, CAMERA, mask=mask, sigma=SIGMA)
-    model = ij.fit_cylinder(depth, CAMERA, mask=mask, sigma=ij.ConstantNoise(SIGMA))
-    assert float(model.cylinder.radius) == float(number.cylinder.radius)
+    fit = ij.fit_cylinder(depth, CAMERA, mask=mask, sigma=SIGMA, **OTHER_OPTIONS)
+    assert fit.success
+    assert fit.height_observed
+    # A quarter of a pixel, which is 2.3 mm wide here.
+    assert fit.cylinder.height == pytest.approx(0.12, abs=6e-4)
 
 
 def test_correlated_errors_widen_the_deviations():
@@ -447,15 +409,61 @@ def test_correlated_errors_widen_the_deviations():
     maps = ij.render(can(), CAMERA)
     depth = np.minimum(np.asarray(maps.depth), 0.6) + windows.sum(axis=(2, 3)) / 3
     ratios = []
-    for errors in ("independent", "correlated"):
+    for options in ({}, OTHER_OPTIONS):
         fit = ij.fit_cylinder(
-            depth.astype(np.float32), CAMERA, mask=mask, sigma=SIGMA, errors=errors
+            depth.astype(np.float32), CAMERA, mask=mask, sigma=SIGMA, **options
         )
         assert fit.success
         ratios.append(np.asarray(fit.std.across_axis))
     # Nine pixels share their error, so a mean has up to three times the deviation.
     assert (ratios[1] > 1.5 * ratios[0]).all()
     assert (ratios[1] < 4 * ratios[0]).all()
+
+
+# A camera with a pose, and what is as good as unknown: a fit is compiled anew for the
+# first, and for the names that its prior has.
+POSED = ij.PinholeCamera(150.0, 150.0, 79.5, 59.5, 160, 120, camera_from_world=pose())
+VAGUE = {"radius": (0.04, 1.0), "height": (0.12, 1.0)}
+
+
+def test_a_posed_camera_gives_the_cylinder_in_the_world():
+    depth, mask = image()
+    plain = ij.fit_cylinder(depth, CAMERA, mask=mask, sigma=SIGMA)
+    fit = ij.fit_cylinder(depth, POSED, mask=mask, sigma=SIGMA, prior=VAGUE)
+    expected = plain.cylinder.transformed(pose().inverse())
+    np.testing.assert_allclose(fit.cylinder.center, expected.center, atol=2e-5)
+    assert angle_between(fit.cylinder.axis, expected.axis) < 0.01
+    assert float(fit.std.radius) == pytest.approx(float(plain.std.radius), rel=0.02)
+
+
+def test_prior_counts_as_a_reading_of_its_deviation():
+    depth, mask = image()
+    free = ij.fit_cylinder(depth, CAMERA, mask=mask, sigma=SIGMA)
+    deviation = float(free.std.radius)
+    expected = float(free.cylinder.radius) + deviation
+    belief = VAGUE | {"radius": (expected, deviation)}
+    both = ij.fit_cylinder(depth, POSED, mask=mask, sigma=SIGMA, prior=belief)
+    # Two equally sure witnesses meet in the middle.
+    moved = float(both.cylinder.radius - free.cylinder.radius)
+    assert moved == pytest.approx(deviation / 2, rel=0.3)
+    assert float(both.std.radius) == pytest.approx(deviation / 2**0.5, rel=0.1)
+
+
+def test_prior_on_the_height_places_an_end_that_is_not_seen():
+    depth, mask = image(wall=None)
+    belief = VAGUE | {"height": (0.12, 0.001)}
+    fit = ij.fit_cylinder(depth, POSED, mask=mask, sigma=SIGMA, prior=belief)
+    assert fit.cylinder.height == pytest.approx(0.12, abs=1e-4)
+    assert float(fit.std.height) == pytest.approx(0.001, rel=0.1)
+    expected = can().transformed(pose().inverse())
+    np.testing.assert_allclose(fit.cylinder.center, expected.center, atol=1e-3)
+
+
+def test_noise_model_is_as_good_as_its_number():
+    depth, mask = image()
+    number = ij.fit_cylinder(depth, CAMERA, mask=mask, sigma=SIGMA)
+    model = ij.fit_cylinder(depth, CAMERA, mask=mask, sigma=ij.ConstantNoise(SIGMA))
+    assert float(model.cylinder.radius) == float(number.cylinder.radius)
 
 
 def test_batch_gives_each_image_its_own_fit_and_status():

@@ -1,8 +1,13 @@
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from impostor_jax.fit.uncertainty import free_covariance, score_covariance, spread
+from impostor_jax.fit import uncertainty
+
+free_covariance = jax.jit(uncertainty.free_covariance)
+score_covariance = jax.jit(uncertainty.score_covariance, static_argnums=4)
+spread = jax.jit(uncertainty.spread)
 
 
 def random_jacobian(dtype=np.float64, columns=7):

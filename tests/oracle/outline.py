@@ -10,6 +10,7 @@ axis, l.c + r |l'| = 0, a quadratic equation in h.
 
 __all__ = ["outline_distance"]
 
+import math
 from collections.abc import Sequence
 
 import mpmath as mp
@@ -38,22 +39,34 @@ def outline_distance(
 
         def beyond(angle: mp.mpf) -> mp.mpf:
             n = (mp.cos(angle), mp.sin(angle))
-            reach = max(_support(n, end, a, r) for end in ends)
-            return n[0] * p[0] + n[1] * p[1] - reach
+            return _beyond(n, p, ends, a, r, mp.sqrt)
 
+        def roughly(angle: float) -> float:
+            n = (math.cos(angle), math.sin(angle))
+            return _beyond(n, *rough, math.sqrt)
+
+        # Which angle is near the best one is told in double precision.
+        rough = ([float(x) for x in p], [[float(x) for x in end] for end in ends],
+                 [float(x) for x in a], float(r))  # fmt: skip
+        best = max(range(NORMALS), key=lambda k: roughly(2 * math.pi / NORMALS * k))
         step = 2 * mp.pi / NORMALS
-        best = max(range(NORMALS), key=lambda k: beyond(k * step))
         return _largest(beyond, (best - 1) * step, (best + 1) * step)
 
 
-def _support(n, c, a, r) -> mp.mpf:
+def _beyond(n, p, ends, a, r, sqrt):
+    """How far a point lies beyond the line across n that touches the image."""
+    reach = max(_support(n, end, a, r, sqrt) for end in ends)
+    return n[0] * p[0] + n[1] * p[1] - reach
+
+
+def _support(n, c, a, r, sqrt):
     """Largest n.q of the disc's image: the outer root in h of the tangent planes."""
     # l = m - h e with m = (n, 0) and e = (0, 0, 1); |l'|^2 = l.l - (l.a)^2.
     m_c, m_a = n[0] * c[0] + n[1] * c[1], n[0] * a[0] + n[1] * a[1]
     first = c[2] ** 2 - r**2 * (1 - a[2] ** 2)
     second = -m_c * c[2] - r**2 * m_a * a[2]
     third = m_c**2 - r**2 * (1 - m_a**2)
-    root = mp.sqrt(max(second**2 - first * third, mp.mpf(0)))
+    root = sqrt(max(second**2 - first * third, 0))
     return (-second + root) / first
 
 

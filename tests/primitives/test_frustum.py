@@ -159,7 +159,9 @@ def test_sector_is_answered_as_the_oracle_does(kind):
     assert seen == {0, *((1, 2) if caps else ()), *((3, 4) if cut_faces else ())}
 
 
-def test_cylinder_is_the_smooth_limit_of_equal_radii(dtype):
+def test_cylinder_is_the_smooth_limit_of_equal_radii():
+    # In single precision, the harder one.
+    dtype = np.dtype("float32")
     can = ij.Cylinder((0.1, -0.2, 3.0), (0.3, 0.8, 0.52), 0.5, 1.4)
     half = 0.7 * can.axis
     expected = ij.render(can, CAMERA)
@@ -216,10 +218,10 @@ def test_cylinder_with_a_sector_is_the_frustum_of_equal_radii():
         pytest.param(False, 3.5, (-0.6, 0, -0.8), id="open: the wall's inner side"),
     ],
 )
-def test_open_cone_is_seen_from_inside(caps, t, normal, dtype):
+def test_open_cone_is_seen_from_inside(caps, t, normal):
     # Radius 4 at z = 2 that shrinks by 4 / 3 per length, so that it ends at z = 5.
     cone = ij.Frustum((0, 0, 2.0), (0, 0, 5.0), 4.0, 0.0, caps=caps)
-    ray = Ray(*(Vec3(*jnp.asarray(v, dtype)) for v in ((2, 0, 0), (0, 0, 1))))
+    ray = Ray(*(Vec3(*jnp.asarray(v, float)) for v in ((2, 0, 0), (0, 0, 1))))
     hit = cone.intersect(ray)
     assert float(hit.t) == pytest.approx(t, rel=1e-6)
     assert bool(hit.on_cap) == caps
@@ -227,21 +229,20 @@ def test_open_cone_is_seen_from_inside(caps, t, normal, dtype):
     np.testing.assert_allclose(n, normal, atol=1e-6)
 
 
-def test_sector_across_half_a_turn_is_one_piece(dtype):
+def test_sector_across_half_a_turn_is_one_piece():
     # From 135 to 225 degrees: the angle of the arc tangent jumps in its middle.
     can = ij.Cylinder((0, 0, 3), (0, 1, 0), 1, 2, 2.4, 3.9, (0, 0, 1), cut_faces=False)
-    del dtype
     maps = ij.render(can, CAMERA)
     assert float(maps.depth[23, 31]) == pytest.approx(2.0, rel=1e-3)
     opposite = ij.Cylinder((0, 0, 3), (0, 1, 0), 1, 2, -0.7, 0.7, (0, 0, 1))
     assert float(ij.render(opposite, CAMERA).depth[23, 31]) > 3
 
 
-def test_distance_of_the_closed_frustum_is_that_of_its_surface(dtype):
+def test_distance_of_the_closed_frustum_is_that_of_its_surface():
     frustum = ij.Frustum((0.1, 0.2, 3.0), (0.5, -0.4, 2.5), 0.5, 0.2)
     rng = np.random.default_rng(2)
     points = rng.uniform(-1, 1, (200, 3)) + np.array([0.3, -0.1, 2.75])
-    found = frustum.implicit(Vec3.from_array(jnp.asarray(points, dtype)))
+    found = frustum.implicit(Vec3.from_array(jnp.asarray(points)))
     p1, way = np.array([0.1, 0.2, 3.0]), np.array([0.4, -0.6, -0.5])
     length = np.linalg.norm(way)
     q = points - p1

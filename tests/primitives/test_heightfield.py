@@ -25,6 +25,17 @@ def rays_of(origin, direction, dtype=None) -> Ray:
     return Ray(*(Vec3.from_array(part) for part in parts))
 
 
+@jax.jit
+def first_hit(field, rays):
+    return field.intersect(rays).t
+
+
+@jax.jit
+def cast(field, rays):
+    hit = field.intersect(rays)
+    return hit, field.normal(rays, hit)
+
+
 def visible(field, rays):
     hit = field.intersect(rays)
     return jnp.where(hit.mask, hit.t, 0)
@@ -55,7 +66,7 @@ def check_first(t, expected, origin, direction, height, dtype, scale):
 def test_no_crossing_of_a_bilinear_grid_is_missed(dtype):
     origin, direction = steep_rays(20_000, dtype)
     field = Heightfield(jnp.asarray(STEEP, dtype), jnp.asarray(EXTENT, dtype))
-    t = np.asarray(field.intersect(rays_of(origin, direction, dtype)).t, float)
+    t = np.asarray(first_hit(field, rays_of(origin, direction, dtype)), float)
     expected = oracle.first_in_cells(STEEP, EXTENT, origin, direction)
     assert 10_000 < np.isfinite(expected).sum() < 20_000
     height = oracle.heights(STEEP, EXTENT, "bilinear")
@@ -66,7 +77,7 @@ def test_no_crossing_of_a_bicubic_grid_is_missed(dtype):
     origin, direction = steep_rays(300, dtype)
     extent = jnp.asarray(EXTENT, dtype)
     field = Heightfield(jnp.asarray(STEEP, dtype), extent, "bicubic")
-    t = np.asarray(field.intersect(rays_of(origin, direction, dtype)).t, float)
+    t = np.asarray(first_hit(field, rays_of(origin, direction, dtype)), float)
     height = oracle.heights(STEEP, EXTENT, "bicubic")
     expected = oracle.first_in_samples(height, EXTENT, origin, direction, 500)
     # Folds that the samples passed over are crossings too.
@@ -98,7 +109,7 @@ SAFE = {
 def test_no_crossing_of_a_function_is_missed(bounds):
     rng = np.random.default_rng(1)
     origin, direction = oracle.random_rays(rng, 200, LAND, -10.0, 10.0)
-    t = np.asarray(land(**SAFE[bounds]).intersect(rays_of(origin, direction)).t)
+    t = np.asarray(first_hit(land(**SAFE[bounds]), rays_of(origin, direction)))
     height = partial(oracle.terrain, octaves=5)
     expected = oracle.first_in_samples(height, LAND, origin, direction, 4000)
     # The rounding of x and z, times the bound of the slope.
@@ -145,10 +156,19 @@ def test_derivative_is_that_of_finite_differences(name):
     origin, direction = oracle.random_rays(rng, 300, extent, low, -low)
     pair = (field, rays_of(origin, direction))
     tangents = jax.tree.map(lambda x: jnp.asarray(rng.normal(size=jnp.shape(x))), pair)
-    depth = jax.jit(lambda pair: visible(*pair))
-    value, forward = jax.jvp(depth, (pair,), (tangents,))
-    numeric = central_difference(depth, pair, tangents, 1e-7)
-    normal = field.normal(pair[1], field.intersect(pair[1]))
+
+    @jax.jit
+    def depth_slope_and_normal(pair):
+        def depth(pair):
+            hit = pair[0].intersect(pair[1])
+            return jnp.where(hit.mask, hit.t, 0), pair[0].normal(pair[1], hit)
+
+        return jax.jvp(depth, (pair,), (tangents,), has_aux=True)
+
+    value, forward, normal = depth_slope_and_normal(pair)
+    numeric = central_difference(
+        lambda pair: depth_slope_and_normal(pair)[0], pair, tangents, 1e-7
+    )
     slant = np.abs(np.asarray(normal.dot(pair[1].direction)))
     steep = (np.asarray(value) > 0) & (slant > 0.05)
     error = np.abs(numeric - forward) / (1 + np.abs(forward))
@@ -160,12 +180,15 @@ def test_derivative_is_that_of_finite_differences(name):
 def test_height_parameters_get_gradients_in_both_modes():
     rays = rays_of([(0.3, 9.0, 0.2)], [(0.1, -1.0, 0.3)], "float32")
 
-    @jax.jit
     def depth(amplitude):
         terrain = Terrain(amplitude=amplitude, octaves=5)
         return visible(Heightfield(terrain, LAND, lipschitz=12.0), rays)[0]
 
-    forward, reverse = (f(depth)(2.0) for f in (jax.jacfwd, jax.grad))
+    @jax.jit
+    def both_modes(amplitude):
+        return jax.jacfwd(depth)(amplitude), jax.grad(depth)(amplitude)
+
+    forward, reverse = both_modes(2.0)
     np.testing.assert_allclose(forward, reverse, rtol=1e-6)
     assert abs(float(forward)) > 0.1
 
@@ -179,18 +202,17 @@ def test_depth_of_a_plane_is_its_closed_form():
         [(0, -2, 0), (0, 1, 0), (0.5, -1, 0), (1, 0, 0)],
         "float32",
     )
-    hit = field.intersect(rays)
+    hit, normal = cast(field, rays)
     np.testing.assert_allclose(hit.t, [1.35, 3.3, np.inf, 5.0], rtol=1e-6)
     up = np.array([-0.5, 1, -0.25]) / np.sqrt(1.3125)
-    normal = field.normal(rays, hit).stack()
-    np.testing.assert_allclose(normal, [up, -up, 0 * up, up], atol=1e-6)
+    np.testing.assert_allclose(normal.stack(), [up, -up, 0 * up, up], atol=1e-6)
 
 
 def test_a_ray_from_the_surface_leaves_it():
     field = Heightfield(np.zeros((3, 3)), EXTENT)
     directions = [(0, 1, 0), (0, -1, 0), (1, 0.5, 0), (1, 1e-6, 0.3)]
     rays = rays_of([(0.1, 0.0, 0.2)] * 4, directions, "float32")
-    assert np.isposinf(np.asarray(field.intersect(rays).t)).all()
+    assert np.isposinf(np.asarray(first_hit(field, rays))).all()
 
 
 @pytest.mark.parametrize("method", [*MARCHES, March(factor=0.1, steps=256)])
@@ -198,20 +220,20 @@ def test_marching_stops_near_the_surface(method):
     field = land(method=method)
     origin = [(x, 8.0, z) for x in (-5.0, 0.3, 7.0) for z in (-4.0, 2.0)]
     rays = rays_of(origin, [(0.2, -1.0, 0.1)] * 6, jnp.float32)
-    t = np.asarray(visible(field, rays))
-    exact = np.asarray(visible(land(lipschitz=TERRAIN.lipschitz), rays))
+    t = first_hit(field, rays)
+    exact = first_hit(land(lipschitz=TERRAIN.lipschitz), rays)
     np.testing.assert_allclose(t, exact, atol=0.05)
 
 
 def test_normals_by_differences_approach_the_analytic_one():
     field = land(lipschitz=TERRAIN.lipschitz)
     rays = rays_of([(0.3, 9.0, 0.2), (0, 9, 0)], [(0.1, -1, 0.3), (0, 1, 0)], "float32")
-    hit = field.intersect(rays)
-    exact = field.normal(rays, hit).stack()
+    hit, exact = cast(field, rays)
     distance = hit.t * rays.direction.norm()
+    difference_normal = jax.jit(Heightfield.difference_normal)
     for epsilon in (0.02, 0.001 * distance):
-        found = field.difference_normal(rays, hit, epsilon).stack()
-        np.testing.assert_allclose(found, exact, atol=2e-3)
+        found = difference_normal(field, rays, hit, epsilon).stack()
+        np.testing.assert_allclose(found, exact.stack(), atol=2e-3)
         assert not np.asarray(found[1]).any()
 
 

@@ -65,11 +65,14 @@ def coverage_and_slopes(cylinder, camera, weights):
     return covered, *slopes
 
 
-def at_pinhole(shape, weights=None):
-    camera = CAMERAS["pinhole"]()
-    # Traced, so that one compiled function serves all tests.
+def traced(camera):
+    """Intrinsics as arrays, so that one compiled function serves all cameras."""
     fields = [jnp.asarray(getattr(camera, f)) for f in ("fx", "fy", "cx", "cy")]
-    camera = eqx.tree_at(lambda c: [c.fx, c.fy, c.cx, c.cy], camera, fields)
+    return eqx.tree_at(lambda c: [c.fx, c.fy, c.cx, c.cy], camera, fields)
+
+
+def at_pinhole(shape, weights=None):
+    camera = traced(CAMERAS["pinhole"]())
     weights = np.ones((camera.height, camera.width)) if weights is None else weights
     return coverage_and_slopes(ij.Cylinder(*shape), camera, jnp.asarray(weights, float))
 

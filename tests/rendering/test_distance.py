@@ -12,7 +12,7 @@ from tests.cases import CAMERAS
 from tests.checks import all_finite, central_difference
 from tests.oracle.outline import outline_distance
 from tests.rendering import exact
-from tests.rendering.test_coverage import MORE, SHAPES
+from tests.rendering.test_coverage import MORE, SHAPES, traced
 
 
 @eqx.filter_jit
@@ -53,7 +53,7 @@ def test_distance_is_that_of_the_silhouette(name, dtype):
     points, expected = points_and_distances(name)
     found, slopes, normal = distance_and_slopes(
         ij.Cylinder(*{**SHAPES, **MORE}[name]),
-        CAMERAS["pinhole"](),
+        traced(CAMERAS["pinhole"]()),
         jnp.asarray(points, dtype),
     )
     assert found.dtype == dtype
@@ -84,7 +84,7 @@ def test_distance_at_the_extremes_is_the_oracles(
     place = np.array(camera.project(shape.center[None]))[0]
     shifts = np.random.default_rng(0).normal(size=(200, 2)) * 10
     points = jnp.asarray(place + shifts, dtype)
-    found, slopes, _ = distance_and_slopes(shape, camera, points)
+    found, slopes, _ = distance_and_slopes(shape, traced(camera), points)
     assert all_finite(slopes)
     fields = (shape.center, shape.axis, shape.radius, shape.height)
     fields = [np.asarray(field, float) for field in fields]
@@ -99,7 +99,7 @@ def test_distance_at_the_extremes_is_the_oracles(
 @pytest.mark.usefixtures("double")
 @pytest.mark.parametrize("camera_name", ["pinhole", "distorted"])
 def test_derivative_is_that_of_central_differences(camera_name):
-    camera = CAMERAS[camera_name]()
+    camera = traced(CAMERAS[camera_name]())
     points, expected = points_and_distances("oblique", camera_name)
     points, at = jnp.asarray(points), ij.Cylinder(*SHAPES["oblique"])
     across = jnp.asarray(exact.tangents(at.axis)[1])
@@ -121,7 +121,7 @@ def test_derivative_is_that_of_central_differences(camera_name):
 
 
 def test_without_an_outline_the_distance_is_infinite():
-    camera = CAMERAS["pinhole"]()
+    camera = traced(CAMERAS["pinhole"]())
     points = jnp.ones((200, 2))
     pipe = ij.Cylinder((0, 0, 0), (0, 0.2, 1), 1.0, 50.0)
     behind = ij.Cylinder((0.1, 0.1, -2.0), (0, 0.2, 1), 0.5, 1.0)

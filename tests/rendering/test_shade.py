@@ -1,3 +1,5 @@
+import functools
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -151,6 +153,8 @@ def test_derivatives_are_finite_and_those_of_differences(exponent, smooth, doubl
     lights = [ij.PointLight((0.5, -1.0, 0.0), 0.6), ij.DirectionalLight((0, 0, 1), 0.2)]
     can = ij.Cylinder((0.1, 0.0, 4.0), (0.2, 1, 0.1), 0.5, 1.2)
 
+    @jax.jit
+    @functools.partial(jax.value_and_grad, argnums=(0, 1, 2))
     def total(can, lights, color):
         coverage = ij.coverage(can, CAMERA) if smooth else None
         picture = ij.shade(
@@ -159,13 +163,13 @@ def test_derivatives_are_finite_and_those_of_differences(exponent, smooth, doubl
         return jnp.sum(picture**2)
 
     arguments = (can, lights, jnp.array([0.9, 0.5, 0.2]))
-    gradient = jax.grad(total, argnums=(0, 1, 2))(*arguments)
+    _, gradient = total(*arguments)
     assert all_finite(gradient)
     assert float(jnp.abs(gradient[0].center).max()) > 0
     step = 1e-6
     moved = [
         total(can, [ij.PointLight((0.5 + sign * step, -1.0, 0.0), 0.6), lights[1]],
-              arguments[2])
+              arguments[2])[0]
         for sign in (1, -1)
     ]  # fmt: skip
     slope = (moved[0] - moved[1]) / (2 * step)

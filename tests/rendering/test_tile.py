@@ -18,6 +18,10 @@ SHAPES = {
 }
 
 
+outline_box = jax.jit(ij.outline_box)
+reach = jax.jit(support)
+
+
 @pytest.fixture(params=SHAPES)
 def shape(request):
     return SHAPES[request.param]
@@ -31,7 +35,7 @@ def camera(request):
 def test_box_is_the_tightest_that_holds_the_mask(shape, camera):
     cylinder = ij.Cylinder(*shape)
     rows, cols = np.nonzero(np.asarray(ij.render(cylinder, camera).mask))
-    box = ij.outline_box(cylinder, camera)
+    box = outline_box(cylinder, camera)
     found = [int(b) for b in (box.first_row, box.last_row, box.first_col, box.last_col)]
     mask_box = [rows.min(), rows.max(), cols.min(), cols.max()]
     low, high = np.array(found)[[0, 2]], np.array(found)[[1, 3]]
@@ -67,7 +71,7 @@ def test_outline_is_tight_around_dense_points_of_the_rims(shape):
     direction = np.linspace(0, 2 * np.pi, 97)
     n = np.stack([np.cos(direction), np.sin(direction)]).astype(np.float32)
     expected = (image @ n).max(axis=0)
-    found, x, y = support(cylinder, *jnp.asarray(n))
+    found, x, y = reach(cylinder, *jnp.asarray(n))
     np.testing.assert_allclose(found, expected, atol=2e-6)
     np.testing.assert_allclose(n[0] * x + n[1] * y, found, atol=2e-6)
     assert outline_points(cylinder, 40).shape == (40, 2)

@@ -1,0 +1,153 @@
+"""Fit many noisy balls and cups, compare with the bound, and test cups and cans."""
+
+__all__ = ["Config", "run"]
+
+import dataclasses
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import jax
+import numpy as np
+import tyro
+
+import impostor_jax as ij
+from experiments.fit_accuracy.cases import CAMERA
+from experiments.fit_shapes.report import draw, tables
+from experiments.fit_shapes.scenes import (
+    COORDINATES,
+    View,
+    bound,
+    draw_ball,
+    draw_cup,
+    error,
+)
+from experiments.recording import Metric, result_folder, save_run
+
+HERE = Path(__file__).parent
+
+NOISE = {"1mm": 1e-3, "3mm": 3e-3}
+
+ANGLES = {"90deg": (90.0, 90.0), "60deg": (60.0, 60.0), "30deg": (30.0, 30.0)}
+"""Between the axis of a cup and the view; its narrow end faces the camera."""
+
+TAPER = 0.25
+"""Of the cups that are compared with the bound."""
+
+TESTED = (30.0, 150.0)
+"""Angles between axis and view of the cups and cans that are tested for a taper."""
+
+LEVEL = 0.01
+"""P-value below which a taper is taken to be needed."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Config:
+    """Measure the accuracy of fits of spheres and frusta, and the test of a taper."""
+
+    seeds: int = 200
+    """Images of each case."""
+    tested: int = 200
+    """Cups of each taper, and cans."""
+    taper: float = 0.05
+    """Of the cups that are tested."""
+    seed: int = 0
+    """Of all draws."""
+    quick: bool = False
+    """Two images of one case: a trial of the code, no measurement."""
+    output: Path | None = None
+    """Folder for the results; that of the experiment if None, a temporary one with
+    --quick."""
+
+
+def run(config: Config) -> int:
+    """Fit, test and write; returns the exit code."""
+    started = time.perf_counter()
+    folder = result_folder(config.output, HERE, quick=config.quick)
+    if config.quick:
+        config = dataclasses.replace(config, seeds=2)
+    metrics: list[Metric] = []
+    for noise, sigma in list(NOISE.items())[: 1 if config.quick else None]:
+        rng = np.random.default_rng(config.seed)
+        balls = [draw_ball(sigma, rng) for _ in range(config.seeds)]
+        metrics += compared(f"sphere.{noise}", balls, sigma)
+        for angle, degrees in {} if config.quick else ANGLES.items():
+            rng = np.random.default_rng(config.seed)
+            cups = [draw_cup(TAPER, degrees, sigma, rng) for _ in range(config.seeds)]
+            metrics += compared(f"frustum.{angle}.{noise}", cups, sigma)
+    if not config.quick:
+        for taper in (0.0, config.taper / 10, config.taper):
+            metrics += tested(taper, config)
+    save_run(
+        folder,
+        metrics,
+        config,
+        seed=config.seed,
+        dtype="float32",
+        seconds=time.perf_counter() - started,
+        quick=config.quick,
+    )
+    draw(folder)
+    print(tables(folder))
+    return 0
+
+
+def compared(label: str, views: list[View], sigma: float) -> Iterator[Metric]:
+    """Errors over the bound, biases, and failures, of fits without a start."""
+    kind = label.split(".")[0]
+    errors, bounds, seconds = [], [], []
+    for view in views:
+        started = time.perf_counter()
+        if kind == "sphere":
+            fit = ij.fit_sphere(view.depth, CAMERA, mask=view.mask, sigma=sigma)
+            estimate = fit.sphere
+        else:
+            fit = ij.fit_frustum(view.depth, CAMERA, mask=view.mask, sigma=sigma)
+            estimate = fit.frustum
+        jax.block_until_ready(estimate)
+        seconds.append(time.perf_counter() - started)
+        if fit.success:
+            errors.append(error(estimate, view.shape))
+            bounds.append(bound(view, sigma))
+    n = len(errors)
+    yield Metric(f"{label}.failures", len(views) - n, None, "images", "lower", n)
+    each = float(np.median(seconds)) * 1e3
+    yield Metric(f"{label}.time", each, None, "ms", "lower", n)
+    all_errors, all_bounds = np.array(errors), np.array(bounds)
+    for index, name in enumerate(COORDINATES[kind]):
+        off, least = all_errors[:, index], all_bounds[:, index]
+        ratio = float(np.sqrt(np.mean(off**2) / np.mean(least**2)))
+        spread = ratio / np.sqrt(2 * n)
+        yield Metric(f"{label}.{name}.over_bound", ratio, spread, "1", "lower", n)
+        bias = float(np.mean(off) / np.std(off))
+        yield Metric(f"{label}.{name}.bias", bias, 1 / np.sqrt(n), "1", "lower", n)
+
+
+def tested(taper: float, config: Config) -> Iterator[Metric]:
+    """How often a taper is taken to be needed, and the statistics."""
+    label = f"taper.{100 * taper:g}%"
+    rng = np.random.default_rng(config.seed)
+    statistics, needed = [], []
+    for _ in range(config.tested):
+        view = draw_cup(taper, TESTED, NOISE["1mm"], rng)
+        fit = ij.fit_cylinder(
+            view.depth, CAMERA, mask=view.mask, sigma=NOISE["1mm"], test_taper=True
+        )
+        assert fit.taper is not None
+        statistics.append(float(fit.taper.statistic))
+        needed.append(bool(fit.taper.is_needed(LEVEL)))
+    n, known = len(needed), np.array(statistics)[np.isfinite(statistics)]
+    share = float(np.mean(needed))
+    spread = float(np.sqrt(share * (1 - share) / n))
+    better = "higher" if taper else "lower"
+    yield Metric(f"{label}.needed", share, spread, "part", better, n)
+    yield Metric(f"{label}.failures", n - len(known), None, "images", "lower", n)
+    for percent in (5, 50, 95, 99):
+        value = float(np.percentile(known, percent))
+        name = f"{label}.statistic.p{percent}"
+        yield Metric(name, value, None, "1", better, len(known))
+
+
+if __name__ == "__main__":
+    sys.exit(run(tyro.cli(Config)))
