@@ -177,7 +177,7 @@ def _ends(fit: ij.FrustumFit) -> tuple[Radius, ...]:
 def _figure(readings: Image, fits: list[Fitted]) -> Figure:
     """The readings with the outlines, beside the residuals of each fit."""
     figure = Figure(figsize=(10, 4.9), layout="constrained")
-    left, right = figure.subfigures(1, 2, width_ratios=(1.08, 1))
+    left, right = np.ravel(figure.subfigures(1, 2, width_ratios=(1.08, 1)))
     image = left.subplots()
     depth = np.where(readings > 0, readings, np.nan)[TOP:]
     show(
@@ -196,7 +196,7 @@ def _figure(readings: Image, fits: list[Fitted]) -> Figure:
     panels = right.subplots(2, 2)
     for axes, fitted in zip(panels.flat, fits, strict=True):
         residual = np.where(fitted.used, 1e3 * fitted.residual, np.nan)
-        shown = show(
+        show(
             axes,
             residual,
             fitted.title,
@@ -211,7 +211,12 @@ def _figure(readings: Image, fits: list[Fitted]) -> Figure:
         row, col = (rows.min() + rows.max()) / 2, (cols.min() + cols.max()) / 2
         axes.set(xlim=(col - HALF, col + HALF), ylim=(row + HALF, row - HALF))
     bar = right.colorbar(
-        shown, ax=panels, shrink=0.8, aspect=35, pad=0.02, extend="both"
+        panels[0, 0].images[0],
+        ax=panels,
+        shrink=0.8,
+        aspect=35,
+        pad=0.02,
+        extend="both",
     )
     bar.set_label("reading less fit, mm", fontsize=9)
     bar.ax.tick_params(labelsize=8)

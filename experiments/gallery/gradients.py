@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
 
 import impostor_jax as ij
 from experiments.gallery.panel import show
@@ -83,13 +84,15 @@ def draw(width: int, coarse: int) -> tuple[Figure, list[Metric]]:
     fine_view, coarse_view = camera(width), camera(coarse)
 
     def depth_of(cylinder: ij.Cylinder) -> Any:
-        return 1e3 * ij.render(cylinder, fine_view, outputs=("depth",)).depth
+        maps = ij.render(cylinder, fine_view, outputs=("depth",))
+        assert maps.depth is not None
+        return 1e3 * maps.depth
 
     def coverage_of(cylinder: ij.Cylinder) -> Any:
         return ij.coverage(cylinder, coarse_view)
 
-    figure = Figure(figsize=(10, 5.7), layout="constrained")
-    figure.get_layout_engine().set(wspace=0.03, hspace=0.05)
+    layout = ConstrainedLayoutEngine(wspace=0.03, hspace=0.05)
+    figure = Figure(figsize=(10, 5.7), layout=layout)
     panels = figure.subplots(2, 3)
     metrics = []
     # The derivatives do as well in single precision; differences need the digits.
