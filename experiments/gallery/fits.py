@@ -4,6 +4,7 @@ __all__ = ["draw"]
 
 import dataclasses
 from collections.abc import Iterator
+from typing import Any
 
 import jax
 import numpy as np
@@ -88,7 +89,7 @@ class Fitted:
         if self.p_value is not None:
             low = self.p_value < LEAST
             p = f"p < {LEAST}" if low else f"p = {self.p_value:.2f}"
-            last += f", taper test: {p}"
+            last += f", taper: {p}"
         middle = f"{name} {found} ± {1e3 * std:.2f} mm"
         return f"{self.name}, as a {self.kind}\n{middle}\n{last}"
 
@@ -177,7 +178,8 @@ def _ends(fit: ij.FrustumFit) -> tuple[Radius, ...]:
 def _figure(readings: Image, fits: list[Fitted]) -> Figure:
     """The readings with the outlines, beside the residuals of each fit."""
     figure = Figure(figsize=(10, 4.9), layout="constrained")
-    left, right = np.ravel(figure.subfigures(1, 2, width_ratios=(1.08, 1)))
+    parts: Any = figure.subfigures(1, 2, width_ratios=(1.08, 1))
+    left, right = parts
     image = left.subplots()
     depth = np.where(readings > 0, readings, np.nan)[TOP:]
     show(
@@ -210,13 +212,9 @@ def _figure(readings: Image, fits: list[Fitted]) -> Figure:
         rows, cols = np.nonzero(fitted.used)
         row, col = (rows.min() + rows.max()) / 2, (cols.min() + cols.max()) / 2
         axes.set(xlim=(col - HALF, col + HALF), ylim=(row + HALF, row - HALF))
+    shown = panels[0, 0].images[0]
     bar = right.colorbar(
-        panels[0, 0].images[0],
-        ax=panels,
-        shrink=0.8,
-        aspect=35,
-        pad=0.02,
-        extend="both",
+        shown, ax=panels, shrink=0.8, aspect=35, pad=0.02, extend="both"
     )
     bar.set_label("reading less fit, mm", fontsize=9)
     bar.ax.tick_params(labelsize=8)

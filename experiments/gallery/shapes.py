@@ -38,7 +38,8 @@ SHAPES: dict[str, tuple[str, ij.AbstractPrimitive]] = {
             ((-4.0, 4.0), (-4.0, 0.0)),
             lipschitz=HILLS.lipschitz,
             curvature=HILLS.curvature,
-            world_from_field=ij.RigidTransform(np.eye(3), (0.7, 0.0, -0.5)),
+            # Sunk by a millimeter: at its border it would lie in the plane.
+            world_from_field=ij.RigidTransform(np.eye(3), (0.7, -1e-3, -0.5)),
         ),
     ),
     "Cylinder": ("#cf4b3c", ij.Cylinder((-0.57, 0.17, 0.0), UP, 0.1, 0.34)),
