@@ -61,8 +61,11 @@ def bound(
 
 def least_deviation(jacobian: Float[np.ndarray, "n k"]) -> Float[np.ndarray, " k"]:
     """The bound from the derivatives of all readings, in their deviations."""
-    free = ~np.any(jacobian != 0, axis=0)
-    size = np.where(free, 1, np.linalg.norm(jacobian, axis=0))
+    lengths = np.linalg.norm(jacobian, axis=0)
+    # What rounding leaves of a coordinate without effect is none.
+    free = lengths <= 1e-12 * lengths.max()
+    size = np.where(free, 1, lengths)
+    jacobian = np.where(free, 0, jacobian)
     information = (jacobian / size).T @ (jacobian / size)
     values, vectors = np.linalg.eigh(information)
     null = values < 1e-12

@@ -109,17 +109,19 @@ def compared(label: str, views: list[View], sigma: float) -> Iterator[Metric]:
         seconds.append(time.perf_counter() - started)
         if fit.success:
             errors.append(error(estimate, view.shape))
-            bounds.append(bound(view, sigma))
+            bounds.append([bound(view, sigma, reachable=r) for r in (False, True)])
     n = len(errors)
     yield Metric(f"{label}.failures", len(views) - n, None, "images", "lower", n)
     each = float(np.median(seconds)) * 1e3
     yield Metric(f"{label}.time", each, None, "ms", "lower", n)
     all_errors, all_bounds = np.array(errors), np.array(bounds)
     for index, name in enumerate(COORDINATES[kind]):
-        off, least = all_errors[:, index], all_bounds[:, index]
-        ratio = float(np.sqrt(np.mean(off**2) / np.mean(least**2)))
-        spread = ratio / np.sqrt(2 * n)
-        yield Metric(f"{label}.{name}.over_bound", ratio, spread, "1", "lower", n)
+        off = all_errors[:, index]
+        for which, suffix in enumerate(("over_bound", "over_reachable")):
+            least = all_bounds[:, which, index]
+            ratio = float(np.sqrt(np.mean(off**2) / np.mean(least**2)))
+            spread = ratio / np.sqrt(2 * n)
+            yield Metric(f"{label}.{name}.{suffix}", ratio, spread, "1", "lower", n)
         bias = float(np.mean(off) / np.std(off))
         yield Metric(f"{label}.{name}.bias", bias, 1 / np.sqrt(n), "1", "lower", n)
 

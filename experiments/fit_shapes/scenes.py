@@ -19,6 +19,9 @@ from jaxtyping import Array, Bool, Float
 import impostor_jax as ij
 from experiments.fit_accuracy.bound import least_deviation
 from experiments.fit_accuracy.cases import CAMERA, DISTANCE, WALL
+from impostor_jax.fit.ball import Ball
+from impostor_jax.fit.residuals import surface_seen
+from impostor_jax.fit.round_body import FrustumBody
 from impostor_jax.geometry.so3 import tangent_basis
 
 RADIUS, HEIGHT = 0.04, 0.12
@@ -131,21 +134,41 @@ class _Wall:
         return _Wall((p1 + p2) / 2, (p2 - p1) / height, (radius1 + radius2) / 2, slope)
 
 
-def bound(view: View, sigma: float) -> Float[np.ndarray, " k"]:
+def bound(view: View, sigma: float, reachable: bool = False) -> Float[np.ndarray, " k"]:
     """Least deviation of an unbiased estimate from the mask's depths.
 
     From the derivatives of all depths, in double precision; the ends are unknown, too.
+    Where a ray grazes the wall, its depth n - h changes without bound with the
+    half-chord h, and the bound counts on that, though noise as large as h blurs it.
+
+    Args:
+        view: The image.
+        sigma: Deviation of a reading, in meters.
+        reachable: Whether a reading counts for what its square tells of h^2, with the
+            variance 4 h^2 sigma^2 + 2 sigma^4 that this has.
     """
     shape = view.shape
     with jax.enable_x64(True):
         exact = jax.tree.map(lambda field: np.asarray(field, np.float64), shape)
         if isinstance(shape, ij.Sphere):
-            columns = _sphere_derivatives(exact)
+            columns, half = _sphere_derivatives(exact), _half_chord(Ball.of(exact))
         else:
             columns = _frustum_derivatives(exact)
+            half = _half_chord(FrustumBody.of(exact))
         used = np.asarray(columns)[view.mask]
+        half = np.asarray(half)[view.mask][:, None]
+    if reachable:
+        used = used * half / np.sqrt(half**2 + sigma**2 / 2)
     kind = "sphere" if isinstance(shape, ij.Sphere) else "frustum"
     return least_deviation(used / sigma)[: len(COORDINATES[kind])]
+
+
+@jax.jit
+def _half_chord(body: Ball | FrustumBody) -> Float[Array, "h w"]:
+    """Half the stretch of a ray within the wall, in depth; very long on caps."""
+    row, col = CAMERA.frame.pixels()
+    seen = surface_seen(CAMERA.rays(row, col, body.radius.dtype).direction, body)
+    return jnp.where(seen.on_cap, 1e9, jnp.sqrt(jnp.maximum(seen.square, 0)))
 
 
 @jax.jit
