@@ -135,43 +135,43 @@ def _openings(body: Frustum | Cylinder, axis: Float[Array, "n 3"]) -> dict[str, 
     }
 
 
-def _heightfield_values(fields: Heightfield) -> dict[str, Any]:
+def _heightfield_values(grounds: Heightfield) -> dict[str, Any]:
     """The box that holds the surface, and how its grid is read."""
-    low, high = _relief(fields)
-    (x0, x1), (z0, z1) = np.moveaxis(np.asarray(fields.extent), 0, -1)
+    low, high = _relief(grounds)
+    (x0, x1), (z0, z1) = np.moveaxis(np.asarray(grounds.extent), 0, -1)
     center = np.stack([(x0 + x1) / 2, (low + high) / 2, (z0 + z1) / 2], axis=-1)
     rotation = np.broadcast_to(np.eye(3), (len(low), 3, 3))
-    if fields.world_from_field is not None:
-        pose = jax.tree.map(np.asarray, fields.world_from_field)
+    if grounds.world_from_field is not None:
+        pose = jax.tree.map(np.asarray, grounds.world_from_field)
         rotation = pose.rotation
         center = np.einsum("nij,nj->ni", rotation, center) + pose.translation
     return {
         "center": center,
         "rotation": rotation,
         "size": np.stack([x1 - x0, high - low, z1 - z0], axis=-1),
-        "patches": np.full((len(low), 2), np.asarray(fields.height).shape[1:]) - 1,
-        "is_bicubic": np.full(len(low), float(fields.interpolation == "bicubic")),
+        "patches": np.full((len(low), 2), np.asarray(grounds.height).shape[1:]) - 1,
+        "is_bicubic": np.full(len(low), float(grounds.interpolation == "bicubic")),
     }
 
 
-def _heightfield_ball(fields: Heightfield) -> Ball:
-    values = _heightfield_values(fields)
+def _heightfield_ball(grounds: Heightfield) -> Ball:
+    values = _heightfield_values(grounds)
     return values["center"], np.linalg.norm(values["size"], axis=-1) / 2
 
 
-def _heightfield_samples(fields: Heightfield) -> Float[np.ndarray, "n k"]:
+def _heightfield_samples(grounds: Heightfield) -> Float[np.ndarray, "n k"]:
     """Heights above the center of the box, row by row."""
-    low, high = _relief(fields)
-    heights = np.asarray(fields.height)
+    low, high = _relief(grounds)
+    heights = np.asarray(grounds.height)
     return heights.reshape(len(low), -1) - (low + high)[:, None] / 2
 
 
 def _relief(
-    fields: Heightfield,
+    grounds: Heightfield,
 ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
     """Lowest and highest control points, between which the surfaces lie."""
-    grids = jnp.asarray(fields.height)
-    points = jax.vmap(lambda grid: all_control_points(grid, fields.interpolation))(
+    grids = jnp.asarray(grounds.height)
+    points = jax.vmap(lambda grid: all_control_points(grid, grounds.interpolation))(
         grids
     )
     flat = np.asarray(points).reshape(len(grids), -1)

@@ -92,9 +92,7 @@ def _handed_over(impostor: Impostor) -> str:
         f"layout(location = {place}) in {TYPES[count]} {name};\n"
         for place, (name, count) in enumerate(attributes(impostor))
     )
-    body = "".join(
-        f"    {name} = instance_{name};\n" for name in _counters(impostor)
-    )
+    body = "".join(f"    {name} = instance_{name};\n" for name in _counters(impostor))
     for name, count in impostor.fields.items():
         value = f"instance_{name}"
         if count == 9:

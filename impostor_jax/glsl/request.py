@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from typing import Any
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
 from impostor_jax.arguments import is_concrete
@@ -93,5 +92,5 @@ def _batch(
     # Before it is a batch: the pose of a heightfield is that of one.
     placed = in_camera_frame(primitive, camera)
     if not primitive.batch_shape:
-        placed = jax.tree.map(lambda field: jnp.asarray(field)[None], placed)
+        placed = jax.tree.map(lambda field: field[None], placed)
     return jax.tree.map(np.asarray, placed)

@@ -11,23 +11,16 @@ from impostor_jax.glsl.reference import draw_with_jax
 from impostor_jax.glsl.scene import scene_of
 from impostor_jax.primitives import PRIMITIVES
 
-WITHOUT_A_SHADER = {
-    "heightfield": "its grid needs a texture, and a function has no form in a shader"
-}
-"""Names of primitives that no shader draws, and why."""
-
 CAMERA = ij.PinholeCamera(150.0, 140.0, 70.0, 66.0, width=160, height=120)
 MOST_ATTRIBUTES = 16
 """Attributes of a vertex that every implementation of WebGL2 has."""
 
 
-def test_every_primitive_has_a_shader_or_a_reason_why_not():
-    drawn = {name for name, kind in PRIMITIVES.items() if kind in IMPOSTORS}
-    assert set(PRIMITIVES) - drawn == set(WITHOUT_A_SHADER)
-    assert all(WITHOUT_A_SHADER.values())
+def test_every_primitive_has_a_shader():
+    assert set(PRIMITIVES.values()) == set(IMPOSTORS)
 
 
-@pytest.mark.parametrize("name", sorted(set(PRIMITIVES) - set(WITHOUT_A_SHADER)))
+@pytest.mark.parametrize("name", sorted(PRIMITIVES))
 def test_instance_fits_into_the_attributes_of_a_vertex(name):
     assert len(attributes(IMPOSTORS[PRIMITIVES[name]])) <= MOST_ATTRIBUTES
 

@@ -45,7 +45,7 @@ def test_jax_and_the_driver_agree_on_every_case(driver, tmp_path):
     assert needed == listed
     table = (tmp_path / "parity.md").read_text()
     for camera in CAMERAS:
-        assert table.count(f"\n| {camera}/") == len(cases(camera)) == 68
+        assert table.count(f"\n| {camera}/") == len(cases(camera)) == 85
     assert len(list(tmp_path.glob("*.png"))) == len(cases())
 
 

@@ -106,11 +106,15 @@ void cut_before(inout float b[7], float s) {
     }
 }
 
-// Those of its first half.
+// Those of its first half: of each turn of de Casteljau's the first. (In place, with a loop
+// that counts down to a bound of its own, Mesa's drivers get other numbers than WebGL.)
 void halve(inout float b[7]) {
-    for (int turn = 1; turn <= 6; turn++) {
-        for (int k = 6; k >= turn; k--) b[k] = 0.5 * (b[k - 1] + b[k]);
+    float firsts[7];
+    for (int turn = 0; turn < 7; turn++) {
+        firsts[turn] = b[0];
+        for (int k = 0; k < 6 - turn; k++) b[k] = 0.5 * (b[k] + b[k + 1]);
     }
+    b = firsts;
 }
 
 // The only root in [0, 1]: Newton's steps, and halves where these leave the bracket.
@@ -139,11 +143,9 @@ float first_root(float whole[7]) {
     float lower = 0.0, width = 1.0, b[7] = whole;
     for (int turn = 0; turn < 128; turn++) {
         b[0] = max(b[0], 0.0);
-        if (b[0] == 0.0 && b[1] <= 0.0) return lower;
+        if (b[0] == 0.0 && b[1] < 0.0) return lower;
         int changes = 0;
-        // From the second on: a first that is 0 goes with it.
-        for (int k = 1; k < 6; k++) changes += (b[k] > 0.0) != (b[k + 1] > 0.0) ? 1 : 0;
-        changes += b[1] > 0.0 ? 0 : 1;
+        for (int k = 0; k < 6; k++) changes += (b[k] < 0.0) != (b[k + 1] < 0.0) ? 1 : 0;
         if (changes == 1) return lower + width * only_root(b);
         if (changes == 0) {
             lower += width;
@@ -161,12 +163,13 @@ float first_root(float whole[7]) {
     return NONE;
 }
 
-// First root of the gap, counted from 1 side of the surface, in [0, 1] from one place in a
-// patch, at a height y.x, to another at y.y.
+// Where a ray that is on a side, 1 above or -1 below, first crosses a patch: the part of
+// its way from one place in the patch, at the height y.x, to another at y.y.
 float first_crossing(ivec2 cell, vec2 from, vec2 to, vec2 y, float side) {
     if (is_bicubic < 0.5) {
         mat2 points = bilinear_points(cell);
-        float first = bilinear_surface(points, from).x, last = bilinear_surface(points, to).x;
+        float first = bilinear_surface(points, from).x;
+        float last = bilinear_surface(points, to).x;
         float across = 0.5 * (bilinear_surface(points, vec2(from.x, to.y)).x
                             + bilinear_surface(points, vec2(to.x, from.y)).x);
         vec3 b = side * (vec3(y.x, 0.5 * (y.x + y.y), y.y) - vec3(first, across, last));
@@ -184,7 +187,9 @@ float first_crossing(ivec2 cell, vec2 from, vec2 to, vec2 y, float side) {
         p[3][3]
     );
     float b[7];
-    for (int k = 0; k < 7; k++) b[k] = side * (mix(y.x, y.y, float(k) / 6.0) - heights[k]);
+    for (int k = 0; k < 7; k++) {
+        b[k] = side * (mix(y.x, y.y, float(k) / 6.0) - heights[k]);
+    }
     return first_root(b);
 }
 
@@ -209,7 +214,10 @@ Surface intersect(vec3 o, vec3 d) {
     float gap = p.y + t * e.y - below.x, slope = e.y - dot(below.yz, pace);
     float rounding = 2.0 * EPS * (abs(p.y) + abs(t * e.y) + abs(below.x)
         + max(patches.x, patches.y) * (abs(below.y) + abs(below.z)));
-    float side = (abs(gap) > rounding ? gap : slope) < 0.0 ? -1.0 : 1.0;
+    bool on_surface = abs(gap) <= rounding;
+    float side = (on_surface ? slope : gap) < 0.0 ? -1.0 : 1.0;
+    // It has to leave the surface before it crosses it.
+    if (on_surface) p.y += side * 2.0 * rounding;
 
     int most = int(patches.x + patches.y);
     for (int turn = 0; turn < most; turn++) {
@@ -233,6 +241,7 @@ Surface intersect(vec3 o, vec3 d) {
         t = leave;
     }
     below = surface(cell, start + t * pace - vec2(cell));
-    vec3 n = rotation * normalize(vec3(-below.y, 1.0, -below.z) * vec3(per_meter.x, 1.0, per_meter.y));
+    vec2 rise = below.yz * per_meter;
+    vec3 n = rotation * normalize(vec3(-rise.x, 1.0, -rise.y));
     return Surface(foot + t, facing(n, d), false);
 }
