@@ -45,7 +45,9 @@ def single_heightfields(kind: str) -> list[Case]:
         heights = Terrain()(jnp.asarray(x), jnp.asarray(z)).T
         return Heightfield(heights, ((-20, 20), (-15, 15)), world_from_field=pose)
 
-    bicubic = {"interpolation": "bicubic"}
+    def bicubic(which="", **view):
+        return case(f"bicubic heightfield{which}", interpolation="bicubic", **view)
+
     return [
         case("heightfield"),
         case("heightfield, steep", relief=STEEP),
@@ -59,12 +61,11 @@ def single_heightfields(kind: str) -> list[Case]:
         case("heightfield, reaching behind", 15.0, (0.1, 0.7, 0.3)),
         case("heightfield, reaching behind, from below", -10.0, (0.1, -0.5, 0.3)),
         case("heightfield, among its peaks", 10.0, (0.1, 0.1, 0.2), relief=STEEP),
-        case("bicubic heightfield", **bicubic),
-        case("bicubic heightfield, steep", relief=0.75 * STEEP, **bicubic),
-        case("bicubic heightfield, grazing", 4.0, heading=40.0, relief=0.6 * GENTLE,
-             **bicubic),
-        case("bicubic heightfield, among its peaks", 10.0, (0.1, 0.1, 0.2),
-             relief=STEEP, **bicubic),
+        bicubic(),
+        bicubic(", steep", relief=0.75 * STEEP),
+        bicubic(", grazing", elevation=4.0, heading=40.0, relief=0.6 * GENTLE),
+        bicubic(", among its peaks", elevation=10.0, center=(0.1, 0.1, 0.2),
+                relief=STEEP),
         placed("terrain, sampled", terrain, 35.0, (0.1, 0.1, 6.0), 25.0, 20.0),
     ]  # fmt: skip
 

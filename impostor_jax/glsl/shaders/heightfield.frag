@@ -117,9 +117,9 @@ void halve(inout float b[7]) {
     b = firsts;
 }
 
-// The only root in [0, 1]: Newton's steps, and halves where these leave the bracket.
+// The only root in (0, 1]: Newton's steps, and halves where these leave the bracket.
 float only_root(float b[7]) {
-    float low = 0.0, high = 1.0, s = b[0] / (b[0] - b[6]);
+    float low = 0.0, high = 1.0, s = b[0] > 0.0 ? b[0] / (b[0] - b[6]) : 0.5;
     for (int turn = 0; turn < 24; turn++) {
         float p[7] = b;
         for (int degree = 6; degree > 1; degree--) {
@@ -216,8 +216,7 @@ Surface intersect(vec3 o, vec3 d) {
         + max(patches.x, patches.y) * (abs(below.y) + abs(below.z)));
     bool on_surface = abs(gap) <= rounding;
     float side = (on_surface ? slope : gap) < 0.0 ? -1.0 : 1.0;
-    // It has to leave the surface before it crosses it.
-    if (on_surface) p.y += side * 2.0 * rounding;
+    if (on_surface) p.y -= gap;
 
     int most = int(patches.x + patches.y);
     for (int turn = 0; turn < most; turn++) {
@@ -227,9 +226,10 @@ Surface intersect(vec3 o, vec3 d) {
         float to_z = pace.y == 0.0 ? INFINITE : way.y / pace.y;
         float leave = max(t, min(min(to_x, to_z), end));
         vec2 heights = p.y + vec2(t, leave) * e.y;
-        float s = first_crossing(
+        // On a border the ray has no way here, and its gap no sign but the next patch's.
+        float s = leave > t ? first_crossing(
             cell, start + t * pace - corner, start + leave * pace - corner, heights, side
-        );
+        ) : NONE;
         if (s <= 1.0) {
             t += s * (leave - t);
             break;
