@@ -56,7 +56,7 @@ def single_heightfields(kind: str) -> list[Case]:
         case("heightfield, from below", -35.0),
         case("heightfield, straight down", 90.0, heading=0.0),
         case("heightfield, along its grid", 10.0, (0.0, 0.0, 6.0), 0.0, STEEP),
-        case("heightfield, far", center=(0.1, 0.05, 60.0), relief=STEEP),
+        case("heightfield, far", center=(0.1, 0.05, 60.0)),
         case("heightfield, partly out of frame", center=(1.4, 0.9, 6.0)),
         case("heightfield, reaching behind", 15.0, (0.1, 0.7, 0.3)),
         case("heightfield, reaching behind, from below", -10.0, (0.1, -0.5, 0.3)),
