@@ -115,6 +115,7 @@ ORDER = {
         "cylinder_cases",
         "sphere_cases",
         "frustum_cases",
+        "heightfield_cases",
         "flat_cases",
         "cases",
         "compare",

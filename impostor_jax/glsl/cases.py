@@ -7,6 +7,7 @@ from impostor_jax.glsl.case import Case
 from impostor_jax.glsl.cylinder_cases import many_cylinders, single_cylinders
 from impostor_jax.glsl.flat_cases import all_shapes, single_boxes, single_planes
 from impostor_jax.glsl.frustum_cases import single_frusta
+from impostor_jax.glsl.heightfield_cases import single_heightfields
 from impostor_jax.glsl.sphere_cases import (
     many_spheres,
     mixed_primitives,
@@ -24,6 +25,7 @@ FAMILIES = (
     single_frusta,
     single_boxes,
     single_planes,
+    single_heightfields,
     all_shapes,
 )
 """What makes the cases of one kind of camera."""

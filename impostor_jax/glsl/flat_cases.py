@@ -6,9 +6,11 @@ import cv2
 import numpy as np
 
 from impostor_jax.glsl.case import Case, camera_of_kind, camera_on
+from impostor_jax.glsl.heightfield_cases import random_heights, seen_pose
 from impostor_jax.primitives.box import Box
 from impostor_jax.primitives.cylinder import Cylinder
 from impostor_jax.primitives.frustum import Frustum
+from impostor_jax.primitives.heightfield import Heightfield
 from impostor_jax.primitives.plane import Plane
 from impostor_jax.primitives.sphere import Sphere
 
@@ -55,10 +57,15 @@ def single_planes(kind: str) -> list[Case]:
 
 
 def all_shapes(kind: str) -> list[Case]:
-    """Ten shapes of every type that overlap, in front of a wall and on a floor."""
+    """Ten shapes of every type that overlap, in front of a wall and on rough ground."""
     across = (1.0, 0.0, 0.0)
+    ground = Heightfield(
+        0.04 * random_heights((9, 7)),
+        ((-1.5, 1.5), (-2.0, 2.0)),
+        world_from_field=seen_pose(15.0, 10.0, np.array((0.0, 0.5, 3.0))),
+    )
     shapes = (
-        Plane((0.0, 0.5, 3.0), (0.1, -1.0, -0.3)),
+        ground,
         Cylinder((-0.5, 0.1, 2.4), (0.3, 1.0, 0.2), 0.2, 0.9),
         Box((0.4, 0.3, 2.2), _rotation(OBLIQUE), (0.4, 0.5, 0.6)),
         Sphere((-0.1, 0.2, 2.3), 0.25),

@@ -8,9 +8,10 @@ and `shaders/<name>.vert` the rectangle of the image on which this is tried,
 
     vec4 billboard(vec2 corner)          // clip space; corner is (-1 or 1, -1 or 1)
 
-of which a primitive without a `.vert` takes the whole image. Both read the fields
-listed below, which are the primitive's own or computed from them. All else is common to
-the primitives.
+of which a primitive without a `.vert` takes the whole image or another's. Both read the
+fields listed below, which are the primitive's own or computed from them; numbers of
+which one has more than another come in a texture, `sample_at(k)` in the fragment
+shader. All else is common to the primitives.
 """
 
 __all__ = ["IMPOSTORS", "Ball", "Impostor", "impostor_of"]
@@ -29,6 +30,8 @@ from impostor_jax.primitives.base import AbstractPrimitive
 from impostor_jax.primitives.box import Box
 from impostor_jax.primitives.cylinder import Cylinder
 from impostor_jax.primitives.frustum import Frustum
+from impostor_jax.primitives.heightfield import Heightfield
+from impostor_jax.primitives.heightfield_grid import all_control_points
 from impostor_jax.primitives.plane import Plane
 from impostor_jax.primitives.sector import sector
 from impostor_jax.primitives.sphere import Sphere
@@ -48,12 +51,16 @@ class Impostor:
         ball: Balls that hold the primitives of a batch (n,), from their fields.
         values: The fields' values of a batch (n,) by their names; those of the
             primitive itself if not given.
+        samples: Numbers of each primitive of a batch (n,) that come in a texture.
+        billboard: Stem of the rectangle's file name, where it is not the primitive's.
     """
 
     name: str
     fields: dict[str, int]
     ball: Callable[[Any], Ball]
     values: Callable[[Any], dict[str, Any]] = vars
+    samples: Callable[[Any], Float[np.ndarray, "n k"]] | None = None
+    billboard: str = ""
 
 
 def impostor_of(primitive: AbstractPrimitive) -> Impostor:
@@ -128,6 +135,49 @@ def _openings(body: Frustum | Cylinder, axis: Float[Array, "n 3"]) -> dict[str, 
     }
 
 
+def _heightfield_values(grounds: Heightfield) -> dict[str, Any]:
+    """The box that holds the surface, and how its grid is read."""
+    low, high = _relief(grounds)
+    (x0, x1), (z0, z1) = np.moveaxis(np.asarray(grounds.extent), 0, -1)
+    center = np.stack([(x0 + x1) / 2, (low + high) / 2, (z0 + z1) / 2], axis=-1)
+    rotation = np.broadcast_to(np.eye(3), (len(low), 3, 3))
+    if grounds.world_from_field is not None:
+        pose = jax.tree.map(np.asarray, grounds.world_from_field)
+        rotation = pose.rotation
+        center = np.einsum("nij,nj->ni", rotation, center) + pose.translation
+    return {
+        "center": center,
+        "rotation": rotation,
+        "size": np.stack([x1 - x0, high - low, z1 - z0], axis=-1),
+        "patches": np.full((len(low), 2), np.asarray(grounds.height).shape[1:]) - 1,
+        "is_bicubic": np.full(len(low), float(grounds.interpolation == "bicubic")),
+    }
+
+
+def _heightfield_ball(grounds: Heightfield) -> Ball:
+    values = _heightfield_values(grounds)
+    return values["center"], np.linalg.norm(values["size"], axis=-1) / 2
+
+
+def _heightfield_samples(grounds: Heightfield) -> Float[np.ndarray, "n k"]:
+    """Heights above the center of the box, row by row."""
+    low, high = _relief(grounds)
+    heights = np.asarray(grounds.height)
+    return heights.reshape(len(low), -1) - (low + high)[:, None] / 2
+
+
+def _relief(
+    grounds: Heightfield,
+) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
+    """Lowest and highest control points, between which the surfaces lie."""
+    grids = jnp.asarray(grounds.height)
+    points = jax.vmap(lambda grid: all_control_points(grid, grounds.interpolation))(
+        grids
+    )
+    flat = np.asarray(points).reshape(len(grids), -1)
+    return flat.min(axis=1), flat.max(axis=1)
+
+
 _FRUSTUM = Impostor(
     "frustum",
     {
@@ -156,6 +206,14 @@ IMPOSTORS: dict[type[AbstractPrimitive], Impostor] = {
         "cylinder", {"center": 3, "axis": 3, "radius": 1, "height": 1}, _cylinder_ball
     ),
     Frustum: _FRUSTUM,
+    Heightfield: Impostor(
+        "heightfield",
+        {"center": 3, "rotation": 9, "size": 3, "patches": 2, "is_bicubic": 1},
+        _heightfield_ball,
+        _heightfield_values,
+        _heightfield_samples,
+        billboard="box",
+    ),
     Plane: Impostor("plane", {"point": 3, "unit_normal": 3}, _plane_ball),
     Sphere: Impostor("sphere", {"center": 3, "radius": 1}, _sphere_ball),
 }

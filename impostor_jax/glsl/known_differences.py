@@ -232,4 +232,76 @@ KNOWN_DIFFERENCES = (
     KnownDifference(
         "orthographic/inside a box", "depth_relative.p999", 1.2e-4, _NEAR_PLANE
     ),
+    KnownDifference(
+        "perspective/heightfield, among its peaks",
+        "depth_ulp.p99",
+        125.0,
+        _LARGER_THAN_NEAR,
+    ),
+    KnownDifference(
+        "perspective/heightfield, among its peaks",
+        "depth_relative.p999",
+        1.1e-5,
+        _LARGER_THAN_NEAR,
+    ),
+    KnownDifference(
+        "perspective/bicubic heightfield, among its peaks",
+        "depth_ulp.p99",
+        165.0,
+        _LARGER_THAN_NEAR,
+    ),
+    KnownDifference(
+        "perspective/bicubic heightfield, among its peaks",
+        "depth_relative.p999",
+        1.4e-5,
+        _LARGER_THAN_NEAR,
+    ),
+    KnownDifference(
+        "orthographic/heightfield, reaching behind",
+        "depth_ulp.p99",
+        210.0,
+        _NEAR_PLANE,
+    ),
+    KnownDifference(
+        "orthographic/heightfield, reaching behind",
+        "depth_relative.p999",
+        1e-4,
+        _NEAR_PLANE,
+    ),
+    KnownDifference(
+        "orthographic/heightfield, reaching behind, from below",
+        "depth_ulp.p99",
+        350.0,
+        _NEAR_PLANE,
+    ),
+    KnownDifference(
+        "orthographic/heightfield, reaching behind, from below",
+        "depth_relative.p999",
+        2.5e-4,
+        _NEAR_PLANE,
+    ),
+    KnownDifference(
+        "orthographic/heightfield, among its peaks",
+        "depth_ulp.p99",
+        320.0,
+        _NEAR_PLANE,
+    ),
+    KnownDifference(
+        "orthographic/heightfield, among its peaks",
+        "depth_relative.p999",
+        4.3e-4,
+        _NEAR_PLANE,
+    ),
+    KnownDifference(
+        "orthographic/bicubic heightfield, among its peaks",
+        "depth_ulp.p99",
+        310.0,
+        _NEAR_PLANE,
+    ),
+    KnownDifference(
+        "orthographic/bicubic heightfield, among its peaks",
+        "depth_relative.p999",
+        1.3e-4,
+        _NEAR_PLANE,
+    ),
 )

@@ -115,6 +115,15 @@ class OffscreenRenderer:
                         program[name].value = value
                 buffer = held(context.buffer(draw.rows.tobytes()))
                 layout, names = _layout(draw.impostor, program)
+                if draw.samples.size:
+                    height, width = draw.samples.shape
+                    samples = held(
+                        context.texture(
+                            (width, height), 1, draw.samples.tobytes(), dtype="f4"
+                        )
+                    )
+                    samples.filter = (context.NEAREST, context.NEAREST)
+                    samples.use(0)
                 array = held(context.vertex_array(program, [(buffer, layout, *names)]))
                 array.render(
                     context.TRIANGLE_STRIP, vertices=4, instances=len(draw.rows)

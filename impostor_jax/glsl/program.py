@@ -1,6 +1,6 @@
 """The shaders' sources, put together as each dialect of GLSL wants them."""
 
-__all__ = ["attributes", "shader_sources"]
+__all__ = ["SAMPLES_PER_ROW", "attributes", "shader_sources"]
 
 from importlib import resources
 
@@ -16,6 +16,9 @@ HEADERS = {
 }
 """First lines of a shader: desktop OpenGL 3.3 and WebGL2."""
 
+SAMPLES_PER_ROW = 1024
+"""Width of the texture that holds samples."""
+
 TYPES = {1: "float", 2: "vec2", 3: "vec3", 4: "vec4", 9: "mat3"}
 """GLSL's types by their numbers of components."""
 
@@ -27,7 +30,12 @@ def attributes(impostor: Impostor) -> list[tuple[str, int]]:
         # An attribute holds four numbers at most: a matrix comes row by row.
         rows = [f"{name}_{row}" for row in range(3)] if count == 9 else [name]
         found += [(f"instance_{row}", count // len(rows)) for row in rows]
-    return [*found, ("instance_index", 1)]
+    return [*found, *((f"instance_{name}", 1) for name in _counters(impostor))]
+
+
+def _counters(impostor: Impostor) -> tuple[str, ...]:
+    """What each instance is told of its place among those that are drawn."""
+    return ("first_sample", "index") if impostor.samples else ("index",)
 
 
 def shader_sources(
@@ -50,15 +58,18 @@ def shader_sources(
         head += "#define AS_PUBLISHED\n"
     head = HEADERS[dialect] + head + GLSL
     folder = resources.files("impostor_jax.glsl") / "shaders"
-    billboard = folder / f"{impostor.name}.vert"
+    billboard = folder / f"{impostor.billboard or impostor.name}.vert"
     if not billboard.is_file():
         billboard = folder / "whole_image.vert"
     vertex = (folder / "billboard.glsl", billboard, folder / "main.vert")
-    fragment = (
+    fragment = [
         folder / "rays.glsl",
         folder / f"{impostor.name}.frag",
         folder / "main.frag",
-    )
+    ]
+    if impostor.samples:
+        head += f"#define SAMPLES_PER_ROW {SAMPLES_PER_ROW}\n"
+        fragment.insert(0, folder / "samples.glsl")
     return (
         head + _handed_over(impostor) + "".join(part.read_text() for part in vertex),
         head
@@ -68,8 +79,8 @@ def shader_sources(
 
 
 def _declared(impostor: Impostor, way: str) -> str:
-    """The fields and the index as variables that a whole instance shares."""
-    fields = {**impostor.fields, "index": 1}
+    """The fields and the counters as variables that a whole instance shares."""
+    fields = {**impostor.fields, **dict.fromkeys(_counters(impostor), 1)}
     return "".join(
         f"flat {way} {TYPES[count]} {name};\n" for name, count in fields.items()
     )
@@ -81,7 +92,7 @@ def _handed_over(impostor: Impostor) -> str:
         f"layout(location = {place}) in {TYPES[count]} {name};\n"
         for place, (name, count) in enumerate(attributes(impostor))
     )
-    body = "    index = instance_index;\n"
+    body = "".join(f"    {name} = instance_{name};\n" for name in _counters(impostor))
     for name, count in impostor.fields.items():
         value = f"instance_{name}"
         if count == 9:

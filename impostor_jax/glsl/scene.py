@@ -6,13 +6,17 @@ import dataclasses
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from impostor_jax.camera.orthographic import OrthographicCamera
 from impostor_jax.camera.pinhole import PinholeCamera
 from impostor_jax.glsl.conventions import DepthRange, depth_range, uniforms
 from impostor_jax.glsl.impostors import Impostor
+from impostor_jax.glsl.program import SAMPLES_PER_ROW
 from impostor_jax.glsl.request import Batch, batches_in_camera
+
+MOST_SAMPLES = 2048 * SAMPLES_PER_ROW
+"""Rows of a texture that every implementation of WebGL2 has, times its width."""
 
 NOTHING = (0.0, 0.0, 0.0, -1.0)
 """Where nothing is drawn: no position, and the index -1."""
@@ -25,10 +29,12 @@ class Draw:
     Attributes:
         impostor: How they are drawn.
         rows: Attributes of each, as `program.attributes` lists them.
+        samples: Texture of what they have besides, without rows if nothing.
     """
 
     impostor: Impostor
     rows: Float[np.ndarray, "n k"]
+    samples: Float[np.ndarray, "rows cols"]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -52,7 +58,8 @@ def scene_of(primitives: Any, camera: PinholeCamera | OrthographicCamera) -> Sce
     """Scene of primitives in the world frame, as `batches_in_camera` takes them.
 
     Raises:
-        ValueError: A type is wrong, the camera has a lens, or something is traced.
+        ValueError: A type is wrong, the camera has a lens, something is traced, or
+            the samples are too many.
     """
     batches = batches_in_camera(primitives, camera)
     center, reach = zip(*(b.impostor.ball(b.primitives) for b in batches), strict=True)
@@ -60,20 +67,43 @@ def scene_of(primitives: Any, camera: PinholeCamera | OrthographicCamera) -> Sce
     rows: dict[str, list[Batch]] = {}
     for batch in batches:
         rows.setdefault(batch.impostor.name, []).append(batch)
-    draws = [
-        Draw(same[0].impostor, np.concatenate([_rows(batch) for batch in same]))
-        for same in rows.values()
-    ]
+    draws = [_draw(same) for same in rows.values()]
     orthographic = isinstance(camera, OrthographicCamera)
     return Scene(draws, orthographic, stretch, uniforms(camera, stretch))
 
 
-def _rows(batch: Batch) -> Float[np.ndarray, "n k"]:
-    """Fields of each primitive and its index, side by side."""
+def _draw(same: list[Batch]) -> Draw:
+    """What draws the batches of one impostor."""
+    impostor, rows, count = same[0].impostor, [], 0
+    given: list[Float[np.ndarray, "n k"]] = []
+    for batch in same:
+        first = None
+        if impostor.samples:
+            given.append(impostor.samples(batch.primitives))
+            first = count + given[-1].shape[1] * np.arange(batch.count)
+            count += given[-1].size
+        rows.append(_rows(batch, first))
+    if count > MOST_SAMPLES:
+        raise ValueError(
+            f"{impostor.name}s must have at most {MOST_SAMPLES} samples in all, "
+            f"got {count}"
+        )
+    texture = np.zeros((-(-count // SAMPLES_PER_ROW), SAMPLES_PER_ROW), np.float32)
+    if given:
+        texture.ravel()[:count] = np.concatenate([part.ravel() for part in given])
+    return Draw(impostor, np.concatenate(rows), texture)
+
+
+def _rows(
+    batch: Batch, first_sample: Int[np.ndarray, " n"] | None
+) -> Float[np.ndarray, "n k"]:
+    """Fields of each primitive and its counters, side by side."""
     values = batch.impostor.values(batch.primitives)
     fields = [
         np.asarray(values[name]).reshape(batch.count, count)
         for name, count in batch.impostor.fields.items()
     ]
-    index = batch.first + np.arange(batch.count)[:, None]
-    return np.concatenate([*fields, index], axis=-1).astype(np.float32)
+    index = batch.first + np.arange(batch.count)
+    counters = [index] if first_sample is None else [first_sample, index]
+    columns = [counter[:, None] for counter in counters]
+    return np.concatenate([*fields, *columns], axis=-1).astype(np.float32)

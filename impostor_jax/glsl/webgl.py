@@ -155,6 +155,7 @@ def _message(scene: Scene, as_published: bool) -> dict[str, Any]:
             "attributes": attributes(draw.impostor),
             "instances": draw.rows.ravel().tolist(),
             "count": len(draw.rows),
+            "samples": draw.samples.tolist(),
         }
         for draw in scene.draws
     ]

@@ -4,30 +4,25 @@ import numpy as np
 import pytest
 
 import impostor_jax as ij
+from impostor_jax.glsl import scene
 from impostor_jax.glsl.compare import compare
+from impostor_jax.glsl.heightfield_cases import random_heights, seen_pose
 from impostor_jax.glsl.impostors import IMPOSTORS
-from impostor_jax.glsl.program import attributes
+from impostor_jax.glsl.program import SAMPLES_PER_ROW, attributes
 from impostor_jax.glsl.reference import draw_with_jax
 from impostor_jax.glsl.scene import scene_of
 from impostor_jax.primitives import PRIMITIVES
-
-WITHOUT_A_SHADER = {
-    "heightfield": "its grid needs a texture, and a function has no form in a shader"
-}
-"""Names of primitives that no shader draws, and why."""
 
 CAMERA = ij.PinholeCamera(150.0, 140.0, 70.0, 66.0, width=160, height=120)
 MOST_ATTRIBUTES = 16
 """Attributes of a vertex that every implementation of WebGL2 has."""
 
 
-def test_every_primitive_has_a_shader_or_a_reason_why_not():
-    drawn = {name for name, kind in PRIMITIVES.items() if kind in IMPOSTORS}
-    assert set(PRIMITIVES) - drawn == set(WITHOUT_A_SHADER)
-    assert all(WITHOUT_A_SHADER.values())
+def test_every_primitive_has_a_shader():
+    assert set(PRIMITIVES.values()) == set(IMPOSTORS)
 
 
-@pytest.mark.parametrize("name", sorted(set(PRIMITIVES) - set(WITHOUT_A_SHADER)))
+@pytest.mark.parametrize("name", sorted(PRIMITIVES))
 def test_instance_fits_into_the_attributes_of_a_vertex(name):
     assert len(attributes(IMPOSTORS[PRIMITIVES[name]])) <= MOST_ATTRIBUTES
 
@@ -75,10 +70,80 @@ def test_point_that_a_plane_is_given_by_does_not_matter_to_the_depth_buffer():
 
 
 def test_wall_far_behind_a_ball_is_hidden_by_it(renderer):
-    scene = [ij.Plane((0.0, 0.0, 1e7), (0, 0, 1)), ij.Sphere((0.0, 0.0, 2.0), 0.5)]
-    for order in (scene, scene[::-1]):
+    shapes = [ij.Plane((0.0, 0.0, 1e7), (0, 0, 1)), ij.Sphere((0.0, 0.0, 2.0), 0.5)]
+    for order in (shapes, shapes[::-1]):
         drawn = renderer.draw(order, CAMERA)
         assert drawn.mask.all()
-        ball = drawn.index == (0 if order[0] is scene[1] else 1)
-        seen = np.asarray(ij.render(scene[1], CAMERA, outputs=("mask",)).mask)
+        ball = drawn.index == (0 if order[0] is shapes[1] else 1)
+        seen = np.asarray(ij.render(shapes[1], CAMERA, outputs=("mask",)).mask)
         np.testing.assert_array_equal(ball, seen)
+
+
+def ground(shape, center, interpolation="bilinear"):
+    """Rough ground of 1.5 m by 1 m, looked down at."""
+    pose = seen_pose(30.0, 20.0, np.array(center))
+    extent = ((-0.75, 0.75), (-0.5, 0.5))
+    heights = 0.05 * random_heights(shape)
+    return ij.Heightfield(heights, extent, interpolation, world_from_field=pose)
+
+
+def test_heightfields_of_any_grids_share_a_texture(renderer):
+    """One of two samples a side, and one of more than a row of the texture."""
+    grounds = [
+        ground((2, 2), (-0.5, -0.3, 2.5), "bicubic"),
+        ground((40, 30), (0.3, 0.1, 2.2)),
+        ground((5, 3), (-0.3, 0.5, 2.0), "bicubic"),
+    ]
+    (draw,) = scene_of(grounds, CAMERA).draws
+    assert draw.rows[:, -2].tolist() == [0, 4, 4 + 40 * 30]
+    assert draw.samples.shape == (2, SAMPLES_PER_ROW)
+    drawn, reference = renderer.draw(grounds, CAMERA), draw_with_jax(grounds, CAMERA)
+    assert set(np.unique(drawn.index)) == {-1, 0, 1, 2}
+    found = compare(reference, drawn)
+    assert found.flips_off_band == 0
+    assert found.depth_relative.p999 < 1e-6
+
+
+def test_world_pose_of_a_heightfield_and_of_the_camera_are_put_together(renderer):
+    here = ground((5, 3), (0.0, 0.1, 2.0))
+    turn = seen_pose(35.0, 50.0, np.array((0.3, -0.2, 0.4)))
+    posed = ij.PinholeCamera(
+        150.0, 140.0, 70.0, 66.0, 160, 120, camera_from_world=turn.inverse()
+    )
+    drawn = renderer.draw(here.transformed(turn), posed)
+    found = compare(renderer.draw(here, CAMERA), drawn)
+    assert drawn.mask.any()
+    assert found.flips_off_band == 0
+    assert found.depth_relative.p999 < 1e-5
+
+
+@pytest.mark.parametrize("interpolation", ["bilinear", "bicubic"])
+def test_camera_on_a_heightfield_sees_it_where_it_is_crossed_next(
+    renderer, interpolation
+):
+    # On a saddle's middle, which is 0 in any rounding.
+    saddle = 0.3 * np.outer((-1.0, 0.0, 1.0), (-1.0, 0.0, 1.0))
+    here = ij.Heightfield(
+        saddle,
+        ((-1, 1), (-1, 1)),
+        interpolation,
+        world_from_field=seen_pose(20.0, 30.0, np.zeros(3)),
+    )
+    drawn, reference = renderer.draw(here, CAMERA), draw_with_jax(here, CAMERA)
+    assert drawn.mask.sum() > 200
+    np.testing.assert_array_equal(drawn.mask, reference.mask)
+    apart = np.abs(drawn.depth[drawn.mask] - reference.depth[drawn.mask])
+    assert np.percentile(apart, 99) < 1e-5
+    assert np.percentile(drawn.depth[drawn.mask], 10) > 0.1
+
+
+def test_heightfield_that_no_shader_can_draw_is_named(monkeypatch):
+    hill = ij.Heightfield(lambda x, z: x * z, ((-1, 1), (-1, 1)), lipschitz=2.0)
+    with pytest.raises(ValueError, match="height must be an array where a shader"):
+        scene_of(hill, CAMERA)
+    several = ij.Heightfield(np.zeros((2, 3, 3)), ((-1, 1), (-1, 1)))
+    with pytest.raises(ValueError, match="give several as a sequence"):
+        scene_of(several, CAMERA)
+    monkeypatch.setattr(scene, "MOST_SAMPLES", 14)
+    with pytest.raises(ValueError, match="at most 14 samples in all, got 15"):
+        scene_of(ground((5, 3), (0.0, 0.0, 2.0)), CAMERA)

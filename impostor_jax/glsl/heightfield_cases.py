@@ -1,0 +1,96 @@
+"""Heightfields of a grid, from above to grazing, from below and from among them."""
+
+__all__ = ["random_heights", "seen_pose", "single_heightfields"]
+
+import math
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from impostor_jax.geometry.frames import RigidTransform
+from impostor_jax.glsl.case import Case, camera_on
+from impostor_jax.primitives.heightfield import Heightfield
+from impostor_jax.primitives.terrain import Terrain
+
+UNIT = 0.5
+"""Length in meters that is seen as large as the radius of another case's primitive."""
+
+GENTLE, STEEP = 0.05, 0.4
+"""Deviation of a sample's height in meters; the samples are 0.25 m apart."""
+
+
+def single_heightfields(kind: str) -> list[Case]:
+    """One heightfield, under many angles and at many distances."""
+
+    def placed(name, field, elevation, center, heading, scale=1.0):
+        """What `field` makes of a pose; `center` is in units of `scale`."""
+        pose = seen_pose(elevation, heading, scale * np.array(center))
+        camera = camera_on(kind, center[2] / UNIT, scale * UNIT)
+        return Case(f"{kind}/{name}", field(pose), camera, center[2])
+
+    def case(name, elevation=50.0, center=(0.1, 0.05, 6.0), heading=25.0, relief=GENTLE,
+             interpolation="bilinear"):  # fmt: skip
+        """A heightfield of 2 m by 1.6 m, of one shape of grid, which compiles once."""
+
+        def field(pose):
+            heights = relief * random_heights((9, 7))
+            extent = ((-1.0, 1.0), (-0.8, 0.8))
+            return Heightfield(heights, extent, interpolation, world_from_field=pose)
+
+        return placed(name, field, elevation, center, heading)
+
+    def terrain(pose):
+        x, z = np.meshgrid(np.linspace(-20, 20, 33), np.linspace(-15, 15, 25))
+        heights = Terrain()(jnp.asarray(x), jnp.asarray(z)).T
+        return Heightfield(heights, ((-20, 20), (-15, 15)), world_from_field=pose)
+
+    def bicubic(which="", **view):
+        return case(f"bicubic heightfield{which}", interpolation="bicubic", **view)
+
+    return [
+        case("heightfield"),
+        case("heightfield, steep", relief=STEEP),
+        case("heightfield, grazing", 3.0),
+        case("heightfield, flat", 30.0, relief=0.0),
+        case("heightfield, from below", -35.0),
+        case("heightfield, straight down", 90.0, heading=0.0),
+        case("heightfield, along its grid", 10.0, (0.0, 0.0, 6.0), 0.0, STEEP),
+        case("heightfield, far", center=(0.1, 0.05, 60.0)),
+        case("heightfield, partly out of frame", center=(1.4, 0.9, 6.0)),
+        case("heightfield, reaching behind", 15.0, (0.1, 0.7, 0.3)),
+        case("heightfield, reaching behind, from below", -10.0, (0.1, -0.5, 0.3)),
+        case("heightfield, among its peaks", 10.0, (0.1, 0.1, 0.2), relief=STEEP),
+        bicubic(),
+        bicubic(", steep", relief=0.75 * STEEP),
+        bicubic(", grazing", elevation=4.0, heading=40.0, relief=0.6 * GENTLE),
+        bicubic(", among its peaks", elevation=10.0, center=(0.1, 0.1, 0.2),
+                relief=STEEP),
+        placed("terrain, sampled", terrain, 35.0, (0.1, 0.1, 6.0), 25.0, 20.0),
+    ]  # fmt: skip
+
+
+def random_heights(shape: tuple[int, int]) -> Float[np.ndarray, "n m"]:
+    """Heights that are as good as independent, of deviation 1."""
+    return np.random.default_rng(0).normal(size=shape)
+
+
+def seen_pose(
+    elevation: float, heading: float, center: Float[np.ndarray, "3"]
+) -> RigidTransform:
+    """Pose of a field whose middle, at `center`, is looked down at.
+
+    Args:
+        elevation: Angle between the optical axis and the field's ground, in degrees;
+            negative where the field is seen from below.
+        heading: Turn of the field about its y axis, in degrees.
+        center: In the camera frame, in meters.
+    """
+    # Rounded, so that a right angle is one.
+    (c, s), (p, q) = (
+        np.round([math.cos(math.radians(a)), math.sin(math.radians(a))], 12)
+        for a in (elevation, heading)
+    )
+    tilt = np.array([[1.0, 0.0, 0.0], [0.0, -c, s], [0.0, -s, -c]])
+    turn = np.array([[p, 0.0, q], [0.0, 1.0, 0.0], [-q, 0.0, p]])
+    return RigidTransform(tilt @ turn, center)
