@@ -2,12 +2,12 @@
 
 __all__ = ["render"]
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import partial
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Int
+from jaxtyping import Array, Float, Int
 
 from impostor_jax.arguments import one_of
 from impostor_jax.camera.base import AbstractCamera
@@ -19,8 +19,8 @@ from impostor_jax.rendering.closest import closest
 from impostor_jax.rendering.maps import OUTPUTS, GeometryMaps
 from impostor_jax.rendering.scene import Scene
 
-Seen = tuple[Hit, Int[Array, "h w"], Callable[[Hit], Vec3]]
-"""What rays meet: the hit, which shape that is of, and the normal at a hit."""
+Seen = tuple[Float[Array, "h w"], Vec3 | None, Int[Array, "h w"]]
+"""What rays meet: the depth, the normal if it is wanted, and which shape that is."""
 
 
 def render(
@@ -70,79 +70,66 @@ def _render(
     tile = camera.frame if tile is None else tile
     row, col = tile.pixels()
     ray = camera.rays(row, col, primitive.dtype)
+    with_normal = "normal" in outputs
     if isinstance(primitive, Scene):
-        hit, index, normal = _see_scene(primitive, camera, ray)
+        t, normal, index = _see_scene(primitive, camera, ray, with_normal)
     else:
-        hit, index, normal = _see_one(primitive, camera, ray)
+        t, normal, index = _see_one(primitive, camera, ray, with_normal)
     sees = camera.sees(row, col)
     if sees is not None:
-        t = jnp.where(sees, hit.t, jnp.inf)
-        hit = Hit(t=t, on_cap=hit.on_cap & sees, part=hit.part)
+        t = jnp.where(sees, t, jnp.inf)
+        if normal is not None:
+            zero = jnp.zeros_like(t)
+            normal = normal.where(sees, Vec3(zero, zero, zero))
+    mask = jnp.isfinite(t)
     maps = {}
     if "depth" in outputs:
-        maps["depth"] = hit.t
+        maps["depth"] = t
     if "range" in outputs:
-        maps["range"] = hit.t * ray.direction.norm()
+        maps["range"] = t * ray.direction.norm()
     if "point" in outputs:
-        point = ray.at(jnp.where(hit.mask, hit.t, 0)).stack()
-        maps["point"] = jnp.where(hit.mask[..., None], point, jnp.inf)
-    if "normal" in outputs:
-        maps["normal"] = normal(hit).stack()
+        point = ray.at(jnp.where(mask, t, 0)).stack()
+        maps["point"] = jnp.where(mask[..., None], point, jnp.inf)
+    if normal is not None:
+        maps["normal"] = normal.stack()
     if "mask" in outputs:
-        maps["mask"] = hit.mask
+        maps["mask"] = mask
     if "index" in outputs:
-        maps["index"] = jnp.where(hit.mask, index, -1)
+        maps["index"] = jnp.where(mask, index, -1)
     return GeometryMaps(**maps)
 
 
-def _see_one(primitive: AbstractPrimitive, camera: AbstractCamera, ray: Ray) -> Seen:
+def _see_one(
+    primitive: AbstractPrimitive, camera: AbstractCamera, ray: Ray, with_normal: bool
+) -> Seen:
     primitive = in_camera_frame(primitive, camera)
     hit = primitive.intersect(ray)
-    index = jnp.zeros(hit.t.shape, jnp.int32)
-    return hit, index, lambda hit: primitive.normal(ray, hit)
+    normal = primitive.normal(ray, hit) if with_normal else None
+    return hit.t, normal, jnp.zeros(hit.t.shape, jnp.int32)
 
 
-def _see_scene(scene: Scene, camera: AbstractCamera, ray: Ray) -> Seen:
-    """Find the closest shape of every ray, then cast each ray at that one alone.
-
-    The search has no derivative. What it found is cast once more, with the fields of
-    the shapes taken pixel by pixel, and that has.
-    """
+def _see_scene(
+    scene: Scene, camera: AbstractCamera, ray: Ray, with_normal: bool
+) -> Seen:
+    """Search among types of many shapes; shapes alone of their type see every ray."""
     groups = scene.seen_by(camera).groups
     many = [group for group in groups if group.index.shape[0] > 1]
+    one = [group for group in groups if group.index.shape[0] == 1]
     shape = ray.direction.z.shape
-    hit = Hit.on_one_piece(jnp.full(shape, jnp.inf, scene.dtype))
-    index = jnp.full(shape, -1, jnp.int32)
-    place, nearest = closest(many, ray, camera.is_central) if many else (index, hit.t)
-    seen = []
-    first = 0
-    for group in groups:
-        count = group.index.shape[0]
-        if count == 1:
-            only = jax.tree.map(lambda x: x[0], group.primitives)
-            found = only.intersect(ray)
-            mine = found.t < jnp.minimum(hit.t, nearest)
-            own_index = group.index[0]
-        else:
-            member = jnp.clip(place - first, 0, count - 1)
-            mine = (first <= place) & (place < first + count) & (nearest < hit.t)
-            only = jax.tree.map(lambda x, k=member: x[k], group.primitives)
-            found = only.intersect(ray)
-            # Two programs may round an outline's ray to either side.
-            t = jnp.where(found.mask, found.t, nearest)
-            found = Hit(t, found.on_cap, found.part)
-            own_index = group.index[member]
-            first += count
-        hit = jax.tree.map(partial(jnp.where, mine), found, hit)
-        index = jnp.where(mine, own_index, index)
-        seen = [(before & ~mine, other) for before, other in seen] + [(mine, only)]
-
-    def normal(hit: Hit) -> Vec3:
-        zero = jnp.zeros_like(hit.t)
-        total = Vec3(zero, zero, zero)
-        for mine, only in seen:
-            own = Hit(jnp.where(mine, hit.t, jnp.inf), hit.on_cap, hit.part)
-            total = total + only.normal(ray, own)
-        return total
-
-    return hit, index, normal
+    t, index = jnp.full(shape, jnp.inf, scene.dtype), jnp.full(shape, -1, jnp.int32)
+    zero = jnp.zeros_like(t)
+    normal = Vec3(zero, zero, zero) if with_normal else None
+    if many:
+        (t, normal), place = closest(many, ray, camera.is_central, with_normal)
+        given = jnp.concatenate([group.index for group in many])
+        index = given[jnp.maximum(place, 0)]
+    for group in one:
+        only = jax.tree.map(lambda x: x[0], group.primitives)
+        hit = only.intersect(ray)
+        nearer = hit.t < t
+        if normal is not None:
+            own = Hit(jnp.where(nearer, hit.t, jnp.inf), hit.on_cap, hit.part)
+            normal = only.normal(ray, own).where(nearer, normal)
+        t = jnp.where(nearer, hit.t, t)
+        index = jnp.where(nearer, group.index[0], index)
+    return t, normal, index

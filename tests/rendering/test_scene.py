@@ -161,6 +161,9 @@ def test_derivatives_are_those_of_what_is_seen():
     numeric = central_difference(lambda shapes: total(shapes)[0], shapes, along, 1e-7)
     expected = sum(np.sum(leaf) for leaf in jax.tree.leaves(slope[sphere]))
     assert float(numeric) == pytest.approx(float(expected), rel=1e-4)
+    # What is drawn is the search's, its derivative that of a second cast.
+    _, forward = jax.jit(lambda *x: jax.jvp(total, *x))((shapes,), (along,))
+    assert float(forward) == pytest.approx(float(expected), rel=1e-9)
 
 
 @pytest.mark.parametrize("camera", ["pinhole", "orthographic"])
