@@ -67,8 +67,7 @@ def test_jax_and_the_driver_agree_on_every_case(driver, parity):
     assert needed == listed
     table = (folder / "parity.md").read_text()
     for camera in CAMERAS:
-        assert table.count(f"
-| {camera}/") == len(cases(camera)) == 85
+        assert table.count(f"\n| {camera}/") == len(cases(camera)) == 85
     assert len(list(folder.glob("*.png"))) == len(cases())
 
 
