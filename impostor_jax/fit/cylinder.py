@@ -10,7 +10,7 @@ from impostor_jax.arguments import is_concrete
 from impostor_jax.camera.pinhole import PinholeCamera
 from impostor_jax.fit.result import FitResult
 from impostor_jax.fit.shapes import CYLINDER, fit_shape
-from impostor_jax.fit.taper import test_of_taper
+from impostor_jax.fit.taper import taper_test
 from impostor_jax.primitives.cylinder import Cylinder
 
 
@@ -64,7 +64,8 @@ def fit_cylinder(
 
     Raises:
         ValueError: An argument has a wrong shape, dtype or value, the mask is empty, or
-            it holds fewer than 50 readings; or a taper is tested in a traced fit.
+            it holds fewer than 50 readings; or a taper is tested in a traced fit, or
+            where the radius is fixed or expected.
 
     Derivatives:
         With `initial` given: of the cylinder in the depths, the camera and sigma, by
@@ -86,7 +87,7 @@ def fit_cylinder(
     if not test_taper:
         return fit
     begin = fit.cylinder if fit.success else initial
-    taper = test_of_taper(depth, camera, mask, begin, asked)
+    taper = taper_test(depth, camera, mask, begin, asked)
     return dataclasses.replace(fit, taper=taper)
 
 

@@ -6,7 +6,7 @@ of the ratio of their likelihoods, the difference of their losses, is chi-square
 one degree of freedom where there is none (Wilks).
 """
 
-__all__ = ["test_of_taper"]
+__all__ = ["taper_test"]
 
 from functools import partial
 from typing import Any
@@ -42,7 +42,7 @@ INLYING = 3.0
 """Robust deviations within which a reading tells how readings scatter."""
 
 
-def test_of_taper(
+def taper_test(
     depth: Any,
     camera: PinholeCamera,
     mask: Any,
