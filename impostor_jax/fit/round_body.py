@@ -26,8 +26,8 @@ from impostor_jax.primitives.frustum import Frustum
 Numbers = Float[Array, "*batch"]
 
 PARALLEL = 1e-4
-"""A of the wall's quadric, over |d|^2, below which a ray runs along a cone's wall, and A
-is taken for this much: the wall would be the difference of two numbers too large."""
+"""A of the wall's quadric, over |d|^2, below which a ray runs along a cone's wall. A is
+taken for this much: the wall would be the difference of two numbers too large."""
 
 FARTHEST = 1e3
 """Sizes of the body within which a point is placed along its axis."""
