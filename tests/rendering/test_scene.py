@@ -137,9 +137,7 @@ def test_derivatives_are_those_of_what_is_seen():
     rng = np.random.default_rng(3)
     inner = rng.uniform(size=index.shape)
 
-    @jax.jit
-    @jax.value_and_grad
-    def total(shapes):
+    def value(shapes):
         maps = ij.render(ij.Scene(shapes), camera, ("depth", "normal", "index"))
         # Edges jump: only pixels that see the same before and after count.
         same = maps.index == index
@@ -148,6 +146,7 @@ def test_derivatives_are_those_of_what_is_seen():
             jnp.where(same[..., None], maps.normal, 0)
         )
 
+    total = jax.jit(jax.value_and_grad(value))
     _, slope = total(shapes)
     assert all_finite(slope)
     # The last sphere hides behind the wall.
@@ -162,7 +161,7 @@ def test_derivatives_are_those_of_what_is_seen():
     expected = sum(np.sum(leaf) for leaf in jax.tree.leaves(slope[sphere]))
     assert float(numeric) == pytest.approx(float(expected), rel=1e-4)
     # What is drawn is the search's, its derivative that of a second cast.
-    _, forward = jax.jit(lambda *x: jax.jvp(total, *x))((shapes,), (along,))
+    _, forward = jax.jit(lambda *x: jax.jvp(value, *x))((shapes,), (along,))
     assert float(forward) == pytest.approx(float(expected), rel=1e-9)
 
 
