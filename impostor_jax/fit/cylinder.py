@@ -87,7 +87,9 @@ def fit_cylinder(
     if not test_taper:
         return fit
     begin = fit.cylinder if fit.success else initial
-    taper = taper_test(depth, camera, mask, begin, asked)
+    # The object that was taken is not looked for again.
+    taken = fit.region if mask is None else mask
+    taper = taper_test(depth, camera, taken, begin, asked)
     return dataclasses.replace(fit, taper=taper)
 
 

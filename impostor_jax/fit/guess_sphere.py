@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from impostor_jax.camera.pinhole import PinholeCamera
-from impostor_jax.fit.surface import Surface, surface_of
+from impostor_jax.fit.surface import Surface, surface_of, within_deviations
 
 SphereGuess = tuple[Float[np.ndarray, "3"], float]
 """Center and radius, in the camera frame, in meters."""
@@ -63,7 +63,7 @@ def _through(points: Float[np.ndarray, "n 3"]) -> SphereGuess | None:
         if not 0 < squared < (50 * scale) ** 2:
             return None
         miss = np.abs(np.linalg.norm(points - center, axis=1) - np.sqrt(squared))
-        kept = points[miss <= 3 * 1.4826 * np.median(miss) + 1e-9 * scale]
+        kept = points[within_deviations(miss, scale)]
     return center, float(np.sqrt(squared))
 
 

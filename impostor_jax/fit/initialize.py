@@ -22,7 +22,13 @@ from jaxtyping import Bool, Float
 from skimage.measure import CircleModel
 
 from impostor_jax.camera.pinhole import PinholeCamera
-from impostor_jax.fit.surface import MAX_POINTS, Surface, surface_of, thinned
+from impostor_jax.fit.surface import (
+    MAX_POINTS,
+    Surface,
+    surface_of,
+    thinned,
+    within_deviations,
+)
 
 MAX_AXES = 5
 """Axes that are carried on to a circle."""
@@ -330,7 +336,7 @@ def _growing(
         circle = _Circle(np.array([x, y]), radius, float(linear / (2 * radius)), place)
         distance = np.linalg.norm(points - circle.middle, axis=1)
         miss = np.abs(distance - circle.radius_at(along))
-        kept = miss <= 3 * 1.4826 * np.median(miss) + 1e-9 * scale
+        kept = within_deviations(miss, scale)
     return circle
 
 
@@ -348,7 +354,7 @@ def _circle(
             return None
         middle, radius = np.asarray(model.center), float(model.radius)
         miss = np.abs(np.linalg.norm(points - middle, axis=1) - radius)
-        kept = points[miss <= 3 * 1.4826 * np.median(miss) + 1e-9 * scale]
+        kept = points[within_deviations(miss, scale)]
         if len(kept) < 10:
             return None
     # A circle far larger than what is seen of it is a plane.

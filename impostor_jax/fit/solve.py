@@ -10,6 +10,7 @@ __all__ = [
     "LAST_STAGES",
     "NUM_KEPT",
     "START_READINGS",
+    "always_true",
     "best_start",
     "evaluate",
     "solve",
@@ -139,7 +140,7 @@ def best_start(
     beside = gather_pixels(depth, camera, beside_row, beside_col)
     in_camera = in_camera_frame(starts, camera)
     prior = prior.in_camera_frame(camera)
-    always = _always(camera)
+    always = always_true(camera)
     request = Request(estimate_scale=estimate_scale)
 
     def tried(start: AbstractBody) -> _Tried:
@@ -225,7 +226,7 @@ def solve(
     edge = gather_edge(depth, mask, camera, row, col)
     nominal, units = step_units(pixels, noise, camera)
     prior = prior.in_camera_frame(camera)
-    always = _always(camera)
+    always = always_true(camera)
 
     def solution_from(body: AbstractBody) -> Solution:
         return _refine(
@@ -271,7 +272,7 @@ def solve(
     )
 
 
-def _always(camera: PinholeCamera) -> Bool[Array, ""]:
+def always_true(camera: PinholeCamera) -> Bool[Array, ""]:
     """True, as `residuals` needs it: known to the run alone, and mapped by no fit."""
     return jnp.asarray(camera.fx) > 0
 

@@ -3,7 +3,7 @@
 Everything here runs outside JAX, on NumPy and OpenCV.
 """
 
-__all__ = ["MAX_POINTS", "Surface", "surface_of", "thinned"]
+__all__ = ["MAX_POINTS", "Surface", "surface_of", "thinned", "within_deviations"]
 
 from typing import NamedTuple
 
@@ -179,6 +179,18 @@ def _reduction(
 def thinned(values: np.ndarray, most: int = MAX_SAMPLES) -> np.ndarray:
     """Keep at most so many entries, evenly spaced."""
     return values[:: -(-len(values) // most)] if len(values) else values
+
+
+def within_deviations(
+    miss: Float[np.ndarray, " n"], scale: float
+) -> Bool[np.ndarray, " n"]:
+    """Which points lie within 3 deviations, by the median of how far all miss.
+
+    Args:
+        miss: Distances, not negative.
+        scale: Size of what is seen, to whose rounding all are within.
+    """
+    return miss <= 3 * 1.4826 * np.median(miss) + 1e-9 * scale
 
 
 def _block_median(

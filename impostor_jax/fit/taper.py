@@ -32,7 +32,13 @@ from impostor_jax.fit.result import AbstractFit, FrustumFit, TaperTest
 from impostor_jax.fit.robust import KERNELS
 from impostor_jax.fit.round_body import CylinderBody, FrustumBody
 from impostor_jax.fit.shapes import FRUSTUM, fit_shape, pixels_shown
-from impostor_jax.fit.solve import LAST_STAGES, MAX_STEPS, evaluate, step_units
+from impostor_jax.fit.solve import (
+    LAST_STAGES,
+    MAX_STEPS,
+    always_true,
+    evaluate,
+    step_units,
+)
 from impostor_jax.primitives.base import in_camera_frame
 from impostor_jax.primitives.cylinder import Cylinder
 from impostor_jax.primitives.frustum import Frustum
@@ -130,7 +136,7 @@ def _statistic(
     edge = gather_edge(depth, mask, camera, row, col)
     _, units = step_units(pixels, noise, camera)
     prior = prior.in_camera_frame(camera)
-    always = jnp.asarray(camera.fx) > 0
+    always = always_true(camera)
     tapered = FrustumBody.of(in_camera_frame(frustum, camera))
     straight = CylinderBody(
         center=tapered.center,
