@@ -34,6 +34,8 @@ from .rendering.outline_curve import Outline, outline
 from .rendering.raycast import render
 from .rendering.scene import Scene
 from .rendering.shade import AmbientLight, DirectionalLight, PointLight, shade
+from .rendering.shadow import lit
+from .rendering.silhouettes import Silhouettes, silhouettes
 from .rendering.sphere_outline import SphereOutline
 from .rendering.tile import outline_box, outline_tile
 from .sensor.base import AbstractDepthNoise
@@ -73,6 +75,7 @@ __all__ = [
     "PointLight",
     "RigidTransform",
     "Scene",
+    "Silhouettes",
     "Sphere",
     "SphereDeviations",
     "SphereFit",
@@ -87,10 +90,12 @@ __all__ = [
     "fit_cylinders",
     "fit_frustum",
     "fit_sphere",
+    "lit",
     "outline",
     "outline_box",
     "outline_tile",
     "render",
     "shade",
     "signed_distance",
+    "silhouettes",
 ]

@@ -5,7 +5,7 @@ a sphere is seen within a cone; each has an explicit support function. What has 
 or an unknown one, may be seen anywhere.
 """
 
-__all__ = ["ImageBounds", "image_bounds"]
+__all__ = ["ImageBounds", "image_bounds", "is_bounded"]
 
 from collections.abc import Callable
 from typing import Any
@@ -47,6 +47,11 @@ class ImageBounds(eqx.Module):
         """Whether blocks of rays, from low to high (x, y), may meet the shape."""
         x = (low[0] <= self.high[0]) & (high[0] >= self.low[0])
         return x & (low[1] <= self.high[1]) & (high[1] >= self.low[1])
+
+
+def is_bounded(kind: type[AbstractPrimitive]) -> bool:
+    """Whether shapes of a type have bounds; else they may be seen anywhere."""
+    return kind in _BOUNDS
 
 
 def image_bounds(primitive: AbstractPrimitive, is_central: bool) -> ImageBounds:

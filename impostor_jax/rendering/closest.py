@@ -17,11 +17,15 @@ from jaxtyping import Array, Float, Int
 
 from impostor_jax.geometry.rays import Hit, Ray
 from impostor_jax.geometry.vec3 import Vec3
-from impostor_jax.rendering.bounds import image_bounds
+from impostor_jax.rendering.blocks import (
+    COLS,
+    ROWS,
+    Extremes,
+    blocks_of,
+    extremes,
+    whole_blocks,
+)
 from impostor_jax.rendering.scene import Group
-
-ROWS, COLS = 8, 32
-"""Size of a block. Long rows fill the processor's lanes."""
 
 Place = Int[Array, "h w"]
 Surface = tuple[Float[Array, "h w"], Vec3 | None]
@@ -98,37 +102,21 @@ def _search(
 ) -> tuple[Surface, Place]:
     """As `closest`, without a derivative."""
     height, width = rays.direction.z.shape
-    rows, cols = -(-height // ROWS) * ROWS, -(-width // COLS) * COLS
-    # The last rays once more, so that blocks are whole.
-    pad = ((0, rows - height), (0, cols - width))
-    rays = jax.tree.map(lambda x: jnp.pad(x, pad, mode="edge"), rays)
-    low, high = _extremes(rays, is_central)
+    rays = whole_blocks(rays)
+    ends = extremes(rays, is_central)
     # All in one array, or XLA would copy all of one for each block of the other. A
     # place is a whole number that the type holds exactly.
     start = (np.inf, -1, 0, 0, 0) if with_normal else (np.inf, -1)
     start = jnp.asarray(start, rays.direction.z.dtype)
-    nearest = jnp.broadcast_to(start[:, None, None], (len(start), rows, cols))
+    nearest = jnp.broadcast_to(
+        start[:, None, None], (len(start), *rays.direction.z.shape)
+    )
     first = 0
     for group in groups:
-        nearest = _cast(group, first, rays, is_central, low, high, nearest)
+        nearest = _cast(group, first, rays, is_central, ends, nearest)
         first += group.index.shape[0]
     t, place, *normal = nearest[:, :height, :width]
     return (t, Vec3(*normal) if with_normal else None), place.astype(jnp.int32)
-
-
-def _extremes(rays: Ray, is_central: bool) -> tuple[tuple[Array, Array], ...]:
-    """Smallest and largest x and y of the rays of each block."""
-    across = rays.direction if is_central else rays.origin
-    found = []
-    for reduce, nothing in ((jnp.min, np.inf), (jnp.max, -np.inf)):
-        corner = []
-        for x in (across.x, across.y):
-            rows, cols = x.shape
-            blocks = x.reshape(rows // ROWS, ROWS, cols // COLS, COLS)
-            blocks = jnp.where(jnp.isfinite(blocks), blocks, nothing)
-            corner.append(reduce(blocks, axis=(1, 3)))
-        found.append(tuple(corner))
-    return tuple(found)
 
 
 def _cast(
@@ -136,37 +124,18 @@ def _cast(
     first: int,
     rays: Ray,
     is_central: bool,
-    low: tuple[Array, Array],
-    high: tuple[Array, Array],
+    ends: Extremes,
     nearest: Nearest,
 ) -> Nearest:
     """What is nearest after the shapes of one group."""
-    bounds = jax.vmap(lambda shape: image_bounds(shape, is_central))(group.primitives)
-
-    def blocks_of(bound, index):
-        """First row and column of the blocks, and how many of each."""
-        overlaps = bound.overlaps(low, high) & (index >= 0)
-        found = []
-        for axis in (1, 0):
-            seen = jnp.any(overlaps, axis=axis)
-            number = jnp.arange(seen.shape[0], dtype=jnp.int32)
-            start = jnp.min(jnp.where(seen, number, seen.shape[0]))
-            found += [start, jnp.maximum(jnp.max(jnp.where(seen, number, -1)) + 1, 0)]
-        row, last_row, col, last_col = found
-        num_rows, num_cols = last_row - row, last_col - col
-        return row, col, num_cols, jnp.where(num_rows > 0, num_rows * num_cols, 0)
-
-    # A shape at a time, lest all of them times all blocks be held.
-    blocks = jax.lax.map(lambda x: blocks_of(*x), (bounds, group.index), batch_size=64)
+    blocks = blocks_of(group.primitives, group.index >= 0, ends, is_central)
 
     def draw(k: Array, nearest: Nearest) -> Nearest:
-        shape = jax.tree.map(lambda x: x[k], group.primitives)
-        row, col, num_cols, count = (x[k] for x in blocks)
+        shape, mine = jax.tree.map(lambda x: x[k], (group.primitives, blocks))
         place = (first + k).astype(nearest.dtype)
 
         def at_block(number: Array, nearest: Nearest) -> Nearest:
-            y = ROWS * (row + number // num_cols)
-            x = COLS * (col + number % num_cols)
+            y, x = mine.corner(number)
             cut = jax.lax.dynamic_slice
             ray = jax.tree.map(lambda a: cut(a, (y, x), (ROWS, COLS)), rays)
             hit = shape.intersect(ray)
@@ -184,7 +153,7 @@ def _cast(
                 kept = jnp.where(nearer[None] & (plane == k), new[None], kept)
             return jax.lax.dynamic_update_slice(nearest, kept, corner)
 
-        return jax.lax.fori_loop(0, count, at_block, nearest)
+        return jax.lax.fori_loop(0, mine.count, at_block, nearest)
 
     count = jnp.asarray(group.index.shape[0], jnp.int32)
     return jax.lax.fori_loop(0, count, draw, nearest)

@@ -1,6 +1,6 @@
 """Exact rendering: one ray through the center of every pixel."""
 
-__all__ = ["render"]
+__all__ = ["first_surface", "render"]
 
 from collections.abc import Sequence
 from functools import partial
@@ -15,6 +15,7 @@ from impostor_jax.camera.pixels import Tile
 from impostor_jax.geometry.rays import Hit, Ray
 from impostor_jax.geometry.vec3 import Vec3
 from impostor_jax.primitives.base import AbstractPrimitive, in_camera_frame
+from impostor_jax.rendering.bounds import is_bounded
 from impostor_jax.rendering.closest import closest
 from impostor_jax.rendering.maps import OUTPUTS, GeometryMaps
 from impostor_jax.rendering.scene import Scene
@@ -71,10 +72,7 @@ def _render(
     row, col = tile.pixels()
     ray = camera.rays(row, col, primitive.dtype)
     with_normal = "normal" in outputs
-    if isinstance(primitive, Scene):
-        t, normal, index = _see_scene(primitive, camera, ray, with_normal)
-    else:
-        t, normal, index = _see_one(primitive, camera, ray, with_normal)
+    t, normal, index = first_surface(primitive, camera, ray, with_normal)
     sees = camera.sees(row, col)
     if sees is not None:
         t = jnp.where(sees, t, jnp.inf)
@@ -99,6 +97,24 @@ def _render(
     return GeometryMaps(**maps)
 
 
+def first_surface(
+    primitive: AbstractPrimitive | Scene,
+    camera: AbstractCamera,
+    ray: Ray,
+    with_normal: bool,
+) -> Seen:
+    """What rays meet first.
+
+    Args:
+        primitive: In the world frame.
+        camera: In its frame are the rays, and in its image's order.
+        ray: One for each pixel, with z = 1; NaN where a pixel sees nothing.
+        with_normal: Whether the normal is wanted.
+    """
+    see = _see_scene if isinstance(primitive, Scene) else _see_one
+    return see(primitive, camera, ray, with_normal)
+
+
 def _see_one(
     primitive: AbstractPrimitive, camera: AbstractCamera, ray: Ray, with_normal: bool
 ) -> Seen:
@@ -111,10 +127,14 @@ def _see_one(
 def _see_scene(
     scene: Scene, camera: AbstractCamera, ray: Ray, with_normal: bool
 ) -> Seen:
-    """Search among types of many shapes; shapes alone of their type see every ray."""
-    groups = scene.seen_by(camera).groups
-    many = [group for group in groups if group.index.shape[0] > 1]
-    one = [group for group in groups if group.index.shape[0] == 1]
+    """Search among many shapes of a type; those alone or unbounded see every ray."""
+    many, few = [], []
+    for group in scene.seen_by(camera).groups:
+        count = group.index.shape[0]
+        if count > 1 and is_bounded(type(group.primitives)):
+            many.append(group)
+        else:
+            few += [jax.tree.map(lambda x, k=k: x[k], group) for k in range(count)]
     shape = ray.direction.z.shape
     t, index = jnp.full(shape, jnp.inf, scene.dtype), jnp.full(shape, -1, jnp.int32)
     zero = jnp.zeros_like(t)
@@ -123,13 +143,13 @@ def _see_scene(
         (t, normal), place = closest(many, ray, camera.is_central, with_normal)
         given = jnp.concatenate([group.index for group in many])
         index = given[jnp.maximum(place, 0)]
-    for group in one:
-        only = jax.tree.map(lambda x: x[0], group.primitives)
+    for group in few:
+        only = group.primitives
         hit = only.intersect(ray)
         nearer = hit.t < t
         if normal is not None:
             own = Hit(jnp.where(nearer, hit.t, jnp.inf), hit.on_cap, hit.part)
             normal = only.normal(ray, own).where(nearer, normal)
         t = jnp.where(nearer, hit.t, t)
-        index = jnp.where(nearer, group.index[0], index)
+        index = jnp.where(nearer, group.index, index)
     return t, normal, index

@@ -1,8 +1,9 @@
 """Any mix of shapes; the closest surface is seen.
 
 Shapes of a type lie side by side in arrays, as many as the next size of a bucket, so
-that one more of a type, or one that moves, runs the program that is there. Types that a
-scene does not hold are in no program.
+that one more of a type, or one that moves, runs the program that is there. Planes, and
+what else may be seen anywhere, are each cast at every ray, and fill no bucket. Types
+that a scene does not hold are in no program.
 """
 
 __all__ = ["Group", "Scene"]
@@ -19,6 +20,7 @@ from jaxtyping import Array, Int
 from impostor_jax.camera.base import AbstractCamera
 from impostor_jax.primitives.base import AbstractPrimitive, in_camera_frame
 from impostor_jax.primitives.heightfield import Heightfield
+from impostor_jax.rendering.bounds import is_bounded
 
 GROWTH = 4
 """Sizes of buckets are its powers."""
@@ -121,7 +123,7 @@ def _group(alike: list[tuple[AbstractPrimitive, np.ndarray]]) -> Group:
     """Shapes of one structure, and copies of the first that fill the bucket."""
     batches, indices = zip(*alike, strict=True)
     index = np.concatenate(indices)
-    size = 1
+    size = 1 if is_bounded(type(batches[0])) else len(index)
     while size < len(index):
         size *= GROWTH
     spare = size - len(index)

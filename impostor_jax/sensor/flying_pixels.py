@@ -70,12 +70,13 @@ class FlyingPixels(AbstractDepthNoise):
         normal: Float[Array, "h w 3"],
         camera: AbstractCamera,
     ) -> Float[Array, "h w"]:
-        choice_key, weight_key, sensor_key = jax.random.split(key, 3)
+        mix_key, sensor_key = jax.random.split(key)
         other, at_jump = self._across(depth)
         probability = jnp.asarray(self.probability, depth.dtype)
-        draw = jax.random.uniform(choice_key, depth.shape, depth.dtype)
+        draw = jax.random.uniform(mix_key, depth.shape, depth.dtype)
         mixes = at_jump & (draw < probability)
-        weight = jax.random.uniform(weight_key, depth.shape, depth.dtype)
+        # Of those that are below the probability, draws are uniform once more.
+        weight = draw / jnp.where(mixes, probability, 1)
         # Nothing that is infinite may enter a product with a weight of 0.
         own = jnp.where(mixes, depth, 0)
         mixed = weight * own + (1 - weight) * jnp.where(mixes, other, 0)

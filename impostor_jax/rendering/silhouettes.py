@@ -1,0 +1,181 @@
+"""Silhouettes of shapes, each as if it were alone, also beyond the image's border.
+
+What labels of a data set need: which pixels a shape would cover if nothing hid it, and
+how many there would be if the border of the image did not cut it off.
+"""
+
+__all__ = ["Silhouettes", "silhouettes"]
+
+from functools import partial
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Int
+
+from impostor_jax.camera.pinhole import PinholeCamera
+from impostor_jax.camera.pixels import PixelBox, linear_pixel_box
+from impostor_jax.primitives.base import AbstractPrimitive, in_camera_frame
+from impostor_jax.rendering.blocks import (
+    COLS,
+    ROWS,
+    Blocks,
+    blocks_of,
+    extremes,
+    whole_blocks,
+)
+from impostor_jax.rendering.bounds import image_bounds
+
+Margin = tuple[int, int]
+"""Rows above and below the image, columns on its left and right."""
+
+
+class Silhouettes(eqx.Module):
+    """Pixels that each shape of a batch covers.
+
+    Attributes:
+        mask: Those of the image.
+        count: Number of those of the image and its margin.
+        box: The smallest block of pixels that holds all of these, in rows and columns
+            of the image, which are negative before it; empty where there are none.
+    """
+
+    mask: Bool[Array, "*batch h w"]
+    count: Int[Array, "*batch"]
+    box: PixelBox
+
+
+class _Found(eqx.Module):
+    """Number of pixels, and the smallest and largest row and column."""
+
+    count: Int[Array, ""]
+    low: Int[Array, "2"]
+    high: Int[Array, "2"]
+
+    @staticmethod
+    def nothing() -> "_Found":
+        limit = jnp.iinfo(jnp.int32).max
+        low = jnp.full(2, limit, jnp.int32)
+        return _Found(jnp.zeros((), jnp.int32), low, -low)
+
+    def and_(
+        self, hit: Bool[Array, "h w"], row: Int[Array, "h w"], col: Int[Array, "h w"]
+    ) -> "_Found":
+        """With the hits of a block."""
+        at = jnp.stack([row, col])
+        far = jnp.iinfo(jnp.int32).max
+        low = jnp.min(jnp.where(hit[None], at, far), axis=(1, 2))
+        high = jnp.max(jnp.where(hit[None], at, -far), axis=(1, 2))
+        low, high = jnp.minimum(low, self.low), jnp.maximum(high, self.high)
+        count = self.count + jnp.sum(hit, dtype=jnp.int32)
+        return _Found(count, low, high)
+
+
+def silhouettes(
+    shapes: AbstractPrimitive, camera: PinholeCamera, margin: Margin = (0, 0)
+) -> Silhouettes:
+    """Find the pixels whose center's ray meets a shape, whatever else is before it.
+
+    The work is that of the pixels that the shapes can cover. Map over several images
+    with `jax.lax.map`: `jax.vmap` would do the work of the largest for each. It has no
+    derivative; `coverage` has one.
+
+    Args:
+        shapes: A batch (n,) of one type, in the world frame.
+        camera: The camera. Its lens ends with the image: the margin is that of a camera
+            without one.
+        margin: Rows above and below the image, and columns on its left and right, in
+            which pixels are counted, too.
+
+    Raises:
+        ValueError: The shapes are no batch (n,), or the margin is negative.
+    """
+    if len(shapes.batch_shape) != 1:
+        raise ValueError(
+            f"shapes must be a batch (n,), got the batch shape {shapes.batch_shape}"
+        )
+    if min(margin) < 0:
+        raise ValueError(f"margin must not be negative, got {margin} pixels")
+    return _silhouettes(shapes, camera, margin)
+
+
+@partial(jax.jit, static_argnames="margin")
+def _silhouettes(
+    shapes: AbstractPrimitive, camera: PinholeCamera, margin: Margin
+) -> Silhouettes:
+    shapes = jax.vmap(lambda shape: in_camera_frame(shape, camera))(shapes)
+    row, col = camera.frame.pixels()
+    rays = whole_blocks(camera.rays(row, col, shapes.dtype))
+    every = jnp.ones(shapes.batch_shape, bool)
+    blocks = blocks_of(shapes, every, extremes(rays, True), True)
+    grown = rays.direction.z.shape
+    is_pixel = camera.sees(row, col)
+    is_pixel = jnp.ones_like(row, bool) if is_pixel is None else is_pixel
+    # Not what fills up the last blocks.
+    more = [(0, have - size) for have, size in zip(grown, row.shape, strict=True)]
+    is_pixel = jnp.pad(is_pixel, more)
+    cut = partial(jax.lax.dynamic_slice, slice_sizes=(ROWS, COLS))
+
+    def cover(given):
+        shape, mine = given
+
+        def at_block(number, state):
+            mask, found = state
+            corner = mine.corner(number)
+            ray, real = jax.tree.map(lambda x: cut(x, corner), (rays, is_pixel))
+            hit = shape.intersect(ray).mask & real
+            mask = jax.lax.dynamic_update_slice(mask, hit, corner)
+            return mask, found.and_(hit, *_pixels(corner))
+
+        start = jnp.zeros(grown, bool), _Found.nothing()
+        mask, found = jax.lax.fori_loop(0, mine.count, at_block, start)
+        if any(margin):
+            found = _beyond(shape, camera, margin, found)
+        low, high = found.low, found.high
+        box = PixelBox(low[0], high[0], low[1], high[1])
+        return Silhouettes(mask[: camera.height, : camera.width], found.count, box)
+
+    return jax.lax.map(cover, (shapes, blocks))
+
+
+def _pixels(
+    corner: tuple[Int[Array, ""], Int[Array, ""]],
+) -> tuple[Int[Array, "h w"], Int[Array, "h w"]]:
+    """Rows and columns of a block."""
+    row, col = (
+        jax.lax.broadcasted_iota(jnp.int32, (ROWS, COLS), axis) + first
+        for axis, first in enumerate(corner)
+    )
+    return row, col
+
+
+def _beyond(
+    shape: AbstractPrimitive, camera: PinholeCamera, margin: Margin, found: _Found
+) -> _Found:
+    """What is found with a shape's pixels in the margin, which are cast as needed."""
+    above, left = margin
+    # Of the image and its margin; its rays are those of the image without its lens.
+    wide = PinholeCamera(
+        camera.fx, camera.fy, camera.cx + left, camera.cy + above,
+        camera.width + 2 * left, camera.height + 2 * above,
+    )  # fmt: skip
+    bounds = image_bounds(shape, True)
+    box = linear_pixel_box(wide, bounds.low, bounds.high)
+    row, col = box.first_row // ROWS, box.first_col // COLS
+    num_rows, num_cols = box.last_row // ROWS + 1 - row, box.last_col // COLS + 1 - col
+    is_empty = (box.last_row < box.first_row) | (box.last_col < box.first_col)
+    blocks = Blocks(row, col, num_cols, jnp.where(is_empty, 0, num_rows * num_cols))
+
+    def at_block(number: Int[Array, ""], found: _Found) -> _Found:
+        row, col = _pixels(blocks.corner(number))
+        y, x = row - above, col - left
+        outside = (y < 0) | (y >= camera.height) | (x < 0) | (x >= camera.width)
+        outside = outside & (row < wide.height) & (col < wide.width)
+
+        def cast(found: _Found) -> _Found:
+            hit = shape.intersect(wide.rays(row, col, shape.dtype)).mask
+            return found.and_(hit & outside, y, x)
+
+        return jax.lax.cond(jnp.any(outside), cast, lambda found: found, found)
+
+    return jax.lax.fori_loop(0, blocks.count, at_block, found)
