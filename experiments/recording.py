@@ -9,11 +9,8 @@ __all__ = [
 ]
 
 import dataclasses
-import importlib.metadata
 import json
 import os
-import platform
-import subprocess
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
@@ -22,15 +19,7 @@ from typing import Any, Literal
 import jax
 
 from impostor_jax.io.atomic import write_json
-
-PACKAGES = {
-    "jax": "jax",
-    "jaxlib": "jaxlib",
-    "numpy": "numpy",
-    "optimistix": "optimistix",
-    "opencv": "opencv-contrib-python-headless",
-}
-"""Name in the record, and name of the distribution whose version it is."""
+from impostor_jax.io.provenance import cpu_model, git_output, package_versions
 
 
 @dataclasses.dataclass(frozen=True)
@@ -90,15 +79,14 @@ def save_run(
         for name, value in dataclasses.asdict(config).items()
     }
     record = {
-        "commit": _git("rev-parse", "HEAD"),
+        "commit": git_output("rev-parse", "HEAD"),
         "quick": quick,
         "seed": seed,
         "dtype": dtype,
         "seconds": seconds,
         "device": {"platform": device.platform, "kind": device.device_kind},
-        "machine": {"cpu": _cpu_model(), "cores": os.cpu_count()},
-        "versions": {"python": platform.python_version()}
-        | {name: _version(package) for name, package in PACKAGES.items()},
+        "machine": {"cpu": cpu_model(), "cores": os.cpu_count()},
+        "versions": package_versions(),
         "config": settings,
         "metrics": [dataclasses.asdict(metric) for metric in metrics],
     }
@@ -143,7 +131,7 @@ def _check_clean(folder: Path) -> None:
     Raises:
         ValueError: A file differs from the commit.
     """
-    root = _git("rev-parse", "--show-toplevel")
+    root = git_output("rev-parse", "--show-toplevel")
     if root is None:
         return
     pathspecs = [":(top)"]
@@ -152,40 +140,11 @@ def _check_clean(folder: Path) -> None:
         pathspecs += [
             f":(top,exclude){own}/{name}" for name in ("results.json", "figures")
         ]
-    changed = _git("status", "--porcelain", "--untracked-files=all", "--", *pathspecs)
+    changed = git_output(
+        "status", "--porcelain", "--untracked-files=all", "--", *pathspecs
+    )
     if changed:
         raise ValueError(
             "the code of a recorded run must be committed; commit or use --quick. "
             f"Changed files:\n{changed}"
         )
-
-
-def _git(*arguments: str) -> str | None:
-    """Output of git in the tree that this file belongs to; None where git fails."""
-    try:
-        done = subprocess.run(
-            ["git", *arguments],
-            cwd=Path(__file__).parent,
-            capture_output=True,
-            text=True,
-            check=True,
-        )
-    except (OSError, subprocess.CalledProcessError):
-        return None
-    return done.stdout.rstrip()
-
-
-def _cpu_model() -> str | None:
-    """Name of the processor; None where the system does not tell."""
-    cpuinfo = Path("/proc/cpuinfo")
-    for line in cpuinfo.read_text().splitlines() if cpuinfo.exists() else ():
-        if line.startswith("model name"):
-            return line.partition(":")[2].strip()
-    return platform.processor() or None
-
-
-def _version(package: str) -> str | None:
-    try:
-        return importlib.metadata.version(package)
-    except importlib.metadata.PackageNotFoundError:
-        return None

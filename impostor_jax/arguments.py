@@ -16,6 +16,7 @@ __all__ = [
     "one_of",
     "positive_int",
     "real_number",
+    "whole_number",
 ]
 
 import math
@@ -107,6 +108,15 @@ def positive_int(name: str, value: Any, unit: str) -> int:
     ):
         raise ValueError(f"{name} must be a positive whole number of {unit}, "
                          f"got {value!r}")  # fmt: skip
+    return int(value)
+
+
+def whole_number(name: str, value: Any, low: int, high: int | None = None) -> int:
+    """Return a whole number of a range, both ends included; None is no end."""
+    is_whole = isinstance(value, int | np.integer) and not isinstance(value, bool)
+    if not is_whole or value < low or (high is not None and value > high):
+        need = f"of at least {low}" if high is None else f"from {low} to {high}"
+        raise ValueError(f"{name} must be a whole number {need}, got {value!r}")
     return int(value)
 
 

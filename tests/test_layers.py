@@ -102,7 +102,16 @@ ORDER = {
         "sphere",
         "batch",
     ),
-    "io": ("atomic", "depth_image", "camera_file", "scene_file", "record"),
+    "io": (
+        "atomic",
+        "provenance",
+        "depth_image",
+        "camera_file",
+        "scene_file",
+        "sensor_record",
+        "record",
+        "dataset",
+    ),
     "viewer": ("figure",),
     "glsl": (
         "conventions",

@@ -1,13 +1,13 @@
 """Parsing of the command line."""
 
-__all__ = ["parse"]
+__all__ = ["parse", "parse_with"]
 
 import contextlib
 import io
 import re
 import sys
 from collections.abc import Sequence
-from typing import Annotated
+from typing import Annotated, Any
 
 import tyro
 
@@ -26,13 +26,31 @@ Command = (
 
 def parse(arguments: Sequence[str]) -> Fit | Render | Demo | Parity:
     """Parse the arguments; a mistake ends the program with one line and exit code 2."""
+    description = "Fit capped cylinders to depth images, and render them."
+    return parse_with(Command, "impostor-jax", description, arguments)
+
+
+def parse_with(
+    commands: Any, program: str, description: str, arguments: Sequence[str]
+) -> Any:
+    """Parse the arguments of a program; a mistake ends it as `parse` says.
+
+    Args:
+        commands: Union of the dataclasses of the subcommands.
+        program: Name of the program.
+        description: What it does.
+        arguments: What was typed after its name.
+
+    Returns:
+        An instance of one of the dataclasses.
+    """
     errors = io.StringIO()
     try:
         with contextlib.redirect_stderr(errors):
             return tyro.cli(
-                Command,  # pyright: ignore[reportArgumentType]
-                prog="impostor-jax",
-                description="Fit capped cylinders to depth images, and render them.",
+                commands,
+                prog=program,
+                description=description,
                 args=arguments,
                 config=(tyro.conf.OmitArgPrefixes,),
             )
@@ -40,7 +58,7 @@ def parse(arguments: Sequence[str]) -> Fit | Render | Demo | Parity:
         if stop.code in (0, None):
             raise
         message = _one_line(errors.getvalue())
-        print(f"impostor-jax: error: {message}", file=sys.stderr)
+        print(f"{program}: error: {message}", file=sys.stderr)
         raise SystemExit(2) from None
 
 

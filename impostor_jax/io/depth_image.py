@@ -6,6 +6,8 @@ floating-point numbers. A reading that is missing is written as 0.
 
 __all__ = [
     "fitting_scale",
+    "normal_colors",
+    "png_bytes",
     "read_depth",
     "read_mask",
     "write_depth_png",
@@ -19,7 +21,7 @@ from typing import Any
 
 import cv2
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, UInt8
 
 from impostor_jax.io.atomic import write_atomically
 
@@ -154,16 +156,35 @@ def write_index(path: Path, index: Any) -> None:
 
 
 def write_normals(path: Path, normal: Any) -> None:
-    """Write a normal map as an 8-bit PNG: red, green, blue = 127.5 (x, y, z) + 127.5.
+    """Write a normal map as an 8-bit PNG, in the colors of `normal_colors`.
 
     Args:
         path: File name.
+        normal: (H, W, 3), unit; zero where there is no surface.
+    """
+    _write_image(path, normal_colors(normal))
+
+
+def normal_colors(normal: Any) -> UInt8[np.ndarray, "h w 3"]:
+    """Colors of a normal map: red, green, blue = 127.5 (x, y, z) + 127.5.
+
+    Args:
         normal: (H, W, 3), unit; the zero vector, for no surface, becomes black.
+
+    Returns:
+        Blue, green and red, as OpenCV writes them.
     """
     vectors = np.asarray(normal)
     colors = np.rint(127.5 * vectors + 127.5).astype(np.uint8)
     colors[~np.any(vectors, axis=-1)] = 0
-    _write_image(path, np.ascontiguousarray(colors[..., ::-1]))
+    return np.ascontiguousarray(colors[..., ::-1])
+
+
+def png_bytes(values: np.ndarray) -> bytes:
+    """The PNG file of an image of 8 or 16 bits a channel."""
+    done, buffer = cv2.imencode(".png", values)
+    assert done
+    return buffer.tobytes()
 
 
 def _finite(depth: Any) -> Float[np.ndarray, "h w"]:

@@ -111,8 +111,9 @@ def first_surface(
         ray: One for each pixel, with z = 1; NaN where a pixel sees nothing.
         with_normal: Whether the normal is wanted.
     """
-    see = _see_scene if isinstance(primitive, Scene) else _see_one
-    return see(primitive, camera, ray, with_normal)
+    if isinstance(primitive, Scene):
+        return _see_scene(primitive, camera, ray, with_normal)
+    return _see_one(primitive, camera, ray, with_normal)
 
 
 def _see_one(

@@ -75,9 +75,10 @@ def _lit(
     before = seen & (ahead > 0)
     scale = 1 / jnp.where(before, ahead, 1)
     # NaN where there is no ray, which blocks of rays leave out.
-    across = [jnp.where(before, d * scale, jnp.nan) for d in (point.x - x, point.y - y)]
+    right = jnp.where(before, (point.x - x) * scale, jnp.nan)
+    down = jnp.where(before, (point.y - y) * scale, jnp.nan)
     zero, one = jnp.zeros_like(depth), jnp.ones_like(depth)
-    rays = Ray(origin=Vec3(zero, zero, zero), direction=Vec3(*across, one))
+    rays = Ray(origin=Vec3(zero, zero, zero), direction=Vec3(right, down, one))
     turned = jnp.eye(3, dtype=depth.dtype)
     eye = PinholeCamera(
         1.0, 1.0, 0.0, 0.0, camera.width, camera.height,

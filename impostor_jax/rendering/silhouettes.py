@@ -160,7 +160,7 @@ def _beyond(
         camera.width + 2 * left, camera.height + 2 * above,
     )  # fmt: skip
     bounds = image_bounds(shape, True)
-    box = linear_pixel_box(wide, bounds.low, bounds.high)
+    box = jax.tree.map(jnp.asarray, linear_pixel_box(wide, bounds.low, bounds.high))
     row, col = box.first_row // ROWS, box.first_col // COLS
     num_rows, num_cols = box.last_row // ROWS + 1 - row, box.last_col // COLS + 1 - col
     is_empty = (box.last_row < box.first_row) | (box.last_col < box.first_col)

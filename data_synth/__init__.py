@@ -1,0 +1,1 @@
+"""Synthetic depth datasets of cylinders, labeled and reproducible to the bit."""

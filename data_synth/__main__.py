@@ -1,0 +1,34 @@
+"""Entry point of `impostor-synth` and of `python -m data_synth`."""
+
+__all__ = ["main"]
+
+import os
+import sys
+from concurrent.futures import BrokenExecutor
+from pathlib import Path
+
+from data_synth.cli import parse
+
+
+def main() -> int:
+    """Run the command line; returns the exit code."""
+    command = parse(sys.argv[1:])
+    # Every process would else compile on its own, in every run.
+    home = os.environ.get("XDG_CACHE_HOME") or str(Path.home() / ".cache")
+    cache = Path(home) / "impostor_jax" / "compiled"
+    os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(cache))
+    os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.2")
+    try:
+        return command.run()
+    except BrokenExecutor:
+        message = "a worker process was killed; resume makes what is missing"
+    except (ValueError, OSError) as error:
+        message = " ".join(str(error).split())
+    except KeyboardInterrupt:
+        message = "interrupted; resume makes what is missing"
+    print(f"impostor-synth: error: {message}", file=sys.stderr)
+    return 2
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,255 @@
+"""The command `impostor-synth`."""
+
+__all__ = ["parse"]
+
+import dataclasses
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+import tyro
+
+from impostor_jax.cli.parse import parse_with
+
+if TYPE_CHECKING:
+    from data_synth.shard import ShardReport
+
+
+@dataclasses.dataclass(frozen=True)
+class Work:
+    """Who does the work."""
+
+    workers: int | None = None
+    """Number of processes; one a processor if not given."""
+    shard: int | None = None
+    """Part to make, from 0, of --num-shards equal ones: for job arrays."""
+    num_shards: int = 1
+    """Number of parts."""
+    dask: str | None = None
+    """Address of a dask scheduler whose workers share the folder (extra: scale)."""
+
+    def options(self) -> dict[str, Any]:
+        """Arguments of `generate` and `resume`."""
+        options = dataclasses.asdict(self)
+        address = options.pop("dask")
+        if address is not None:
+            try:
+                from dask.distributed import Client
+            except ImportError as error:
+                raise ValueError(
+                    "dask needs the extra scale: pip install 'impostor-jax[scale]'"
+                ) from error
+            options["executor"] = Client(address).get_executor(pure=False)
+        return options
+
+
+@dataclasses.dataclass(frozen=True)
+class Generate:
+    """Make a dataset.
+
+    Interrupted at any point, `resume` makes the rest. Exits with 2 if an argument is
+    bad or the disk is full.
+    """
+
+    output: Path
+    """Folder, which must be empty or not there."""
+    count: int
+    """Number of images."""
+    preset: str
+    """Name of a preset, see `describe`, or a .json file with the record of one."""
+    work: Work
+    seed: int = 0
+    """Of all that is drawn."""
+    format: Literal["bop", "webdataset"] = "bop"
+    """BOP's folders scene by scene, or a BOP-webdataset archive for each scene."""
+    shard_size: int = 100
+    """Images of a scene, the unit of work."""
+    clean: bool = True
+    """Whether to write the depth without noise, too."""
+    normals: bool = False
+    """Whether to write normals, too."""
+
+    def run(self) -> int:
+        """Run the command; returns the exit code."""
+        from data_synth.generate import generate
+
+        with _Bar(self.count) as bar:
+            reports = generate(
+                self.preset,
+                self.count,
+                self.output,
+                self.seed,
+                layout=self.format,
+                shard_size=self.shard_size,
+                clean=self.clean,
+                normals=self.normals,
+                progress=bar.update,
+                **self.work.options(),
+            )
+        print(_summary(reports, bar.seconds, self.output))
+        return 0
+
+
+@dataclasses.dataclass(frozen=True)
+class Resume:
+    """Make the shards that a dataset lacks."""
+
+    folder: tyro.conf.Positional[Path]
+    """Of the dataset."""
+    work: Work
+    allow_other_maker: bool = False
+    """Go on even where versions, commit or processor are others than at the beginning,
+    so that bytes may differ from those of an uninterrupted run."""
+
+    def run(self) -> int:
+        """Run the command; returns the exit code."""
+        from data_synth.generate import resume
+        from data_synth.manifest import Manifest
+
+        manifest = Manifest.read(self.folder)
+        shards = range(manifest.num_shards)
+        missing = [k for k in shards if not manifest.is_done(self.folder, k)]
+        with _Bar(sum(len(manifest.images_of(k)) for k in missing)) as bar:
+            reports = resume(
+                self.folder,
+                allow_other_maker=self.allow_other_maker,
+                progress=bar.update,
+                **self.work.options(),
+            )
+        print(_summary(reports, bar.seconds, self.folder))
+        return 0
+
+
+@dataclasses.dataclass(frozen=True)
+class Describe:
+    """Say what a preset draws, or which presets there are."""
+
+    preset: tyro.conf.Positional[str | None] = None
+    """Name or .json file; all presets, with their sentences, if not given."""
+    json: bool = False
+    """Print the record of the preset, which `generate --preset FILE.json` takes."""
+
+    def run(self) -> int:
+        """Run the command; returns the exit code."""
+        import json
+
+        from data_synth.describe import describe
+        from data_synth.presets import PRESETS, preset_named
+
+        if self.preset is None:
+            for name, preset in PRESETS.items():
+                print(f"{name}: {preset.sentence}")
+            return 0
+        preset = preset_named(self.preset)
+        print(json.dumps(preset.record(), indent=2) if self.json else describe(preset))
+        return 0
+
+
+@dataclasses.dataclass(frozen=True)
+class Validate:
+    """Check that a dataset is whole and unchanged, and that its labels fit its images.
+
+    Exits with 1 and a line for each problem if it is not.
+    """
+
+    folder: tyro.conf.Positional[Path]
+    """Of the dataset."""
+
+    def run(self) -> int:
+        """Run the command; returns the exit code."""
+        from data_synth.manifest import Manifest
+        from data_synth.validate import validate
+
+        problems = validate(self.folder)
+        manifest = Manifest.read(self.folder)
+        print("\n".join(problems) or f"{manifest.count} images are good")
+        return 1 if problems else 0
+
+
+@dataclasses.dataclass(frozen=True)
+class Preview:
+    """Draw a contact sheet of a dataset's first images."""
+
+    folder: tyro.conf.Positional[Path]
+    """Of the dataset."""
+    output: Path = Path("preview.png")
+    """File to write."""
+    count: int = 12
+    """Most images on it."""
+
+    def run(self) -> int:
+        """Run the command; returns the exit code."""
+        from data_synth.preview import preview
+
+        preview(self.folder, self.output, self.count)
+        print(self.output)
+        return 0
+
+
+Command = (
+    Annotated[Generate, tyro.conf.subcommand("generate")]
+    | Annotated[Resume, tyro.conf.subcommand("resume")]
+    | Annotated[Describe, tyro.conf.subcommand("describe")]
+    | Annotated[Validate, tyro.conf.subcommand("validate")]
+    | Annotated[Preview, tyro.conf.subcommand("preview")]
+)
+
+
+def parse(
+    arguments: Sequence[str],
+) -> Generate | Resume | Describe | Validate | Preview:
+    """Parse the arguments; a mistake ends the program with one line and exit code 2."""
+    return parse_with(
+        Command,
+        "impostor-synth",
+        "Make labeled depth images of cylinders.",
+        arguments,
+    )
+
+
+class _Bar:
+    """Progress on stderr, with images a second and the time left; quiet in a pipe."""
+
+    def __init__(self, count: int) -> None:
+        self.count = count
+        self.seconds = 0.0
+
+    def __enter__(self) -> "_Bar":
+        from tqdm import tqdm
+
+        self._bar = tqdm(total=self.count, unit="image", disable=None, file=sys.stderr)
+        return self
+
+    def update(self, report: "ShardReport") -> None:
+        """Take note of a shard."""
+        self._bar.update(report.num_images)
+
+    def __exit__(self, *error: object) -> None:
+        self.seconds = self._bar.format_dict["elapsed"]
+        self._bar.close()
+
+
+def _summary(reports: list["ShardReport"], seconds: float, folder: Path) -> str:
+    """What was made, what the time went into, and what was rejected."""
+    count = sum(report.num_images for report in reports)
+    if not count:
+        return f"{folder}: nothing was missing"
+    rate = f"{count / seconds:.1f} images/s" if seconds else "at once"
+    spent: dict[str, float] = {}
+    rejected: dict[str, int] = {}
+    for report in reports:
+        for name, part in report.seconds.items():
+            spent[name] = spent.get(name, 0.0) + part
+        for rule, number in report.rejected.items():
+            rejected[rule] = rejected.get(rule, 0) + number
+    total = sum(spent.values())
+    shares = ", ".join(f"{name} {part / total:.0%}" for name, part in spent.items())
+    lines = [
+        f"{folder}: {count} images in {seconds:.1f} s, {rate}",
+        f"  time: {shares}",
+    ]
+    if rejected:
+        rules = ", ".join(f"{rule} {n}" for rule, n in sorted(rejected.items()))
+        lines.append(f"  scenes rejected: {rules}")
+    return "\n".join(lines)

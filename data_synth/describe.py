@@ -1,0 +1,49 @@
+"""What a preset draws, in words."""
+
+__all__ = ["describe"]
+
+import dataclasses
+from typing import Any
+
+from data_synth.distribution import Distribution
+from data_synth.preset import Preset
+from impostor_jax.sensor.base import AbstractDepthNoise
+
+
+def describe(preset: Preset) -> str:
+    """Its sentence, and a line for each of its fields."""
+    return "\n".join([preset.sentence, *_lines(preset, "  ")])
+
+
+def _lines(value: Any, indent: str) -> list[str]:
+    lines = []
+    for field in dataclasses.fields(value):
+        if field.name == "sentence":
+            continue
+        part = getattr(value, field.name)
+        is_nested = dataclasses.is_dataclass(part) and not isinstance(
+            part, Distribution | AbstractDepthNoise
+        )
+        if is_nested:
+            lines += [f"{indent}{field.name}", *_lines(part, indent + "  ")]
+        else:
+            lines.append(f"{indent}{field.name:<20} {_words(part)}")
+    return lines
+
+
+def _words(value: Any) -> str:
+    if value is None:
+        return "none"
+    if isinstance(value, tuple):
+        return ", ".join(map(_words, value))
+    if isinstance(value, AbstractDepthNoise):
+        fields = dataclasses.fields(value)
+        parts = {field.name: getattr(value, field.name) for field in fields}
+        words = [
+            _words(part)
+            if isinstance(part, AbstractDepthNoise)
+            else f"{name} {float(part):.4g}"
+            for name, part in parts.items()
+        ]
+        return f"{type(value).__name__}({', '.join(words)})"
+    return str(value)

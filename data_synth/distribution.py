@@ -1,0 +1,179 @@
+"""Distributions of one number, as frozen dataclasses that a manifest can hold."""
+
+__all__ = ["Choice", "Distribution", "Fixed", "LogUniform", "Uniform", "Whole"]
+
+import abc
+import dataclasses
+import math
+
+import numpy as np
+from typing_extensions import override
+
+
+@dataclasses.dataclass(frozen=True)
+class Distribution(abc.ABC):
+    """A number that is drawn."""
+
+    @abc.abstractmethod
+    def draw(self, rng: np.random.Generator) -> float:
+        """Draw one."""
+
+    @property
+    @abc.abstractmethod
+    def least(self) -> float:
+        """The smallest that is drawn."""
+
+    @property
+    @abc.abstractmethod
+    def most(self) -> float:
+        """The largest that is drawn."""
+
+    @abc.abstractmethod
+    def __str__(self) -> str:
+        """What is drawn, for a reader."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Fixed(Distribution):
+    """Always the same."""
+
+    value: float
+
+    @override
+    def draw(self, rng: np.random.Generator) -> float:
+        return self.value
+
+    @property
+    @override
+    def least(self) -> float:
+        return self.value
+
+    @property
+    @override
+    def most(self) -> float:
+        return self.value
+
+    @override
+    def __str__(self) -> str:
+        return f"{self.value:g}"
+
+
+@dataclasses.dataclass(frozen=True)
+class Uniform(Distribution):
+    """Evenly between two numbers."""
+
+    low: float
+    high: float
+
+    def __post_init__(self) -> None:
+        if not self.low <= self.high:
+            raise ValueError(f"low must be at most high, got {self.low}, {self.high}")
+
+    @override
+    def draw(self, rng: np.random.Generator) -> float:
+        return float(rng.uniform(self.low, self.high))
+
+    @property
+    @override
+    def least(self) -> float:
+        return self.low
+
+    @property
+    @override
+    def most(self) -> float:
+        return self.high
+
+    @override
+    def __str__(self) -> str:
+        return f"{self.low:g} to {self.high:g}"
+
+
+@dataclasses.dataclass(frozen=True)
+class LogUniform(Distribution):
+    """Evenly in the logarithm between two positive numbers."""
+
+    low: float
+    high: float
+
+    def __post_init__(self) -> None:
+        if not 0 < self.low <= self.high:
+            raise ValueError(
+                f"low must be positive and at most high, got {self.low}, {self.high}"
+            )
+
+    @override
+    def draw(self, rng: np.random.Generator) -> float:
+        return math.exp(rng.uniform(math.log(self.low), math.log(self.high)))
+
+    @property
+    @override
+    def least(self) -> float:
+        return self.low
+
+    @property
+    @override
+    def most(self) -> float:
+        return self.high
+
+    @override
+    def __str__(self) -> str:
+        return f"{self.low:g} to {self.high:g}, even in the logarithm"
+
+
+@dataclasses.dataclass(frozen=True)
+class Whole(Distribution):
+    """A whole number, both ends included."""
+
+    low: int
+    high: int
+
+    def __post_init__(self) -> None:
+        if not self.low <= self.high:
+            raise ValueError(f"low must be at most high, got {self.low}, {self.high}")
+
+    @override
+    def draw(self, rng: np.random.Generator) -> float:
+        return int(rng.integers(self.low, self.high, endpoint=True))
+
+    @property
+    @override
+    def least(self) -> float:
+        return self.low
+
+    @property
+    @override
+    def most(self) -> float:
+        return self.high
+
+    @override
+    def __str__(self) -> str:
+        return f"{self.low} to {self.high}"
+
+
+@dataclasses.dataclass(frozen=True)
+class Choice(Distribution):
+    """One of some numbers, all as likely."""
+
+    values: tuple[float, ...]
+
+    def __post_init__(self) -> None:
+        if not self.values:
+            raise ValueError("values must hold at least one number, got none")
+
+    @override
+    def draw(self, rng: np.random.Generator) -> float:
+        return self.values[int(rng.integers(len(self.values)))]
+
+    @property
+    @override
+    def least(self) -> float:
+        return min(self.values)
+
+    @property
+    @override
+    def most(self) -> float:
+        return max(self.values)
+
+    @override
+    def __str__(self) -> str:
+        return "one of " + ", ".join(f"{value:g}" for value in self.values)

@@ -1,0 +1,267 @@
+"""The images of a dataset: drawn, checked against the rules, seen and read.
+
+Image k is made of `jax.random.fold_in(key, k)` and the number of its attempt, so it
+does not depend on which other images are made, where or when.
+"""
+
+__all__ = ["STAGES", "Clock", "Image", "Plan", "images"]
+
+import collections
+import contextlib
+import dataclasses
+import time
+from collections.abc import Iterator, Sequence
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Bool, Float, Int, PRNGKeyArray, UInt16
+
+from data_synth.capture import BATCH, Batch, Seen, capture_keys, readings, see
+from data_synth.catalogue import Item, draw_catalogue
+from data_synth.draw import Drawn, draw_cameras, draw_scene, generator
+from data_synth.label import Box
+from data_synth.manifest import Manifest
+from data_synth.preset import Rules
+from impostor_jax.camera.pinhole import PinholeCamera
+from impostor_jax.primitives.cylinder import Cylinder
+from impostor_jax.primitives.plane import Plane
+
+STAGES = ("drawing", "rendering", "noise", "coding", "writing")
+"""What the time of a dataset goes into."""
+
+AWAY = (0.0, 0.0, -10.0)
+"""Where cylinders are that only fill up a batch: behind the camera, in meters."""
+
+
+class Clock:
+    """Seconds that were spent on each of the stages."""
+
+    def __init__(self) -> None:
+        self.seconds: dict[str, float] = dict.fromkeys(STAGES, 0.0)
+
+    @contextlib.contextmanager
+    def stage(self, name: str) -> Iterator[None]:
+        """Count the time of a block."""
+        start = time.perf_counter()
+        try:
+            yield
+        finally:
+            self.seconds[name] += time.perf_counter() - start
+
+
+@dataclasses.dataclass(frozen=True)
+class Plan:
+    """What all images of a dataset share.
+
+    Attributes:
+        manifest: What is to be made.
+        key: Of all that is drawn.
+        catalogue: Sizes of the cylinders.
+        cameras: The cameras.
+        cylinders_per_image: Most of them in an image.
+    """
+
+    manifest: Manifest
+    key: PRNGKeyArray
+    catalogue: tuple[Item, ...]
+    cameras: tuple[PinholeCamera, ...]
+    cylinders_per_image: int
+
+    @staticmethod
+    def of(manifest: Manifest) -> "Plan":
+        """The plan of a manifest."""
+        preset, key = manifest.preset, jax.random.key(manifest.seed)
+        rng = generator(np.asarray(jax.random.key_data(key)))
+        catalogue = draw_catalogue(preset.objects, preset.radius, preset.aspect, rng)
+        cameras = draw_cameras(preset.camera, rng)
+        most = int(preset.count.most + preset.clutter.most)
+        return Plan(manifest, key, catalogue, cameras, most)
+
+
+@dataclasses.dataclass(frozen=True)
+class Image:
+    """One image.
+
+    Attributes:
+        number: Its number in the dataset.
+        scene: What is there.
+        camera: What sees it.
+        reading: What the sensor reads, in units of the depth files; 0 for nothing.
+        clean: The depth that is there, in the same units.
+        normal: Unit normals that face the camera.
+        visible: Pixels of each cylinder that nothing hides.
+        silhouettes: Pixels of each if nothing hid it.
+        whole_counts: Number of these in the image and a margin of its own size.
+        boxes: Of these.
+        rejected: How often each rule rejected a scene for this image.
+    """
+
+    number: int
+    scene: Drawn
+    camera: PinholeCamera
+    reading: UInt16[np.ndarray, "h w"]
+    clean: UInt16[np.ndarray, "h w"]
+    normal: Float[np.ndarray, "h w 3"]
+    visible: Bool[np.ndarray, "n h w"]
+    silhouettes: Bool[np.ndarray, "n h w"]
+    whole_counts: Int[np.ndarray, " n"]
+    boxes: list[Box]
+    rejected: dict[str, int]
+
+
+def images(plan: Plan, numbers: Sequence[int], clock: Clock) -> Iterator[Image]:
+    """Make images, in the order of their numbers.
+
+    Raises:
+        ValueError: The rules reject all scenes that are drawn for an image.
+    """
+    for first in range(0, len(numbers), BATCH):
+        yield from _window(plan, numbers[first : first + BATCH], clock)
+
+
+def _window(plan: Plan, numbers: Sequence[int], clock: Clock) -> list[Image]:
+    """At most a batch of images; places of scenes that are rejected are drawn again."""
+    rules = plan.manifest.preset.rules
+    padded = jnp.array([*numbers, *[0] * (BATCH - len(numbers))], jnp.uint32)
+    attempt = np.zeros(BATCH, np.uint32)
+    rejected = [collections.Counter() for _ in numbers]
+    made: dict[int, Image] = {}
+    while len(made) < len(numbers):
+        with clock.stage("drawing"):
+            keys = capture_keys(plan.key, padded, jnp.asarray(attempt))
+            scenes = _drawn(plan, keys[0], [k not in made for k in range(len(numbers))])
+            batch = _batch(plan, scenes)
+        with clock.stage("rendering"):
+            used = [scene is not None and scene.failure is None for scene in scenes]
+            seen = see(batch, jnp.array(used))
+            visible, whole = map(np.asarray, (seen.visible_count, seen.whole_count))
+        for k, scene in enumerate(scenes):
+            if scene is None:
+                continue
+            rule = _broken_rule(rules, scene, visible[k], whole[k])
+            if rule is not None:
+                used[k] = False
+                attempt[k] += 1
+                rejected[k][rule] += 1
+                if attempt[k] >= rules.most_attempts:
+                    raise ValueError(_no_scene(numbers[k], rejected[k]))
+        with clock.stage("noise"):
+            pair = _readings(plan, keys[1], batch, used, seen)
+        for k, scene in enumerate(scenes):
+            if used[k]:
+                assert scene is not None
+                made[k] = _image(plan, numbers[k], k, scene, seen, pair, rejected[k])
+    return [made[k] for k in range(len(numbers))]
+
+
+def _drawn(
+    plan: Plan, keys: PRNGKeyArray, wanted: Sequence[bool]
+) -> list[Drawn | None]:
+    """A scene for each place that wants one; None for the rest of the batch."""
+    data = np.asarray(jax.random.key_data(keys))
+    return [
+        draw_scene(plan.manifest.preset, plan.catalogue, generator(data[k]))
+        if k < len(wanted) and wanted[k]
+        else None
+        for k in range(BATCH)
+    ]
+
+
+def _readings(
+    plan: Plan, keys: PRNGKeyArray, batch: Batch, used: Sequence[bool], seen: Seen
+) -> tuple[UInt16[np.ndarray, "b h w"], UInt16[np.ndarray, "b h w"]]:
+    preset = plan.manifest.preset
+    reading, clean = readings(
+        keys,
+        batch,
+        jnp.array(used),
+        seen,
+        preset.sensor,
+        preset.projector_baseline,
+        preset.depth_scale_mm / 1e3,
+    )
+    return np.asarray(reading), np.asarray(clean)
+
+
+def _image(
+    plan: Plan,
+    number: int,
+    place: int,
+    scene: Drawn,
+    seen: Seen,
+    pair: tuple[UInt16[np.ndarray, "b h w"], UInt16[np.ndarray, "b h w"]],
+    rejected: dict[str, int],
+) -> Image:
+    """The image in a place of a batch."""
+    count = len(scene.poses)
+    # Views, without a copy, which each slice of a JAX array is.
+    own = jax.tree.map(lambda x: np.asarray(x)[place], seen)
+    each = np.arange(count, dtype=np.uint8)[:, None, None]
+    ends = np.stack(jax.tree.leaves(own.box), axis=1)[:count].tolist()
+    return Image(
+        number=number,
+        scene=scene,
+        camera=plan.cameras[scene.camera],
+        reading=pair[0][place],
+        clean=pair[1][place],
+        normal=own.normal,
+        visible=own.index == each,
+        silhouettes=own.silhouette[:count],
+        whole_counts=own.whole_count[:count],
+        boxes=[(low, high, left, right) for low, high, left, right in ends],
+        rejected=dict(sorted(rejected.items())),
+    )
+
+
+def _no_scene(number: int, rejected: dict[str, int]) -> str:
+    counts = ", ".join(f"{count} by {rule}" for rule, count in rejected.items())
+    return (
+        f"preset must draw scenes that its rules allow: all scenes for image {number} "
+        f"were rejected, {counts}"
+    )
+
+
+def _batch(plan: Plan, scenes: Sequence[Drawn | None]) -> Batch:
+    """Arrays of scenes, filled up to as many cylinders for each."""
+    shape = (BATCH, plan.cylinders_per_image)
+    center = np.broadcast_to(np.array(AWAY, np.float32), (*shape, 3)).copy()
+    axis = np.broadcast_to(np.array([0, 0, 1], np.float32), (*shape, 3)).copy()
+    radius, height = np.full(shape, 0.01, np.float32), np.full(shape, 0.01, np.float32)
+    preset = plan.manifest.preset
+    num_planes = preset.ground + (preset.wall is not None)
+    point = np.broadcast_to(np.array([0, 0, 1.0], np.float32), (BATCH, num_planes, 3))
+    point, normal = point.copy(), -point
+    cameras = [plan.cameras[0]] * BATCH
+    for k, scene in enumerate(scenes):
+        if scene is None:
+            continue
+        cameras[k] = plan.cameras[scene.camera]
+        for n, pose in enumerate(scene.poses):
+            center[k, n], axis[k, n] = pose.center, pose.axis
+            radius[k, n], height[k, n] = pose.item.radius, pose.item.height
+        for n, (p, up) in enumerate(scene.planes):
+            point[k, n], normal[k, n] = p, up
+    return Batch(
+        camera=jax.tree.map(lambda *x: np.stack(x), *cameras),
+        cylinders=Cylinder(center, axis, radius, height),
+        planes=Plane(point, normal) if num_planes else None,
+    )
+
+
+def _broken_rule(
+    rules: Rules,
+    scene: Drawn,
+    visible: Int[np.ndarray, " n"],
+    whole: Int[np.ndarray, " n"],
+) -> str | None:
+    """Name of the rule that a scene breaks, as it is seen; None if it keeps all."""
+    if scene.failure is not None:
+        return scene.failure
+    count = len(scene.poses) - scene.num_clutter
+    visible, whole = visible[:count], whole[:count]
+    if (visible < rules.smallest_outline).any():
+        return "smallest_outline"
+    if (visible < rules.visible_fraction * whole).any():
+        return "visible_fraction"
+    return None

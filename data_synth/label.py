@@ -1,0 +1,99 @@
+"""Labels of one image, as BOP records and as exact cylinders."""
+
+__all__ = ["camera_label", "cylinders_label", "pose_labels", "visibility_labels"]
+
+from typing import Any
+
+import numpy as np
+from jaxtyping import Bool, Int, UInt16
+
+from data_synth.draw import Drawn
+from impostor_jax.camera.pinhole import PinholeCamera
+from impostor_jax.io.camera_file import camera_record
+
+Box = tuple[int, int, int, int]
+"""First row, last row, first column, last column; empty where the last is before."""
+
+
+def camera_label(camera: PinholeCamera, depth_scale_mm: float) -> dict[str, Any]:
+    """Of `scene_camera.json`: the matrix row by row; the lens is in the cylinders'."""
+    return {"cam_K": camera.matrix().ravel().tolist(), "depth_scale": depth_scale_mm}
+
+
+def pose_labels(scene: Drawn) -> list[dict[str, Any]]:
+    """Of `scene_gt.json`: poses of the meshes in the camera's frame, in millimeters."""
+    return [
+        {
+            "cam_R_m2c": pose.rotation.ravel().tolist(),
+            "cam_t_m2c": (1e3 * pose.center).tolist(),
+            "obj_id": pose.item.number,
+        }
+        for pose in scene.poses
+    ]
+
+
+def visibility_labels(
+    silhouettes: Bool[np.ndarray, "n h w"],
+    visible: Bool[np.ndarray, "n h w"],
+    whole_counts: Int[np.ndarray, " n"],
+    boxes: list[Box],
+    reading: UInt16[np.ndarray, "h w"],
+) -> list[dict[str, Any]]:
+    """Of `scene_gt_info.json`, with boxes as x, y, width and height.
+
+    Args:
+        silhouettes: Each cylinder as if nothing hid it.
+        visible: What is seen of each.
+        whole_counts: Pixels of each in the image and a margin of its own size.
+        boxes: Of these pixels.
+        reading: 0 where there is none.
+    """
+    labels = []
+    for k, box in enumerate(boxes):
+        count, seen = int(whole_counts[k]), int(np.count_nonzero(visible[k]))
+        labels.append(
+            {
+                "bbox_obj": _box_label(box),
+                "bbox_visib": _box_label(_box_of(visible[k])),
+                "px_count_all": count,
+                "px_count_valid": int(np.count_nonzero(silhouettes[k] & (reading > 0))),
+                "px_count_visib": seen,
+                "visib_fract": seen / count if count else 0.0,
+            }
+        )
+    return labels
+
+
+def cylinders_label(scene: Drawn, camera: PinholeCamera) -> dict[str, Any]:
+    """Of `scene_cylinders.json`: cylinders, planes and camera in meters and pixels."""
+    cylinders = [
+        {
+            "obj_id": pose.item.number,
+            "center_m": pose.center.tolist(),
+            "axis": pose.axis.tolist(),
+            "radius_m": pose.item.radius,
+            "height_m": pose.item.height,
+            "is_clutter": k >= len(scene.poses) - scene.num_clutter,
+        }
+        for k, pose in enumerate(scene.poses)
+    ]
+    planes = [
+        {"point_m": point.tolist(), "normal": normal.tolist()}
+        for point, normal in scene.planes
+    ]
+    return {"camera": camera_record(camera), "cylinders": cylinders, "planes": planes}
+
+
+def _box_of(mask: Bool[np.ndarray, "h w"]) -> Box:
+    rows, cols = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
+    if not len(rows):
+        return 0, -1, 0, -1
+    return int(rows[0]), int(rows[-1]), int(cols[0]), int(cols[-1])
+
+
+def _box_label(box: Box) -> list[int]:
+    """BOP's toolkit writes a box of nothing as -1, -1, -1, -1."""
+    first_row, last_row, first_col, last_col = box
+    if last_row < first_row:
+        return [-1, -1, -1, -1]
+    return [first_col, first_row, last_col - first_col + 1, last_row - first_row + 1]

@@ -1,0 +1,123 @@
+"""The manifest of a dataset: all that its bytes depend on, written before them."""
+
+__all__ = ["Layout", "Manifest"]
+
+import dataclasses
+from pathlib import Path
+from typing import Any, Literal, get_args
+
+from data_synth.preset import Preset
+from impostor_jax.arguments import one_of, whole_number
+from impostor_jax.io.atomic import write_json
+from impostor_jax.io.dataset import CHECKSUMS, MANIFEST, SPLIT, read_manifest
+from impostor_jax.io.provenance import cpu_model, git_output, package_versions
+
+VERSION = 1
+
+Layout = Literal["bop", "webdataset"]
+"""Folders scene by scene, or an archive for each scene."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Manifest:
+    """What a dataset is made of.
+
+    Attributes:
+        preset: What is drawn.
+        name: Of the preset, for a reader.
+        count: Number of images.
+        seed: Of all that is drawn.
+        shard_size: Images of a shard, which is a scene of the format.
+        layout: How shards are stored.
+        clean: Whether the depth without noise is stored, too.
+        normals: Whether normals are stored, too.
+        made_by: Versions of packages, commit and processor, on which the last bits
+            depend.
+    """
+
+    preset: Preset
+    name: str
+    count: int
+    seed: int
+    shard_size: int
+    layout: Layout
+    clean: bool
+    normals: bool
+    made_by: dict[str, Any] = dataclasses.field(default_factory=lambda: made_by())
+
+    def __post_init__(self) -> None:
+        for name, low in (("count", 0), ("seed", 0), ("shard_size", 1)):
+            whole_number(name, getattr(self, name), low, 2**32 - 1)
+        one_of("layout", self.layout, get_args(Layout))
+
+    @property
+    def num_shards(self) -> int:
+        """Number of shards."""
+        return -(-self.count // self.shard_size)
+
+    def images_of(self, shard: int) -> range:
+        """Numbers of a shard's images."""
+        first = shard * self.shard_size
+        return range(first, min(first + self.shard_size, self.count))
+
+    def shard_path(self, folder: Path, shard: int) -> Path:
+        """Where a shard is in a dataset."""
+        is_archive = self.layout == "webdataset"
+        name = f"shard-{shard:06d}.tar" if is_archive else f"{shard:06d}"
+        return folder / SPLIT / name
+
+    def checksums_path(self, folder: Path, shard: int) -> Path:
+        """Where a shard's checksums are; there is none before the shard is whole."""
+        return folder / CHECKSUMS / f"{shard:06d}.sha256"
+
+    def is_done(self, folder: Path, shard: int) -> bool:
+        """Whether a shard is whole."""
+        paths = self.checksums_path(folder, shard), self.shard_path(folder, shard)
+        return all(path.exists() for path in paths)
+
+    def write(self, folder: Path) -> None:
+        """Write the manifest of a dataset."""
+        fields = {f.name: getattr(self, f.name) for f in dataclasses.fields(self)}
+        record = {"version": VERSION, **fields, "preset": self.preset.record()}
+        write_json(folder / MANIFEST, {**record, "checksums": CHECKSUMS})
+
+    @staticmethod
+    def read(folder: Path) -> "Manifest":
+        """Read the manifest of a dataset.
+
+        Raises:
+            ValueError: There is none, or it is broken or of another version.
+        """
+        record = read_manifest(folder)
+        if record.pop("version", None) != VERSION:
+            raise ValueError(f"version of the manifest in {folder} must be {VERSION}")
+        record.pop("checksums", None)
+        try:
+            return Manifest(
+                **{**record, "preset": Preset.from_record(record["preset"])}
+            )
+        except (KeyError, TypeError) as error:
+            raise ValueError(f"manifest in {folder} is broken: {error}") from error
+
+    def check_same_maker(self) -> None:
+        """Raise a `ValueError` where bytes made now might differ from those before."""
+        now = made_by()
+        differing = [
+            f"{name} was {self.made_by.get(name)!r} and is {value!r}"
+            for name, value in now.items()
+            if self.made_by.get(name) != value
+        ]
+        if differing:
+            raise ValueError(
+                "the dataset was begun by another maker, whose bytes may differ: "
+                f"{'; '.join(differing)}; allow_other_maker goes on with it"
+            )
+
+
+def made_by() -> dict[str, Any]:
+    """Versions, commit and processor of this process."""
+    return {
+        **package_versions(),
+        "commit": git_output("rev-parse", "HEAD"),
+        "cpu": cpu_model(),
+    }

@@ -1,0 +1,195 @@
+"""What a dataset draws: scenes, cameras and the sensor, as one frozen record."""
+
+__all__ = ["CameraDraw", "Placement", "Preset", "Rules"]
+
+import dataclasses
+from typing import Any, Literal, get_args
+
+from data_synth.catalogue import MAX_OBJECTS
+from data_synth.distribution import (
+    Choice,
+    Distribution,
+    Fixed,
+    LogUniform,
+    Uniform,
+    Whole,
+)
+from impostor_jax.arguments import whole_number
+from impostor_jax.io.sensor_record import sensor_from_record, sensor_record
+from impostor_jax.sensor.base import AbstractDepthNoise
+from impostor_jax.sensor.gaussian import ConstantNoise
+
+Placement = Literal["free", "standing", "lying", "around"]
+"""How a cylinder is put: anywhere; upright or on its side on the ground; or around the
+camera, which looks along it."""
+
+
+@dataclasses.dataclass(frozen=True)
+class CameraDraw:
+    """Intrinsics of the dataset's cameras, one of which takes an image.
+
+    Attributes:
+        count: Number of cameras.
+        width: Number of columns.
+        height: Number of rows.
+        focal: In pixels, the same along rows and columns.
+        shift: Of the principal point from the image's middle, along each, in pixels.
+        distortion: Of k1 and k2 of the lens, in OpenCV's order; None for no lens.
+    """
+
+    count: int = 8
+    width: int = 640
+    height: int = 480
+    focal: Distribution = Fixed(525.0)
+    shift: Distribution = Fixed(0.0)
+    distortion: tuple[Distribution, Distribution] | None = None
+
+    def __post_init__(self) -> None:
+        for name in ("count", "width", "height"):
+            whole_number(name, getattr(self, name), 1)
+
+
+@dataclasses.dataclass(frozen=True)
+class Rules:
+    """When a drawn scene is rejected and drawn again; clutter is left out.
+
+    Attributes:
+        visible_fraction: Least part of a cylinder's silhouette that is seen, of that in
+            an image with a margin of its own size on every side.
+        smallest_outline: Fewest pixels of it that are seen.
+        most_attempts: Scenes that are drawn for an image before the preset is called
+            impossible.
+    """
+
+    visible_fraction: float = 0.3
+    smallest_outline: int = 400
+    most_attempts: int = 100
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.visible_fraction <= 1:
+            raise ValueError(
+                "visible_fraction must be a fraction from 0 to 1, got "
+                f"{self.visible_fraction}"
+            )
+        whole_number("smallest_outline", self.smallest_outline, 0)
+        whole_number("most_attempts", self.most_attempts, 1)
+
+
+@dataclasses.dataclass(frozen=True)
+class Preset:
+    """Distribution of the images of a dataset.
+
+    Attributes:
+        sentence: What it draws, for a reader.
+        objects: Number of sizes in the catalogue.
+        count: Number of cylinders in an image that keep the rules.
+        clutter: Number of further ones, between the camera and what it looks at, of
+            which some may be hidden or out of the image.
+        radius: In meters.
+        aspect: Height over radius.
+        placement: How cylinders are put, each way as likely; one may stand there twice.
+        distance: From the camera to what it looks at, in meters.
+        elevation: Angle at which the camera looks down on the ground, in degrees.
+        spread: Of the cylinders around what the camera looks at, in meters.
+        tilt: Largest angle of an upright cylinder from upright, and of a pipe around
+            the camera from its view, in degrees.
+        ground: Whether there is a plane that cylinders stand or lie on.
+        wall: Distance of a wall behind, in meters; None for none.
+        camera: The cameras.
+        sensor: The noise model that reads depths, and weighs them in a fit.
+        projector_baseline: Distance in meters, along x of the camera, of the projector
+            without whose light there is no reading; None for none.
+        depth_scale_mm: Millimeters a unit of depth files; 65535 of them are the
+            farthest reading.
+        rules: When a scene is rejected.
+    """
+
+    sentence: str
+    objects: int = 20
+    count: Distribution = Fixed(1)
+    clutter: Distribution = Fixed(0)
+    radius: Distribution = Fixed(0.04)
+    aspect: Distribution = Fixed(3.0)
+    placement: tuple[Placement, ...] = ("free",)
+    distance: Distribution = Fixed(0.8)
+    elevation: Distribution = Fixed(45.0)
+    spread: float = 0.1
+    tilt: float = 0.0
+    ground: bool = False
+    wall: Distribution | None = None
+    camera: CameraDraw = CameraDraw()
+    sensor: AbstractDepthNoise = ConstantNoise(0.001)
+    projector_baseline: float | None = None
+    depth_scale_mm: float = 0.1
+    rules: Rules = Rules()
+
+    def __post_init__(self) -> None:
+        whole_number("objects", self.objects, 1, MAX_OBJECTS)
+        unknown = sorted(set(self.placement) - set(get_args(Placement)))
+        if unknown or not self.placement:
+            raise ValueError(
+                f"placement must be some of {', '.join(get_args(Placement))}; got "
+                f"{list(self.placement)}"
+            )
+        on_ground = sorted({"standing", "lying"} & set(self.placement))
+        if on_ground and not self.ground:
+            raise ValueError(f"ground must be True for cylinders that are {on_ground}")
+        for name in ("count", "radius", "aspect", "distance", "depth_scale_mm"):
+            value = getattr(self, name)
+            low = value.least if isinstance(value, Distribution) else value
+            if not low > 0:
+                raise ValueError(f"{name} must be positive, got {value}")
+        if self.clutter.least < 0:
+            raise ValueError(f"clutter must not be negative, got {self.clutter}")
+
+    def record(self) -> dict[str, Any]:
+        """All of it as JSON holds it: what a manifest keeps."""
+        return _record_of(self)
+
+    @staticmethod
+    def from_record(record: dict[str, Any]) -> "Preset":
+        """The preset of a record.
+
+        Raises:
+            ValueError: The record is not one of a preset, or a value is out of range.
+        """
+        try:
+            preset = _from_record(record)
+        except (KeyError, TypeError, AttributeError) as error:
+            raise ValueError(f"preset must be the record of one: {error}") from error
+        if not isinstance(preset, Preset):
+            raise ValueError("preset must be the record of one, with its kind")
+        return preset
+
+
+def _record_of(value: Any) -> Any:
+    if isinstance(value, AbstractDepthNoise):
+        return sensor_record(value)
+    if dataclasses.is_dataclass(value):
+        fields = {
+            field.name: _record_of(getattr(value, field.name))
+            for field in dataclasses.fields(value)
+        }
+        return {"kind": type(value).__name__, **fields}
+    return [_record_of(part) for part in value] if isinstance(value, tuple) else value
+
+
+def _from_record(record: Any) -> Any:
+    if isinstance(record, list):
+        return tuple(_from_record(part) for part in record)
+    if not isinstance(record, dict):
+        return record
+    if "type" in record:
+        return sensor_from_record(record, "sensor")
+    fields = {name: _from_record(value) for name, value in record.items()}
+    return KINDS[fields.pop("kind")](**fields)
+
+
+KINDS = {
+    kind.__name__: kind
+    for kind in (
+        *(Preset, CameraDraw, Rules),
+        *(Fixed, Uniform, LogUniform, Whole, Choice),
+    )
+}
+"""What a record may hold, by name."""

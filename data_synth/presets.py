@@ -1,0 +1,122 @@
+"""The presets, by name."""
+
+__all__ = ["PRESETS", "preset_named"]
+
+from pathlib import Path
+
+from data_synth.distribution import Choice, Fixed, LogUniform, Uniform, Whole
+from data_synth.preset import CameraDraw, Preset, Rules
+from impostor_jax.io.camera_file import read_json_object
+from impostor_jax.sensor.dropout import Dropout
+from impostor_jax.sensor.flying_pixels import FlyingPixels
+from impostor_jax.sensor.gaussian import ConstantNoise
+from impostor_jax.sensor.lateral import LateralNoise
+from impostor_jax.sensor.quantization import StereoDisparity
+from impostor_jax.sensor.structured_light import StructuredLight
+
+PRESETS = {
+    "bench": Preset(
+        sentence="One can in any pose before a wall, read with white noise of 1 mm.",
+        radius=LogUniform(0.02, 0.06),
+        aspect=Uniform(2.0, 5.0),
+        distance=Uniform(0.5, 1.2),
+        spread=0.05,
+        wall=Uniform(1.5, 2.0),
+        rules=Rules(visible_fraction=0.9),
+    ),
+    "tabletop_cans": Preset(
+        sentence="Two to six cans, standing and lying on a table before a wall, read "
+        "by structured light with the projector's shadow, missing and flying pixels.",
+        count=Whole(2, 6),
+        radius=LogUniform(0.025, 0.055),
+        aspect=Uniform(1.5, 4.5),
+        placement=("standing", "standing", "lying"),
+        distance=Uniform(0.7, 1.1),
+        elevation=Uniform(20.0, 60.0),
+        spread=0.2,
+        ground=True,
+        wall=Uniform(1.8, 2.5),
+        camera=CameraDraw(focal=Uniform(500.0, 560.0), shift=Uniform(-8.0, 8.0)),
+        sensor=Dropout(FlyingPixels(StructuredLight())),
+        projector_baseline=0.075,
+        rules=Rules(visible_fraction=0.1),
+    ),
+    "pipes": Preset(
+        sentence="One to four long pipes in any direction before a wall, most of them "
+        "out of the frame at an end, with missing and flying pixels.",
+        count=Whole(1, 4),
+        radius=LogUniform(0.01, 0.06),
+        aspect=LogUniform(15.0, 60.0),
+        distance=Uniform(0.8, 2.0),
+        spread=0.3,
+        wall=Uniform(2.5, 3.5),
+        sensor=Dropout(FlyingPixels(StructuredLight())),
+        rules=Rules(visible_fraction=0.1),
+    ),
+    "tree_trunks": Preset(
+        sentence="One to five trunks, upright to 8 degrees, on the ground before a "
+        "stereo camera of 12 cm baseline.",
+        count=Whole(1, 5),
+        radius=LogUniform(0.08, 0.35),
+        aspect=Uniform(12.0, 40.0),
+        placement=("standing",),
+        distance=Uniform(3.0, 6.0),
+        elevation=Uniform(5.0, 20.0),
+        spread=2.0,
+        tilt=8.0,
+        ground=True,
+        wall=Fixed(15.0),
+        sensor=FlyingPixels(StereoDisparity(525.0, baseline=0.12)),
+        depth_scale_mm=1.0,
+        rules=Rules(visible_fraction=0.05),
+    ),
+    "inside_pipe": Preset(
+        sentence="The camera in a pipe, looking along it to 20 degrees, with noise of "
+        "2 mm and missing readings where the view grazes the wall.",
+        radius=LogUniform(0.1, 0.5),
+        aspect=Uniform(12.0, 40.0),
+        placement=("around",),
+        tilt=20.0,
+        camera=CameraDraw(focal=Uniform(280.0, 420.0)),
+        sensor=Dropout(ConstantNoise(0.002)),
+        depth_scale_mm=0.5,
+        rules=Rules(visible_fraction=0.0, smallest_outline=5000),
+    ),
+    "hard": Preset(
+        sentence="One to three cylinders, thin, far or seen end on, with up to three "
+        "more before them, through a lens, with shadow, lateral noise and missing and "
+        "flying pixels.",
+        count=Whole(1, 3),
+        clutter=Whole(0, 3),
+        radius=LogUniform(0.008, 0.06),
+        aspect=LogUniform(0.5, 20.0),
+        distance=Uniform(0.6, 2.5),
+        spread=0.15,
+        wall=Choice((2.9, 3.5, 4.5)),
+        camera=CameraDraw(
+            count=4,
+            focal=Uniform(450.0, 600.0),
+            shift=Uniform(-10.0, 10.0),
+            distortion=(Uniform(-0.1, 0.05), Uniform(-0.02, 0.02)),
+        ),
+        sensor=Dropout(FlyingPixels(LateralNoise(StructuredLight(), floor=0.5))),
+        projector_baseline=0.075,
+        rules=Rules(visible_fraction=0.05, smallest_outline=100),
+    ),
+}
+"""By the name that a command takes."""
+
+
+def preset_named(name: str) -> Preset:
+    """The preset of a name, or of a JSON file that holds its record.
+
+    Raises:
+        ValueError: There is none, or the file is not readable.
+    """
+    if name in PRESETS:
+        return PRESETS[name]
+    if not name.endswith(".json"):
+        raise ValueError(
+            f"preset must be one of {', '.join(PRESETS)} or a .json file, got {name!r}"
+        )
+    return Preset.from_record(read_json_object(Path(name), f"preset {name!r}"))

@@ -1,0 +1,67 @@
+"""A contact sheet: some images of a dataset in color, with the outlines of labels."""
+
+__all__ = ["preview"]
+
+import itertools
+import math
+from pathlib import Path
+
+import cv2
+import numpy as np
+from jaxtyping import UInt8
+
+from impostor_jax.arguments import whole_number
+from impostor_jax.io.atomic import write_atomically
+from impostor_jax.io.dataset import LabeledImage, read_dataset
+from impostor_jax.io.depth_image import png_bytes
+
+WIDTH = 320
+"""Of an image on the sheet, in pixels."""
+
+COLORS = ((80, 80, 255), (80, 255, 80), (255, 160, 80), (80, 255, 255), (255, 80, 255))
+"""Of outlines, blue, green and red."""
+
+
+def preview(folder: str | Path, output: str | Path, count: int = 12) -> None:
+    """Write a contact sheet of the first images of a dataset.
+
+    Depth is colored from near, red, to far, blue, over the range of each image;
+    missing readings are black. Each cylinder's visible part has an outline.
+
+    Args:
+        folder: Of the dataset.
+        output: PNG file to write.
+        count: Most images on it.
+
+    Raises:
+        ValueError: There is no dataset, or it has no images yet.
+    """
+    whole_number("count", count, 1)
+    some = itertools.islice(read_dataset(Path(folder)), count)
+    tiles = [_picture(image) for image in some]
+    if not tiles:
+        raise ValueError(f"dataset {str(folder)!r} has no images yet")
+    columns = math.ceil(math.sqrt(len(tiles)))
+    blank = np.full_like(tiles[0], 255)
+    tiles += [blank] * (-len(tiles) % columns)
+    rows = [np.hstack(tiles[k : k + columns]) for k in range(0, len(tiles), columns)]
+    data = png_bytes(np.vstack(rows))
+    write_atomically(Path(output), lambda partial: partial.write_bytes(data))
+
+
+def _picture(image: LabeledImage) -> UInt8[np.ndarray, "h w 3"]:
+    depth, seen = image.depth, image.depth > 0
+    near, far = np.percentile(depth[seen], (1, 99)) if seen.any() else (0.0, 1.0)
+    share = np.clip((far - depth) / max(far - near, 1e-6), 0, 1)
+    colors = cv2.applyColorMap((255 * share).astype(np.uint8), cv2.COLORMAP_TURBO)
+    colors[~seen] = 0
+    scale = WIDTH / depth.shape[1]
+    height = max(1, round(scale * depth.shape[0]))
+    picture = cv2.resize(colors, (WIDTH, height), interpolation=cv2.INTER_AREA)
+    for k, mask in enumerate(image.mask):
+        small = cv2.resize(
+            mask.astype(np.uint8), (WIDTH, height), interpolation=cv2.INTER_NEAREST
+        )
+        contours, _ = cv2.findContours(small, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+        cv2.drawContours(picture, contours, -1, COLORS[k % len(COLORS)], 1)
+    return picture

@@ -1,0 +1,74 @@
+"""A noise model as JSON holds it: its type, and the arguments of its class.
+
+{"type": "dropout", "sensor": {"type": "constant", "deviation": 0.001}, "rate": 0.01}
+"""
+
+__all__ = ["SENSORS", "sensor_from_record", "sensor_record"]
+
+import dataclasses
+import inspect
+from typing import Any
+
+from impostor_jax.sensor.base import AbstractDepthNoise
+from impostor_jax.sensor.dropout import Dropout
+from impostor_jax.sensor.flying_pixels import FlyingPixels
+from impostor_jax.sensor.gaussian import ConstantNoise
+from impostor_jax.sensor.lateral import LateralNoise
+from impostor_jax.sensor.quantization import StereoDisparity
+from impostor_jax.sensor.structured_light import StructuredLight
+
+SENSORS: dict[str, type[AbstractDepthNoise]] = {
+    "constant": ConstantNoise,
+    "structured_light": StructuredLight,
+    "stereo": StereoDisparity,
+    "lateral_noise": LateralNoise,
+    "flying_pixels": FlyingPixels,
+    "dropout": Dropout,
+}
+"""By the name that a record has."""
+
+
+def sensor_record(sensor: AbstractDepthNoise) -> dict[str, Any]:
+    """The record of a noise model, whose numbers must be concrete.
+
+    Raises:
+        ValueError: The model is none of `SENSORS`.
+    """
+    names = [name for name, kind in SENSORS.items() if kind is type(sensor)]
+    if not names:
+        raise ValueError(
+            f"sensor must be one of {', '.join(SENSORS)}; got {type(sensor).__name__}"
+        )
+    record: dict[str, Any] = {"type": names[0]}
+    for field in dataclasses.fields(sensor):
+        value = getattr(sensor, field.name)
+        is_sensor = isinstance(value, AbstractDepthNoise)
+        record[field.name] = sensor_record(value) if is_sensor else float(value)
+    return record
+
+
+def sensor_from_record(record: Any, what: str) -> AbstractDepthNoise:
+    """The noise model of a record; what is left out takes the default.
+
+    Args:
+        record: As `sensor_record` makes it.
+        what: Names it in errors.
+
+    Raises:
+        ValueError: The type or a key is unknown, or a value is out of range.
+    """
+    kind = record.get("type") if isinstance(record, dict) else record
+    if kind not in SENSORS:
+        raise ValueError(
+            f"type of {what} must be one of {', '.join(SENSORS)}; got {kind!r}"
+        )
+    values = {name: value for name, value in record.items() if name != "type"}
+    known = set(inspect.signature(SENSORS[kind].__init__).parameters) - {"self"}
+    if unknown := sorted(set(values) - known):
+        raise ValueError(f"{what} holds unknown keys: {', '.join(unknown)}")
+    if "sensor" in values:
+        values["sensor"] = sensor_from_record(values["sensor"], what)
+    try:
+        return SENSORS[kind](**values)
+    except TypeError as error:
+        raise ValueError(f"{what} ({kind}): {error}") from error
