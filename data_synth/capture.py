@@ -13,7 +13,7 @@ from typing import Any
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray, UInt8, UInt16
+from jaxtyping import Array, Bool, Float, Int, Key, PRNGKeyArray, UInt8, UInt16, UInt32
 
 from impostor_jax.camera.pinhole import PinholeCamera
 from impostor_jax.camera.pixels import PixelBox
@@ -23,7 +23,7 @@ from impostor_jax.rendering.raycast import render
 from impostor_jax.rendering.scene import Scene
 from impostor_jax.rendering.shadow import lit
 from impostor_jax.rendering.silhouettes import silhouettes
-from impostor_jax.sensor.base import NO_READING, AbstractDepthNoise
+from impostor_jax.sensor.base import NO_READING, AbstractDepthNoise, Scalar
 
 BATCH = 8
 """Images of one call."""
@@ -79,8 +79,8 @@ class Seen(eqx.Module):
 
 @jax.jit
 def capture_keys(
-    key: PRNGKeyArray, number: Int[Array, " b"], attempt: Int[Array, " b"]
-) -> tuple[PRNGKeyArray, PRNGKeyArray]:
+    key: PRNGKeyArray, number: UInt32[Array, " b"], attempt: UInt32[Array, " b"]
+) -> tuple[Key[Array, " b"], Key[Array, " b"]]:
     """Keys of the scene and of the readings of images, of the key of the dataset."""
 
     def of(number, attempt):
@@ -123,13 +123,13 @@ def see(batch: Batch, used: Bool[Array, " b"]) -> Seen:
 
 @jax.jit
 def readings(
-    keys: PRNGKeyArray,
+    keys: Key[Array, " b"],
     batch: Batch,
     used: Bool[Array, " b"],
     seen: Seen,
     sensor: AbstractDepthNoise,
-    projector_baseline: float | None,
-    depth_scale_m: float,
+    projector_baseline: Scalar | None,
+    depth_scale_m: Scalar,
 ) -> tuple[UInt16[Array, "b h w"], UInt16[Array, "b h w"]]:
     """What the sensor reads, and the depth that is there, both in units of the scale.
 

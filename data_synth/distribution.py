@@ -9,23 +9,25 @@ import math
 import numpy as np
 from typing_extensions import override
 
+Number = float | int
+
 
 @dataclasses.dataclass(frozen=True)
 class Distribution(abc.ABC):
     """A number that is drawn."""
 
     @abc.abstractmethod
-    def draw(self, rng: np.random.Generator) -> float:
+    def draw(self, rng: np.random.Generator) -> Number:
         """Draw one."""
 
     @property
     @abc.abstractmethod
-    def least(self) -> float:
+    def least(self) -> Number:
         """The smallest that is drawn."""
 
     @property
     @abc.abstractmethod
-    def most(self) -> float:
+    def most(self) -> Number:
         """The largest that is drawn."""
 
     @abc.abstractmethod
@@ -37,20 +39,20 @@ class Distribution(abc.ABC):
 class Fixed(Distribution):
     """Always the same."""
 
-    value: float
+    value: Number
 
     @override
-    def draw(self, rng: np.random.Generator) -> float:
+    def draw(self, rng: np.random.Generator) -> Number:
         return self.value
 
     @property
     @override
-    def least(self) -> float:
+    def least(self) -> Number:
         return self.value
 
     @property
     @override
-    def most(self) -> float:
+    def most(self) -> Number:
         return self.value
 
     @override
@@ -62,25 +64,25 @@ class Fixed(Distribution):
 class Uniform(Distribution):
     """Evenly between two numbers."""
 
-    low: float
-    high: float
+    low: Number
+    high: Number
 
     def __post_init__(self) -> None:
         if not self.low <= self.high:
             raise ValueError(f"low must be at most high, got {self.low}, {self.high}")
 
     @override
-    def draw(self, rng: np.random.Generator) -> float:
+    def draw(self, rng: np.random.Generator) -> Number:
         return float(rng.uniform(self.low, self.high))
 
     @property
     @override
-    def least(self) -> float:
+    def least(self) -> Number:
         return self.low
 
     @property
     @override
-    def most(self) -> float:
+    def most(self) -> Number:
         return self.high
 
     @override
@@ -92,8 +94,8 @@ class Uniform(Distribution):
 class LogUniform(Distribution):
     """Evenly in the logarithm between two positive numbers."""
 
-    low: float
-    high: float
+    low: Number
+    high: Number
 
     def __post_init__(self) -> None:
         if not 0 < self.low <= self.high:
@@ -102,17 +104,17 @@ class LogUniform(Distribution):
             )
 
     @override
-    def draw(self, rng: np.random.Generator) -> float:
+    def draw(self, rng: np.random.Generator) -> Number:
         return math.exp(rng.uniform(math.log(self.low), math.log(self.high)))
 
     @property
     @override
-    def least(self) -> float:
+    def least(self) -> Number:
         return self.low
 
     @property
     @override
-    def most(self) -> float:
+    def most(self) -> Number:
         return self.high
 
     @override
@@ -132,17 +134,17 @@ class Whole(Distribution):
             raise ValueError(f"low must be at most high, got {self.low}, {self.high}")
 
     @override
-    def draw(self, rng: np.random.Generator) -> float:
+    def draw(self, rng: np.random.Generator) -> Number:
         return int(rng.integers(self.low, self.high, endpoint=True))
 
     @property
     @override
-    def least(self) -> float:
+    def least(self) -> Number:
         return self.low
 
     @property
     @override
-    def most(self) -> float:
+    def most(self) -> Number:
         return self.high
 
     @override
@@ -154,24 +156,24 @@ class Whole(Distribution):
 class Choice(Distribution):
     """One of some numbers, all as likely."""
 
-    values: tuple[float, ...]
+    values: tuple[Number, ...]
 
     def __post_init__(self) -> None:
         if not self.values:
             raise ValueError("values must hold at least one number, got none")
 
     @override
-    def draw(self, rng: np.random.Generator) -> float:
+    def draw(self, rng: np.random.Generator) -> Number:
         return self.values[int(rng.integers(len(self.values)))]
 
     @property
     @override
-    def least(self) -> float:
+    def least(self) -> Number:
         return min(self.values)
 
     @property
     @override
-    def most(self) -> float:
+    def most(self) -> Number:
         return max(self.values)
 
     @override

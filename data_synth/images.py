@@ -15,7 +15,7 @@ from collections.abc import Iterator, Sequence
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Float, Int, PRNGKeyArray, UInt16
+from jaxtyping import Array, Bool, Float, Int, Key, PRNGKeyArray, UInt16
 
 from data_synth.capture import BATCH, Batch, Seen, capture_keys, readings, see
 from data_synth.catalogue import Item, draw_catalogue
@@ -156,7 +156,7 @@ def _window(plan: Plan, numbers: Sequence[int], clock: Clock) -> list[Image]:
 
 
 def _drawn(
-    plan: Plan, keys: PRNGKeyArray, wanted: Sequence[bool]
+    plan: Plan, keys: Key[Array, " b"], wanted: Sequence[bool]
 ) -> list[Drawn | None]:
     """A scene for each place that wants one; None for the rest of the batch."""
     data = np.asarray(jax.random.key_data(keys))
@@ -169,7 +169,7 @@ def _drawn(
 
 
 def _readings(
-    plan: Plan, keys: PRNGKeyArray, batch: Batch, used: Sequence[bool], seen: Seen
+    plan: Plan, keys: Key[Array, " b"], batch: Batch, used: Sequence[bool], seen: Seen
 ) -> tuple[UInt16[np.ndarray, "b h w"], UInt16[np.ndarray, "b h w"]]:
     preset = plan.manifest.preset
     reading, clean = readings(

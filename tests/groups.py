@@ -8,3 +8,4 @@ import pytest
 
 SMALL_IMAGES = pytest.mark.xdist_group("fits of small images")
 LARGE_IMAGES = pytest.mark.xdist_group("fits of large images")
+DATASETS = pytest.mark.xdist_group("datasets")

@@ -19,6 +19,7 @@ LAYERS = (
     "sensor",
     "fit",
     "io",
+    "evaluate",
     "viewer",
     "glsl",
     "cli",
@@ -135,7 +136,7 @@ ORDER = {
         "bounds",
         "parity",
     ),
-    "cli": ("fit", "render", "demo", "parity", "parse"),
+    "cli": ("fit", "render", "demo", "evaluate", "parity", "parse"),
 }
 MODULES = sorted(
     path.relative_to(PACKAGE).with_suffix("").parts

@@ -12,6 +12,7 @@ from typing import Annotated, Any
 import tyro
 
 from impostor_jax.cli.demo import Demo
+from impostor_jax.cli.evaluate import Evaluate
 from impostor_jax.cli.fit import Fit
 from impostor_jax.cli.parity import Parity
 from impostor_jax.cli.render import Render
@@ -20,11 +21,12 @@ Command = (
     Annotated[Fit, tyro.conf.subcommand("fit")]
     | Annotated[Render, tyro.conf.subcommand("render")]
     | Annotated[Demo, tyro.conf.subcommand("demo")]
+    | Annotated[Evaluate, tyro.conf.subcommand("evaluate")]
     | Annotated[Parity, tyro.conf.subcommand("parity")]
 )
 
 
-def parse(arguments: Sequence[str]) -> Fit | Render | Demo | Parity:
+def parse(arguments: Sequence[str]) -> Fit | Render | Demo | Evaluate | Parity:
     """Parse the arguments; a mistake ends the program with one line and exit code 2."""
     description = "Fit capped cylinders to depth images, and render them."
     return parse_with(Command, "impostor-jax", description, arguments)

@@ -1,0 +1,61 @@
+"""The command `impostor-jax evaluate`."""
+
+__all__ = ["Evaluate"]
+
+import dataclasses
+import sys
+from pathlib import Path
+
+import tyro
+
+
+@dataclasses.dataclass(frozen=True)
+class Evaluate:
+    """Fit every visible cylinder of a synthetic dataset and compare with the truth.
+
+    Prints errors, errors over their deviations and the coverage of the intervals, by
+    the part of a cylinder that is seen.
+    """
+
+    dataset: tyro.conf.Positional[Path]
+    """Folder of a dataset that impostor-synth made."""
+    limit: int | None = None
+    """Most images; all if not given."""
+    erode_px: int = 0
+    """How many pixels deep to leave out the edges of masks, where a sensor may mix
+    readings with those behind."""
+    json: Path | None = None
+    """File for the outcome of every cylinder."""
+
+    def run(self) -> int:
+        """Run the command; returns the exit code."""
+        import itertools
+
+        from tqdm import tqdm
+
+        from impostor_jax.arguments import whole_number
+        from impostor_jax.evaluate import evaluate, table
+        from impostor_jax.io.atomic import write_json
+        from impostor_jax.io.dataset import read_dataset, read_manifest, sensor_of
+
+        if self.limit is not None:
+            whole_number("limit", self.limit, 1)
+        whole_number("erode_px", self.erode_px, 0)
+        manifest = read_manifest(self.dataset)
+        sensor = sensor_of(manifest)
+        images = itertools.islice(read_dataset(self.dataset), self.limit)
+        total = min(manifest["count"], self.limit or manifest["count"])
+        fitted = tqdm(
+            evaluate(images, sensor, self.erode_px),
+            total=total,
+            unit="image",
+            disable=None,
+            file=sys.stderr,
+        )
+        outcomes = [outcome for some in fitted for outcome in some]
+        if not outcomes:
+            raise ValueError(f"dataset {str(self.dataset)!r} has no cylinder to fit")
+        if self.json is not None:
+            write_json(self.json, [dataclasses.asdict(o) for o in outcomes])
+        print(table(outcomes))
+        return 0
