@@ -63,7 +63,6 @@ class Seen(eqx.Module):
         normal: Unit normals that face the camera.
         index: Which cylinder; `NOTHING` where it is none.
         silhouette: Pixels of each cylinder if nothing hid it.
-        visible_count: Number of each one's pixels that are seen.
         whole_count: Number of all in an image with a margin of its own size.
         box: Smallest block of these.
     """
@@ -72,7 +71,6 @@ class Seen(eqx.Module):
     normal: Float[Array, "*b h w 3"]
     index: UInt8[Array, "*b h w"]
     silhouette: Bool[Array, "*b n h w"]
-    visible_count: Int[Array, "*b n"]
     whole_count: Int[Array, "*b n"]
     box: PixelBox
 
@@ -106,14 +104,11 @@ def see(batch: Batch, used: Bool[Array, " b"]) -> Seen:
         (count,) = batch.cylinders.batch_shape
         is_cylinder = (maps.index >= 0) & (maps.index < count)
         index = jnp.where(is_cylinder, maps.index, NOTHING).astype(jnp.uint8)
-        each = jnp.arange(count, dtype=jnp.uint8)
-        visible = jax.lax.map(lambda k: jnp.sum(index == k, dtype=jnp.int32), each)
         return Seen(
             depth=maps.depth,
             normal=maps.normal,
             index=index,
             silhouette=found.mask,
-            visible_count=visible,
             whole_count=found.count,
             box=found.box,
         )

@@ -4,6 +4,7 @@ __all__ = ["parse"]
 
 import dataclasses
 import sys
+import time
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -219,6 +220,7 @@ class _Bar:
         from tqdm import tqdm
 
         self._bar = tqdm(total=self.count, unit="image", disable=None, file=sys.stderr)
+        self._start = time.perf_counter()
         return self
 
     def update(self, report: "ShardReport") -> None:
@@ -226,7 +228,7 @@ class _Bar:
         self._bar.update(report.num_images)
 
     def __exit__(self, *error: object) -> None:
-        self.seconds = self._bar.format_dict["elapsed"]
+        self.seconds = time.perf_counter() - self._start
         self._bar.close()
 
 
@@ -235,7 +237,6 @@ def _summary(reports: list["ShardReport"], seconds: float, folder: Path) -> str:
     count = sum(report.num_images for report in reports)
     if not count:
         return f"{folder}: nothing was missing"
-    rate = f"{count / seconds:.1f} images/s" if seconds else "at once"
     spent: dict[str, float] = {}
     rejected: dict[str, int] = {}
     for report in reports:
@@ -246,7 +247,7 @@ def _summary(reports: list["ShardReport"], seconds: float, folder: Path) -> str:
     total = sum(spent.values())
     shares = ", ".join(f"{name} {part / total:.0%}" for name, part in spent.items())
     lines = [
-        f"{folder}: {count} images in {seconds:.1f} s, {rate}",
+        f"{folder}: {count} images in {seconds:.1f} s, {count / seconds:.1f} images/s",
         f"  time: {shares}",
     ]
     if rejected:

@@ -10,12 +10,12 @@ import collections
 import contextlib
 import dataclasses
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int, Key, PRNGKeyArray, UInt16
+from jaxtyping import Array, Bool, Float, Int, Key, PRNGKeyArray, UInt8, UInt16
 
 from data_synth.capture import BATCH, Batch, Seen, capture_keys, readings, see
 from data_synth.catalogue import Item, draw_catalogue
@@ -127,55 +127,64 @@ def _window(plan: Plan, numbers: Sequence[int], clock: Clock) -> list[Image]:
     attempt = np.zeros(BATCH, np.uint32)
     rejected = [collections.Counter() for _ in numbers]
     made: dict[int, Image] = {}
+
+    def reject(place: int, rule: str) -> None:
+        attempt[place] += 1
+        rejected[place][rule] += 1
+        if attempt[place] >= rules.most_attempts:
+            raise ValueError(_no_scene(numbers[place], rejected[place]))
+
     while len(made) < len(numbers):
         with clock.stage("drawing"):
             keys = capture_keys(plan.key, padded, jnp.asarray(attempt))
-            scenes = _drawn(plan, keys[0], [k not in made for k in range(len(numbers))])
+            scenes = _drawn(plan, keys[0], set(range(len(numbers))) - set(made))
+            for k, scene in list(scenes.items()):
+                if scene.failure is not None:
+                    reject(k, scene.failure)
+                    del scenes[k]
+            if not scenes:
+                continue
             batch = _batch(plan, scenes)
         with clock.stage("rendering"):
-            used = [scene is not None and scene.failure is None for scene in scenes]
-            seen = see(batch, jnp.array(used))
-            visible, whole = map(np.asarray, (seen.visible_count, seen.whole_count))
-        for k, scene in enumerate(scenes):
-            if scene is None:
-                continue
-            rule = _broken_rule(rules, scene, visible[k], whole[k])
+            seen = see(batch, _used(scenes))
+            index, whole = map(np.asarray, (seen.index, seen.whole_count))
+        for k, scene in list(scenes.items()):
+            rule = _broken_rule(rules, scene, index[k], whole[k])
             if rule is not None:
-                used[k] = False
-                attempt[k] += 1
-                rejected[k][rule] += 1
-                if attempt[k] >= rules.most_attempts:
-                    raise ValueError(_no_scene(numbers[k], rejected[k]))
+                reject(k, rule)
+                del scenes[k]
         with clock.stage("noise"):
-            pair = _readings(plan, keys[1], batch, used, seen)
-        for k, scene in enumerate(scenes):
-            if used[k]:
-                assert scene is not None
-                made[k] = _image(plan, numbers[k], k, scene, seen, pair, rejected[k])
+            pair = _readings(plan, keys[1], batch, _used(scenes), seen)
+        for k, scene in scenes.items():
+            made[k] = _image(plan, numbers[k], k, scene, seen, pair, rejected[k])
     return [made[k] for k in range(len(numbers))]
 
 
+def _used(scenes: Mapping[int, Drawn]) -> Bool[Array, " b"]:
+    """Which places of a batch hold a scene."""
+    return jnp.array([k in scenes for k in range(BATCH)])
+
+
 def _drawn(
-    plan: Plan, keys: Key[Array, " b"], wanted: Sequence[bool]
-) -> list[Drawn | None]:
-    """A scene for each place that wants one; None for the rest of the batch."""
-    data = np.asarray(jax.random.key_data(keys))
-    return [
-        draw_scene(plan.manifest.preset, plan.catalogue, generator(data[k]))
-        if k < len(wanted) and wanted[k]
-        else None
-        for k in range(BATCH)
-    ]
+    plan: Plan, keys: Key[Array, " b"], places: Iterable[int]
+) -> dict[int, Drawn]:
+    """A scene for each of some places of a batch."""
+    data, preset = np.asarray(jax.random.key_data(keys)), plan.manifest.preset
+    return {k: draw_scene(preset, plan.catalogue, generator(data[k])) for k in places}
 
 
 def _readings(
-    plan: Plan, keys: Key[Array, " b"], batch: Batch, used: Sequence[bool], seen: Seen
+    plan: Plan,
+    keys: Key[Array, " b"],
+    batch: Batch,
+    used: Bool[Array, " b"],
+    seen: Seen,
 ) -> tuple[UInt16[np.ndarray, "b h w"], UInt16[np.ndarray, "b h w"]]:
     preset = plan.manifest.preset
     reading, clean = readings(
         keys,
         batch,
-        jnp.array(used),
+        used,
         seen,
         preset.sensor,
         preset.projector_baseline,
@@ -222,7 +231,7 @@ def _no_scene(number: int, rejected: dict[str, int]) -> str:
     )
 
 
-def _batch(plan: Plan, scenes: Sequence[Drawn | None]) -> Batch:
+def _batch(plan: Plan, scenes: Mapping[int, Drawn]) -> Batch:
     """Arrays of scenes, filled up to as many cylinders for each."""
     shape = (BATCH, plan.cylinders_per_image)
     center = np.broadcast_to(np.array(AWAY, np.float32), (*shape, 3)).copy()
@@ -233,9 +242,7 @@ def _batch(plan: Plan, scenes: Sequence[Drawn | None]) -> Batch:
     point = np.broadcast_to(np.array([0, 0, 1.0], np.float32), (BATCH, num_planes, 3))
     point, normal = point.copy(), -point
     cameras = [plan.cameras[0]] * BATCH
-    for k, scene in enumerate(scenes):
-        if scene is None:
-            continue
+    for k, scene in scenes.items():
         cameras[k] = plan.cameras[scene.camera]
         for n, pose in enumerate(scene.poses):
             center[k, n], axis[k, n] = pose.center, pose.axis
@@ -252,16 +259,14 @@ def _batch(plan: Plan, scenes: Sequence[Drawn | None]) -> Batch:
 def _broken_rule(
     rules: Rules,
     scene: Drawn,
-    visible: Int[np.ndarray, " n"],
+    index: UInt8[np.ndarray, "h w"],
     whole: Int[np.ndarray, " n"],
 ) -> str | None:
     """Name of the rule that a scene breaks, as it is seen; None if it keeps all."""
-    if scene.failure is not None:
-        return scene.failure
     count = len(scene.poses) - scene.num_clutter
-    visible, whole = visible[:count], whole[:count]
+    visible = np.array([np.count_nonzero(index == k) for k in range(count)])
     if (visible < rules.smallest_outline).any():
         return "smallest_outline"
-    if (visible < rules.visible_fraction * whole).any():
+    if (visible < rules.visible_fraction * whole[:count]).any():
         return "visible_fraction"
     return None

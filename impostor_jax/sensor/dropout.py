@@ -16,6 +16,7 @@ from impostor_jax.sensor.base import (
     NO_READING,
     AbstractDepthNoise,
     Scalar,
+    chances,
     compiled,
     cos_incidence,
     has_surface,
@@ -85,6 +86,6 @@ class Dropout(AbstractDepthNoise):
         drop_key, sensor_key = jax.random.split(key)
         reading = self.sensor.sample(sensor_key, depth, normal, camera)
         cosine = jnp.where(has_surface(depth), cos_incidence(normal, camera), 1)
-        draw = jax.random.uniform(drop_key, depth.shape, depth.dtype)
+        draw = chances(drop_key, depth)
         drops = (draw < self.probability(cosine)) & jnp.isfinite(reading)
         return jnp.where(drops, NO_READING, reading)

@@ -18,6 +18,7 @@ from impostor_jax.camera.base import AbstractCamera
 from impostor_jax.sensor.base import (
     AbstractDepthNoise,
     Scalar,
+    chances,
     compiled,
     has_surface,
     noise_model,
@@ -73,7 +74,7 @@ class FlyingPixels(AbstractDepthNoise):
         mix_key, sensor_key = jax.random.split(key)
         other, at_jump = self._across(depth)
         probability = jnp.asarray(self.probability, depth.dtype)
-        draw = jax.random.uniform(mix_key, depth.shape, depth.dtype)
+        draw = chances(mix_key, depth)
         mixes = at_jump & (draw < probability)
         # Of those that are below the probability, draws are uniform once more.
         weight = draw / jnp.where(mixes, probability, 1)
