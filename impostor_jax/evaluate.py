@@ -9,6 +9,7 @@ __all__ = [
     "LEVELS",
     "CylinderOutcome",
     "Summary",
+    "by_visibility",
     "evaluate",
     "standardized",
     "summarize",
@@ -216,16 +217,26 @@ def standardized(
     )
 
 
+def by_visibility(
+    outcomes: Sequence[CylinderOutcome],
+) -> dict[str, list[CylinderOutcome]]:
+    """Outcomes by the visible fraction of their cylinders, in the bins of `BINS`."""
+    bins: dict[str, list[CylinderOutcome]] = {
+        f"{low:.0%}-{high:.0%}": [] for low, high in itertools.pairwise(BINS)
+    }
+    labels = list(bins)
+    for outcome in outcomes:
+        place = np.searchsorted(BINS[1:-1], outcome.visible_fraction, side="right")
+        bins[labels[int(place)]].append(outcome)
+    return bins
+
+
 def table(outcomes: Sequence[CylinderOutcome]) -> str:
     """Table of the outcomes by visibility, and of the coverage by coordinate."""
     titles = ("visible", "number", "failed", "wrong", "radius mm", "axis deg")
     titles += ("center mm", "height mm", "spread", *LEVELS)
     lines = ["".join(f"{title:>10}" for title in titles)]
-    rows = [
-        (f"{low:.0%}-{high:.0%}", [o for o in outcomes if _is_within(o, low, high)])
-        for low, high in itertools.pairwise(BINS)
-    ]
-    for title, some in [*rows, ("all", outcomes)]:
+    for title, some in [*by_visibility(outcomes).items(), ("all", outcomes)]:
         if not some:
             continue
         s = summarize(some)
@@ -243,8 +254,3 @@ def table(outcomes: Sequence[CylinderOutcome]) -> str:
             lines.append(f"{name:>20}{scaled.size:>10}{'':50}{spread:>10.2f}")
             lines[-1] += "".join(parts)
     return "\n".join(lines)
-
-
-def _is_within(outcome: CylinderOutcome, low: float, high: float) -> bool:
-    part = outcome.visible_fraction
-    return low <= part < high or part == high == BINS[-1]

@@ -1,0 +1,291 @@
+"""Make a dataset, kill and resume it, and fit all of its cylinders."""
+
+__all__ = ["Config", "run"]
+
+import dataclasses
+import functools
+import itertools
+import os
+import resource
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
+from pathlib import Path
+
+import cv2
+import numpy as np
+import tyro
+
+from data_synth.distribution import Fixed
+from data_synth.generate import generate
+from data_synth.images import STAGES
+from data_synth.preset import CameraDraw, Preset, Rules
+from data_synth.presets import PRESETS
+from experiments.recording import Metric, result_folder, save_run
+from experiments.synthetic_benchmark.report import draw, tables
+from impostor_jax.evaluate import (
+    LEVELS,
+    CylinderOutcome,
+    by_visibility,
+    evaluate,
+    standardized,
+    summarize,
+)
+from impostor_jax.fit.parameterization import COORDINATES
+from impostor_jax.io.atomic import write_json
+from impostor_jax.io.dataset import read_dataset, read_manifest, sensor_of
+from impostor_jax.io.depth_image import png_bytes
+from impostor_jax.sensor.gaussian import ConstantNoise
+
+HERE = Path(__file__).parent
+
+PRESET = "tabletop_cans"
+
+
+@dataclasses.dataclass(frozen=True)
+class Config:
+    """Measure how fast datasets are made, whether a kill matters, and how fits do."""
+
+    count: int = 1000
+    """Images of the dataset."""
+    workers: int = 2
+    """Processes that make it."""
+    kills: int = 20
+    """Times that a run is killed and resumed."""
+    eroded: int = 250
+    """Images whose cylinders are fitted without the edges of their masks, too."""
+    seed: int = 0
+    """Of the dataset and of the moments of the kills."""
+    quick: bool = False
+    """A few small images: a trial of the code, no measurement."""
+    output: Path | None = None
+    """Folder for the results; that of the experiment if None, a temporary one with
+    --quick."""
+
+
+def run(config: Config) -> int:
+    """Make, kill, fit and write; returns the exit code."""
+    started = time.perf_counter()
+    folder = result_folder(config.output, HERE, quick=config.quick)
+    preset = PRESETS[PRESET]
+    if config.quick:
+        config = dataclasses.replace(config, count=4, workers=1, kills=1, eroded=1)
+        preset = _small(preset)
+    # Processes share what they compile, and a second run compiles nothing.
+    os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", tempfile.mkdtemp())
+    os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.2")
+    with tempfile.TemporaryDirectory() as home:
+        path = Path(home) / "preset.json"
+        write_json(path, preset.record())
+        whole = Path(home) / "whole"
+        metrics, seconds = speed(path, whole, config)
+        metrics += killed(path, whole, Path(home), seconds, config)
+        metrics += fitted(whole, config)
+    save_run(
+        folder,
+        metrics,
+        config,
+        seed=config.seed,
+        dtype="float32",
+        seconds=time.perf_counter() - started,
+        quick=config.quick,
+    )
+    draw(folder)
+    print(tables(folder))
+    return 0
+
+
+def _small(preset: Preset) -> Preset:
+    """Scenes of its kind in small images, with noise whose fits compile fast."""
+    camera = CameraDraw(count=1, width=160, height=120, focal=Fixed(150.0))
+    return dataclasses.replace(
+        preset,
+        camera=camera,
+        count=Fixed(2),
+        sensor=ConstantNoise(0.001),
+        rules=Rules(visible_fraction=0.1, smallest_outline=100),
+    )
+
+
+def speed(preset: Path, whole: Path, config: Config) -> tuple[list[Metric], float]:
+    """Rate, what the time goes into, what coding alone would allow, and memory."""
+    warm = whole.parent / "warm"
+    few = min(config.count, 10 * config.workers)
+    shard_size = -(-config.count // 10)
+    make = functools.partial(generate, str(preset), workers=config.workers)
+    make(few, warm, config.seed, shard_size=-(-few // config.workers))
+    memory = [_peak_mib()]
+    started = time.perf_counter()
+    reports = make(config.count, whole, config.seed, shard_size=shard_size)
+    seconds = time.perf_counter() - started
+    memory.append(_peak_mib())
+    spent = {k: sum(report.seconds[k] for report in reports) for k in STAGES}
+    total = sum(spent.values())
+    rate, steady = config.count / seconds, config.workers * config.count / total
+    coding = config.workers * config.count / _coding_seconds(whole, config.workers)
+    n = config.count
+    metrics = [
+        Metric("speed.rate", rate, None, "images/s", "higher", n),
+        Metric("speed.rate_after_start", steady, None, "images/s", "higher", n),
+        Metric("speed.rate_of_coding_alone", coding, None, "images/s", "higher", n),
+        Metric("speed.rate_over_coding", rate / coding, None, "1", "higher", n),
+        Metric("speed.steady_over_coding", steady / coding, None, "1", "higher", n),
+        Metric("memory.few_images", memory[0], None, "MiB", "lower", few),
+        Metric("memory.all_images", memory[1], None, "MiB", "lower", n),
+    ]
+    for stage, part in spent.items():
+        each = 1e3 * part / n
+        metrics.append(Metric(f"time.{stage}", each, None, "ms", "lower", n))
+        share = part / total
+        metrics.append(Metric(f"share.{stage}", share, None, "1", "lower", n))
+    return metrics, seconds
+
+
+def _peak_mib() -> float:
+    """Largest memory of any worker so far."""
+    return resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 1024
+
+
+def _coding_seconds(whole: Path, workers: int) -> float:
+    """Time of all processes to code a dataset's pictures and nothing else."""
+    paths = [str(path) for path in sorted(whole.glob("train/*/*/*.png"))]
+    parts = [paths[k::workers] for k in range(workers)]
+    with ProcessPoolExecutor(workers, get_context("spawn")) as pool:
+        return sum(pool.map(_coded, parts))
+
+
+def _coded(paths: Sequence[str]) -> float:
+    seconds = 0.0
+    for path in paths:
+        picture = cv2.imread(path, cv2.IMREAD_UNCHANGED)
+        assert picture is not None
+        started = time.perf_counter()
+        png_bytes(picture)
+        seconds += time.perf_counter() - started
+    return seconds
+
+
+def killed(
+    preset: Path, whole: Path, home: Path, seconds: float, config: Config
+) -> Iterator[Metric]:
+    """How often a run that was killed and resumed gives the bytes of one that was not.
+
+    Every other kill is of the process that a user sees alone, the rest of all at once.
+    """
+    rng = np.random.default_rng(config.seed)
+    equal, done = 0, []
+    shards = len(list((whole / "checksums").iterdir()))
+    for trial in range(config.kills):
+        folder = home / "killed"
+        words = [
+            *("--preset", str(preset), "--count", str(config.count)),
+            *("--seed", str(config.seed), "--output", str(folder)),
+            *("--shard-size", str(-(-config.count // 10))),
+        ]
+        process = _command("generate", *words, config=config)
+        time.sleep(rng.uniform(0, seconds))
+        if trial % 2:
+            os.kill(process.pid, signal.SIGKILL)
+        else:
+            os.killpg(process.pid, signal.SIGKILL)
+        process.wait()
+        _wait_for_group(process.pid)
+        done.append(len(list(folder.glob("checksums/*.sha256"))) / shards)
+        # Killed before the manifest: nothing was begun, nothing is there to resume.
+        begun = (folder / "manifest.json").exists()
+        again = ("resume", str(folder)) if begun else ("generate", *words)
+        assert _command(*again, config=config).wait() == 0
+        equal += _checksums(folder) == _checksums(whole)
+        subprocess.run(["rm", "-r", folder], check=True)
+    n = config.kills
+    yield Metric("killed.equal", equal / n, None, "1", "higher", n)
+    middle, spread = float(np.mean(done)), float(np.std(done))
+    yield Metric("killed.done_before", middle, spread, "1", "higher", n)
+
+
+def _command(name: str, *words: str, config: Config) -> subprocess.Popen:
+    return subprocess.Popen(
+        [
+            *(sys.executable, "-m", "data_synth", name, *words),
+            *("--workers", str(config.workers)),
+        ],
+        start_new_session=True,
+        stdout=subprocess.DEVNULL,
+    )
+
+
+def _wait_for_group(group: int) -> None:
+    """Wait until the workers have noticed that their parent is gone."""
+    while True:
+        try:
+            os.killpg(group, 0)
+        except ProcessLookupError:
+            return
+        time.sleep(0.05)
+
+
+def _checksums(folder: Path) -> dict[str, str]:
+    return {path.name: path.read_text() for path in folder.glob("checksums/*")}
+
+
+def fitted(whole: Path, config: Config) -> Iterator[Metric]:
+    """Errors against visibility, and coverage of the intervals."""
+    sensor = sensor_of(read_manifest(whole))
+    for name, erode_px in (("fit", 0), ("eroded", 1)):
+        most = config.eroded if erode_px else config.count
+        images = itertools.islice(read_dataset(whole), most)
+        outcomes: list[CylinderOutcome] = []
+        times, started = [], time.perf_counter()
+        for some in evaluate(images, sensor, erode_px):
+            outcomes += some
+            ended = time.perf_counter()
+            times.append(1e3 * (ended - started) / max(len(some), 1))
+            started = ended
+        each = float(np.median(times))
+        spread = float(np.diff(np.percentile(times, (25, 75)))[0])
+        yield Metric(f"{name}.time", each, spread, "ms", "lower", len(times))
+        for label, some in [("all", outcomes), *by_visibility(outcomes).items()]:
+            yield from _summary(f"{name}.{label}", some)
+        good = [outcome for outcome in outcomes if outcome.success]
+        for coordinate in COORDINATES:
+            scaled = np.abs(standardized(good, coordinate))
+            for level, width in LEVELS.items():
+                part = float(np.mean(scaled < width)) if scaled.size else None
+                label = f"{name}.{coordinate}.{level}"
+                spread = _spread(part, scaled.size)
+                yield Metric(label, part, spread, "1", "higher", scaled.size)
+
+
+def _summary(label: str, outcomes: Sequence[CylinderOutcome]) -> Iterator[Metric]:
+    s, n = summarize(outcomes), len(outcomes)
+    yield Metric(f"{label}.number", n, None, "fits", "higher", n)
+    yield Metric(f"{label}.failures", s.failures, None, "fits", "lower", n)
+    yield Metric(f"{label}.wrong", s.wrong, None, "fits", "lower", n)
+    for name, unit in (
+        ("radius_mm", "mm"),
+        ("axis_deg", "deg"),
+        ("center_mm", "mm"),
+        ("height_mm", "mm"),
+        ("spread", "1"),
+    ):
+        value = getattr(s, name)
+        known = float(value) if np.isfinite(value) else None
+        yield Metric(f"{label}.{name}", known, None, unit, "lower", n)
+    for level, part in s.coverage.items():
+        known = part if np.isfinite(part) else None
+        spread = _spread(known, n)
+        yield Metric(f"{label}.coverage.{level}", known, spread, "1", "higher", n)
+
+
+def _spread(part: float | None, n: int) -> float | None:
+    """Standard error of a share of n cylinders."""
+    return None if part is None or not n else float(np.sqrt(part * (1 - part) / n))
+
+
+if __name__ == "__main__":
+    sys.exit(run(tyro.cli(Config)))
