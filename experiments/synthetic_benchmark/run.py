@@ -26,6 +26,7 @@ from data_synth.generate import generate
 from data_synth.images import STAGES
 from data_synth.preset import CameraDraw, Preset, Rules
 from data_synth.presets import PRESETS
+from data_synth.preview import preview
 from experiments.recording import Metric, result_folder, save_run
 from experiments.synthetic_benchmark.report import draw, tables
 from impostor_jax.evaluate import (
@@ -37,7 +38,7 @@ from impostor_jax.evaluate import (
     summarize,
 )
 from impostor_jax.fit.parameterization import COORDINATES
-from impostor_jax.io.atomic import write_json
+from impostor_jax.io.atomic import write_atomically, write_json
 from impostor_jax.io.dataset import read_dataset, read_manifest, sensor_of
 from impostor_jax.io.depth_image import png_bytes
 from impostor_jax.sensor.gaussian import ConstantNoise
@@ -45,6 +46,8 @@ from impostor_jax.sensor.gaussian import ConstantNoise
 HERE = Path(__file__).parent
 
 PRESET = "tabletop_cans"
+
+PICTURED = ("tabletop_cans", "hard", "inside_pipe")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -86,6 +89,8 @@ def run(config: Config) -> int:
         metrics, seconds = speed(path, whole, config)
         metrics += killed(path, whole, Path(home), seconds, config)
         metrics += fitted(whole, config)
+        if not config.quick:
+            pictures(Path(home), folder / "figures" / "presets.png", config.seed)
     save_run(
         folder,
         metrics,
@@ -285,6 +290,17 @@ def _summary(label: str, outcomes: Sequence[CylinderOutcome]) -> Iterator[Metric
 def _spread(part: float | None, n: int) -> float | None:
     """Standard error of a share of n cylinders."""
     return None if part is None or not n else float(np.sqrt(part * (1 - part) / n))
+
+
+def pictures(home: Path, output: Path, seed: int) -> None:
+    """Draw four images each of some presets."""
+    sheets = []
+    for name in PICTURED:
+        generate(name, 4, home / name, seed, workers=1)
+        preview(home / name, home / f"{name}.png", 4)
+        sheets.append(cv2.imread(str(home / f"{name}.png")))
+    data = png_bytes(np.hstack(sheets))
+    write_atomically(output, lambda partial: partial.write_bytes(data))
 
 
 if __name__ == "__main__":
