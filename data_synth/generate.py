@@ -8,6 +8,7 @@ import multiprocessing
 import multiprocessing.connection
 import os
 import shutil
+import signal
 import threading
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor, ProcessPoolExecutor
@@ -146,17 +147,15 @@ def _prepare(folder: Path, manifest: Manifest, *, is_shared: bool) -> None:
     """
     if folder.exists() and not folder.is_dir():
         raise ValueError(f"output must be a folder, got the file {str(folder)!r}")
+    # Before the manifest is looked for, since another part may be writing it.
+    names = [path.name for path in folder.iterdir()] if folder.exists() else []
     if (folder / MANIFEST).exists():
         if not is_shared or Manifest.read(folder) != manifest:
             raise ValueError(
                 f"output must be an empty folder, but {str(folder)!r} holds a dataset; "
                 "go on with it by resume"
             )
-    elif folder.exists() and any(
-        # Other parts may be as far as this one.
-        not (is_shared and path.name.startswith("."))
-        for path in folder.iterdir()
-    ):
+    elif any(not name.startswith(f".{MANIFEST}.") for name in names):
         raise ValueError(f"output must be an empty folder, but {str(folder)!r} is not")
     manifest.write(folder)
     _write_models(folder, manifest)
@@ -205,7 +204,7 @@ def _run(
         own = executor = ProcessPoolExecutor(
             min(workers, len(missing)),
             multiprocessing.get_context("spawn"),
-            initializer=_end_with_parent,
+            initializer=_begin_worker,
         )
     # All at once: a shard of 100 images each, a million are ten thousand.
     futures = [
@@ -230,8 +229,13 @@ def _remove_partial(path: Path) -> None:
         shutil.rmtree(left)
 
 
-def _end_with_parent() -> None:
-    """End this process when the one that began it ends, even if that was killed."""
+def _begin_worker() -> None:
+    """Let only the parent end this process, and let it end with the parent.
+
+    An interrupt from the keyboard reaches all processes: workers finish their shards.
+    Without the thread they would wait for work for ever after a parent that was killed.
+    """
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
     parent = multiprocessing.parent_process()
     assert parent is not None
 

@@ -60,7 +60,7 @@ def make_shard(folder: str, shard: int) -> ShardReport:
     """Make one shard of the dataset of a folder, as its manifest says.
 
     It is written under a temporary name, renamed when it is whole, and then gets its
-    checksums. Any process may make it, more than one at a time even.
+    checksums. Any process may make it.
 
     Args:
         folder: Of the dataset; it has a manifest.
