@@ -4,6 +4,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+AS_USERS_RUN = {"xla_cpu_use_fusion_emitters": True}
+"""Options for `jax.jit` that undo the flags of `conftest.py`: for what is promised of
+rounding errors, which are those of users."""
+
 
 def angle_between(first, second) -> float:
     """Angle between two lines, in degrees."""

@@ -14,6 +14,7 @@ from impostor_jax.geometry.rays import Ray
 from impostor_jax.geometry.vec3 import Vec3
 from impostor_jax.numerics import eps
 from impostor_jax.primitives.cylinder import Cylinder
+from tests.checks import AS_USERS_RUN
 from tests.oracle.condition import FIELDS, reference
 from tests.oracle.extremes import Rays
 
@@ -68,7 +69,7 @@ def slope(*fields):
     return jax.grad(depth, argnums=tuple(range(6)))(*fields)
 
 
-@jax.jit
+@jax.jit(compiler_options=AS_USERS_RUN)
 @jax.vmap
 def cast_all(*fields):
     """Depth, cap, normal, and the derivatives of depth in all that it depends on."""

@@ -10,7 +10,7 @@ from impostor_jax.geometry.rays import Ray
 from impostor_jax.geometry.vec3 import Vec3
 from impostor_jax.numerics import eps
 from impostor_jax.primitives.box import Box
-from tests.checks import all_finite, in_chunks
+from tests.checks import AS_USERS_RUN, all_finite, in_chunks
 from tests.oracle.box import answer, face_margin, hit_margin
 from tests.oracle.extreme_boxes import BoxRays, extreme_boxes
 
@@ -26,7 +26,7 @@ def depth(origin, direction, center, rotation, size):
     return box.intersect(Ray(Vec3(*origin), Vec3(*direction))).t
 
 
-@jax.jit
+@jax.jit(compiler_options=AS_USERS_RUN)
 @jax.vmap
 def cast(*fields):
     """Depth, normal, and the first derivatives of depth and products of the second."""

@@ -9,7 +9,7 @@ import impostor_jax as ij
 from impostor_jax.geometry.rays import Ray
 from impostor_jax.geometry.vec3 import Vec3
 from impostor_jax.numerics import eps
-from tests.checks import all_finite
+from tests.checks import AS_USERS_RUN, all_finite
 from tests.oracle.condition import decisions, frustum_bounds
 from tests.oracle.frustum import answer, frustum_rays
 
@@ -41,7 +41,7 @@ def caster(caps=True, cut_faces=True):
         slope = jax.grad(depth)(numbers, zero, caps, cut_faces)
         return hit.t, hit.part, frustum.normal(ray, hit).stack(), slope
 
-    return jax.jit(jax.vmap(cast))
+    return jax.jit(jax.vmap(cast), compiler_options=AS_USERS_RUN)
 
 
 @jax.jit

@@ -8,7 +8,7 @@ from impostor_jax.geometry.rays import Ray
 from impostor_jax.geometry.vec3 import Vec3
 from impostor_jax.numerics import eps
 from impostor_jax.primitives.plane import Plane
-from tests.checks import all_finite, in_chunks
+from tests.checks import AS_USERS_RUN, all_finite, in_chunks
 from tests.oracle.extremes import extreme_rays
 from tests.oracle.plane import answer, hit_margin
 
@@ -20,7 +20,7 @@ def depth(origin, direction, point, normal):
     return Plane(point, normal).intersect(Ray(Vec3(*origin), Vec3(*direction))).t
 
 
-@jax.jit
+@jax.jit(compiler_options=AS_USERS_RUN)
 @jax.vmap
 def cast(*fields):
     """Depth, normal, and the first derivatives of depth and products of the second."""

@@ -8,7 +8,7 @@ from impostor_jax.geometry.rays import Ray
 from impostor_jax.geometry.vec3 import Vec3
 from impostor_jax.numerics import eps
 from impostor_jax.primitives.sphere import Sphere
-from tests.checks import all_finite
+from tests.checks import AS_USERS_RUN, all_finite
 from tests.oracle.extremes import extreme_rays
 from tests.oracle.sphere import answer, distance
 
@@ -17,7 +17,7 @@ def depth(origin, direction, center, radius):
     return Sphere(center, radius).intersect(Ray(Vec3(*origin), Vec3(*direction))).t
 
 
-@jax.jit
+@jax.jit(compiler_options=AS_USERS_RUN)
 @jax.vmap
 def cast(*fields):
     """Depth, normal, and the derivatives of depth in all that it depends on."""
