@@ -14,7 +14,7 @@ from impostor_jax.primitives import PRIMITIVES as CLASSES
 from impostor_jax.primitives.cylinder import Cylinder
 from impostor_jax.primitives.heightfield import Heightfield
 from tests.cases import PRIMITIVES, is_decided, pose, rays_at
-from tests.checks import all_finite, central_difference
+from tests.checks import AS_USERS_RUN, all_finite, central_difference
 
 # Further cases of a class run in single precision only, which is the harder one.
 MORE = ("disc", "rod", "cylinder along z", "sector", "sheet")
@@ -47,7 +47,7 @@ def rays(primitive):
 
 
 # One program for all tests of a case.
-@jax.jit
+@jax.jit(compiler_options=AS_USERS_RUN)
 def cast(primitive, rays):
     """Hit and normal."""
     hit = primitive.intersect(rays)
