@@ -22,13 +22,8 @@ class Distribution(abc.ABC):
 
     @property
     @abc.abstractmethod
-    def least(self) -> Number:
-        """The smallest that is drawn."""
-
-    @property
-    @abc.abstractmethod
-    def most(self) -> Number:
-        """The largest that is drawn."""
+    def ends(self) -> tuple[Number, Number]:
+        """The smallest and the largest that is drawn."""
 
     @abc.abstractmethod
     def __str__(self) -> str:
@@ -47,13 +42,8 @@ class Fixed(Distribution):
 
     @property
     @override
-    def least(self) -> Number:
-        return self.value
-
-    @property
-    @override
-    def most(self) -> Number:
-        return self.value
+    def ends(self) -> tuple[Number, Number]:
+        return self.value, self.value
 
     @override
     def __str__(self) -> str:
@@ -77,13 +67,8 @@ class Uniform(Distribution):
 
     @property
     @override
-    def least(self) -> Number:
-        return self.low
-
-    @property
-    @override
-    def most(self) -> Number:
-        return self.high
+    def ends(self) -> tuple[Number, Number]:
+        return self.low, self.high
 
     @override
     def __str__(self) -> str:
@@ -109,13 +94,8 @@ class LogUniform(Distribution):
 
     @property
     @override
-    def least(self) -> Number:
-        return self.low
-
-    @property
-    @override
-    def most(self) -> Number:
-        return self.high
+    def ends(self) -> tuple[Number, Number]:
+        return self.low, self.high
 
     @override
     def __str__(self) -> str:
@@ -139,13 +119,8 @@ class Whole(Distribution):
 
     @property
     @override
-    def least(self) -> Number:
-        return self.low
-
-    @property
-    @override
-    def most(self) -> Number:
-        return self.high
+    def ends(self) -> tuple[Number, Number]:
+        return self.low, self.high
 
     @override
     def __str__(self) -> str:
@@ -168,13 +143,8 @@ class Choice(Distribution):
 
     @property
     @override
-    def least(self) -> Number:
-        return min(self.values)
-
-    @property
-    @override
-    def most(self) -> Number:
-        return max(self.values)
+    def ends(self) -> tuple[Number, Number]:
+        return min(self.values), max(self.values)
 
     @override
     def __str__(self) -> str:

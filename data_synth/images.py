@@ -75,7 +75,7 @@ class Plan:
         rng = generator(np.asarray(jax.random.key_data(key)))
         catalogue = draw_catalogue(preset.objects, preset.radius, preset.aspect, rng)
         cameras = draw_cameras(preset.camera, rng)
-        most = int(preset.count.most + preset.clutter.most)
+        most = int(preset.count.ends[1] + preset.clutter.ends[1])
         return Plan(manifest, key, catalogue, cameras, most)
 
 

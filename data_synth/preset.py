@@ -136,10 +136,10 @@ class Preset:
             raise ValueError(f"ground must be True for cylinders that are {on_ground}")
         for name in ("count", "radius", "aspect", "distance", "depth_scale_mm"):
             value = getattr(self, name)
-            low = value.least if isinstance(value, Distribution) else value
+            low = value.ends[0] if isinstance(value, Distribution) else value
             if not low > 0:
                 raise ValueError(f"{name} must be positive, got {value}")
-        if self.clutter.least < 0:
+        if self.clutter.ends[0] < 0:
             raise ValueError(f"clutter must not be negative, got {self.clutter}")
 
     def record(self) -> dict[str, Any]:
