@@ -18,6 +18,7 @@ from .fit.result import (
 )
 from .fit.sphere import fit_sphere
 from .geometry.frames import RigidTransform
+from .io.dataset import LabeledImage, read_dataset
 from .primitives.base import AbstractPrimitive
 from .primitives.box import Box
 from .primitives.cylinder import Cylinder
@@ -66,6 +67,7 @@ __all__ = [
     "FrustumFit",
     "GeometryMaps",
     "Heightfield",
+    "LabeledImage",
     "LateralNoise",
     "March",
     "OrthographicCamera",
@@ -94,6 +96,7 @@ __all__ = [
     "outline",
     "outline_box",
     "outline_tile",
+    "read_dataset",
     "render",
     "shade",
     "signed_distance",

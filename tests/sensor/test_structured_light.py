@@ -1,10 +1,11 @@
 import jax
 import jax.numpy as jnp
+import mpmath
 import numpy as np
 import pytest
 
 from impostor_jax.numerics import eps
-from impostor_jax.sensor.structured_light import StructuredLight
+from impostor_jax.sensor.structured_light import StructuredLight, _arctan
 from tests.checks import central_difference
 from tests.sensor.scenes import COUNT, bands, readings, sigma_of
 
@@ -82,3 +83,13 @@ def test_sigma_is_differentiable_in_the_coefficients(dtype):
 
     found = slope([np.asarray(x, dtype) for x in (0.001, 0.002, 0.0001)])
     np.testing.assert_allclose(found, [1, 1, 1.4**-0.5], rtol=eps(dtype, 16))
+
+
+def test_arctangent_is_right_to_three_roundings(dtype):
+    x = jnp.linspace(0, 1, 20001)
+    found = np.asarray(jax.jit(_arctan)(x), np.float64)
+    for angle, value in zip(found, np.asarray(x, np.float64), strict=True):
+        exact = mpmath.atan(value)
+        assert abs(angle - exact) <= 3 * eps(dtype) * exact
+    slope = jax.jit(jax.vmap(jax.grad(_arctan)))(x)
+    np.testing.assert_allclose(slope, 1 / (1 + x * x), rtol=5 * eps(dtype), atol=0)
