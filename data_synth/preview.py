@@ -37,7 +37,7 @@ def preview(folder: str | Path, output: str | Path, count: int = 12) -> None:
         ValueError: There is no dataset, or it has no images yet.
     """
     whole_number("count", count, 1)
-    some = itertools.islice(read_dataset(Path(folder)), count)
+    some = itertools.islice(read_dataset(folder), count)
     tiles = [_picture(image) for image in some]
     if not tiles:
         raise ValueError(f"dataset {str(folder)!r} has no images yet")

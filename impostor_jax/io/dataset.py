@@ -87,7 +87,7 @@ def sensor_of(manifest: dict[str, Any]) -> AbstractDepthNoise:
     return sensor_from_record(record, "sensor of the manifest")
 
 
-def read_dataset(path: Path) -> Iterator[LabeledImage]:
+def read_dataset(path: str | Path) -> Iterator[LabeledImage]:
     """Iterate over the images of a dataset, in the order of their keys.
 
     Args:
@@ -96,10 +96,11 @@ def read_dataset(path: Path) -> Iterator[LabeledImage]:
     Raises:
         ValueError: There is no dataset, or a file of it is missing or broken.
     """
-    if path.is_file():
-        return _read_archive(path)
-    read_manifest(path)
-    return _read_all(path / SPLIT)
+    home = Path(path)
+    if home.is_file():
+        return _read_archive(home)
+    read_manifest(home)
+    return _read_all(home / SPLIT)
 
 
 def _read_all(split: Path) -> Iterator[LabeledImage]:
