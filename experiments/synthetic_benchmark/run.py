@@ -7,6 +7,7 @@ import functools
 import itertools
 import os
 import resource
+import shutil
 import signal
 import subprocess
 import sys
@@ -83,11 +84,9 @@ def run(config: Config) -> int:
     os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", tempfile.mkdtemp())
     os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.2")
     with tempfile.TemporaryDirectory() as home:
-        path = Path(home) / "preset.json"
-        write_json(path, preset.record())
         whole = Path(home) / "whole"
-        metrics, seconds = speed(path, whole, config)
-        metrics += killed(path, whole, Path(home), seconds, config)
+        metrics = speed(preset, whole, config)
+        metrics += killed(Path(home), config)
         metrics += fitted(whole, config)
         if not config.quick:
             pictures(Path(home), folder / "figures" / "presets.png", config.seed)
@@ -106,7 +105,7 @@ def run(config: Config) -> int:
 
 
 def _small(preset: Preset) -> Preset:
-    """Scenes of its kind in small images, with noise whose fits compile fast."""
+    """Scenes of its kind in small images, which are made and fitted fast."""
     camera = CameraDraw(count=1, width=160, height=120, focal=Fixed(150.0))
     return dataclasses.replace(
         preset,
@@ -117,12 +116,12 @@ def _small(preset: Preset) -> Preset:
     )
 
 
-def speed(preset: Path, whole: Path, config: Config) -> tuple[list[Metric], float]:
+def speed(preset: Preset, whole: Path, config: Config) -> list[Metric]:
     """Rate, what the time goes into, what coding alone would allow, and memory."""
     warm = whole.parent / "warm"
     few = min(config.count, 10 * config.workers)
     shard_size = -(-config.count // 10)
-    make = functools.partial(generate, str(preset), workers=config.workers)
+    make = functools.partial(generate, preset, workers=config.workers)
     make(few, warm, config.seed, shard_size=-(-few // config.workers))
     memory = [_peak_mib()]
     started = time.perf_counter()
@@ -148,7 +147,7 @@ def speed(preset: Path, whole: Path, config: Config) -> tuple[list[Metric], floa
         metrics.append(Metric(f"time.{stage}", each, None, "ms", "lower", n))
         share = part / total
         metrics.append(Metric(f"share.{stage}", share, None, "1", "lower", n))
-    return metrics, seconds
+    return metrics
 
 
 def _peak_mib() -> float:
@@ -175,24 +174,30 @@ def _coded(paths: Sequence[str]) -> float:
     return seconds
 
 
-def killed(
-    preset: Path, whole: Path, home: Path, seconds: float, config: Config
-) -> Iterator[Metric]:
+def killed(home: Path, config: Config) -> Iterator[Metric]:
     """How often a run that was killed and resumed gives the bytes of one that was not.
 
     Every other kill is of the process that a user sees alone, the rest of all at once.
     """
     rng = np.random.default_rng(config.seed)
-    equal, done = 0, []
-    shards = len(list((whole / "checksums").iterdir()))
+    preset, whole, folder = home / "preset.json", home / "unkilled", home / "killed"
+    write_json(preset, _small(PRESETS[PRESET]).record())
+    words = [
+        *("--preset", str(preset), "--count", str(config.count)),
+        *("--seed", str(config.seed), "--shard-size", str(-(-config.count // 50))),
+    ]
+    seconds = 0.0
+    for _ in range(2):
+        # The second time nothing is compiled, as in the runs that are killed.
+        shutil.rmtree(whole, ignore_errors=True)
+        started = time.perf_counter()
+        made = _command("generate", *words, "--output", str(whole), config=config)
+        assert made.wait() == 0
+        seconds = time.perf_counter() - started
+    equal, done, shards = 0, [], len(_checksums(whole))
     for trial in range(config.kills):
-        folder = home / "killed"
-        words = [
-            *("--preset", str(preset), "--count", str(config.count)),
-            *("--seed", str(config.seed), "--output", str(folder)),
-            *("--shard-size", str(-(-config.count // 10))),
-        ]
-        process = _command("generate", *words, config=config)
+        words_there = [*words, "--output", str(folder)]
+        process = _command("generate", *words_there, config=config)
         time.sleep(rng.uniform(0, seconds))
         if trial % 2:
             os.kill(process.pid, signal.SIGKILL)
@@ -200,13 +205,13 @@ def killed(
             os.killpg(process.pid, signal.SIGKILL)
         process.wait()
         _wait_for_group(process.pid)
-        done.append(len(list(folder.glob("checksums/*.sha256"))) / shards)
+        done.append(len(_checksums(folder)) / shards)
         # Killed before the manifest: nothing was begun, nothing is there to resume.
         begun = (folder / "manifest.json").exists()
-        again = ("resume", str(folder)) if begun else ("generate", *words)
+        again = ["resume", str(folder)] if begun else ["generate", *words_there]
         assert _command(*again, config=config).wait() == 0
         equal += _checksums(folder) == _checksums(whole)
-        subprocess.run(["rm", "-r", folder], check=True)
+        shutil.rmtree(folder)
     n = config.kills
     yield Metric("killed.equal", equal / n, None, "1", "higher", n)
     middle, spread = float(np.mean(done)), float(np.std(done))
@@ -240,30 +245,44 @@ def _checksums(folder: Path) -> dict[str, str]:
 
 def fitted(whole: Path, config: Config) -> Iterator[Metric]:
     """Errors against visibility, and coverage of the intervals."""
+    step = config.workers
+    with ProcessPoolExecutor(step, get_context("spawn")) as pool:
+        for name, erode_px in (("fit", 0), ("eroded", 1)):
+            most = config.eroded if erode_px else config.count
+            parts = [(whole, erode_px, most, first, step) for first in range(step)]
+            found = list(pool.map(_fitted_part, parts))
+            outcomes = [outcome for part, _ in found for outcome in part]
+            times = [milliseconds for _, part in found for milliseconds in part]
+            each = float(np.median(times))
+            spread = float(np.diff(np.percentile(times, (25, 75)))[0])
+            yield Metric(f"{name}.time", each, spread, "ms", "lower", len(times))
+            for label, some in [("all", outcomes), *by_visibility(outcomes).items()]:
+                yield from _summary(f"{name}.{label}", some)
+            good = [outcome for outcome in outcomes if outcome.success]
+            for coordinate in COORDINATES:
+                scaled = np.abs(standardized(good, coordinate))
+                for level, width in LEVELS.items():
+                    part = float(np.mean(scaled < width)) if scaled.size else None
+                    label = f"{name}.{coordinate}.{level}"
+                    spread = _spread(part, scaled.size)
+                    yield Metric(label, part, spread, "1", "higher", scaled.size)
+
+
+def _fitted_part(
+    part: tuple[Path, int, int, int, int],
+) -> tuple[list[CylinderOutcome], list[float]]:
+    """Outcomes of every so many of a dataset's images, and milliseconds a fit."""
+    whole, erode_px, most, first, step = part
     sensor = sensor_of(read_manifest(whole))
-    for name, erode_px in (("fit", 0), ("eroded", 1)):
-        most = config.eroded if erode_px else config.count
-        images = itertools.islice(read_dataset(whole), most)
-        outcomes: list[CylinderOutcome] = []
-        times, started = [], time.perf_counter()
-        for some in evaluate(images, sensor, erode_px):
-            outcomes += some
-            ended = time.perf_counter()
-            times.append(1e3 * (ended - started) / max(len(some), 1))
-            started = ended
-        each = float(np.median(times))
-        spread = float(np.diff(np.percentile(times, (25, 75)))[0])
-        yield Metric(f"{name}.time", each, spread, "ms", "lower", len(times))
-        for label, some in [("all", outcomes), *by_visibility(outcomes).items()]:
-            yield from _summary(f"{name}.{label}", some)
-        good = [outcome for outcome in outcomes if outcome.success]
-        for coordinate in COORDINATES:
-            scaled = np.abs(standardized(good, coordinate))
-            for level, width in LEVELS.items():
-                part = float(np.mean(scaled < width)) if scaled.size else None
-                label = f"{name}.{coordinate}.{level}"
-                spread = _spread(part, scaled.size)
-                yield Metric(label, part, spread, "1", "higher", scaled.size)
+    images = itertools.islice(read_dataset(whole), first, most, step)
+    outcomes: list[CylinderOutcome] = []
+    times, started = [], time.perf_counter()
+    for some in evaluate(images, sensor, erode_px):
+        outcomes += some
+        ended = time.perf_counter()
+        times.append(1e3 * (ended - started) / max(len(some), 1))
+        started = ended
+    return outcomes, times
 
 
 def _summary(label: str, outcomes: Sequence[CylinderOutcome]) -> Iterator[Metric]:
