@@ -17,6 +17,7 @@ from jaxtyping import Array, Bool, Float, Int, Key, PRNGKeyArray, UInt8, UInt16,
 
 from impostor_jax.camera.pinhole import PinholeCamera
 from impostor_jax.camera.pixels import PixelBox
+from impostor_jax.io.depth_image import MAX_UINT16
 from impostor_jax.primitives.cylinder import Cylinder
 from impostor_jax.primitives.plane import Plane
 from impostor_jax.rendering.raycast import render
@@ -30,8 +31,6 @@ BATCH = 8
 
 NOTHING = 255
 """Index of a pixel that shows no cylinder."""
-
-MAX_UNITS = 65535
 
 
 class Batch(eqx.Module):
@@ -49,10 +48,8 @@ class Batch(eqx.Module):
 
     def scene(self) -> Scene:
         """The scene, of a batch that is mapped over."""
-        shapes = (
-            [self.cylinders] if self.planes is None else [self.cylinders, self.planes]
-        )
-        return Scene(shapes)
+        shapes = (self.cylinders, self.planes)
+        return Scene([shape for shape in shapes if shape is not None])
 
 
 class Seen(eqx.Module):
@@ -133,7 +130,7 @@ def readings(
 
     def units(depth: Float[Array, "h w"]) -> UInt16[Array, "h w"]:
         scaled = jnp.round(depth / depth_scale_m)
-        return jnp.where(scaled <= MAX_UNITS, scaled, 0).astype(jnp.uint16)
+        return jnp.where(scaled <= MAX_UINT16, scaled, 0).astype(jnp.uint16)
 
     def one(given):
         key, batch, depth, normal = given

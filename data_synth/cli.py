@@ -109,8 +109,7 @@ class Resume:
         from data_synth.manifest import Manifest
 
         manifest = Manifest.read(self.folder)
-        shards = range(manifest.num_shards)
-        missing = [k for k in shards if not manifest.is_done(self.folder, k)]
+        missing = manifest.missing(self.folder, range(manifest.num_shards))
         with _Bar(sum(len(manifest.images_of(k)) for k in missing)) as bar:
             reports = resume(
                 self.folder,

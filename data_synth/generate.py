@@ -15,12 +15,12 @@ from concurrent.futures import Executor, ProcessPoolExecutor
 from pathlib import Path
 
 from data_synth.catalogue import mesh_ply, models_info
-from data_synth.images import Plan
+from data_synth.images import catalogue_of
 from data_synth.manifest import Layout, Manifest
 from data_synth.preset import Preset
 from data_synth.presets import preset_named
 from data_synth.shard import ShardReport, make_shard
-from impostor_jax.io.atomic import write_atomically, write_json
+from impostor_jax.io.atomic import write_json, write_text
 from impostor_jax.io.dataset import MANIFEST, SPLIT
 
 Progress = Callable[[ShardReport], None]
@@ -163,12 +163,10 @@ def _prepare(folder: Path, manifest: Manifest, *, is_shared: bool) -> None:
 
 def _write_models(folder: Path, manifest: Manifest) -> None:
     """Write meshes, and for archives where each image is."""
-    catalogue = Plan.of(manifest).catalogue
+    catalogue, _ = catalogue_of(manifest)
     models = folder / "models"
     for item in catalogue:
-        text = mesh_ply(item)
-        path = models / f"obj_{item.number:06d}.ply"
-        write_atomically(path, lambda partial, text=text: partial.write_text(text))
+        write_text(models / f"obj_{item.number:06d}.ply", mesh_ply(item))
     write_json(models / "models_info.json", models_info(catalogue))
     if manifest.layout == "webdataset":
         shards = range(manifest.num_shards)
@@ -177,9 +175,7 @@ def _write_models(folder: Path, manifest: Manifest) -> None:
             for shard in shards
             for number in range(len(manifest.images_of(shard)))
         }
-        text = json.dumps(keys)
-        path = folder / SPLIT / "key_to_shard.json"
-        write_atomically(path, lambda partial: partial.write_text(text))
+        write_text(folder / SPLIT / "key_to_shard.json", json.dumps(keys))
 
 
 def _run(
@@ -190,7 +186,7 @@ def _run(
     workers: int | None,
     progress: Progress | None,
 ) -> list[ShardReport]:
-    missing = [shard for shard in part if not manifest.is_done(folder, shard)]
+    missing = manifest.missing(folder, part)
     for shard in missing:
         _remove_partial(manifest.shard_path(folder, shard))
     if workers is None:

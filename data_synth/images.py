@@ -4,7 +4,7 @@ Image k is made of `jax.random.fold_in(key, k)` and the number of its attempt, s
 does not depend on which other images are made, where or when.
 """
 
-__all__ = ["STAGES", "Clock", "Image", "Plan", "images"]
+__all__ = ["STAGES", "Clock", "Image", "Plan", "catalogue_of", "images"]
 
 import collections
 import contextlib
@@ -72,11 +72,19 @@ class Plan:
     def of(manifest: Manifest) -> "Plan":
         """The plan of a manifest."""
         preset, key = manifest.preset, jax.random.key(manifest.seed)
-        rng = generator(np.asarray(jax.random.key_data(key)))
-        catalogue = draw_catalogue(preset.objects, preset.radius, preset.aspect, rng)
+        catalogue, rng = catalogue_of(manifest)
         cameras = draw_cameras(preset.camera, rng)
         most = int(preset.count.ends[1] + preset.clutter.ends[1])
         return Plan(manifest, key, catalogue, cameras, most)
+
+
+def catalogue_of(
+    manifest: Manifest,
+) -> tuple[tuple[Item, ...], np.random.Generator]:
+    """Sizes of a dataset's cylinders, and the generator of what is drawn next."""
+    preset, key = manifest.preset, jax.random.key(manifest.seed)
+    rng = generator(np.asarray(jax.random.key_data(key)))
+    return draw_catalogue(preset.objects, preset.radius, preset.aspect, rng), rng
 
 
 @dataclasses.dataclass(frozen=True)

@@ -4,6 +4,7 @@ __all__ = ["camera_label", "cylinders_label", "pose_labels", "visibility_labels"
 
 from typing import Any
 
+import cv2
 import numpy as np
 from jaxtyping import Bool, Int, UInt16
 
@@ -13,6 +14,9 @@ from impostor_jax.io.camera_file import camera_record
 
 Box = tuple[int, int, int, int]
 """First row, last row, first column, last column; empty where the last is before."""
+
+NO_BOX = [-1, -1, -1, -1]
+"""What BOP's toolkit writes for a box of nothing."""
 
 
 def camera_label(camera: PinholeCamera, depth_scale_mm: float) -> dict[str, Any]:
@@ -51,10 +55,11 @@ def visibility_labels(
     labels = []
     for k, box in enumerate(boxes):
         count, seen = int(whole_counts[k]), int(np.count_nonzero(visible[k]))
+        box_seen = list(cv2.boundingRect(visible[k].view(np.uint8)))
         labels.append(
             {
                 "bbox_obj": _box_label(box),
-                "bbox_visib": _box_label(_box_of(visible[k])),
+                "bbox_visib": box_seen if seen else NO_BOX,
                 "px_count_all": count,
                 "px_count_valid": int(np.count_nonzero(silhouettes[k] & (reading > 0))),
                 "px_count_visib": seen,
@@ -84,16 +89,8 @@ def cylinders_label(scene: Drawn, camera: PinholeCamera) -> dict[str, Any]:
     return {"camera": camera_record(camera), "cylinders": cylinders, "planes": planes}
 
 
-def _box_of(mask: Bool[np.ndarray, "h w"]) -> Box:
-    rows, cols = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
-    if not len(rows):
-        return 0, -1, 0, -1
-    return int(rows[0]), int(rows[-1]), int(cols[0]), int(cols[-1])
-
-
 def _box_label(box: Box) -> list[int]:
-    """BOP's toolkit writes a box of nothing as -1, -1, -1, -1."""
     first_row, last_row, first_col, last_col = box
     if last_row < first_row:
-        return [-1, -1, -1, -1]
+        return NO_BOX
     return [first_col, first_row, last_col - first_col + 1, last_row - first_row + 1]

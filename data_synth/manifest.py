@@ -3,6 +3,7 @@
 __all__ = ["Layout", "Manifest"]
 
 import dataclasses
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, Literal, get_args
 
@@ -74,6 +75,10 @@ class Manifest:
         """Whether a shard is whole."""
         paths = self.checksums_path(folder, shard), self.shard_path(folder, shard)
         return all(path.exists() for path in paths)
+
+    def missing(self, folder: Path, shards: Iterable[int]) -> list[int]:
+        """Those of some shards that are not whole."""
+        return [shard for shard in shards if not self.is_done(folder, shard)]
 
     def write(self, folder: Path) -> None:
         """Write the manifest of a dataset."""

@@ -11,9 +11,8 @@ import numpy as np
 from jaxtyping import UInt8
 
 from impostor_jax.arguments import whole_number
-from impostor_jax.io.atomic import write_atomically
 from impostor_jax.io.dataset import LabeledImage, read_dataset
-from impostor_jax.io.depth_image import png_bytes
+from impostor_jax.io.depth_image import write_image
 
 WIDTH = 320
 """Of an image on the sheet, in pixels."""
@@ -45,8 +44,7 @@ def preview(folder: str | Path, output: str | Path, count: int = 12) -> None:
     blank = np.full_like(tiles[0], 255)
     tiles += [blank] * (-len(tiles) % columns)
     rows = [np.hstack(tiles[k : k + columns]) for k in range(0, len(tiles), columns)]
-    data = png_bytes(np.vstack(rows))
-    write_atomically(Path(output), lambda partial: partial.write_bytes(data))
+    write_image(Path(output), np.vstack(rows))
 
 
 def _picture(image: LabeledImage) -> UInt8[np.ndarray, "h w 3"]:

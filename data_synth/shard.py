@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from jaxtyping import Bool
 
 from data_synth.images import Clock, Image, Plan, images
 from data_synth.label import (
@@ -26,7 +27,7 @@ from data_synth.label import (
     visibility_labels,
 )
 from data_synth.manifest import Manifest
-from impostor_jax.io.atomic import write_atomically
+from impostor_jax.io.atomic import write_text
 from impostor_jax.io.dataset import MANIFEST, rle_of_mask
 from impostor_jax.io.depth_image import normal_colors, png_bytes
 
@@ -94,8 +95,7 @@ def make_shard(folder: str, shard: int) -> ShardReport:
         os.replace(whole, path)
     root = path.parent.relative_to(home)
     lines = [f"{digest}  {root / name}\n" for name, digest in sorted(sums.items())]
-    checksums = manifest.checksums_path(home, shard)
-    write_atomically(checksums, lambda partial: partial.write_text("".join(lines)))
+    write_text(manifest.checksums_path(home, shard), "".join(lines))
     return ShardReport(shard, len(numbers), dict(rejected), clock.seconds)
 
 
@@ -119,6 +119,11 @@ def _pictures(image: Image, manifest: Manifest) -> dict[str, bytes]:
         "normal": lambda: normal_colors(image.normal),
     }
     return {name: png_bytes(make[name]()) for name in _picture_names(manifest)}
+
+
+def _masks(image: Image) -> dict[str, Bool[np.ndarray, "n h w"]]:
+    """Masks of the cylinders, by the names of their files or folders."""
+    return {"mask": image.silhouettes, "mask_visib": image.visible}
 
 
 def _labels(image: Image, manifest: Manifest) -> dict[str, Any]:
@@ -160,10 +165,7 @@ def _write_scene(
                 f"{folder}/{number:06d}.png": data
                 for folder, data in _pictures(image, manifest).items()
             }
-            for folder, masks in (
-                ("mask", image.silhouettes),
-                ("mask_visib", image.visible),
-            ):
+            for folder, masks in _masks(image).items():
                 for k, mask in enumerate(masks):
                     pixels = np.where(mask, np.uint8(255), np.uint8(0))
                     files[f"{folder}/{number:06d}_{k:06d}.png"] = png_bytes(pixels)
@@ -191,10 +193,7 @@ def _write_archive(
                     for name, data in _pictures(image, manifest).items()
                 }
                 records = _labels(image, manifest)
-                for name, masks in (
-                    ("mask", image.silhouettes),
-                    ("mask_visib", image.visible),
-                ):
+                for name, masks in _masks(image).items():
                     runs = {str(k): rle_of_mask(mask) for k, mask in enumerate(masks)}
                     records[name] = runs
             with clock.stage("writing"):

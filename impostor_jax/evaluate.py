@@ -10,6 +10,7 @@ __all__ = [
     "CylinderOutcome",
     "Summary",
     "by_visibility",
+    "coverage",
     "evaluate",
     "standardized",
     "summarize",
@@ -177,7 +178,7 @@ class Summary:
 def summarize(outcomes: Sequence[CylinderOutcome]) -> Summary:
     """Sum up the outcomes of some cylinders."""
     good = [outcome for outcome in outcomes if outcome.success]
-    scaled = np.abs(standardized(good))
+    scaled = standardized(good)
 
     def median(*names: str) -> float:
         lengths = [
@@ -195,12 +196,21 @@ def summarize(outcomes: Sequence[CylinderOutcome]) -> Summary:
         axis_deg=float(np.degrees(median("axis_first", "axis_second"))),
         center_mm=1e3 * median("center_first", "center_second"),
         height_mm=1e3 * median("height"),
-        spread=1.4826 * float(np.median(scaled)) if scaled.size else float("nan"),
-        coverage={
-            name: float(np.mean(scaled < width)) if scaled.size else float("nan")
-            for name, width in LEVELS.items()
-        },
+        spread=_spread(scaled),
+        coverage=coverage(scaled),
     )
+
+
+def coverage(scaled: Float[np.ndarray, " n"]) -> dict[str, float]:
+    """Share of standardized errors within each of `LEVELS`; NaN if there are none."""
+    within = {name: np.abs(scaled) < width for name, width in LEVELS.items()}
+    nan = float("nan")
+    return {name: float(x.mean()) if x.size else nan for name, x in within.items()}
+
+
+def _spread(scaled: Float[np.ndarray, " n"]) -> float:
+    """1.4826 times the median of the absolute values, 1 of normal errors."""
+    return 1.4826 * float(np.median(np.abs(scaled))) if scaled.size else float("nan")
 
 
 def standardized(
@@ -247,10 +257,9 @@ def table(outcomes: Sequence[CylinderOutcome]) -> str:
         lines.append(line + "".join(f"{part:>10.1%}" for part in s.coverage.values()))
     good = [outcome for outcome in outcomes if outcome.success]
     for name in COORDINATES:
-        scaled = np.abs(standardized(good, name))
+        scaled = standardized(good, name)
         if scaled.size:
-            parts = [f"{np.mean(scaled < width):>10.1%}" for width in LEVELS.values()]
-            spread = 1.4826 * np.median(scaled)
-            lines.append(f"{name:>20}{scaled.size:>10}{'':50}{spread:>10.2f}")
-            lines[-1] += "".join(parts)
+            line = f"{name:>20}{scaled.size:>10}{'':50}{_spread(scaled):>10.2f}"
+            parts = coverage(scaled).values()
+            lines.append(line + "".join(f"{part:>10.1%}" for part in parts))
     return "\n".join(lines)

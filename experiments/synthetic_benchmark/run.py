@@ -31,17 +31,17 @@ from data_synth.preview import preview
 from experiments.recording import Metric, result_folder, save_run
 from experiments.synthetic_benchmark.report import draw, tables
 from impostor_jax.evaluate import (
-    LEVELS,
     CylinderOutcome,
     by_visibility,
+    coverage,
     evaluate,
     standardized,
     summarize,
 )
 from impostor_jax.fit.parameterization import COORDINATES
-from impostor_jax.io.atomic import write_atomically, write_json
+from impostor_jax.io.atomic import write_json
 from impostor_jax.io.dataset import read_dataset, read_manifest, sensor_of
-from impostor_jax.io.depth_image import png_bytes
+from impostor_jax.io.depth_image import png_bytes, write_image
 from impostor_jax.sensor.gaussian import ConstantNoise
 
 HERE = Path(__file__).parent
@@ -260,12 +260,9 @@ def fitted(whole: Path, config: Config) -> Iterator[Metric]:
                 yield from _summary(f"{name}.{label}", some)
             good = [outcome for outcome in outcomes if outcome.success]
             for coordinate in COORDINATES:
-                scaled = np.abs(standardized(good, coordinate))
-                for level, width in LEVELS.items():
-                    part = float(np.mean(scaled < width)) if scaled.size else None
-                    label = f"{name}.{coordinate}.{level}"
-                    spread = _spread(part, scaled.size)
-                    yield Metric(label, part, spread, "1", "higher", scaled.size)
+                scaled = standardized(good, coordinate)
+                label = f"{name}.{coordinate}"
+                yield from _coverage(label, coverage(scaled), scaled.size)
 
 
 def _fitted_part(
@@ -300,15 +297,15 @@ def _summary(label: str, outcomes: Sequence[CylinderOutcome]) -> Iterator[Metric
         value = getattr(s, name)
         known = float(value) if np.isfinite(value) else None
         yield Metric(f"{label}.{name}", known, None, unit, "lower", n)
-    for level, part in s.coverage.items():
+    yield from _coverage(f"{label}.coverage", s.coverage, n)
+
+
+def _coverage(label: str, parts: dict[str, float], n: int) -> Iterator[Metric]:
+    """Shares of errors within the intervals, with the standard error of n of them."""
+    for level, part in parts.items():
         known = part if np.isfinite(part) else None
-        spread = _spread(known, n)
-        yield Metric(f"{label}.coverage.{level}", known, spread, "1", "higher", n)
-
-
-def _spread(part: float | None, n: int) -> float | None:
-    """Standard error of a share of n cylinders."""
-    return None if part is None or not n else float(np.sqrt(part * (1 - part) / n))
+        spread = None if known is None else float(np.sqrt(part * (1 - part) / n))
+        yield Metric(f"{label}.{level}", known, spread, "1", "higher", n)
 
 
 def pictures(home: Path, output: Path, seed: int) -> None:
@@ -318,8 +315,7 @@ def pictures(home: Path, output: Path, seed: int) -> None:
         generate(name, 4, home / name, seed, workers=1)
         preview(home / name, home / f"{name}.png", 4)
         sheets.append(cv2.imread(str(home / f"{name}.png")))
-    data = png_bytes(np.hstack(sheets))
-    write_atomically(output, lambda partial: partial.write_bytes(data))
+    write_image(output, np.hstack(sheets))
 
 
 if __name__ == "__main__":

@@ -28,7 +28,7 @@ from impostor_jax.glsl.conventions import DrawnMaps
 from impostor_jax.glsl.offscreen import DRIVERS, OffscreenRenderer
 from impostor_jax.glsl.reference import draw_with_jax
 from impostor_jax.glsl.webgl import WebglRenderer
-from impostor_jax.io.atomic import write_atomically, write_json
+from impostor_jax.io.atomic import write_atomically, write_json, write_text
 
 RENDERERS = (*DRIVERS, "webgl")
 
@@ -118,7 +118,7 @@ def write_parity(folder: Path, name: str, rows: Sequence[Row]) -> None:
         },
     )
     text = _table(name, rows)
-    write_atomically(folder / "parity.md", lambda path: path.write_text(text))
+    write_text(folder / "parity.md", text)
     for row in rows:
         picture, file = _picture(row), re.sub(r"[^a-z0-9.]+", "_", row.case.name)
         write_atomically(

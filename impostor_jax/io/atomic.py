@@ -1,6 +1,6 @@
 """Writing a file under a temporary name, so that no reader meets half of one."""
 
-__all__ = ["write_atomically", "write_json"]
+__all__ = ["write_atomically", "write_json", "write_text"]
 
 import json
 import os
@@ -30,4 +30,9 @@ def write_atomically(path: Path, write: Callable[[Path], object]) -> None:
 def write_json(path: Path, record: Any) -> None:
     """Write a JSON file; NaN and infinity are refused, since JSON has none."""
     text = json.dumps(record, indent=2, allow_nan=False) + "\n"
+    write_text(path, text)
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write a text file."""
     write_atomically(path, lambda partial: partial.write_text(text))

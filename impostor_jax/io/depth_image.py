@@ -5,6 +5,7 @@ floating-point numbers. A reading that is missing is written as 0.
 """
 
 __all__ = [
+    "MAX_UINT16",
     "fitting_scale",
     "normal_colors",
     "png_bytes",
@@ -12,6 +13,7 @@ __all__ = [
     "read_mask",
     "write_depth_png",
     "write_depth_tiff",
+    "write_image",
     "write_mask",
     "write_normals",
 ]
@@ -124,7 +126,7 @@ def write_depth_png(path: Path, depth: Any, depth_scale_m: float) -> None:
     """
     units = np.rint(_finite(depth) / depth_scale_m)
     units = np.where(units <= MAX_UINT16, units, 0).astype(np.uint16)
-    _write_image(path, units)
+    write_image(path, units)
 
 
 def write_depth_tiff(path: Path, depth: Any) -> None:
@@ -134,12 +136,12 @@ def write_depth_tiff(path: Path, depth: Any) -> None:
         path: File name.
         depth: (H, W), in meters; not finite where there is no reading.
     """
-    _write_image(path, _finite(depth).astype(np.float32))
+    write_image(path, _finite(depth).astype(np.float32))
 
 
 def write_mask(path: Path, mask: Any) -> None:
     """Write a mask as an 8-bit PNG of 0 and 255."""
-    _write_image(path, np.where(np.asarray(mask), 255, 0).astype(np.uint8))
+    write_image(path, np.where(np.asarray(mask), 255, 0).astype(np.uint8))
 
 
 def write_index(path: Path, index: Any) -> None:
@@ -152,7 +154,7 @@ def write_index(path: Path, index: Any) -> None:
     values = np.asarray(index) + 1
     if values.max() > MAX_UINT16:
         raise ValueError(f"index must be below {MAX_UINT16}, got {values.max() - 1}")
-    _write_image(path, values.astype(np.uint16))
+    write_image(path, values.astype(np.uint16))
 
 
 def write_normals(path: Path, normal: Any) -> None:
@@ -162,7 +164,7 @@ def write_normals(path: Path, normal: Any) -> None:
         path: File name.
         normal: (H, W, 3), unit; zero where there is no surface.
     """
-    _write_image(path, normal_colors(normal))
+    write_image(path, normal_colors(normal))
 
 
 def normal_colors(normal: Any) -> UInt8[np.ndarray, "h w 3"]:
@@ -223,7 +225,9 @@ def _require_file(path: Path, what: str) -> None:
         raise ValueError(f"{what} {str(path)!r} does not exist")
 
 
-def _write_image(path: Path, values: np.ndarray) -> None:
+def write_image(path: Path, values: np.ndarray) -> None:
+    """Write an image as it is, in the format of the file's suffix."""
+
     def write(partial: Path) -> None:
         if not cv2.imwrite(str(partial), values):
             raise OSError(f"cannot write {str(path)!r}")
