@@ -2,21 +2,23 @@
 
 The images of a batch are made one after the other within the call, `jax.lax.map`: side
 by side, each would cast the blocks of pixels that any of them needs. Batches are of one
-size; a place that is not in use costs nothing.
+size; a place that is not in use costs nothing, and a scene that breaks a rule has no
+readings.
 """
 
-__all__ = ["BATCH", "Batch", "Seen", "capture_keys", "readings", "see"]
+__all__ = ["BATCH", "RULES", "Batch", "Captured", "capture", "capture_keys"]
 
-from collections.abc import Callable
-from typing import Any
+from functools import partial
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, Key, PRNGKeyArray, UInt8, UInt16, UInt32
 
+from data_synth.preset import MAX_CYLINDERS
 from impostor_jax.camera.pinhole import PinholeCamera
 from impostor_jax.camera.pixels import PixelBox
+from impostor_jax.geometry.vec3 import Vec3
 from impostor_jax.io.depth_image import MAX_UINT16
 from impostor_jax.primitives.cylinder import Cylinder
 from impostor_jax.primitives.plane import Plane
@@ -29,8 +31,14 @@ from impostor_jax.sensor.base import NO_READING, AbstractDepthNoise, Scalar
 BATCH = 8
 """Images of one call."""
 
-NOTHING = 255
+NOTHING = MAX_CYLINDERS
 """Index of a pixel that shows no cylinder."""
+
+RULES = ("smallest_outline", "visible_fraction")
+"""Rules that need a look at the scene, in the order in which they are checked."""
+
+KEPT = -1
+"""In place of the number of a rule: none is broken."""
 
 
 class Batch(eqx.Module):
@@ -40,11 +48,15 @@ class Batch(eqx.Module):
         camera: One for each scene.
         cylinders: As many for each; those behind the camera only fill up.
         planes: As many for each, None for none.
+        num_bound: How many of the cylinders, the first ones, must keep the rules.
+        is_used: Whether a place is in use.
     """
 
     camera: PinholeCamera
     cylinders: Cylinder
     planes: Plane | None
+    num_bound: Int[Array, "*b"]
+    is_used: Bool[Array, "*b"]
 
     def scene(self) -> Scene:
         """The scene, of a batch that is mapped over."""
@@ -52,20 +64,26 @@ class Batch(eqx.Module):
         return Scene([shape for shape in shapes if shape is not None])
 
 
-class Seen(eqx.Module):
-    """What the cameras see; all zeros in a place that is not in use.
+class Captured(eqx.Module):
+    """What there is to see of scenes; zeros in a place that is not in use.
 
     Attributes:
-        depth: In meters; `+inf` where there is nothing.
-        normal: Unit normals that face the camera.
-        index: Which cylinder; `NOTHING` where it is none.
+        broken_rule: Number of the first of `RULES` that a scene breaks, `KEPT` if it
+            keeps them.
+        reading: What the sensor reads, in units of the depth files. 0 where it reads
+            nothing, or farther than 16 bits tell; and if a rule is broken.
+        clean: The depth that is there, in the same units.
+        normal: Unit normals that face the camera; None if not wanted.
+        index: Which cylinder is seen; `NOTHING` where it is none.
         silhouette: Pixels of each cylinder if nothing hid it.
         whole_count: Number of all in an image with a margin of its own size.
         box: Smallest block of these.
     """
 
-    depth: Float[Array, "*b h w"]
-    normal: Float[Array, "*b h w 3"]
+    broken_rule: Int[Array, "*b"]
+    reading: UInt16[Array, "*b h w"]
+    clean: UInt16[Array, "*b h w"]
+    normal: Float[Array, "*b h w 3"] | None
     index: UInt8[Array, "*b h w"]
     silhouette: Bool[Array, "*b n h w"]
     whole_count: Int[Array, "*b n"]
@@ -86,14 +104,45 @@ def capture_keys(
     return pairs[:, 0], pairs[:, 1]
 
 
-@jax.jit
-def see(batch: Batch, used: Bool[Array, " b"]) -> Seen:
-    """Render the scenes of the places that are in use."""
+@partial(jax.jit, static_argnames="with_normal")
+def capture(
+    keys: Key[Array, " b"],
+    batch: Batch,
+    limits: tuple[Scalar, Scalar],
+    sensor: AbstractDepthNoise,
+    projector_baseline: Scalar | None,
+    depth_scale_m: Scalar,
+    with_normal: bool,
+) -> Captured:
+    """Render the scenes of a batch, and read those that keep the rules.
 
-    def one(batch: Batch) -> Seen:
+    Args:
+        keys: Of the readings.
+        batch: The scenes.
+        limits: Of `RULES`, in their order.
+        sensor: What reads.
+        projector_baseline: As in a preset.
+        depth_scale_m: Meters a unit of the readings.
+        with_normal: Whether normals are wanted.
+    """
+
+    def units(depth: Float[Array, "h w"]) -> UInt16[Array, "h w"]:
+        scaled = jnp.round(depth / depth_scale_m)
+        return jnp.where(scaled <= MAX_UINT16, scaled, 0).astype(jnp.uint16)
+
+    def read(
+        key: PRNGKeyArray, batch: Batch, depth: Float[Array, "h w"], normal: Vec3
+    ) -> UInt16[Array, "h w"]:
+        reading = sensor.sample(key, depth, normal.stack(), batch.camera)
+        if projector_baseline is not None:
+            place = jnp.array([projector_baseline, 0.0, 0.0])
+            light = lit(batch.scene(), batch.camera, depth, place)
+            reading = jnp.where(light, reading, NO_READING)
+        return units(reading)
+
+    def one(key: PRNGKeyArray, batch: Batch) -> Captured:
         camera, shape = batch.camera, (batch.camera.height, batch.camera.width)
-        outputs = ("depth", "normal", "index")
-        maps = render(batch.scene(), camera, outputs)
+        maps = render(batch.scene(), camera, ("depth", "normal", "index"))
         assert maps.depth is not None
         assert maps.normal is not None
         assert maps.index is not None
@@ -101,57 +150,46 @@ def see(batch: Batch, used: Bool[Array, " b"]) -> Seen:
         (count,) = batch.cylinders.batch_shape
         is_cylinder = (maps.index >= 0) & (maps.index < count)
         index = jnp.where(is_cylinder, maps.index, NOTHING).astype(jnp.uint8)
-        return Seen(
-            depth=maps.depth,
-            normal=maps.normal,
+        broken = _broken_rule(batch.num_bound, index, found.count, limits)
+        # By component, whose stack and slices XLA leaves out.
+        given = (key, batch, maps.depth, Vec3.from_array(maps.normal))
+        nothing = jnp.zeros(shape, jnp.uint16)
+        return Captured(
+            broken_rule=broken,
+            reading=jax.lax.cond(broken == KEPT, read, lambda *_: nothing, *given),
+            clean=units(maps.depth),
+            normal=maps.normal if with_normal else None,
             index=index,
             silhouette=found.mask,
             whole_count=found.count,
             box=found.box,
         )
 
-    return _where_used(one, batch, used)
+    def of_place(place: tuple[PRNGKeyArray, Batch]) -> Captured:
+        nothing = jax.tree.map(
+            lambda x: jnp.zeros(x.shape, x.dtype), jax.eval_shape(one, *place)
+        )
+        return jax.lax.cond(place[1].is_used, one, lambda *_: nothing, *place)
+
+    return jax.lax.map(of_place, (keys, batch))
 
 
-@jax.jit
-def readings(
-    keys: Key[Array, " b"],
-    batch: Batch,
-    used: Bool[Array, " b"],
-    seen: Seen,
-    sensor: AbstractDepthNoise,
-    projector_baseline: Scalar | None,
-    depth_scale_m: Scalar,
-) -> tuple[UInt16[Array, "b h w"], UInt16[Array, "b h w"]]:
-    """What the sensor reads, and the depth that is there, both in units of the scale.
-
-    What is farther than 16 bits tell is missing: 0.
-    """
-
-    def units(depth: Float[Array, "h w"]) -> UInt16[Array, "h w"]:
-        scaled = jnp.round(depth / depth_scale_m)
-        return jnp.where(scaled <= MAX_UINT16, scaled, 0).astype(jnp.uint16)
-
-    def one(given):
-        key, batch, depth, normal = given
-        read = sensor.sample(key, depth, normal, batch.camera)
-        if projector_baseline is not None:
-            place = jnp.array([projector_baseline, 0.0, 0.0])
-            light = lit(batch.scene(), batch.camera, depth, place)
-            read = jnp.where(light, read, NO_READING)
-        return units(read), units(depth)
-
-    return _where_used(one, (keys, batch, seen.depth, seen.normal), used)
-
-
-def _where_used(one: Callable[[Any], Any], given: Any, used: Bool[Array, " b"]) -> Any:
-    """Map over places; the results of those that are not in use are zeros."""
-    first = jax.tree.map(lambda x: x[0], given)
-    empty = jax.eval_shape(one, first)
-
-    def of_place(x):
-        given, is_used = x
-        zeros = jax.tree.map(lambda y: jnp.zeros(y.shape, y.dtype), empty)
-        return jax.lax.cond(is_used, lambda: one(given), lambda: zeros)
-
-    return jax.lax.map(of_place, (given, used))
+def _broken_rule(
+    num_bound: Int[Array, ""],
+    index: UInt8[Array, "h w"],
+    whole_count: Int[Array, " n"],
+    limits: tuple[Scalar, Scalar],
+) -> Int[Array, ""]:
+    """Number of the first rule that a scene breaks, `KEPT` if there is none."""
+    number = jnp.arange(whole_count.shape[0], dtype=jnp.int32)
+    # Counted in floating point, which XLA adds in lanes and whole numbers it does not.
+    visible = jax.lax.map(
+        lambda k: jnp.sum((index == k.astype(jnp.uint8)).astype(jnp.float32)), number
+    )
+    smallest_outline, visible_fraction = limits
+    whole = whole_count.astype(jnp.float32)
+    too_little = jnp.stack(
+        [visible < smallest_outline, visible < visible_fraction * whole]
+    )
+    is_broken = jnp.any(too_little & (number < num_bound)[None], axis=1)
+    return jnp.where(jnp.any(is_broken), jnp.argmax(is_broken), KEPT)

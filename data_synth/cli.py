@@ -2,6 +2,7 @@
 
 __all__ = ["parse"]
 
+import collections
 import dataclasses
 import sys
 import time
@@ -236,18 +237,15 @@ def _summary(reports: list["ShardReport"], seconds: float, folder: Path) -> str:
     count = sum(report.num_images for report in reports)
     if not count:
         return f"{folder}: nothing was missing"
-    spent: dict[str, float] = {}
-    rejected: dict[str, int] = {}
+    spent: collections.Counter[str] = collections.Counter()
+    rejected: collections.Counter[str] = collections.Counter()
     for report in reports:
-        for name, part in report.seconds.items():
-            spent[name] = spent.get(name, 0.0) + part
-        for rule, number in report.rejected.items():
-            rejected[rule] = rejected.get(rule, 0) + number
-    total = sum(spent.values())
-    shares = ", ".join(f"{name} {part / total:.0%}" for name, part in spent.items())
+        spent.update(report.seconds)
+        rejected.update(report.rejected)
+    stages = ", ".join(f"{name} {1e3 * s / count:.1f}" for name, s in spent.items())
     lines = [
         f"{folder}: {count} images in {seconds:.1f} s, {count / seconds:.1f} images/s",
-        f"  time: {shares}",
+        f"  ms of a process for each: {stages}",
     ]
     if rejected:
         rules = ", ".join(f"{rule} {n}" for rule, n in sorted(rejected.items()))

@@ -4,7 +4,17 @@ Image k is made of `jax.random.fold_in(key, k)` and the number of its attempt, s
 does not depend on which other images are made, where or when.
 """
 
-__all__ = ["STAGES", "Clock", "Image", "Plan", "catalogue_of", "images"]
+__all__ = [
+    "STAGES",
+    "Clock",
+    "Image",
+    "Plan",
+    "batch_of",
+    "captured",
+    "catalogue_of",
+    "draw_scenes",
+    "images",
+]
 
 import collections
 import contextlib
@@ -15,19 +25,18 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int, Key, PRNGKeyArray, UInt8, UInt16
+from jaxtyping import Array, Bool, Float, Int, Key, PRNGKeyArray, UInt16
 
-from data_synth.capture import BATCH, Batch, Seen, capture_keys, readings, see
+from data_synth.capture import BATCH, RULES, Batch, Captured, capture, capture_keys
 from data_synth.catalogue import Item, draw_catalogue
 from data_synth.draw import Drawn, draw_cameras, draw_scene, generator
 from data_synth.label import Box
 from data_synth.manifest import Manifest
-from data_synth.preset import Rules
 from impostor_jax.camera.pinhole import PinholeCamera
 from impostor_jax.primitives.cylinder import Cylinder
 from impostor_jax.primitives.plane import Plane
 
-STAGES = ("drawing", "rendering", "noise", "coding", "writing")
+STAGES = ("drawing", "capturing", "coding", "writing")
 """What the time of a dataset goes into."""
 
 AWAY = (0.0, 0.0, -10.0)
@@ -97,7 +106,7 @@ class Image:
         camera: What sees it.
         reading: What the sensor reads, in units of the depth files; 0 for nothing.
         clean: The depth that is there, in the same units.
-        normal: Unit normals that face the camera.
+        normal: Unit normals that face the camera, if they are written.
         visible: Pixels of each cylinder that nothing hides.
         silhouettes: Pixels of each if nothing hid it.
         whole_counts: Number of these in the image and a margin of its own size.
@@ -110,7 +119,7 @@ class Image:
     camera: PinholeCamera
     reading: UInt16[np.ndarray, "h w"]
     clean: UInt16[np.ndarray, "h w"]
-    normal: Float[np.ndarray, "h w 3"]
+    normal: Float[np.ndarray, "h w 3"] | None
     visible: Bool[np.ndarray, "n h w"]
     silhouettes: Bool[np.ndarray, "n h w"]
     whole_counts: Int[np.ndarray, " n"]
@@ -145,35 +154,26 @@ def _window(plan: Plan, numbers: Sequence[int], clock: Clock) -> list[Image]:
     while len(made) < len(numbers):
         with clock.stage("drawing"):
             keys = capture_keys(plan.key, padded, jnp.asarray(attempt))
-            scenes = _drawn(plan, keys[0], set(range(len(numbers))) - set(made))
+            scenes = draw_scenes(plan, keys[0], set(range(len(numbers))) - set(made))
             for k, scene in list(scenes.items()):
                 if scene.failure is not None:
                     reject(k, scene.failure)
                     del scenes[k]
             if not scenes:
                 continue
-            batch = _batch(plan, scenes)
-        with clock.stage("rendering"):
-            seen = see(batch, _used(scenes))
-            index, whole = map(np.asarray, (seen.index, seen.whole_count))
-        for k, scene in list(scenes.items()):
-            rule = _broken_rule(rules, scene, index[k], whole[k])
-            if rule is not None:
-                reject(k, rule)
-                del scenes[k]
-        with clock.stage("noise"):
-            pair = _readings(plan, keys[1], batch, _used(scenes), seen)
+            batch = batch_of(plan, scenes)
+        with clock.stage("capturing"):
+            seen = captured(plan, keys[1], batch)
         for k, scene in scenes.items():
-            made[k] = _image(plan, numbers[k], k, scene, seen, pair, rejected[k])
+            broken = int(seen.broken_rule[k])
+            if broken >= 0:
+                reject(k, RULES[broken])
+            else:
+                made[k] = _image(plan, numbers[k], k, scene, seen, rejected[k])
     return [made[k] for k in range(len(numbers))]
 
 
-def _used(scenes: Mapping[int, Drawn]) -> Bool[Array, " b"]:
-    """Which places of a batch hold a scene."""
-    return jnp.array([k in scenes for k in range(BATCH)])
-
-
-def _drawn(
+def draw_scenes(
     plan: Plan, keys: Key[Array, " b"], places: Iterable[int]
 ) -> dict[int, Drawn]:
     """A scene for each of some places of a batch."""
@@ -181,24 +181,19 @@ def _drawn(
     return {k: draw_scene(preset, plan.catalogue, generator(data[k])) for k in places}
 
 
-def _readings(
-    plan: Plan,
-    keys: Key[Array, " b"],
-    batch: Batch,
-    used: Bool[Array, " b"],
-    seen: Seen,
-) -> tuple[UInt16[np.ndarray, "b h w"], UInt16[np.ndarray, "b h w"]]:
+def captured(plan: Plan, keys: Key[Array, " b"], batch: Batch) -> Captured:
+    """What there is to see of a batch, as NumPy's arrays: views of JAX's."""
     preset = plan.manifest.preset
-    reading, clean = readings(
+    seen = capture(
         keys,
         batch,
-        used,
-        seen,
+        tuple(float(getattr(preset.rules, name)) for name in RULES),
         preset.sensor,
         preset.projector_baseline,
         preset.depth_scale_mm / 1e3,
+        plan.manifest.normals,
     )
-    return np.asarray(reading), np.asarray(clean)
+    return jax.tree.map(np.asarray, seen)
 
 
 def _image(
@@ -206,22 +201,20 @@ def _image(
     number: int,
     place: int,
     scene: Drawn,
-    seen: Seen,
-    pair: tuple[UInt16[np.ndarray, "b h w"], UInt16[np.ndarray, "b h w"]],
+    seen: Captured,
     rejected: dict[str, int],
 ) -> Image:
     """The image in a place of a batch."""
     count = len(scene.poses)
-    # Views, without a copy, which each slice of a JAX array is.
-    own = jax.tree.map(lambda x: np.asarray(x)[place], seen)
+    own = jax.tree.map(lambda x: x[place], seen)
     each = np.arange(count, dtype=np.uint8)[:, None, None]
     ends = np.stack(jax.tree.leaves(own.box), axis=1)[:count].tolist()
     return Image(
         number=number,
         scene=scene,
         camera=plan.cameras[scene.camera],
-        reading=pair[0][place],
-        clean=pair[1][place],
+        reading=own.reading,
+        clean=own.clean,
         normal=own.normal,
         visible=own.index == each,
         silhouettes=own.silhouette[:count],
@@ -239,19 +232,21 @@ def _no_scene(number: int, rejected: dict[str, int]) -> str:
     )
 
 
-def _batch(plan: Plan, scenes: Mapping[int, Drawn]) -> Batch:
+def batch_of(plan: Plan, scenes: Mapping[int, Drawn]) -> Batch:
     """Arrays of scenes, filled up to as many cylinders for each."""
     shape = (BATCH, plan.cylinders_per_image)
     center = np.broadcast_to(np.array(AWAY, np.float32), (*shape, 3)).copy()
     axis = np.broadcast_to(np.array([0, 0, 1], np.float32), (*shape, 3)).copy()
     radius, height = np.full(shape, 0.01, np.float32), np.full(shape, 0.01, np.float32)
     preset = plan.manifest.preset
+    num_bound = np.zeros(BATCH, np.int32)
     num_planes = preset.ground + (preset.wall is not None)
     point = np.broadcast_to(np.array([0, 0, 1.0], np.float32), (BATCH, num_planes, 3))
     point, normal = point.copy(), -point
     cameras = [plan.cameras[0]] * BATCH
     for k, scene in scenes.items():
         cameras[k] = plan.cameras[scene.camera]
+        num_bound[k] = len(scene.poses) - scene.num_clutter
         for n, pose in enumerate(scene.poses):
             center[k, n], axis[k, n] = pose.center, pose.axis
             radius[k, n], height[k, n] = pose.item.radius, pose.item.height
@@ -261,20 +256,6 @@ def _batch(plan: Plan, scenes: Mapping[int, Drawn]) -> Batch:
         camera=jax.tree.map(lambda *x: np.stack(x), *cameras),
         cylinders=Cylinder(center, axis, radius, height),
         planes=Plane(point, normal) if num_planes else None,
+        num_bound=jnp.asarray(num_bound),
+        is_used=jnp.array([k in scenes for k in range(BATCH)]),
     )
-
-
-def _broken_rule(
-    rules: Rules,
-    scene: Drawn,
-    index: UInt8[np.ndarray, "h w"],
-    whole: Int[np.ndarray, " n"],
-) -> str | None:
-    """Name of the rule that a scene breaks, as it is seen; None if it keeps all."""
-    count = len(scene.poses) - scene.num_clutter
-    visible = np.array([np.count_nonzero(index == k) for k in range(count)])
-    if (visible < rules.smallest_outline).any():
-        return "smallest_outline"
-    if (visible < rules.visible_fraction * whole[:count]).any():
-        return "visible_fraction"
-    return None

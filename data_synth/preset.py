@@ -1,6 +1,6 @@
 """What a dataset draws: scenes, cameras and the sensor, as one frozen record."""
 
-__all__ = ["CameraDraw", "Placement", "Preset", "Rules"]
+__all__ = ["MAX_CYLINDERS", "CameraDraw", "Placement", "Preset", "Rules"]
 
 import dataclasses
 from typing import Any, Literal, get_args
@@ -22,6 +22,9 @@ from impostor_jax.sensor.gaussian import ConstantNoise
 Placement = Literal["free", "standing", "lying", "around"]
 """How a cylinder is put: anywhere; upright or on its side on the ground; or around the
 camera, which looks along it."""
+
+MAX_CYLINDERS = 255
+"""Most cylinders of an image: 8 bits tell which of them, or none, a pixel shows."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -141,6 +144,12 @@ class Preset:
                 raise ValueError(f"{name} must be positive, got {value}")
         if self.clutter.ends[0] < 0:
             raise ValueError(f"clutter must not be negative, got {self.clutter}")
+        most = self.count.ends[1] + self.clutter.ends[1]
+        if most > MAX_CYLINDERS:
+            raise ValueError(
+                f"count and clutter must be at most {MAX_CYLINDERS} cylinders together, "
+                f"got up to {most:g}"
+            )
 
     def record(self) -> dict[str, Any]:
         """All of it as JSON holds it: what a manifest keeps."""

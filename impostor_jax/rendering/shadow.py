@@ -2,12 +2,15 @@
 
 The scene is cast again from the projector, along the rays to the points that the camera
 sees and not over a grid of its own: a shadow's edge is as sharp as the camera's pixels.
+Planes need no rays: what the camera sees is on its own side of each, so all is dark if
+the projector is on the other side of one, and else a plane hides nothing.
 """
 
 __all__ = ["lit"]
 
 from typing import Any
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
@@ -18,6 +21,7 @@ from impostor_jax.geometry.frames import RigidTransform
 from impostor_jax.geometry.rays import Ray
 from impostor_jax.geometry.vec3 import Vec3
 from impostor_jax.numerics import eps
+from impostor_jax.primitives.plane import Plane
 from impostor_jax.rendering.raycast import first_surface
 from impostor_jax.rendering.scene import Scene
 
@@ -84,5 +88,18 @@ def _lit(
         1.0, 1.0, 0.0, 0.0, camera.width, camera.height,
         camera_from_world=RigidTransform(turned, -projector),
     )  # fmt: skip
-    first, _, _ = first_surface(scene.seen_by(camera), eye, rays, False)
-    return before & (first >= ahead * (1 - eps(depth.dtype, CLEARANCE)))
+    light, casting = before, []
+    for group in scene.seen_by(camera).groups:
+        if isinstance(group.primitives, Plane):
+            own, other = (
+                group.primitives.implicit(Vec3.from_array(end))
+                for end in (jnp.zeros(3, scene.dtype), projector.astype(scene.dtype))
+            )
+            light = light & jnp.all(own * other >= 0)
+        else:
+            casting.append(group)
+    if casting:
+        rest = eqx.tree_at(lambda scene: scene.groups, scene, tuple(casting))
+        first, _, _ = first_surface(rest, eye, rays, False)
+        light = light & (first >= ahead * (1 - eps(depth.dtype, CLEARANCE)))
+    return light

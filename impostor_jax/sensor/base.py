@@ -9,7 +9,6 @@ __all__ = [
     "NO_READING",
     "AbstractDepthNoise",
     "Scalar",
-    "chances",
     "compiled",
     "cos_incidence",
     "has_surface",
@@ -28,6 +27,7 @@ from jaxtyping import Array, Bool, Float, PRNGKeyArray
 
 from impostor_jax.camera.base import AbstractCamera
 from impostor_jax.geometry.vec3 import Vec3
+from impostor_jax.sensor.draws import normals
 
 Scalar = float | Float[Array, ""]
 Method = TypeVar("Method", bound=Callable)
@@ -133,20 +133,8 @@ def scattered(
     What comes out behind the camera is no reading.
     """
     spread = jnp.where(jnp.isfinite(sigma), sigma, 0)
-    reading = depth + spread * jax.random.normal(key, depth.shape, depth.dtype)
+    reading = depth + spread * normals(key, depth.shape, depth.dtype)
     return jnp.where(reading > 0, reading, NO_READING)
-
-
-def chances(key: PRNGKeyArray, depth: Float[Array, "h w"]) -> Float[Array, "h w"]:
-    """Independent uniform numbers in [0, 1), one for each depth: multiples of 2^-16.
-
-    Two of each number that is drawn, in half the time of `jax.random.uniform`; enough
-    to decide with a probability.
-    """
-    height, width = depth.shape
-    pairs = jax.random.bits(key, (height, (width + 1) // 2), jnp.uint32)
-    halves = jnp.concatenate([pairs >> 16, pairs & 0xFFFF], axis=1)[:, :width]
-    return halves.astype(depth.dtype) * 2.0**-16
 
 
 def has_surface(depth: Float[Array, "*batch"]) -> Bool[Array, "*batch"]:

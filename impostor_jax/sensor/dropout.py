@@ -16,12 +16,12 @@ from impostor_jax.sensor.base import (
     NO_READING,
     AbstractDepthNoise,
     Scalar,
-    chances,
     compiled,
     cos_incidence,
     has_surface,
     noise_model,
 )
+from impostor_jax.sensor.draws import chances
 
 CUTOFF = math.radians(70)
 """Incidence from which more readings are missing, in radians."""
@@ -86,6 +86,6 @@ class Dropout(AbstractDepthNoise):
         drop_key, sensor_key = jax.random.split(key)
         reading = self.sensor.sample(sensor_key, depth, normal, camera)
         cosine = jnp.where(has_surface(depth), cos_incidence(normal, camera), 1)
-        draw = chances(drop_key, depth)
+        draw = chances(drop_key, depth.shape, depth.dtype)
         drops = (draw < self.probability(cosine)) & jnp.isfinite(reading)
         return jnp.where(drops, NO_READING, reading)

@@ -18,11 +18,11 @@ from impostor_jax.camera.base import AbstractCamera
 from impostor_jax.sensor.base import (
     AbstractDepthNoise,
     Scalar,
-    chances,
     compiled,
     has_surface,
     noise_model,
 )
+from impostor_jax.sensor.draws import chances
 
 
 class FlyingPixels(AbstractDepthNoise):
@@ -74,7 +74,7 @@ class FlyingPixels(AbstractDepthNoise):
         mix_key, sensor_key = jax.random.split(key)
         other, at_jump = self._across(depth)
         probability = jnp.asarray(self.probability, depth.dtype)
-        draw = chances(mix_key, depth)
+        draw = chances(mix_key, depth.shape, depth.dtype)
         mixes = at_jump & (draw < probability)
         # Of those that are below the probability, draws are uniform once more.
         weight = draw / jnp.where(mixes, probability, 1)
@@ -90,20 +90,19 @@ class FlyingPixels(AbstractDepthNoise):
         """Depth of the neighbor across the largest jump, and whether there is one."""
         height, width = depth.shape
         z = jnp.where(has_surface(depth), depth, 0)
+        ratio = jnp.asarray(self.jump, depth.dtype)
         # Beyond the border lies the border itself, and a pixel does not jump to itself.
         padded = jnp.pad(z, 1, mode="edge")
-        near = jnp.stack(
-            [
-                padded[1 : 1 + height, :width],
-                padded[1 : 1 + height, 2:],
-                padded[:height, 1 : 1 + width],
-                padded[2:, 1 : 1 + width],
-            ]
-        )
-        both = (z > 0)[None] & (near > 0)
-        apart = jnp.where(both, jnp.abs(near - z[None]), 0)
-        limit = jnp.asarray(self.jump, depth.dtype) * jnp.minimum(near, z[None])
-        apart = jnp.where(apart > limit, apart, 0)
-        most = jnp.argmax(apart, axis=0)[None]
-        other = jnp.take_along_axis(near, most, axis=0)[0]
-        return other, jnp.any(apart > 0, axis=0)
+        other, most = z, jnp.zeros_like(z)
+        for near in (
+            padded[1 : 1 + height, :width],
+            padded[1 : 1 + height, 2:],
+            padded[:height, 1 : 1 + width],
+            padded[2:, 1 : 1 + width],
+        ):
+            lower = jnp.minimum(near, z)
+            apart = jnp.abs(near - z)
+            # The first of those that are as far apart.
+            jumps = (lower > 0) & (apart > ratio * lower) & (apart > most)
+            other, most = jnp.where(jumps, near, other), jnp.where(jumps, apart, most)
+        return other, most > 0

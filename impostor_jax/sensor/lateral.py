@@ -23,6 +23,7 @@ from impostor_jax.sensor.base import (
     has_surface,
     noise_model,
 )
+from impostor_jax.sensor.draws import normals
 from impostor_jax.sensor.structured_light import (
     MAX_ANGLE,
     grazing_ratio,
@@ -96,7 +97,9 @@ class LateralNoise(AbstractDepthNoise):
         floor, growth = (
             jnp.asarray(field, depth.dtype) for field in (self.floor, self.growth)
         )
-        draw = jax.random.normal(shift_key, (2, *depth.shape), depth.dtype)
+        height, width = depth.shape
+        draw = normals(shift_key, (2 * height, width), depth.dtype)
+        draw = draw.reshape(2, height, width)
         shift = jnp.round((floor + growth * ratio)[None] * draw).astype(jnp.int32)
         row, col = camera.frame.pixels()
         row = jnp.clip(row + shift[0], 0, camera.height - 1)

@@ -9,7 +9,6 @@ __all__ = ["StereoDisparity"]
 
 from typing import Any
 
-import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, PRNGKeyArray
 from typing_extensions import override
@@ -23,6 +22,7 @@ from impostor_jax.sensor.base import (
     compiled,
     has_surface,
 )
+from impostor_jax.sensor.draws import normals
 
 
 class StereoDisparity(AbstractDepthNoise):
@@ -123,7 +123,7 @@ class StereoDisparity(AbstractDepthNoise):
     ) -> Float[Array, "h w"]:
         scale, step = self._scale(depth), jnp.asarray(self.step, depth.dtype)
         seen = has_surface(depth)
-        draw = jax.random.normal(key, depth.shape, depth.dtype)
+        draw = normals(key, depth.shape, depth.dtype)
         disparity = scale / jnp.where(seen, depth, 1)
         disparity += jnp.asarray(self.deviation, depth.dtype) * draw
         is_stepped = step > 0

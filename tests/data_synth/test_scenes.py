@@ -184,6 +184,7 @@ def test_keys_of_images_and_attempts_differ():
         ({"distance": Fixed(0.0)}, "distance must be positive"),
         ({"depth_scale_mm": 0.0}, "depth_scale_mm must be positive"),
         ({"clutter": Fixed(-1)}, "clutter must not be negative"),
+        ({"count": Fixed(200), "clutter": Fixed(60)}, "at most 255 cylinders together"),
     ],
 )
 def test_bad_presets_are_refused(changes, message):

@@ -64,6 +64,23 @@ def test_what_is_behind_the_projector_gets_no_light():
     assert light[np.asarray(depth) > 1.02].all()
 
 
+def test_a_projector_beyond_a_plane_lights_nothing():
+    floor = ij.Plane((0, 0.5, 0), (0, 1, 0))
+    scene, depth, index = seen_by(CAMERA, ij.Sphere((0, 0, 1), 0.2), floor)
+    below = np.asarray(ij.lit(scene, CAMERA, depth, (0, 0.6, 0)))
+    assert not below.any()
+    above = np.asarray(ij.lit(scene, CAMERA, depth, (0, 0.4, 0)))
+    assert above[index == 1].mean() > 0.5
+
+
+def test_a_plane_hides_nothing_from_itself_at_a_grazing_view():
+    floor = ij.Plane((0, 0.5, 0), (0, 1, 0))
+    camera = ij.PinholeCamera(80.0, 80.0, 31.5, 0.5, 64, 48)
+    scene, depth, index = seen_by(camera, floor)
+    light = np.asarray(ij.lit(scene, camera, depth, (BASELINE, 0, 0)))
+    np.testing.assert_array_equal(light, index == 0)
+
+
 def test_pixels_without_a_surface_are_not_lit():
     scene, depth, index = seen_by(CAMERA, ij.Sphere((0, 0, 1), 0.2))
     light = np.asarray(ij.lit(scene, CAMERA, depth, (0, 0, 0)))
