@@ -147,8 +147,8 @@ class Preset:
         most = self.count.ends[1] + self.clutter.ends[1]
         if most > MAX_CYLINDERS:
             raise ValueError(
-                f"count and clutter must be at most {MAX_CYLINDERS} cylinders together, "
-                f"got up to {most:g}"
+                f"count and clutter must be at most {MAX_CYLINDERS} cylinders "
+                f"together, got up to {most:g}"
             )
 
     def record(self) -> dict[str, Any]:

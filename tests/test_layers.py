@@ -67,6 +67,7 @@ ORDER = {
         "distance",
     ),
     "sensor": (
+        "draws",
         "base",
         "gaussian",
         "structured_light",
