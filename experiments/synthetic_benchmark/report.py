@@ -30,15 +30,21 @@ def tables(folder: Path) -> str:
     """Results of a folder in Markdown."""
     values = read_values(folder)
     lines = ["| | whole command | after start | coding alone |", "|---|--:|--:|--:|"]
+    spreads = read_spreads(folder)
+
+    def cell(name: str, digits: str) -> str:
+        value, spread = spreads[name]
+        return f"{value:{digits}} ({spread:{digits}})"
+
     rates = ("rate", "rate_after_start", "rate_of_coding_alone")
-    cells = [f"{values[f'speed.{name}']:.1f}" for name in rates]
+    cells = [cell(f"speed.{name}", ".1f") for name in rates]
     lines.append(f"| images/s | {' | '.join(cells)} |")
-    over = [f"{values[f'speed.{n}_over_coding']:.2f}" for n in ("rate", "steady")]
+    over = [cell(f"speed.{name}_over_coding", ".2f") for name in ("rate", "steady")]
     lines.append(f"| over coding alone | {' | '.join(over)} | 1 |")
     lines += ["", f"| | {' | '.join(STAGES)} |", "|---|" + "--:|" * len(STAGES)]
-    cells = [f"{values[f'time.{stage}']:.1f}" for stage in STAGES]
+    cells = [cell(f"time.{stage}", ".1f") for stage in STAGES]
     lines.append(f"| ms an image | {' | '.join(cells)} |")
-    cells = [f"{values[f'share.{stage}']:.0%}" for stage in STAGES]
+    cells = [cell(f"share.{stage}", ".0%") for stage in STAGES]
     lines.append(f"| share | {' | '.join(cells)} |")
     memory = [
         f"{value:.0f} MiB for {name.removeprefix('memory.').removesuffix('_images')}"

@@ -17,15 +17,17 @@ from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
 from pathlib import Path
+from typing import Literal
 
 import cv2
 import numpy as np
 import tyro
+from jaxtyping import Float
 
 from data_synth.capture import BATCH, capture_keys
 from data_synth.distribution import Fixed
 from data_synth.generate import generate
-from data_synth.images import Plan, batch_of, captured, draw_scenes
+from data_synth.images import STAGES, Plan, batch_of, captured, draw_scenes
 from data_synth.manifest import Manifest
 from data_synth.preset import CameraDraw, Preset, Rules
 from data_synth.presets import PRESETS
@@ -61,6 +63,8 @@ class Config:
     """Images of the dataset."""
     workers: int = 2
     """Processes that make it."""
+    repeats: int = 5
+    """Times that it is made, and its pictures are coded alone, in turns."""
     kills: int = 20
     """Times that a run is killed and resumed."""
     eroded: int = 250
@@ -80,7 +84,9 @@ def run(config: Config) -> int:
     folder = result_folder(config.output, HERE, quick=config.quick)
     preset = PRESETS[PRESET]
     if config.quick:
-        config = dataclasses.replace(config, count=4, workers=1, kills=1, eroded=1)
+        config = dataclasses.replace(
+            config, count=4, workers=1, repeats=1, kills=1, eroded=1
+        )
         preset = _small(preset)
     # Processes share what they compile, and a second run compiles nothing.
     os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", tempfile.mkdtemp())
@@ -124,13 +130,20 @@ def speed(preset: Preset, whole: Path, config: Config) -> list[Metric]:
     write_json(file, preset.record())
     make = functools.partial(_made, file, config=config)
     make(home / "warm", config.workers)
-    few, n = -(-config.count // 5), config.count
-    runs = {few: make(home / "few", few), n: make(whole, n)}
-    runs[3 * n] = make(home / "many", 3 * n)
-    rate, ms = n / runs[n].seconds, runs[n].milliseconds
+    n, others = config.count, (-(-config.count // 5), 3 * config.count)
+    runs = {count: make(home / str(count), count) for count in others}
+    # In turns, since the machine may be slower now than it was then.
+    made, coding = [], []
+    for repeat in range(config.repeats):
+        folder = whole if repeat == 0 else home / "again"
+        made.append(make(folder, n))
+        coding.append(config.workers * n / _coding_seconds(folder, config.workers))
+        shutil.rmtree(home / "again", ignore_errors=True)
+    runs[n] = made[0]
+    rate = np.array([n / run.seconds for run in made])
+    ms = {name: np.array([run.milliseconds[name] for run in made]) for name in STAGES}
     total = sum(ms.values())
     steady = 1e3 * config.workers / total
-    coding = config.workers * n / _coding_seconds(whole, config.workers)
     part = _rendering_part(preset, config.seed)
     stages = {
         "drawing": ms["drawing"],
@@ -140,21 +153,32 @@ def speed(preset: Preset, whole: Path, config: Config) -> list[Metric]:
         "writing": ms["writing"],
     }
     metrics = [
-        Metric("speed.rate", rate, None, "images/s", "higher", n),
-        Metric("speed.rate_after_start", steady, None, "images/s", "higher", n),
-        Metric("speed.rate_of_coding_alone", coding, None, "images/s", "higher", n),
-        Metric("speed.rate_over_coding", rate / coding, None, "1", "higher", n),
-        Metric("speed.steady_over_coding", steady / coding, None, "1", "higher", n),
+        _median("speed.rate", rate, "images/s", "higher"),
+        _median("speed.rate_after_start", steady, "images/s", "higher"),
+        _median("speed.rate_of_coding_alone", np.array(coding), "images/s", "higher"),
+        _median("speed.rate_over_coding", rate / coding, "1", "higher"),
+        _median("speed.steady_over_coding", steady / coding, "1", "higher"),
     ]
-    for count, made in runs.items():
+    for count in sorted(runs):
+        memory = runs[count].mebibytes
         metrics.append(
-            Metric(f"memory.{count}_images", made.mebibytes, None, "MiB", "lower", 1)
+            Metric(f"memory.{count}_images", memory, None, "MiB", "lower", 1)
         )
     for stage, each in stages.items():
-        metrics.append(Metric(f"time.{stage}", each, None, "ms", "lower", n))
-        share = each / total
-        metrics.append(Metric(f"share.{stage}", share, None, "1", "lower", n))
+        metrics.append(_median(f"time.{stage}", each, "ms", "lower"))
+        metrics.append(_median(f"share.{stage}", each / total, "1", "lower"))
     return metrics
+
+
+def _median(
+    name: str,
+    values: Float[np.ndarray, " n"],
+    unit: str,
+    better: Literal["higher", "lower"],
+) -> Metric:
+    """Median and interquartile range of the repeats."""
+    low, middle, high = np.percentile(values, (25, 50, 75))
+    return Metric(name, float(middle), float(high - low), unit, better, len(values))
 
 
 @dataclasses.dataclass(frozen=True)
