@@ -65,6 +65,8 @@ class Config:
     """Processes that make it."""
     repeats: int = 5
     """Times that it is made, and its pictures are coded alone, in turns."""
+    others: tuple[int, ...] = (200, 3000)
+    """Images of further datasets, of which the memory is measured."""
     kills: int = 20
     """Times that a run is killed and resumed."""
     eroded: int = 250
@@ -85,7 +87,7 @@ def run(config: Config) -> int:
     preset = PRESETS[PRESET]
     if config.quick:
         config = dataclasses.replace(
-            config, count=4, workers=1, repeats=1, kills=1, eroded=1
+            config, count=4, workers=1, repeats=1, others=(), kills=1, eroded=1
         )
         preset = _small(preset)
     # Processes share what they compile, and a second run compiles nothing.
@@ -130,19 +132,19 @@ def speed(preset: Preset, whole: Path, config: Config) -> list[Metric]:
     write_json(file, preset.record())
     make = functools.partial(_made, file, config=config)
     make(home / "warm", config.workers)
-    n, others = config.count, (-(-config.count // 5), 3 * config.count)
-    runs = {count: make(home / str(count), count) for count in others}
+    n = config.count
+    runs = {count: make(home / str(count), count) for count in config.others}
     # In turns, since the machine may be slower now than it was then.
-    made, coding = [], []
+    made, alone = [], []
     for repeat in range(config.repeats):
         folder = whole if repeat == 0 else home / "again"
         made.append(make(folder, n))
-        coding.append(config.workers * n / _coding_seconds(folder, config.workers))
+        alone.append(config.workers * n / _coding_seconds(folder, config.workers))
         shutil.rmtree(home / "again", ignore_errors=True)
-    runs[n] = made[0]
+    runs[n], coding = made[0], np.array(alone)
     rate = np.array([n / run.seconds for run in made])
     ms = {name: np.array([run.milliseconds[name] for run in made]) for name in STAGES}
-    total = sum(ms.values())
+    total = np.sum(list(ms.values()), axis=0)
     steady = 1e3 * config.workers / total
     part = _rendering_part(preset, config.seed)
     stages = {
@@ -155,7 +157,7 @@ def speed(preset: Preset, whole: Path, config: Config) -> list[Metric]:
     metrics = [
         _median("speed.rate", rate, "images/s", "higher"),
         _median("speed.rate_after_start", steady, "images/s", "higher"),
-        _median("speed.rate_of_coding_alone", np.array(coding), "images/s", "higher"),
+        _median("speed.rate_of_coding_alone", coding, "images/s", "higher"),
         _median("speed.rate_over_coding", rate / coding, "1", "higher"),
         _median("speed.steady_over_coding", steady / coding, "1", "higher"),
     ]
