@@ -9,6 +9,16 @@ AS_USERS_RUN = {"xla_cpu_use_fusion_emitters": True}
 rounding errors, which are those of users."""
 
 
+COUNTED = {
+    "xla_disable_hlo_passes": "fusion",
+    "xla_backend_optimization_level": 0,
+    "xla_llvm_disable_expensive_passes": True,
+}
+"""Options for a program whose work is counted. Fusion computes anew what several
+results share, now more and now less; what makes machine code fast takes time and
+counts for nothing."""
+
+
 def angle_between(first, second) -> float:
     """Angle between two lines, in degrees."""
     first, second = np.asarray(first, float), np.asarray(second, float)
@@ -37,3 +47,13 @@ def in_chunks(function, *fields, size=400):
         found = function(*(jnp.asarray(field[rows]) for field in fields))
         chunks.append(jax.tree.map(np.asarray, found))
     return jax.tree.map(lambda *parts: np.concatenate(parts)[:count], *chunks)
+
+
+def compiled_cost(function, *arguments, **keywords):
+    """Floating-point operations and bytes of memory that a call takes, as XLA counts.
+
+    A loop counts as one pass.
+    """
+    lowered = jax.jit(function).lower(*arguments, **keywords)
+    analysis = lowered.compile(COUNTED).cost_analysis()
+    return np.array([analysis["flops"], analysis["bytes accessed"]])

@@ -147,6 +147,11 @@ class Ball(AbstractBody):
         return free[:, :3] if "radius" in fixed else free
 
     @override
+    def moving(self, fixed: tuple[str, ...]) -> tuple[int, ...]:
+        center = () if "center" in fixed else (0, 1, 2)
+        return center if "radius" in fixed else (*center, 3)
+
+    @override
     def transformed(self, target_from_source: RigidTransform) -> "Ball":
         return Ball(target_from_source.apply(self.center), self.radius)
 

@@ -227,6 +227,10 @@ class AbstractBody(eqx.Module):
         """Natural coordinates, or combinations of them, that are free to move."""
 
     @abc.abstractmethod
+    def moving(self, fixed: tuple[str, ...]) -> tuple[int, ...]:
+        """Places in `numbers` of those that move where some parameters do not."""
+
+    @abc.abstractmethod
     def transformed(self, target_from_source: RigidTransform) -> "AbstractBody":
         """Express the same body in another frame."""
 

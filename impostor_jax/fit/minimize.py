@@ -12,6 +12,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import lineax as lx
+import numpy as np
 import optimistix as optx
 from jax.custom_derivatives import SymbolicZero
 from jaxtyping import Array, Bool, Float, Int
@@ -55,9 +56,10 @@ def _triangle(
     column of the triangle R of [J r] = Q R is the shortest. So the solver carries
     vectors of a few numbers.
     """
-    body = problem.chart.body(vector)
-    change = jax.jacfwd(lambda v: problem.chart.body(v).numbers)(vector)
-    whitened, gradient = residuals(problem.rows, body, problem.always)
+    body, fixed = problem.chart.body(vector), problem.chart.fixed
+    moving = np.array(body.moving(fixed))
+    change = jax.jacfwd(lambda v: problem.chart.body(v).numbers[moving])(vector)
+    whitened, gradient = residuals(problem.rows, body, problem.always, fixed)
     robust, slope = jax.jvp(
         lambda r: robust_residual(r, problem.width, problem.kernel),
         (whitened,),

@@ -44,7 +44,10 @@ def surface_seen(
 
 
 def residuals(
-    rows: Rows, body: AbstractBody, always: bool | Bool[Array, ""] = True
+    rows: Rows,
+    body: AbstractBody,
+    always: bool | Bool[Array, ""] = True,
+    fixed: tuple[str, ...] = (),
 ) -> tuple[Float[Array, " n"], Float[Array, "p n"]]:
     """Body less image, in standard deviations, and its gradient in the body's numbers.
 
@@ -57,6 +60,8 @@ def residuals(
         always: True. Where only the run knows that, XLA keeps what the columns share
             in memory; otherwise it computes it anew for each of them, and 6656 rows
             take 11 ms instead of 0.5. Under `jax.vmap` it must not be mapped.
+        fixed: Names of parameters that do not move: of numbers that they alone move
+            there is no gradient.
     """
 
     def shared() -> Passing:
@@ -88,5 +93,5 @@ def residuals(
     counts = jnp.where(jnp.abs(error) < rows.slack, 0, rows.weight)
     return (
         jnp.sign(error) * beyond * rows.weight,
-        jnp.stack([part * counts for part in gradient]),
+        jnp.stack([gradient[place] * counts for place in body.moving(fixed)]),
     )

@@ -316,6 +316,15 @@ class RoundBody(AbstractBody):
         return np.stack(free, axis=1)
 
     @override
+    def moving(self, fixed: tuple[str, ...]) -> tuple[int, ...]:
+        radii = not set(self.names_of_radii) <= set(fixed)
+        height = "height" not in fixed
+        moves = [*["center" not in fixed] * 3, *["axis" not in fixed] * 3]
+        # A slope is a difference of radii over the height.
+        moves += [radii, height, radii or height][: self.num_numbers - 6]
+        return tuple(place for place, does in enumerate(moves) if does)
+
+    @override
     def mirrored(self) -> "RoundBody":
         axis, center = self.axis, self.center
         along = jnp.sum(axis * center, axis=-1) / jnp.sum(center**2, axis=-1)

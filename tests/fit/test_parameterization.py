@@ -1,3 +1,5 @@
+import itertools
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -98,6 +100,26 @@ def test_held_parameters_do_not_move(kind, fixed, size, dtype):
             continue
         same = np.allclose(getattr(moved, name), getattr(body, name), rtol=1e-6)
         assert same == (name in fixed), name
+
+
+@pytest.mark.usefixtures("double")
+@pytest.mark.parametrize("kind", BODIES)
+def test_the_numbers_that_move_are_those_with_a_derivative(kind):
+    body = BODIES[kind]()
+    radii = body.names_of_radii if isinstance(body, RoundBody) else ("radius",)
+    names = ("center", *radii)
+    names += ("axis", "height") if isinstance(body, RoundBody) else ()
+    for count in (0, 1, 2, len(names) - 1):
+        for fixed in itertools.combinations(names, count):
+            held = chart(body, fixed)
+            still = jnp.zeros(held.size)
+            change = jax.jacfwd(lambda v, held=held: held.body(v).numbers)(still)
+            # The direction of one number may lie across its derivative.
+            moves = np.abs(np.asarray(change)).max(axis=1) > 0
+            missed = set(np.flatnonzero(moves)) - set(body.moving(fixed))
+            assert not missed, fixed
+            spare = set(body.moving(fixed)) - set(np.flatnonzero(moves))
+            assert not spare, fixed
 
 
 @pytest.mark.usefixtures("double")
