@@ -5,19 +5,15 @@ __all__ = ["main"]
 import os
 import sys
 from concurrent.futures import BrokenExecutor
-from pathlib import Path
 
 from data_synth.cli import parse
+from impostor_jax.cli.compiled import keep_compiled
 
 
 def main() -> int:
     """Run the command line; returns the exit code."""
     command = parse(sys.argv[1:])
-    # Every process would else compile on its own, in every run.
-    home = os.environ.get("XDG_CACHE_HOME") or str(Path.home() / ".cache")
-    cache = Path(home) / "impostor_jax" / "compiled"
-    os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(cache))
-    os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.2")
+    keep_compiled()
     # The first process would else take most of a GPU's memory for itself.
     os.environ.setdefault("XLA_PYTHON_CLIENT_PREALLOCATE", "false")
     # Workers keep freed memory, in large pages: else the system clears new pages for

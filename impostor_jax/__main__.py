@@ -4,12 +4,14 @@ __all__ = ["main"]
 
 import sys
 
+from impostor_jax.cli.compiled import keep_compiled
 from impostor_jax.cli.parse import parse
 
 
 def main() -> int:
     """Run the command line; returns the exit code."""
     command = parse(sys.argv[1:])
+    keep_compiled()
     try:
         return command.run()
     except (ValueError, OSError) as error:

@@ -137,7 +137,7 @@ ORDER = {
         "bounds",
         "parity",
     ),
-    "cli": ("fit", "render", "demo", "evaluate", "parity", "parse"),
+    "cli": ("compiled", "fit", "render", "demo", "evaluate", "parity", "parse"),
 }
 MODULES = sorted(
     path.relative_to(PACKAGE).with_suffix("").parts

@@ -1,6 +1,7 @@
 """The command line as a user runs it, in a process of its own where that matters."""
 
 import json
+import os
 import subprocess
 import sys
 
@@ -9,6 +10,7 @@ import numpy as np
 import pytest
 
 from impostor_jax.__main__ import main
+from impostor_jax.cli.compiled import keep_compiled
 from tests.groups import LARGE_IMAGES, SMALL_IMAGES
 
 CAMERA = {"fx": 150.0, "fy": 150.0, "cx": 79.5, "cy": 59.5, "width": 160, "height": 120}
@@ -213,6 +215,27 @@ def test_bad_input_ends_the_process_with_one_line_and_exit_code_2():
     found = run("fit", "none.png", "--camera", "none.json")
     assert found.returncode == 2
     check_one_line(found.stderr, "does not exist")
+
+
+def test_what_was_compiled_is_kept_where_the_user_keeps_caches(tmp_path, monkeypatch):
+    monkeypatch.delenv("JAX_COMPILATION_CACHE_DIR")
+    monkeypatch.delenv("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "caches"))
+    camera = tmp_path / "camera.json"
+    camera.write_text(json.dumps(CAMERA))
+    found = run(
+        "render", "--camera", camera, "--output", tmp_path / "rendered",
+        "--center", 0, 0, 0.5, "--axis", 0, 1, 0, "--radius", 0.04, "--height", 0.1,
+    )  # fmt: skip
+    assert (found.returncode, found.stderr) == (0, "")
+    kept = tmp_path / "caches" / "impostor_jax" / "compiled"
+    assert any("render" in entry.name for entry in kept.iterdir())
+
+
+def test_the_users_own_cache_of_jax_is_used(tmp_path, monkeypatch):
+    monkeypatch.setenv("JAX_COMPILATION_CACHE_DIR", str(tmp_path))
+    keep_compiled()
+    assert os.environ["JAX_COMPILATION_CACHE_DIR"] == str(tmp_path)
 
 
 def test_help_is_printed_without_starting_jax():

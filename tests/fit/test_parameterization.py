@@ -109,7 +109,7 @@ def test_the_numbers_that_move_are_those_with_a_derivative(kind):
     radii = body.names_of_radii if isinstance(body, RoundBody) else ("radius",)
     names = ("center", *radii)
     names += ("axis", "height") if isinstance(body, RoundBody) else ()
-    for count in (0, 1, 2, len(names) - 1):
+    for count in {0, 1, min(2, len(names) - 1), len(names) - 1}:
         for fixed in itertools.combinations(names, count):
             held = chart(body, fixed)
             still = jnp.zeros(held.size)
