@@ -20,6 +20,7 @@ from impostor_jax.camera.pinhole import PinholeCamera
 from impostor_jax.camera.pixels import PixelBox
 from impostor_jax.geometry.vec3 import Vec3
 from impostor_jax.io.depth_image import MAX_UINT16
+from impostor_jax.numerics import eps
 from impostor_jax.primitives.cylinder import Cylinder
 from impostor_jax.primitives.plane import Plane
 from impostor_jax.rendering.raycast import render
@@ -187,7 +188,8 @@ def _broken_rule(
         lambda k: jnp.sum((index == k.astype(jnp.uint8)).astype(jnp.float32)), number
     )
     smallest_outline, visible_fraction = limits
-    whole = whole_count.astype(jnp.float32)
+    # Less by more than rounding: a part that is exactly the least keeps the rule.
+    whole = whole_count.astype(jnp.float32) * (1 - eps(jnp.float32, 4))
     too_little = jnp.stack(
         [visible < smallest_outline, visible < visible_fraction * whole]
     )

@@ -245,7 +245,7 @@ def _summary(reports: list["ShardReport"], seconds: float, folder: Path) -> str:
     stages = ", ".join(f"{name} {1e3 * s / count:.1f}" for name, s in spent.items())
     lines = [
         f"{folder}: {count} images in {seconds:.1f} s, {count / seconds:.1f} images/s",
-        f"  ms of a process for each: {stages}",
+        f"  ms of a process for an image: {stages}",
     ]
     if rejected:
         rules = ", ".join(f"{rule} {n}" for rule, n in sorted(rejected.items()))

@@ -204,14 +204,14 @@ def _made(preset: Path, output: Path, count: int, config: Config) -> Made:
     words = ["--preset", str(preset), "--count", str(count), "--output", str(output)]
     words += ["--seed", str(config.seed), "--shard-size", str(size)]
     started = time.perf_counter()
-    process = _command("generate", *words, config=config)
+    process = _command("generate", *words, config=config, stdout=subprocess.PIPE)
     assert process.stdout is not None
     text = process.stdout.read()
     _, status, usage = os.wait4(process.pid, 0)
     seconds = time.perf_counter() - started
     process.returncode = os.waitstatus_to_exitcode(status)
     assert process.returncode == 0
-    (line,) = re.findall(r"ms of a process for each: (.*)", text)
+    (line,) = re.findall(r"ms of a process for an image: (.*)", text)
     spent = {name: float(ms) for name, ms in map(str.split, line.split(", "))}
     return Made(seconds, spent, usage.ru_maxrss / 1024)
 
@@ -308,14 +308,16 @@ def killed(home: Path, config: Config) -> Iterator[Metric]:
     yield Metric("killed.done_before", middle, spread, "1", "higher", n)
 
 
-def _command(name: str, *words: str, config: Config) -> subprocess.Popen:
+def _command(
+    name: str, *words: str, config: Config, stdout: int = subprocess.DEVNULL
+) -> subprocess.Popen:
     return subprocess.Popen(
         [
             *(sys.executable, "-m", "data_synth", name, *words),
             *("--workers", str(config.workers)),
         ],
         start_new_session=True,
-        stdout=subprocess.PIPE,
+        stdout=stdout,
         text=True,
     )
 

@@ -13,7 +13,7 @@ def keep_compiled() -> None:
     JAX's own variables, where they are set, decide otherwise. Call it before JAX is
     imported: it reads them then.
     """
-    home = os.environ.get("XDG_CACHE_HOME") or Path("~/.cache").expanduser()
+    home = os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")
     folder = Path(home) / "impostor_jax" / "compiled"
     os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(folder))
     # A fit is made of many small programs besides the large ones.

@@ -7,6 +7,7 @@ from typing import Any
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from impostor_jax.camera.pinhole import PinholeCamera
@@ -121,7 +122,7 @@ def assess(
     used = pixels.depth > 0
     count = jnp.sum(used)
     meters = jnp.where(used, pixels.depth - seen.depth, 0)
-    whitened, gradient = residuals(rows, body, always)
+    whitened, gradient = residuals(rows, body, always, request.fixed)
     wide = solution.scale
     inlier = used & (jnp.abs(whitened[:num]) <= 3 * wide)
     # The residuals take a cap for a whole plane; readings beyond its rim are not on it.
@@ -139,7 +140,8 @@ def assess(
     squares = jnp.sum(jnp.where(inlier, whitened[:num], 0) ** 2)
 
     chart = Chart.around(body, unit, unit, request.fixed)
-    natural = jnp.matmul(gradient.T, chart.natural(), precision="highest")
+    change = chart.natural()[np.array(body.moving(request.fixed))]
+    natural = jnp.matmul(gradient.T, change, precision="highest")
     natural = jnp.where(believed[:, None], natural, 0)
     if isinstance(body, RoundBody):
         # An end that is not seen is free, though some readings beyond it may lean on

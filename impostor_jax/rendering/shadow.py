@@ -3,7 +3,8 @@
 The scene is cast again from the projector, along the rays to the points that the camera
 sees and not over a grid of its own: a shadow's edge is as sharp as the camera's pixels.
 Planes need no rays: what the camera sees is on its own side of each, so all is dark if
-the projector is on the other side of one, and else a plane hides nothing.
+the projector is on the other side of one, and else a plane hides nothing. One that
+holds the camera, to rounding, hides nothing either.
 """
 
 __all__ = ["lit"]
@@ -73,7 +74,8 @@ def _lit(
     row, col = camera.frame.pixels()
     ray = camera.rays(row, col, depth.dtype)
     seen = jnp.isfinite(depth)
-    x, y, z = projector.astype(depth.dtype)
+    place = projector.astype(depth.dtype)
+    x, y, z = place
     point = ray.at(jnp.where(seen, depth, 0))
     ahead = point.z - z
     before = seen & (ahead > 0)
@@ -91,11 +93,7 @@ def _lit(
     light, casting = before, []
     for group in scene.seen_by(camera).groups:
         if isinstance(group.primitives, Plane):
-            own, other = (
-                group.primitives.implicit(Vec3.from_array(end))
-                for end in (jnp.zeros(3, scene.dtype), projector.astype(scene.dtype))
-            )
-            light = light & jnp.all(own * other >= 0)
+            light = light & ~jnp.any(_between(group.primitives, place))
         else:
             casting.append(group)
     if casting:
@@ -103,3 +101,15 @@ def _lit(
         first, _, _ = first_surface(rest, eye, rays, False)
         light = light & (first >= ahead * (1 - eps(depth.dtype, CLEARANCE)))
     return light
+
+
+def _between(plane: Plane, place: Float[Array, "3"]) -> Bool[Array, " n"]:
+    """Which of a batch of planes have the camera and a place on different sides."""
+    place = place.astype(plane.dtype)
+    here, there = (
+        plane.implicit(Vec3.from_array(end)) for end in (jnp.zeros_like(place), place)
+    )
+    size = jnp.linalg.norm(plane.point, axis=-1) + jnp.linalg.norm(place)
+    limit = eps(plane.dtype, 8) * size
+    least = jnp.minimum(jnp.abs(here), jnp.abs(there))
+    return (here * there < 0) & (least > limit)

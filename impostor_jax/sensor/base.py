@@ -27,7 +27,7 @@ from jaxtyping import Array, Bool, Float, PRNGKeyArray
 
 from impostor_jax.camera.base import AbstractCamera
 from impostor_jax.geometry.vec3 import Vec3
-from impostor_jax.sensor.draws import normals
+from impostor_jax.sensor.draws import normal_draws
 
 Scalar = float | Float[Array, ""]
 Method = TypeVar("Method", bound=Callable)
@@ -133,7 +133,7 @@ def scattered(
     What comes out behind the camera is no reading.
     """
     spread = jnp.where(jnp.isfinite(sigma), sigma, 0)
-    reading = depth + spread * normals(key, depth.shape, depth.dtype)
+    reading = depth + spread * normal_draws(key, depth.shape, depth.dtype)
     return jnp.where(reading > 0, reading, NO_READING)
 
 

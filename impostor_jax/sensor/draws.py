@@ -1,13 +1,12 @@
 """Random numbers for the pixels of an image.
 
-`jax.random` makes 64 bits for each number of 32 and keeps half of them, so that values
-do not depend on how an array is split over devices. Here all are used, of the same
-generator, Threefry-2x32. And XLA computes what it draws once more for each use, an
-element at a time, where it is joined of parts within a larger expression; here each
-strip of rows is written to its place.
+`jax.random` folds 64 bits into each number of 32, so that values do not depend on how
+an array is split over devices. Here all are used, of the same generator, Threefry-2x32.
+And where an array is joined of parts within a larger expression, XLA does not
+vectorize that; here each strip of rows is written to its place, one after the other.
 """
 
-__all__ = ["chances", "normals"]
+__all__ = ["chances", "normal_draws"]
 
 import math
 from collections.abc import Callable, Sequence
@@ -24,12 +23,12 @@ STRIP = 32
 Words = UInt32[Array, "h w"]
 
 
-def normals(
+def normal_draws(
     key: PRNGKeyArray, shape: tuple[int, ...], dtype: DTypeLike
 ) -> Float[Array, "h w"]:
     """Independent standard normal numbers.
 
-    They have 23 bits, symmetric about 0, and reach 5.2 deviations.
+    They have 23 bits, symmetric about 0, and reach 5.3 deviations.
     """
 
     def normal(words: Words) -> Float[Array, "h w"]:

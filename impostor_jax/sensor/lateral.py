@@ -23,7 +23,7 @@ from impostor_jax.sensor.base import (
     has_surface,
     noise_model,
 )
-from impostor_jax.sensor.draws import normals
+from impostor_jax.sensor.draws import normal_draws
 from impostor_jax.sensor.structured_light import (
     MAX_ANGLE,
     grazing_ratio,
@@ -98,7 +98,7 @@ class LateralNoise(AbstractDepthNoise):
             jnp.asarray(field, depth.dtype) for field in (self.floor, self.growth)
         )
         height, width = depth.shape
-        draw = normals(shift_key, (2 * height, width), depth.dtype)
+        draw = normal_draws(shift_key, (2 * height, width), depth.dtype)
         draw = draw.reshape(2, height, width)
         shift = jnp.round((floor + growth * ratio)[None] * draw).astype(jnp.int32)
         row, col = camera.frame.pixels()

@@ -22,7 +22,7 @@ from impostor_jax.sensor.base import (
     compiled,
     has_surface,
 )
-from impostor_jax.sensor.draws import normals
+from impostor_jax.sensor.draws import normal_draws
 
 
 class StereoDisparity(AbstractDepthNoise):
@@ -123,7 +123,7 @@ class StereoDisparity(AbstractDepthNoise):
     ) -> Float[Array, "h w"]:
         scale, step = self._scale(depth), jnp.asarray(self.step, depth.dtype)
         seen = has_surface(depth)
-        draw = normals(key, depth.shape, depth.dtype)
+        draw = normal_draws(key, depth.shape, depth.dtype)
         disparity = scale / jnp.where(seen, depth, 1)
         disparity += jnp.asarray(self.deviation, depth.dtype) * draw
         is_stepped = step > 0

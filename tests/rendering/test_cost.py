@@ -12,7 +12,7 @@ import pytest
 import impostor_jax as ij
 from impostor_jax.geometry.rays import Ray
 from impostor_jax.geometry.vec3 import Vec3
-from impostor_jax.sensor.draws import normals
+from impostor_jax.sensor.draws import normal_draws
 from tests.checks import compiled_cost
 
 WIDTH, HEIGHT = 96, 64
@@ -140,7 +140,7 @@ def test_a_constant_sigma_needs_no_incidence():
     depth, normal = jnp.ones((HEIGHT, WIDTH)), jnp.zeros((HEIGHT, WIDTH, 3))
 
     def written_out(key, depth, sigma):
-        reading = depth + sigma * normals(key, depth.shape, depth.dtype)
+        reading = depth + sigma * normal_draws(key, depth.shape, depth.dtype)
         return jnp.where(reading > 0, reading, 0)
 
     key = jax.random.key(0)

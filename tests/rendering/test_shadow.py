@@ -73,6 +73,16 @@ def test_a_projector_beyond_a_plane_lights_nothing():
     assert above[index == 1].mean() > 0.5
 
 
+def test_a_plane_that_holds_camera_and_projector_hides_nothing():
+    # Rounding puts them on either side.
+    turn = ij.RigidTransform(np.eye(3), (0.1, 0.7, 0.3))
+    camera = ij.PinholeCamera(80.0, 80.0, 31.5, 23.5, 64, 48, camera_from_world=turn)
+    normal = np.cross((BASELINE, 0, 0), (0.2, 0.3, 1))
+    plane = ij.Plane(-np.array([0.1, 0.7, 0.3]) + (0.2, 0.3, 1), normal)
+    scene, depth, _ = seen_by(camera, WALL, plane)
+    assert np.asarray(ij.lit(scene, camera, depth, (BASELINE, 0, 0))).all()
+
+
 def test_a_plane_hides_nothing_from_itself_at_a_grazing_view():
     floor = ij.Plane((0, 0.5, 0), (0, 1, 0))
     camera = ij.PinholeCamera(80.0, 80.0, 31.5, 0.5, 64, 48)

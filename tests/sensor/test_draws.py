@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from impostor_jax.sensor.draws import STRIP, chances, normals
+from impostor_jax.sensor.draws import STRIP, chances, normal_draws
 
-DRAWS = {"chances": chances, "normals": normals}
+DRAWS = {"chances": chances, "normals": normal_draws}
 
 
 @functools.cache
