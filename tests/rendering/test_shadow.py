@@ -74,13 +74,16 @@ def test_a_projector_beyond_a_plane_lights_nothing():
 
 
 def test_a_plane_that_holds_camera_and_projector_hides_nothing():
-    # Rounding puts them on either side.
-    turn = ij.RigidTransform(np.eye(3), (0.1, 0.7, 0.3))
+    place, rng = np.array([0.1, 0.7, 0.3]), np.random.default_rng(0)
+    turn = ij.RigidTransform(np.eye(3), place)
     camera = ij.PinholeCamera(80.0, 80.0, 31.5, 23.5, 64, 48, camera_from_world=turn)
-    normal = np.cross((BASELINE, 0, 0), (0.2, 0.3, 1))
-    plane = ij.Plane(-np.array([0.1, 0.7, 0.3]) + (0.2, 0.3, 1), normal)
-    scene, depth, _ = seen_by(camera, WALL, plane)
-    assert np.asarray(ij.lit(scene, camera, depth, (BASELINE, 0, 0))).all()
+    for _ in range(30):
+        # Rounding puts them on either side of some, 3e-8 m away.
+        projector, other = rng.uniform(-0.3, 0.3, 3), rng.uniform(-1, 1, 3)
+        plane = ij.Plane(other - place, np.cross(projector, other))
+        scene, depth, index = seen_by(camera, WALL, plane)
+        light = np.asarray(ij.lit(scene, camera, depth, projector))
+        assert light[index == 0].all()
 
 
 def test_a_plane_hides_nothing_from_itself_at_a_grazing_view():
