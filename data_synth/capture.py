@@ -6,7 +6,7 @@ size; a place that is not in use costs nothing, and a scene that breaks a rule h
 readings.
 """
 
-__all__ = ["BATCH", "RULES", "Batch", "Captured", "capture", "capture_keys"]
+__all__ = ["BATCH", "KEPT", "RULES", "Batch", "Captured", "capture", "capture_keys"]
 
 from functools import partial
 

@@ -27,7 +27,15 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int, Key, PRNGKeyArray, UInt16
 
-from data_synth.capture import BATCH, RULES, Batch, Captured, capture, capture_keys
+from data_synth.capture import (
+    BATCH,
+    KEPT,
+    RULES,
+    Batch,
+    Captured,
+    capture,
+    capture_keys,
+)
 from data_synth.catalogue import Item, draw_catalogue
 from data_synth.draw import Drawn, draw_cameras, draw_scene, generator
 from data_synth.label import Box
@@ -166,10 +174,10 @@ def _window(plan: Plan, numbers: Sequence[int], clock: Clock) -> list[Image]:
             seen = captured(plan, keys[1], batch)
         for k, scene in scenes.items():
             broken = int(seen.broken_rule[k])
-            if broken >= 0:
-                reject(k, RULES[broken])
-            else:
+            if broken == KEPT:
                 made[k] = _image(plan, numbers[k], k, scene, seen, rejected[k])
+            else:
+                reject(k, RULES[broken])
     return [made[k] for k in range(len(numbers))]
 
 

@@ -7,7 +7,6 @@ from typing import Any
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from impostor_jax.camera.pinhole import PinholeCamera
@@ -140,8 +139,7 @@ def assess(
     squares = jnp.sum(jnp.where(inlier, whitened[:num], 0) ** 2)
 
     chart = Chart.around(body, unit, unit, request.fixed)
-    change = chart.natural()[np.array(body.moving(request.fixed))]
-    natural = jnp.matmul(gradient.T, change, precision="highest")
+    natural = jnp.matmul(gradient.T, chart.natural(), precision="highest")
     natural = jnp.where(believed[:, None], natural, 0)
     if isinstance(body, RoundBody):
         # An end that is not seen is free, though some readings beyond it may lean on

@@ -12,7 +12,6 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import lineax as lx
-import numpy as np
 import optimistix as optx
 from jax.custom_derivatives import SymbolicZero
 from jaxtyping import Array, Bool, Float, Int
@@ -56,10 +55,10 @@ def _triangle(
     column of the triangle R of [J r] = Q R is the shortest. So the solver carries
     vectors of a few numbers.
     """
-    body, fixed = problem.chart.body(vector), problem.chart.fixed
-    moving = np.array(body.moving(fixed))
-    change = jax.jacfwd(lambda v: problem.chart.body(v).numbers[moving])(vector)
-    whitened, gradient = residuals(problem.rows, body, problem.always, fixed)
+    chart = problem.chart
+    body = chart.body(vector)
+    change = jax.jacfwd(lambda v: chart.moving_numbers(chart.body(v)))(vector)
+    whitened, gradient = residuals(problem.rows, body, problem.always, chart.fixed)
     robust, slope = jax.jvp(
         lambda r: robust_residual(r, problem.width, problem.kernel),
         (whitened,),
@@ -67,9 +66,9 @@ def _triangle(
     )
     jacobian = jnp.matmul(change.T, gradient, precision="highest") * slope[None]
     known = prior_residuals(problem.prior, body)
-    of_known = jax.jacfwd(
-        lambda v: prior_residuals(problem.prior, problem.chart.body(v))
-    )(vector)
+    of_known = jax.jacfwd(lambda v: prior_residuals(problem.prior, chart.body(v)))(
+        vector
+    )
     # A prior three thousand deviations wide keeps the triangle regular where the image
     # leaves a coordinate free.
     ridge = RIDGE * jnp.eye(vector.shape[0], dtype=vector.dtype)

@@ -9,6 +9,7 @@ __all__ = ["COORDINATES", "FRUSTUM_COORDINATES", "SPHERE_COORDINATES", "Chart"]
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from impostor_jax.fit.body import AbstractBody
@@ -79,7 +80,15 @@ class Chart(eqx.Module):
         natural = jnp.matmul(self.scale, vector, precision="highest")
         return self.reference.moved(natural, self.fixed)
 
+    def moving_numbers(self, body: AbstractBody) -> Float[Array, " p"]:
+        """Numbers of a body of the chart that move, as `residuals` takes them."""
+        return body.numbers[np.array(body.moving(self.fixed))]
+
     def natural(self) -> Float[Array, "p c"]:
-        """Derivative of the body's numbers in the natural coordinates."""
+        """Derivative of the moving numbers in the natural coordinates."""
         still = jnp.zeros(self.scale.shape[0], self.scale.dtype)
-        return jax.jacfwd(lambda n: self.reference.moved(n, self.fixed).numbers)(still)
+
+        def numbers(natural: Float[Array, " c"]) -> Float[Array, " p"]:
+            return self.moving_numbers(self.reference.moved(natural, self.fixed))
+
+        return jax.jacfwd(numbers)(still)
