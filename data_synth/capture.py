@@ -23,7 +23,7 @@ from impostor_jax.io.depth_image import MAX_UINT16
 from impostor_jax.numerics import eps
 from impostor_jax.primitives.cylinder import Cylinder
 from impostor_jax.primitives.plane import Plane
-from impostor_jax.rendering.raycast import render
+from impostor_jax.rendering.render import render
 from impostor_jax.rendering.scene import Scene
 from impostor_jax.rendering.shadow import lit
 from impostor_jax.rendering.silhouettes import silhouettes

@@ -2,6 +2,7 @@ from .camera.base import AbstractCamera
 from .camera.orthographic import OrthographicCamera
 from .camera.pinhole import PinholeCamera
 from .camera.pixels import Tile
+from .effort import Effort
 from .fit.batch import fit_cylinders
 from .fit.cylinder import fit_cylinder
 from .fit.frustum import fit_frustum
@@ -32,7 +33,7 @@ from .rendering.coverage import coverage
 from .rendering.distance import signed_distance
 from .rendering.maps import GeometryMaps
 from .rendering.outline_curve import Outline, outline
-from .rendering.raycast import render
+from .rendering.render import render
 from .rendering.scene import Scene
 from .rendering.shade import AmbientLight, DirectionalLight, PointLight, shade
 from .rendering.shadow import lit
@@ -59,6 +60,7 @@ __all__ = [
     "DirectionalLight",
     "Directions",
     "Dropout",
+    "Effort",
     "FitResult",
     "FitStatus",
     "FlyingPixels",

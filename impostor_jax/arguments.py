@@ -17,17 +17,56 @@ __all__ = [
     "positive_int",
     "real_number",
     "whole_number",
+    "working_precision",
 ]
 
+import contextlib
 import math
-from collections.abc import Iterable, Sequence
-from typing import Any
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from typing import Any, TypeVar
 
+import equinox as eqx
 import jax
 import jax.core
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
+
+Values = TypeVar("Values")
+
+
+@contextlib.contextmanager
+def working_precision(
+    precision: str | None, given: Any
+) -> Iterator[Callable[[Values], Values]]:
+    """Let JAX's default floating-point type be the one of an `Effort`.
+
+    Args:
+        precision: "float32", "float64", or None to change nothing.
+        given: All that the caller handed in.
+
+    Yields:
+        What converts arrays to that type.
+
+    Raises:
+        ValueError: The precision is not JAX's own, and something is traced.
+    """
+    if precision is None:
+        yield lambda values: values
+        return
+    own = jnp.result_type(float)
+    if precision != own and not is_concrete(given):
+        raise ValueError(
+            f"precision must be JAX's own, {own}, in a traced call, got {precision!r}; "
+            "jax_enable_x64 decides it"
+        )
+
+    def convert(x: Any) -> Any:
+        is_float = eqx.is_array(x) and jnp.issubdtype(x.dtype, np.floating)
+        return jnp.asarray(x, precision) if is_float else x
+
+    with jax.enable_x64(precision == "float64"):
+        yield lambda values: jax.tree.map(convert, values)
 
 
 def is_concrete(value: Any) -> bool:

@@ -11,6 +11,7 @@ PACKAGE = Path(impostor_jax.__file__).parent
 # From the lowest layer to the highest.
 LAYERS = (
     "numerics",
+    "effort",
     "arguments",
     "geometry",
     "camera",
@@ -52,18 +53,19 @@ ORDER = {
         "bounds",
         "scene",
         "blocks",
+        "tile",
         "closest",
         "raycast",
         "silhouettes",
         "shadow",
         "shade",
-        "tile",
         "polygon",
         "outline_base",
         "sphere_outline",
         "outline_curve",
         "image_curve",
         "coverage",
+        "render",
         "distance",
     ),
     "sensor": (
@@ -137,7 +139,16 @@ ORDER = {
         "bounds",
         "parity",
     ),
-    "cli": ("compiled", "fit", "render", "demo", "evaluate", "parity", "parse"),
+    "cli": (
+        "compiled",
+        "dials",
+        "fit",
+        "render",
+        "demo",
+        "evaluate",
+        "parity",
+        "parse",
+    ),
 }
 MODULES = sorted(
     path.relative_to(PACKAGE).with_suffix("").parts

@@ -54,6 +54,27 @@ class AbstractCamera(eqx.Module):
         """
 
     @abc.abstractmethod
+    def shifted(
+        self, cols: Float[Array, ""], rows: Float[Array, ""]
+    ) -> "AbstractCamera":
+        """The same camera with the centers of its pixels to the right and below.
+
+        Args:
+            cols: By how much of a column.
+            rows: By how much of a row.
+
+        Raises:
+            ValueError: It has a lens, whose rays are solved for at the centers alone.
+        """
+
+    @abc.abstractmethod
+    def strided(self, stride: int) -> "AbstractCamera":
+        """The camera of every how many-th row and column, from the first on.
+
+        Its images are those that `render` makes with this stride of an `Effort`.
+        """
+
+    @abc.abstractmethod
     def sees(
         self, row: Int[Array, "*batch"], col: Int[Array, "*batch"]
     ) -> Bool[Array, "*batch"] | None:

@@ -81,6 +81,26 @@ class OrthographicCamera(AbstractCamera):
         return Ray(origin=Vec3(x, y, zero), direction=Vec3(zero, zero, one))
 
     @override
+    def shifted(
+        self, cols: Float[Array, ""], rows: Float[Array, ""]
+    ) -> "OrthographicCamera":
+        return eqx.tree_at(
+            lambda c: (c.cx, c.cy), self, (self.cx - cols, self.cy - rows)
+        )
+
+    @override
+    def strided(self, stride: int) -> "OrthographicCamera":
+        return OrthographicCamera(
+            fx=self.fx / stride,
+            fy=self.fy / stride,
+            cx=self.cx / stride,
+            cy=self.cy / stride,
+            width=-(-self.width // stride),
+            height=-(-self.height // stride),
+            camera_from_world=self.camera_from_world,
+        )
+
+    @override
     def sees(
         self, row: Int[Array, "*batch"], col: Int[Array, "*batch"]
     ) -> Bool[Array, "*batch"] | None:

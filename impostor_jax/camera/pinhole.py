@@ -146,6 +146,33 @@ class PinholeCamera(AbstractCamera):
         )
 
     @override
+    def shifted(
+        self, cols: Float[Array, ""], rows: Float[Array, ""]
+    ) -> "PinholeCamera":
+        if self.ray_field is not None:
+            raise ValueError(
+                "effort must have samples of 1 for a camera with a lens, whose rays "
+                "are known through the centers of pixels alone"
+            )
+        return eqx.tree_at(
+            lambda c: (c.cx, c.cy), self, (self.cx - cols, self.cy - rows)
+        )
+
+    @override
+    def strided(self, stride: int) -> "PinholeCamera":
+        return PinholeCamera(
+            fx=self.fx / stride,
+            fy=self.fy / stride,
+            cx=self.cx / stride,
+            cy=self.cy / stride,
+            width=-(-self.width // stride),
+            height=-(-self.height // stride),
+            distortion=self.distortion,
+            fisheye=self.fisheye,
+            camera_from_world=self.camera_from_world,
+        )
+
+    @override
     def sees(
         self, row: Int[Array, "*batch"], col: Int[Array, "*batch"]
     ) -> Bool[Array, "*batch"] | None:

@@ -40,7 +40,7 @@ class Demo:
         from impostor_jax.io.depth_image import fitting_scale, write_depth_png
         from impostor_jax.io.record import fit_record
         from impostor_jax.primitives.cylinder import Cylinder
-        from impostor_jax.rendering.raycast import render
+        from impostor_jax.rendering.render import render
         from impostor_jax.sensor.gaussian import ConstantNoise
         from impostor_jax.viewer.figure import write_overlay
 

@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Literal
 
 import tyro
 
+from impostor_jax.cli.dials import Dials, Preset, chosen_effort
+
 if TYPE_CHECKING:
     from impostor_jax.fit.result import FitResult, TaperTest
 
@@ -39,6 +41,9 @@ class Fit:
     """Folder that the files are written to."""
     json: Path | None = None
     """File for the record of the fit, instead of fit.json in the output folder."""
+    effort: Preset = "balanced"
+    """How much work it takes; each dial may be set apart from it."""
+    dials: Dials = dataclasses.field(default_factory=Dials)
 
     def run(self) -> int:
         """Run the command; returns the exit code."""
@@ -49,6 +54,7 @@ class Fit:
         from impostor_jax.io.record import fit_record
         from impostor_jax.viewer.figure import write_overlay
 
+        effort = chosen_effort(self.effort, self.dials)
         camera, depth_scale_m = read_camera(self.camera)
         depth = read_depth(self.depth, depth_scale_m)
         mask = None if self.mask is None else read_mask(self.mask)
@@ -60,6 +66,7 @@ class Fit:
             sigma=self.sigma,
             mask_meaning=self.mask_meaning,
             errors=self.errors,
+            effort=effort,
             test_taper=self.test_taper,
         )
         fit.rms.block_until_ready()

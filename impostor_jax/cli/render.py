@@ -7,6 +7,8 @@ from pathlib import Path
 
 import tyro
 
+from impostor_jax.cli.dials import Dials, Preset, chosen_effort
+
 
 @dataclasses.dataclass(frozen=True)
 class Render:
@@ -31,6 +33,9 @@ class Render:
     """Radius in meters."""
     height: float | None = None
     """Length from cap to cap in meters."""
+    effort: Preset = "balanced"
+    """How much work it takes; each dial may be set apart from it."""
+    dials: Dials = dataclasses.field(default_factory=Dials)
 
     def run(self) -> int:
         """Run the command; returns the exit code."""
@@ -38,9 +43,10 @@ class Render:
 
         from impostor_jax.io import depth_image
         from impostor_jax.io.camera_file import read_camera, write_camera
-        from impostor_jax.rendering.raycast import render
+        from impostor_jax.rendering.render import render
         from impostor_jax.rendering.scene import Scene
 
+        effort = chosen_effort(self.effort, self.dials)
         shapes, camera = self._shapes()
         given_scale = None
         if self.camera is not None:
@@ -50,7 +56,9 @@ class Render:
                 "camera must be given: a camera file, or in the scene file"
             )
         outputs = ("depth", "normal", "mask", "index")
-        maps = render(Scene(shapes), camera, outputs)
+        seen = Scene(shapes) if len(shapes) > 1 else shapes[0]
+        maps = render(seen, camera, outputs, effort=effort)
+        camera = camera.strided(effort.stride)
         scale = depth_image.fitting_scale(maps.depth, given_scale)
         depth_image.write_depth_png(self.output / "depth.png", maps.depth, scale)
         depth_image.write_depth_tiff(self.output / "depth.tiff", maps.depth)

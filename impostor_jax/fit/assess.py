@@ -2,6 +2,7 @@
 
 __all__ = ["Solution", "Start", "assess", "deviations_of", "result_of"]
 
+from functools import partial
 from typing import Any
 
 import equinox as eqx
@@ -58,6 +59,7 @@ class Start(eqx.Module):
     num_agreeing: Int[Array, "*k"]
 
     @staticmethod
+    @partial(jax.jit, static_argnums=1)
     def at(body: AbstractBody, count: int = 1) -> "Start":
         """The only guess, repeated where as many are expected."""
         # Typed as what `best_start` returns, so that the fit is compiled once for both.

@@ -8,6 +8,7 @@ from typing import Any
 
 from impostor_jax.arguments import is_concrete
 from impostor_jax.camera.pinhole import PinholeCamera
+from impostor_jax.effort import Effort
 from impostor_jax.fit.result import FitResult
 from impostor_jax.fit.shapes import CYLINDER, fit_shape
 from impostor_jax.fit.taper import taper_test
@@ -23,9 +24,9 @@ def fit_cylinder(
     fixed: Sequence[str] = (),
     prior: Mapping[str, Any] | None = None,
     mask_meaning: str = "region",
-    kernel: str = "geman_mcclure",
     scale: str = "estimated",
     errors: str = "independent",
+    effort: Effort | str = "balanced",
     test_taper: bool = False,
 ) -> FitResult:
     """Fit center, axis, radius and height of a capped cylinder to a depth image.
@@ -50,12 +51,13 @@ def fit_cylinder(
         mask_meaning: "region": any subset of the object's pixels, its edge has no
             meaning; "outline": the edge is the object's silhouette, where no occluder
             stands in front of it.
-        kernel: Robust loss: "pseudo_huber", "cauchy" or "geman_mcclure".
-        scale: Whether the width of that loss is "fixed" to deviations of the sensor or
-            grows with the "estimated" spread of the residuals.
+        scale: Whether the width of the robust loss is "fixed" to deviations of the
+            sensor or grows with the "estimated" spread of the residuals.
         errors: Whether readings err "independent" of each other, or "correlated"
             between neighboring pixels as those of real sensors do; decides which
             covariance is reported.
+        effort: How much work it takes: "fast", "balanced" or "exact", or an `Effort`
+            with a setting of each dial.
         test_taper: Whether to test, by the likelihood ratio, if a frustum is needed;
             `taper` of the result says so.
 
@@ -76,9 +78,9 @@ def fit_cylinder(
         "fixed": fixed,
         "prior": prior,
         "mask_meaning": mask_meaning,
-        "kernel": kernel,
         "scale": scale,
         "errors": errors,
+        "effort": effort,
     }
     if test_taper:
         _check_taper(asked, (depth, camera, mask, sigma, initial, prior))

@@ -8,6 +8,7 @@ reading, say nothing.
 """
 
 __all__ = [
+    "MAX_CROSSINGS",
     "Pixels",
     "crossing_rows",
     "deviation",

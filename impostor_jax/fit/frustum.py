@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from impostor_jax.camera.pinhole import PinholeCamera
+from impostor_jax.effort import Effort
 from impostor_jax.fit.result import FrustumFit
 from impostor_jax.fit.shapes import FRUSTUM, fit_shape
 from impostor_jax.primitives.frustum import Frustum
@@ -20,9 +21,9 @@ def fit_frustum(
     fixed: Sequence[str] = (),
     prior: Mapping[str, Any] | None = None,
     mask_meaning: str = "region",
-    kernel: str = "geman_mcclure",
     scale: str = "estimated",
     errors: str = "independent",
+    effort: Effort | str = "balanced",
 ) -> FrustumFit:
     """Fit the ends and the two radii of a capped frustum to a depth image.
 
@@ -45,9 +46,9 @@ def fit_frustum(
             world frame, in meters and (for the axis) radians; for radius1 and radius2
             with `initial` only.
         mask_meaning: As in `fit_cylinder`.
-        kernel: As in `fit_cylinder`.
         scale: As in `fit_cylinder`.
         errors: As in `fit_cylinder`.
+        effort: As in `fit_cylinder`.
 
     Returns:
         The fit. A fit that failed says so in `status`, with infinite deviations.
@@ -65,9 +66,9 @@ def fit_frustum(
         fixed=fixed,
         prior=prior,
         mask_meaning=mask_meaning,
-        kernel=kernel,
         scale=scale,
         errors=errors,
+        effort=effort,
     )
     assert isinstance(fit, FrustumFit)
     return fit

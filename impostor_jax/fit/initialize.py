@@ -71,6 +71,7 @@ def first_guesses(
     camera: PinholeCamera,
     sigma: float,
     tapered: bool = False,
+    only_one: bool = False,
 ) -> list[Guess]:
     """Guess cylinders from the readings of a region, for each likely axis.
 
@@ -80,6 +81,7 @@ def first_guesses(
         camera: Concrete; its pose is not used.
         sigma: Typical deviation of a reading, in meters.
         tapered: Whether to look for frusta, too.
+        only_one: Whether to look along the likeliest axis alone.
 
     Returns:
         Guesses in the camera frame: the best of each axis first, those that lie closer
@@ -90,7 +92,7 @@ def first_guesses(
         return []
     ranked = [
         (place, guess)
-        for axis in _axes(surface, tapered)
+        for axis in _axes(surface, tapered, only_one)
         for place, guess in enumerate(
             sorted(
                 _guesses_along(axis, surface, tapered), key=lambda guess: guess.misfit
@@ -120,7 +122,9 @@ def _around_camera(guess: Guess) -> Guess | None:
     return guess._replace(center=center, height=high - low)
 
 
-def _axes(surface: Surface, tapered: bool) -> list[Float[np.ndarray, "3"]]:
+def _axes(
+    surface: Surface, tapered: bool, only_one: bool
+) -> list[Float[np.ndarray, "3"]]:
     """Candidate axes, at least 10 degrees apart."""
     n = surface.normals
     if len(n) < 10:
@@ -143,7 +147,10 @@ def _axes(surface: Surface, tapered: bool) -> list[Float[np.ndarray, "3"]]:
     # view that explain it as a wall, keep its normal from the front of the list.
     _, vectors = np.linalg.eigh(n.T @ n)
     likely = np.concatenate([vectors[:, 2][None], axes[order[: 4 * MAX_AXES]]])
-    first, *others = _refined(likely, n, tapered)
+    refined = _refined(likely, n, tapered)
+    if only_one:
+        return [refined[np.argmin(_unexplained(refined, n, tapered))]]
+    first, *others = refined
     longest, shortest = surface.drawn
     kept = []
     for axis in (first, longest, *others[:1], shortest, *others[1:]):

@@ -1,4 +1,4 @@
-"""Levenberg-Marquardt on thousands of rows, reduced to a small triangle.
+"""Least squares on thousands of rows, reduced to a small triangle.
 
 The rows are held, with their weights; what changes is the vector of a chart.
 """
@@ -19,9 +19,10 @@ from typing_extensions import override
 
 from impostor_jax.fit.parameterization import Chart
 from impostor_jax.fit.prior import Prior, prior_residuals
+from impostor_jax.fit.request import Request
 from impostor_jax.fit.residuals import residuals
 from impostor_jax.fit.robust import robust_residual
-from impostor_jax.fit.rows import Kind, Rows
+from impostor_jax.fit.rows import BLOCK, Kind, Rows
 from impostor_jax.numerics import eps
 
 SQUARE_WIDTH = 4.0
@@ -34,6 +35,14 @@ RIDGE = 3e-3
 """Inverse width of the prior that keeps free coordinates in place, in scaled units."""
 
 
+_SOLVERS = {
+    "LevenbergMarquardt": optx.LevenbergMarquardt,
+    "Dogleg": optx.Dogleg,
+    "GaussNewton": optx.GaussNewton,
+}
+"""By the names of `Effort`."""
+
+
 class _Problem(eqx.Module):
     """A robust least-squares problem in a chart's coordinates."""
 
@@ -42,7 +51,8 @@ class _Problem(eqx.Module):
     prior: Prior
     width: Float[Array, " n"]
     always: Bool[Array, ""]
-    kernel: str = eqx.field(static=True)
+    num_blocks: Int[Array, ""] | None
+    request: Request = eqx.field(static=True)
 
 
 def _triangle(
@@ -53,18 +63,35 @@ def _triangle(
     The thousands of rows enter a solver only through J^T J, J^T r and r^T r. Any
     residual with the same products has the same loss, gradient and steps, and the last
     column of the triangle R of [J r] = Q R is the shortest. So the solver carries
-    vectors of a few numbers.
+    vectors of a few numbers, and the rows are taken block by block: no Jacobian of all
+    of them is ever held.
     """
     chart = problem.chart
     body = chart.body(vector)
     change = jax.jacfwd(lambda v: chart.moving_numbers(chart.body(v)))(vector)
-    whitened, gradient = residuals(problem.rows, body, problem.always, chart.fixed)
-    robust, slope = jax.jvp(
-        lambda r: robust_residual(r, problem.width, problem.kernel),
-        (whitened,),
-        (jnp.ones_like(whitened),),
-    )
-    jacobian = jnp.matmul(change.T, gradient, precision="highest") * slope[None]
+    by_qr = problem.request.linear_solver == "qr"
+
+    def of_rows(
+        rows: Rows, width: Float[Array, " k"]
+    ) -> tuple[Float[Array, "n k"], Float[Array, " k"]]:
+        whitened, gradient = residuals(rows, body, problem.always, chart.fixed)
+        robust, slope = jax.jvp(
+            lambda r: robust_residual(r, width, problem.request.kernel),
+            (whitened,),
+            (jnp.ones_like(whitened),),
+        )
+        jacobian = jnp.matmul(change.T, gradient, precision="highest") * slope[None]
+        return jacobian, robust
+
+    def with_part(
+        total: Float[Array, "m m"], jacobian: Float[Array, "n k"], residual: Array
+    ) -> Float[Array, "m m"]:
+        """The products, or the triangle, of the rows so far and some more."""
+        full = jnp.concatenate([jacobian, residual[None]])
+        if by_qr:
+            return jnp.linalg.qr(jnp.concatenate([total, full.T]), mode="r")
+        return total + jnp.matmul(full, full.T, precision="highest")
+
     known = prior_residuals(problem.prior, body)
     of_known = jax.jacfwd(lambda v: prior_residuals(problem.prior, chart.body(v)))(
         vector
@@ -72,13 +99,40 @@ def _triangle(
     # A prior three thousand deviations wide keeps the triangle regular where the image
     # leaves a coordinate free.
     ridge = RIDGE * jnp.eye(vector.shape[0], dtype=vector.dtype)
-    full = jnp.concatenate(
-        [
-            jnp.concatenate([jacobian, of_known.T, ridge], axis=1),
-            jnp.concatenate([robust, known, RIDGE * vector])[None],
-        ]
+    total = with_part(
+        jnp.zeros((vector.shape[0] + 1,) * 2, vector.dtype),
+        jnp.concatenate([of_known.T, ridge], axis=1),
+        jnp.concatenate([known, RIDGE * vector]),
     )
-    products = jnp.matmul(full, full.T, precision="highest")
+    weighed = problem.rows, problem.width
+    count = problem.width.shape[0]
+    if count <= BLOCK:
+        total = with_part(total, *of_rows(*weighed))
+    else:
+        assert count % BLOCK == 0
+
+        def with_block(
+            number: Int[Array, ""], total: Float[Array, "m m"]
+        ) -> Float[Array, "m m"]:
+            # From the end, where the rows are that speak for all.
+            first = count - BLOCK * (number + 1)
+
+            def cut() -> tuple[Rows, Array]:
+                return jax.tree.map(
+                    lambda a: jax.lax.dynamic_slice_in_dim(a, first, BLOCK), weighed
+                )
+
+            part = jax.lax.cond(
+                problem.always, cut, lambda: jax.tree.map(lambda a: a[:BLOCK], weighed)
+            )
+            return with_part(total, *of_rows(*part))
+
+        num_blocks = problem.num_blocks
+        num_blocks = count // BLOCK if num_blocks is None else num_blocks
+        total = jax.lax.fori_loop(0, num_blocks, with_block, total)
+    if by_qr:
+        return total[:, -1], total[:, :-1]
+    products = total
     # Rounding must not make a pivot negative. As rows without a residual these damp a
     # step, by a millionth, and move no minimum.
     diagonal = jnp.diagonal(products) * eps(vector.dtype, 16)
@@ -144,22 +198,42 @@ def minimize(
     rows: Rows,
     prior: Prior,
     width: Float[Array, ""],
-    kernel: str,
+    request: Request,
     tolerance: Float[Array, ""],
     is_first: Bool[Array, ""],
-    max_steps: int,
     always: Bool[Array, ""],
+    num_blocks: Int[Array, ""] | None = None,
 ) -> tuple[Float[Array, " n"], Bool[Array, ""], Int[Array, ""]]:
-    """Levenberg-Marquardt in the chart's coordinates, from its reference."""
-    problem = _problem(chart, rows, prior, width, kernel, is_first, always)
-    solver = optx.LevenbergMarquardt(
+    """Least squares in the chart's coordinates, from its reference.
+
+    Args:
+        chart: Map from the coordinates to a body.
+        rows: What the image says; those at the end speak for all.
+        prior: In the camera frame.
+        width: Of the robust loss, in deviations.
+        request: Which loss and solver, and how many steps at most.
+        tolerance: Step at which it ends.
+        is_first: Whether ends may still be pixels off.
+        always: As in `residuals`.
+        num_blocks: Blocks of rows that are used, counted from the end; all if None,
+            and then it can be differentiated in reverse mode.
+
+    Returns:
+        The coordinates, whether it converged, and its number of steps.
+    """
+    problem = _problem(chart, rows, prior, width, request, is_first, always, num_blocks)
+    solver = _SOLVERS[request.solver](
         rtol=1e-5,
         # Only compared with: it may be traced.
         atol=tolerance,  # pyright: ignore[reportArgumentType]
         norm=optx.rms_norm,
-        linear_solver=lx.Normal(lx.Cholesky()),
+        linear_solver=(
+            lx.QR() if request.linear_solver == "qr" else lx.Normal(lx.Cholesky())
+        ),
     )
-    solver = eqx.tree_at(lambda s: s.search, solver, _Search(solver.search, tolerance))
+    if isinstance(solver.search, optx.ClassicalTrustRegion):
+        search = _Search(solver.search, tolerance)
+        solver = eqx.tree_at(lambda s: s.search, solver, search)
     # On a GPU the default precision of a product is that of 10-bit mantissas.
     with jax.default_matmul_precision("highest"):
         solution = optx.least_squares(
@@ -167,7 +241,7 @@ def minimize(
             solver,
             jnp.zeros(chart.size, width.dtype),
             args=problem,
-            max_steps=max_steps,
+            max_steps=request.max_steps,
             throw=False,
         )
     converged = solution.result == optx.RESULTS.successful
@@ -179,8 +253,7 @@ def lowest_loss(
     rows: Rows,
     prior: Prior,
     width: Float[Array, ""],
-    kernel: str,
-    max_steps: int,
+    request: Request,
     always: Bool[Array, ""],
 ) -> Float[Array, ""]:
     """Sum of the robust losses at their minimum, in squared deviations.
@@ -191,9 +264,9 @@ def lowest_loss(
     is_first = jnp.zeros((), bool)
     tolerance = jnp.full_like(width, 1e-3)
     vector, _, _ = minimize(
-        chart, rows, prior, width, kernel, tolerance, is_first, max_steps, always
+        chart, rows, prior, width, request, tolerance, is_first, always
     )
-    problem = _problem(chart, rows, prior, width, kernel, is_first, always)
+    problem = _problem(chart, rows, prior, width, request, is_first, always, None)
     residual, _ = _triangle(vector, problem)
     return jnp.sum(residual**2)
 
@@ -203,9 +276,10 @@ def _problem(
     rows: Rows,
     prior: Prior,
     width: Float[Array, ""],
-    kernel: str,
+    request: Request,
     is_first: Bool[Array, ""],
     always: Bool[Array, ""],
+    num_blocks: Int[Array, ""] | None,
 ) -> _Problem:
     # The error of a square is skewed, and a loss that bends early would be biased.
     # The first height may be pixels off.
@@ -215,4 +289,4 @@ def _problem(
         SQUARE_WIDTH,
         jnp.where(rows.kind == Kind.END, end_width, 1.0),
     )
-    return _Problem(chart, rows, prior, row_width, always, kernel)
+    return _Problem(chart, rows, prior, row_width, always, num_blocks, request)

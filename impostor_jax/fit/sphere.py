@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from impostor_jax.camera.pinhole import PinholeCamera
+from impostor_jax.effort import Effort
 from impostor_jax.fit.result import SphereFit
 from impostor_jax.fit.shapes import SPHERE, fit_shape
 from impostor_jax.primitives.sphere import Sphere
@@ -20,9 +21,9 @@ def fit_sphere(
     fixed: Sequence[str] = (),
     prior: Mapping[str, Any] | None = None,
     mask_meaning: str = "region",
-    kernel: str = "geman_mcclure",
     scale: str = "estimated",
     errors: str = "independent",
+    effort: Effort | str = "balanced",
 ) -> SphereFit:
     """Fit center and radius of a sphere to a depth image.
 
@@ -39,9 +40,9 @@ def fit_sphere(
         prior: For "center" and "radius", expected value and standard deviation in the
             world frame, in meters.
         mask_meaning: As in `fit_cylinder`.
-        kernel: As in `fit_cylinder`.
         scale: As in `fit_cylinder`.
         errors: As in `fit_cylinder`.
+        effort: As in `fit_cylinder`.
 
     Returns:
         The fit. A fit that failed says so in `status`, with infinite deviations.
@@ -59,9 +60,9 @@ def fit_sphere(
         fixed=fixed,
         prior=prior,
         mask_meaning=mask_meaning,
-        kernel=kernel,
         scale=scale,
         errors=errors,
+        effort=effort,
     )
     assert isinstance(fit, SphereFit)
     return fit

@@ -15,7 +15,9 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+from impostor_jax.arguments import working_precision
 from impostor_jax.camera.pinhole import PinholeCamera
+from impostor_jax.effort import effort_of
 from impostor_jax.fit.evidence import gather_edge, gather_pixels
 from impostor_jax.fit.minimize import lowest_loss
 from impostor_jax.fit.parameterization import FRUSTUM_COORDINATES, Chart
@@ -34,7 +36,6 @@ from impostor_jax.fit.round_body import CylinderBody, FrustumBody
 from impostor_jax.fit.shapes import FRUSTUM, fit_shape, pixels_shown
 from impostor_jax.fit.solve import (
     LAST_STAGES,
-    MAX_STEPS,
     always_true,
     evaluate,
     step_units,
@@ -71,17 +72,23 @@ def taper_test(
         initial = Frustum(*ends, begin.radius, begin.radius)
     frustum = fit_shape(FRUSTUM, depth, camera, mask, initial=initial, **asked)
     assert isinstance(frustum, FrustumFit)
-    noise = checked_noise(asked["sigma"])
-    given = checked_depth(depth, camera), checked_mask(mask, camera)
-    shown = pixels_shown(*given, camera, noise)
+    effort = effort_of(asked["effort"])
     request = checked_request(
         Frustum,
         FRUSTUM.parameters,
-        initial=initial,
-        **{name: asked[name] for name in asked if name not in ("sigma", "prior")},
+        asked["fixed"],
+        initial,
+        asked["mask_meaning"],
+        asked["scale"],
+        asked["errors"],
+        effort,
     )
-    prior = checked_prior(asked["prior"], FRUSTUM.parameters, initial)
-    statistic = _statistic(*shown, frustum.frustum, prior, request)
+    with working_precision(effort.precision, (depth, camera, mask, asked)) as converted:
+        noise, camera = converted((checked_noise(asked["sigma"]), camera))
+        given = checked_depth(depth, camera), checked_mask(mask, camera)
+        shown = pixels_shown(*given, camera, noise, effort.stride)
+        prior = checked_prior(asked["prior"], FRUSTUM.parameters, initial)
+        statistic = _statistic(*shown, frustum.frustum, converted(prior), request)
     if asked["errors"] == "correlated":
         # As much larger as the radii's difference varies: the ratio is Wald's square.
         plain: dict[str, Any] = asked | {"errors": "independent"}
@@ -144,7 +151,8 @@ def _statistic(
         radius=tapered.radius,
         height=tapered.height,
     )
-    place = jnp.asarray(LAST_STAGES[-1][-1], depth.dtype)
+    *_, place, _ = LAST_STAGES[-1]
+    place = jnp.asarray(place, depth.dtype)
     rows, seen, scale = evaluate(
         pixels, edge, noise, request.is_outline, tapered, jnp.zeros_like(place), place
     )
@@ -153,7 +161,7 @@ def _statistic(
 
     def loss(body: CylinderBody | FrustumBody) -> Float[Array, ""]:
         chart = Chart.around(body, *units, request.fixed)
-        return lowest_loss(chart, rows, prior, width, request.kernel, MAX_STEPS, always)
+        return lowest_loss(chart, rows, prior, width, request, always)
 
     whitened = (seen.depth - pixels.depth) * rows.weight[: pixels.depth.shape[0]]
     inlying = (pixels.depth > 0) & (jnp.abs(whitened) < INLYING * scale)

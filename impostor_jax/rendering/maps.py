@@ -1,11 +1,23 @@
 """The images that a render returns."""
 
-__all__ = ["OUTPUTS", "GeometryMaps"]
+__all__ = ["MISSES", "OUTPUTS", "GeometryMaps"]
 
 import equinox as eqx
+import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-OUTPUTS = ("depth", "range", "point", "normal", "mask", "index")
+MISSES = {
+    "depth": np.inf,
+    "range": np.inf,
+    "point": np.inf,
+    "normal": 0.0,
+    "mask": False,
+    "index": -1,
+    "coverage": 0.0,
+}
+"""What each map holds where nothing is hit."""
+
+OUTPUTS = tuple(MISSES)
 
 
 class GeometryMaps(eqx.Module):
@@ -18,6 +30,7 @@ class GeometryMaps(eqx.Module):
         normal: Unit normal that faces the camera; zero where nothing is hit.
         mask: Whether the pixel's center ray hits anything.
         index: Which shape of a scene is hit, counted from 0; -1 where none is.
+        coverage: Part of the pixel that is covered, in [0, 1], or a sample of it.
     """
 
     depth: Float[Array, "h w"] | None = None
@@ -26,3 +39,4 @@ class GeometryMaps(eqx.Module):
     normal: Float[Array, "h w 3"] | None = None
     mask: Bool[Array, "h w"] | None = None
     index: Int[Array, "h w"] | None = None
+    coverage: Float[Array, "h w"] | None = None

@@ -1,75 +1,43 @@
 """Exact rendering: one ray through the center of every pixel."""
 
-__all__ = ["first_surface", "render"]
-
-from collections.abc import Sequence
-from functools import partial
+__all__ = ["first_surface", "raycast"]
 
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from impostor_jax.arguments import one_of
 from impostor_jax.camera.base import AbstractCamera
-from impostor_jax.camera.pixels import Tile
 from impostor_jax.geometry.rays import Hit, Ray
 from impostor_jax.geometry.vec3 import Vec3
 from impostor_jax.primitives.base import AbstractPrimitive, in_camera_frame
 from impostor_jax.rendering.bounds import is_bounded
 from impostor_jax.rendering.closest import closest
-from impostor_jax.rendering.maps import OUTPUTS, GeometryMaps
+from impostor_jax.rendering.maps import GeometryMaps
 from impostor_jax.rendering.scene import Scene
 
 Seen = tuple[Float[Array, "h w"], Vec3 | None, Int[Array, "h w"]]
 """What rays meet: the depth, the normal if it is wanted, and which shape that is."""
 
 
-def render(
+def raycast(
     primitive: AbstractPrimitive | Scene,
     camera: AbstractCamera,
-    outputs: Sequence[str] = ("depth", "normal", "mask"),
-    tile: Tile | None = None,
+    row: Int[Array, "h w"],
+    col: Int[Array, "h w"],
+    outputs: frozenset[str],
 ) -> GeometryMaps:
-    """Render a shape or a scene; only the outputs that are asked for are computed.
-
-    Works inside `jax.jit`, `grad`, `jacfwd` and `vmap`, over shapes and over cameras
-    of one image size.
+    """Maps of some pixels; only those that are asked for are computed.
 
     Args:
-        primitive: One shape, in the world frame; map a batch with `jax.vmap`. Or a
-            `Scene` of shapes, of which the closest is seen.
-        camera: The camera; without a pose its frame is the world.
-        outputs: Any of depth, range, point, normal, mask and index.
-        tile: Block of pixels to render, the whole image if None. `outline_tile` gives
-            the smallest one that shows the shape.
+        primitive: One shape or a scene, in the world frame.
+        camera: The camera.
+        row: Rows of the pixels.
+        col: Columns of the pixels.
+        outputs: Any of the maps but the coverage.
 
-    Returns:
-        The maps in the camera frame, of the shape of the tile.
-
-    Raises:
-        ValueError: An output is unknown or the shape is a batch.
+    Derivatives:
+        As of `render`.
     """
-    if isinstance(outputs, str):
-        raise ValueError(f"outputs must be a sequence of names, got {outputs!r}")
-    for name in outputs:
-        one_of("outputs", name, OUTPUTS)
-    if isinstance(primitive, AbstractPrimitive) and primitive.batch_shape:
-        raise ValueError(
-            f"primitive must be a single one, got a batch of shape "
-            f"{primitive.batch_shape}; map over it with jax.vmap"
-        )
-    return _render(primitive, camera, frozenset(outputs), tile)
-
-
-@partial(jax.jit, static_argnames="outputs")
-def _render(
-    primitive: AbstractPrimitive | Scene,
-    camera: AbstractCamera,
-    outputs: frozenset[str],
-    tile: Tile | None,
-) -> GeometryMaps:
-    tile = camera.frame if tile is None else tile
-    row, col = tile.pixels()
     ray = camera.rays(row, col, primitive.dtype)
     with_normal = "normal" in outputs
     t, normal, index = first_surface(primitive, camera, ray, with_normal)

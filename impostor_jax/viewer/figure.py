@@ -16,7 +16,7 @@ from impostor_jax.io.atomic import write_atomically
 from impostor_jax.primitives.base import in_camera_frame
 from impostor_jax.primitives.cylinder import Cylinder
 from impostor_jax.rendering.outline import in_front, outline_points
-from impostor_jax.rendering.raycast import render
+from impostor_jax.rendering.render import render
 
 
 def fitted_outline(

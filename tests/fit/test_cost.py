@@ -74,7 +74,8 @@ def fit_cost(prior=None, **request):
     depth, mask = image()
     shown = pixels_shown(depth, mask, CAMERA, ij.ConstantNoise(jnp.float32(SIGMA)))
     start, belief = Start.at(CylinderBody.of(can())), prior or Prior()
-    lowered = solve.lower(*shown, start, belief, Request(**request), is_far=True)
+    asked = Request(**request), jnp.float32(0.2)
+    lowered = solve.lower(*shown, start, belief, *asked, is_far=True)
     return lowered.cost_analysis()["flops"]
 
 

@@ -246,7 +246,7 @@ DEPTH, MASK = image()
         ({"fixed": "radius"}, "fixed must be a sequence of names"),
         ({"fixed": ("radius",)}, "initial must be given with fixed="),
         ({"mask_meaning": "edge"}, "mask_meaning must be one of region, outline"),
-        ({"kernel": "huber"}, "kernel must be one of pseudo_huber, cauchy"),
+        ({"effort": "slow"}, "effort must be an Effort or one of fast, balanced"),
         ({"scale": "free"}, "scale must be one of estimated, fixed"),
         ({"errors": "white"}, "errors must be one of independent, correlated"),
         ({"prior": {"size": (1, 1)}}, "prior must be one of center, axis"),
@@ -293,7 +293,8 @@ for arguments in ({"camera": "kinect"}, {"camera": camera, "initial": "can"}):
 
 def test_several_starts_are_solved_and_their_agreement_is_reported():
     depth, mask = image()
-    fit = ij.fit_cylinder(depth, CAMERA, mask=mask, sigma=SIGMA)
+    effort = ij.Effort(all_starts=True)
+    fit = ij.fit_cylinder(depth, CAMERA, mask=mask, sigma=SIGMA, effort=effort)
     assert int(fit.num_starts) > 1
     assert 1 <= int(fit.num_agreeing) <= int(fit.num_starts)
     given = ij.fit_cylinder(depth, CAMERA, mask=mask, sigma=SIGMA, initial=can())
@@ -373,7 +374,7 @@ def test_pipe_is_fitted_from_inside():
 
 # Options other than the usual, together, since each choice of them is compiled anew.
 OTHER_OPTIONS = {
-    "kernel": "cauchy",
+    "effort": ij.Effort(kernel="cauchy"),
     "scale": "fixed",
     "errors": "correlated",
     "mask_meaning": "outline",

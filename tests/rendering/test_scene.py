@@ -7,7 +7,7 @@ import impostor_jax as ij
 from impostor_jax.numerics import eps
 from impostor_jax.primitives import PRIMITIVES
 from impostor_jax.rendering.bounds import image_bounds
-from impostor_jax.rendering.raycast import _render
+from impostor_jax.rendering.render import _render
 from tests.cases import CAMERAS
 from tests.checks import all_finite, central_difference
 

@@ -1,0 +1,136 @@
+"""How much work a render or a fit takes: every dial that trades speed for accuracy.
+
+What each dial costs and gives is measured by experiments/speed_accuracy, from which the
+presets are chosen. Nothing here needs JAX, so that a command line can be parsed before
+it starts.
+"""
+
+__all__ = ["EFFORTS", "Effort", "effort_of"]
+
+import dataclasses
+import math
+import typing
+from typing import Any, Literal
+
+
+def _check(name: str, value: Any, kind: Any) -> None:
+    """Raise unless a value is of the kind of its field."""
+    if kind is int:
+        if isinstance(value, bool) or not isinstance(value, int) or value < 1:
+            raise ValueError(
+                f"{name} must be a whole number of at least 1, got {value!r}"
+            )
+    elif kind is bool or kind is float:
+        if not isinstance(value, kind | (int if kind is float else kind)):
+            raise ValueError(f"{name} must be a {kind.__name__}, got {value!r}")
+    else:
+        allowed = _choices(kind)
+        if value not in allowed:
+            names = ", ".join(map(str, allowed))
+            raise ValueError(f"{name} must be one of {names}, got {value!r}")
+
+
+def _choices(kind: Any) -> tuple[Any, ...]:
+    """Values that a union of literals and None allows."""
+    if kind is type(None):
+        return (None,)
+    parts = typing.get_args(kind)
+    if typing.get_origin(kind) is Literal:
+        return parts
+    return tuple(value for part in parts for value in _choices(part))
+
+
+@dataclasses.dataclass(frozen=True)
+class Effort:
+    """The dials, for `render` and the fits; each does without those it has no use for.
+
+    Attributes:
+        precision: Of all numbers, of a render and of a fit; JAX's own if None. Double
+            precision needs `jax_enable_x64` inside `jax.jit`, and nowhere else.
+        stride: Every how many-th row and column is rendered, or read by a fit. A fit
+            takes a smaller one where it would leave fewer than 512 readings.
+        extent: Whether rays are cast for the whole "frame", or for a "tile" around the
+            shape alone: the maps are the same. A traced shape, a scene, and a shape
+            that may be seen anywhere take the frame.
+        outline: How `render` finds the output `coverage`: "hard", 1 or 0 by the ray
+            through the center; or "coverage", the part of the pixel that is covered.
+        samples: Rays along each side of a pixel that tell that part, of any shape; with
+            1 it is the exact area, of a whole cylinder or a sphere alone.
+        starts: First guesses that a fit tries.
+        all_starts: Whether it tries all of them, or more than one only where the first
+            does not explain the readings.
+        solver: Of optimistix, for the last part of a fit.
+        linear_solver: How its steps are solved for: by the "normal" equations, scaled
+            and with a Cholesky decomposition, or by a "qr" decomposition.
+        tolerance: Length of a step at which a fit ends, in standard deviations.
+        max_steps: Of the solver, in each of the stages of a fit.
+        kernel: Robust loss: "pseudo_huber", "cauchy" or "geman_mcclure"; or "squares",
+            which is not robust.
+
+    Raises:
+        ValueError: A value is not allowed, or two do not go together.
+    """
+
+    precision: Literal["float32", "float64"] | None = None
+    stride: int = 1
+    extent: Literal["frame", "tile"] = "frame"
+    outline: Literal["hard", "coverage"] = "coverage"
+    samples: int = 1
+    starts: int = 8
+    all_starts: bool = False
+    solver: Literal["LevenbergMarquardt", "Dogleg", "GaussNewton"] = (
+        "LevenbergMarquardt"
+    )
+    linear_solver: Literal["normal", "qr"] = "normal"
+    tolerance: float = 0.2
+    max_steps: int = 50
+    kernel: Literal["pseudo_huber", "cauchy", "geman_mcclure", "squares"] = (
+        "geman_mcclure"
+    )
+
+    def __post_init__(self):
+        for field in dataclasses.fields(self):
+            _check(field.name, getattr(self, field.name), field.type)
+        if not (math.isfinite(self.tolerance) and self.tolerance > 0):
+            raise ValueError(
+                f"tolerance must be positive deviations, got {self.tolerance}"
+            )
+        if self.outline == "hard" and self.samples > 1:
+            raise ValueError(
+                'samples must be 1 with outline="hard", which asks the center of each '
+                f"pixel alone, got {self.samples}"
+            )
+
+
+EFFORTS: dict[str, tuple[str, Effort]] = {
+    "fast": (
+        "Every third row and column, one start, a coarse end.",
+        Effort(stride=3, extent="tile", outline="hard", starts=1, tolerance=1.0),
+    ),
+    "balanced": (
+        "All readings; more starts where the first does not explain them.",
+        Effort(),
+    ),
+    "exact": (
+        "Double precision, all starts, orthogonal steps to the last digit.",
+        Effort(
+            precision="float64", all_starts=True, linear_solver="qr", tolerance=0.02
+        ),
+    ),
+}
+"""By name: what it does, and the dials."""
+
+
+def effort_of(effort: Any) -> Effort:
+    """The dials of a preset's name, or the dials that are given.
+
+    Raises:
+        ValueError: It is neither.
+    """
+    if isinstance(effort, Effort):
+        return effort
+    if not isinstance(effort, str) or effort not in EFFORTS:
+        raise ValueError(
+            f"effort must be an Effort or one of {', '.join(EFFORTS)}, got {effort!r}"
+        )
+    return EFFORTS[effort][1]

@@ -1,0 +1,200 @@
+"""Render a shape or a scene, with as much work as is asked for.
+
+Every map but the coverage is of the rays through the centers of pixels. A depth that is
+the mean of several rays would be that of no surface, so more samples change the
+coverage alone.
+"""
+
+__all__ = ["render"]
+
+import dataclasses
+from collections.abc import Sequence
+from functools import partial
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int
+
+from impostor_jax.arguments import is_concrete, one_of, working_precision
+from impostor_jax.camera.base import AbstractCamera
+from impostor_jax.camera.pixels import Tile
+from impostor_jax.effort import Effort, effort_of
+from impostor_jax.primitives.base import AbstractPrimitive
+from impostor_jax.rendering.bounds import is_bounded
+from impostor_jax.rendering.coverage import coverage
+from impostor_jax.rendering.maps import MISSES, OUTPUTS, GeometryMaps
+from impostor_jax.rendering.raycast import raycast
+from impostor_jax.rendering.scene import Scene
+from impostor_jax.rendering.tile import outline_tile
+
+Seen = AbstractPrimitive | Scene
+
+
+def render(
+    primitive: Seen,
+    camera: AbstractCamera,
+    outputs: Sequence[str] = ("depth", "normal", "mask"),
+    tile: Tile | None = None,
+    effort: Effort | str = "balanced",
+) -> GeometryMaps:
+    """Render a shape or a scene; only the outputs that are asked for are computed.
+
+    Works inside `jax.jit`, `grad`, `jacfwd` and `vmap`, over shapes and over cameras
+    of one image size.
+
+    Args:
+        primitive: One shape, in the world frame; map a batch with `jax.vmap`. Or a
+            `Scene` of shapes, of which the closest is seen.
+        camera: The camera; without a pose its frame is the world.
+        outputs: Any of depth, range, point, normal, mask, index and coverage.
+        tile: Block of pixels to render, the whole image if None. `outline_tile` gives
+            the smallest one that shows the shape.
+        effort: How much work it takes: "fast", "balanced" or "exact", or an `Effort`
+            with a setting of each dial.
+
+    Returns:
+        The maps in the camera frame, of the shape of the tile, or of every how many-th
+        row and column of it the effort says.
+
+    Raises:
+        ValueError: An output is unknown, the shape is a batch, or the effort cannot be
+            had: the exact coverage of a scene, or of a shape without an outline in
+            closed form; several samples with a lens; a traced shape in a precision that
+            is not JAX's own.
+    """
+    if isinstance(outputs, str):
+        raise ValueError(f"outputs must be a sequence of names, got {outputs!r}")
+    for name in outputs:
+        one_of("outputs", name, OUTPUTS)
+    if isinstance(primitive, AbstractPrimitive) and primitive.batch_shape:
+        raise ValueError(
+            f"primitive must be a single one, got a batch of shape "
+            f"{primitive.batch_shape}; map over it with jax.vmap"
+        )
+    effort = effort_of(effort)
+    given = (primitive, camera, tile)
+    with working_precision(effort.precision, given) as converted:
+        primitive, camera = converted((primitive, camera))
+        stride = effort.stride
+        samples = _samples(primitive, effort) if "coverage" in outputs else 0
+        asked = (frozenset(outputs), stride, samples)
+        if effort.extent == "tile" and tile is None and _has_tile(primitive, camera):
+            assert isinstance(primitive, AbstractPrimitive)
+            small = outline_tile(primitive, camera, margin=int("coverage" in outputs))
+            small = _on_grid(small, camera, stride)
+            return _render_in_frame(primitive, camera, small, *asked)
+        return _render(primitive, camera, tile, *asked)
+
+
+def _samples(primitive: Seen, effort: Effort) -> int:
+    """Rays along each side of a pixel for the coverage; 0 for the exact area."""
+    if effort.outline == "hard":
+        return 1
+    if effort.samples > 1:
+        return effort.samples
+    if isinstance(primitive, Scene):
+        raise ValueError(
+            "effort must have samples of 2 or more, or a hard outline, for the "
+            "coverage of a scene, whose exact area is not known"
+        )
+    return 0
+
+
+def _has_tile(primitive: Seen, camera: AbstractCamera) -> bool:
+    """Whether the tile around what is seen is smaller than the frame, and known."""
+    return (
+        isinstance(primitive, AbstractPrimitive)
+        and is_bounded(type(primitive))
+        and is_concrete((primitive, camera))
+    )
+
+
+def _on_grid(tile: Tile, camera: AbstractCamera, stride: int) -> Tile:
+    """A concrete tile, grown to begin at a pixel that is rendered."""
+    row, col = (int(start) // stride * stride for start in (tile.row, tile.col))
+    height = min(tile.height + stride - 1, camera.height - row)
+    width = min(tile.width + stride - 1, camera.width - col)
+    return Tile(row, col, height, width)
+
+
+@partial(jax.jit, static_argnames=("outputs", "stride", "samples"))
+def _render(
+    primitive: Seen,
+    camera: AbstractCamera,
+    tile: Tile | None,
+    outputs: frozenset[str],
+    stride: int,
+    samples: int,
+) -> GeometryMaps:
+    """The maps of a tile; the arguments are what decides what is compiled.
+
+    Args:
+        primitive: As in `render`.
+        camera: As in `render`.
+        tile: As in `render`.
+        outputs: As in `render`.
+        stride: Of an `Effort`.
+        samples: Rays along each side of a pixel for the coverage; 0 for the exact area.
+    """
+    tile = camera.frame if tile is None else tile
+    row, col = (pixel[::stride, ::stride] for pixel in tile.pixels())
+    maps = raycast(primitive, camera, row, col, outputs - {"coverage"})
+    if "coverage" not in outputs:
+        return maps
+    if samples:
+        covered = _sampled_coverage(primitive, camera, row, col, samples)
+    else:
+        assert isinstance(primitive, AbstractPrimitive)
+        covered = coverage(primitive, camera, tile)[::stride, ::stride]
+    return dataclasses.replace(maps, coverage=covered)
+
+
+def _sampled_coverage(
+    primitive: Seen,
+    camera: AbstractCamera,
+    row: Int[Array, "h w"],
+    col: Int[Array, "h w"],
+    samples: int,
+) -> Float[Array, "h w"]:
+    """Share of a square grid of rays in each pixel that hit anything."""
+
+    def seen_from(camera: AbstractCamera) -> Float[Array, "h w"]:
+        mask = raycast(primitive, camera, row, col, frozenset({"mask"})).mask
+        assert mask is not None
+        return mask.astype(primitive.dtype)
+
+    if samples == 1:
+        return seen_from(camera)
+    place = (np.arange(samples) + 0.5) / samples - 0.5
+    places = np.stack(np.meshgrid(place, place), axis=-1).reshape(-1, 2)
+
+    def add(total: Float[Array, "h w"], place: Float[Array, "2"]):
+        return total + seen_from(camera.shifted(place[0], place[1])), None
+
+    blank = jnp.zeros(row.shape, primitive.dtype)
+    total, _ = jax.lax.scan(add, blank, jnp.asarray(places, blank.dtype))
+    return total / samples**2
+
+
+@partial(jax.jit, static_argnames=("outputs", "stride", "samples"))
+def _render_in_frame(
+    primitive: AbstractPrimitive,
+    camera: AbstractCamera,
+    tile: Tile,
+    outputs: frozenset[str],
+    stride: int,
+    samples: int,
+) -> GeometryMaps:
+    """The maps of the whole image, of which a tile shows all that is seen."""
+    maps = _render(primitive, camera, tile, outputs, stride, samples)
+    height, width = -(-camera.height // stride), -(-camera.width // stride)
+    start = jnp.asarray(tile.row) // stride, jnp.asarray(tile.col) // stride
+
+    def placed(name: str, values: Any) -> Any:
+        frame = jnp.full((height, width, *values.shape[2:]), MISSES[name], values.dtype)
+        corner = (*start, *(0,) * (values.ndim - 2))
+        return jax.lax.dynamic_update_slice(frame, values, corner)
+
+    return GeometryMaps(**{name: placed(name, getattr(maps, name)) for name in outputs})

@@ -1,0 +1,119 @@
+"""What the dials of an effort change in a fit, and what they do not."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import impostor_jax as ij
+from impostor_jax.fit.regions import BUCKETS, START_READINGS, pixel_indices
+from tests.fit.scenes import CAMERA, SIGMA, can, image, image_of
+from tests.groups import SMALL_IMAGES
+
+pytestmark = SMALL_IMAGES
+
+
+def fitted(effort, **options):
+    depth, mask = image()
+    return ij.fit_cylinder(depth, CAMERA, mask, SIGMA, effort=effort, **options)
+
+
+def assert_equal_to_a_fifth_of_a_deviation(fit, other):
+    for name in ("center", "radius", "height"):
+        deviation = np.asarray(getattr(other.std, name))
+        values = [np.asarray(getattr(f.cylinder, name), float) for f in (fit, other)]
+        assert (np.abs(values[0] - values[1]) < 0.2 * deviation).all(), name
+
+
+# Each is compiled anew, so that one case turns several dials.
+@pytest.mark.parametrize(
+    "dials",
+    [
+        {"solver": "Dogleg", "kernel": "pseudo_huber"},
+        {"solver": "GaussNewton", "linear_solver": "qr"},
+        {"kernel": "squares", "max_steps": 20},
+    ],
+)
+def test_solvers_and_losses_agree_on_normal_noise(dials):
+    fit = fitted(ij.Effort(**dials))
+    assert fit.success
+    assert_equal_to_a_fifth_of_a_deviation(fit, fitted("balanced"))
+
+
+def test_exact_fits_in_double_precision_from_all_starts():
+    fit, plain = fitted("exact"), fitted("balanced")
+    assert fit.success
+    assert fit.cylinder.radius.dtype == np.float64
+    assert int(fit.num_starts) > int(plain.num_starts) == 1
+    assert_equal_to_a_fifth_of_a_deviation(fit, plain)
+
+
+def test_fast_says_how_much_less_it_knows():
+    truth = ij.Cylinder((0.01, 0, 0.2), (0.8, 0.3, 0.5), radius=0.04, height=0.12)
+    depth, mask = image_of(truth)
+    fit = ij.fit_cylinder(depth, CAMERA, mask, SIGMA, effort="fast")
+    assert fit.success
+    assert int(fit.num_pixels) == np.count_nonzero(mask[::3, ::3])
+    off = abs(float(fit.cylinder.radius) - truth.radius)
+    assert off < 4 * float(fit.std.radius)
+    # A ninth of the readings has three times the deviation, or more where fewer of the
+    # few that graze, which know most of the radius, are among them.
+    plain = ij.fit_cylinder(depth, CAMERA, mask, SIGMA)
+    assert 2 < float(fit.std.radius) / float(plain.std.radius) < 6
+
+
+def test_more_starts_are_tried_where_the_first_does_not_explain_the_readings():
+    depth, mask = image()
+    # Readings that scatter twice as much as the sensor is said to.
+    fit = ij.fit_cylinder(depth, CAMERA, mask, SIGMA / 2)
+    assert fit.success
+    assert int(fit.num_starts) > 1
+    one = ij.fit_cylinder(depth, CAMERA, mask, SIGMA / 2, effort=ij.Effort(starts=1))
+    assert int(one.num_starts) == 1
+
+
+def test_a_step_limit_ends_in_a_status():
+    fit = fitted(ij.Effort(max_steps=1, starts=1, tolerance=1e-6))
+    assert fit.status == ij.FitStatus.STEP_LIMIT
+    assert np.isinf(fit.std.radius)
+
+
+def test_tolerance_compiles_nothing_and_saves_steps():
+    coarse, fine = (fitted(ij.Effort(tolerance=t)) for t in (2.0, 0.02))
+    assert int(coarse.num_steps) < int(fine.num_steps)
+    assert_equal_to_a_fifth_of_a_deviation(fitted("balanced"), fine)
+
+
+def test_a_traced_fit_takes_every_so_many_th_pixel():
+    depth, mask = image()
+    effort = ij.Effort(stride=2)
+
+    @jax.jit
+    def fit(depth):
+        return ij.fit_cylinder(depth, CAMERA, mask, SIGMA, initial=can(), effort=effort)
+
+    region = np.asarray(fit(jnp.asarray(depth)).region)
+    np.testing.assert_array_equal(region[::2, ::2], mask[::2, ::2])
+    assert np.count_nonzero(region) == np.count_nonzero(mask[::2, ::2])
+    with pytest.raises(ValueError, match="precision must be JAX's own, float32, in a"):
+        jax.jit(lambda d: ij.fit_cylinder(d, CAMERA, initial=can(), effort="exact"))(
+            jnp.asarray(depth)
+        )
+
+
+@pytest.mark.parametrize(("side", "stride"), [(10, 1), (60, 1), (60, 2), (60, 5)])
+def test_indices_end_with_pixels_that_speak_for_all(side, stride):
+    region = np.zeros((80, 90), bool)
+    region[5 : 5 + side, 7 : 7 + side] = True
+    row, col = pixel_indices(region, stride)
+    assert len(row) in BUCKETS
+    used = row < 80
+    assert region[row[used], col[used]].all()
+    assert len(set(zip(row[used], col[used], strict=True))) == used.sum()
+    step = {10: 1, 60: min(stride, 2)}[side]
+    assert used.sum() == np.count_nonzero(region[::step, ::step])
+    # From all over the region, and after all that only fills up.
+    few = np.s_[-min(START_READINGS, used.sum()) :]
+    assert used[few].all()
+    assert np.ptp(row[few]) >= side - 2 * stride
+    assert np.ptp(col[few]) >= side - 2 * stride
