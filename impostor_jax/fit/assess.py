@@ -141,30 +141,33 @@ def assess(
     squares = jnp.sum(jnp.where(inlier, whitened[:num], 0) ** 2)
 
     chart = Chart.around(body, unit, unit, request.fixed)
-    natural = jnp.matmul(gradient.T, chart.natural(), precision="highest")
-    natural = jnp.where(believed[:, None], natural, 0)
+    # Coordinates first: rows side by side are what vectors of a processor take.
+    natural = jnp.matmul(chart.natural().T, gradient, precision="highest")
+    natural = jnp.where(believed[None], natural, 0)
     if isinstance(body, RoundBody):
         # An end that is not seen is free, though some readings beyond it may lean on
         # it. The ends are the last coordinates.
-        leans = jnp.concatenate([jnp.ones(natural.shape[1] - 2, bool), ends_seen])
-        natural = jnp.where(leans[None], natural, 0)
-    jacobian = jnp.matmul(natural, chart.scale, precision="highest")
+        leans = jnp.concatenate([jnp.ones(natural.shape[0] - 2, bool), ends_seen])
+        natural = jnp.where(leans[:, None], natural, 0)
+    jacobian = jnp.matmul(chart.scale.T, natural, precision="highest")
     known = jax.jacfwd(lambda v: prior_residuals(prior, chart.body(v)))(
         jnp.zeros(chart.size, unit.dtype)
     )
     widening = jnp.maximum(squares / num_inliers, 1)
-    stacked = jnp.concatenate([jacobian * jax.lax.rsqrt(widening), known])
-    covariance, directions, free = free_covariance(stacked)
+    of_prior = jnp.matmul(known.T, known, precision="highest")
+    information = jnp.matmul(jacobian, jacobian.T, precision="highest")
+    covariance, directions, free = free_covariance(information / widening + of_prior)
     if request.correlated:
         meat = score_covariance(
-            jacobian[:num],
+            jacobian[:, :num].T,
             jnp.where(inlier, whitened[:num], 0),
             row,
             col,
             (camera.height, camera.width),
         )
-        rest = jnp.concatenate([jacobian[num:], known])
-        meat = meat / widening**2 + jnp.matmul(rest.T, rest, precision="highest")
+        edges = jacobian[:, num:]
+        of_edges = jnp.matmul(edges, edges.T, precision="highest")
+        meat = meat / widening**2 + of_edges + of_prior
         covariance = covariance @ meat @ covariance
     world = in_world_frame(body, camera)
     change = _changes(body, camera, chart, ends_seen)

@@ -26,7 +26,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from impostor_jax.camera.base import AbstractCamera
 from impostor_jax.fit.body import AbstractBody, SurfaceSeen
-from impostor_jax.fit.residuals import surface_seen
+from impostor_jax.fit.residuals import held, surface_seen
 from impostor_jax.fit.rows import Kind, Rows
 from impostor_jax.geometry.vec3 import Vec3
 from impostor_jax.numerics import eps, safe_divide, safe_sqrt
@@ -186,6 +186,7 @@ def crossing_rows(
     noise: AbstractDepthNoise,
     is_outline: bool,
     place: Float[Array, ""],
+    always: bool | Bool[Array, ""] = True,
 ) -> Rows:
     """One row for each pixel at the edge where the image shows that the object stops.
 
@@ -209,10 +210,11 @@ def crossing_rows(
         is_outline: Whether the region's edge is the silhouette, readings or not.
         place: Softness, in pixels, of the walls of an interval in which the wall's edge
             lies: small, but an estimate that is off needs more.
+        always: As in `held`.
     """
     r = body.radius
     edge, in_region = around
-    seen = surface_seen(edge.direction, body, r / 10)
+    seen = held(always, lambda: surface_seen(edge.direction, body, r / 10))
     near = -jnp.sign(seen.slope[0])
     margins = body.margins(seen)
     kinds = margins.shape[0]

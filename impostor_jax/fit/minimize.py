@@ -20,7 +20,7 @@ from typing_extensions import override
 from impostor_jax.fit.parameterization import Chart
 from impostor_jax.fit.prior import Prior, prior_residuals
 from impostor_jax.fit.request import Request
-from impostor_jax.fit.residuals import residuals
+from impostor_jax.fit.residuals import held, residuals
 from impostor_jax.fit.robust import robust_residual
 from impostor_jax.fit.rows import BLOCK, Kind, Rows
 from impostor_jax.numerics import eps
@@ -116,15 +116,11 @@ def _triangle(
         ) -> Float[Array, "m m"]:
             # From the end, where the rows are that speak for all.
             first = count - BLOCK * (number + 1)
-
-            def cut() -> tuple[Rows, Array]:
-                return jax.tree.map(
-                    lambda a: jax.lax.dynamic_slice_in_dim(a, first, BLOCK), weighed
-                )
-
-            part = jax.lax.cond(
-                problem.always, cut, lambda: jax.tree.map(lambda a: a[:BLOCK], weighed)
+            cut = partial(
+                jax.lax.dynamic_slice_in_dim, start_index=first, slice_size=BLOCK
             )
+            # What is cut out within a large loop keeps that from being vectorized.
+            part = held(problem.always, lambda: jax.tree.map(cut, weighed))
             return with_part(total, *of_rows(*part))
 
         num_blocks = problem.num_blocks

@@ -10,9 +10,10 @@ __all__ = [
     "typical_sigma",
 ]
 
+import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from impostor_jax.camera.pinhole import PinholeCamera
 from impostor_jax.fit.evidence import MAX_CROSSINGS
@@ -55,8 +56,14 @@ def typical_sigma(
     readings = image[region & (image > 0)]
     if not len(readings):
         return float("inf")
-    middle = jnp.asarray(np.median(readings))
-    return float(noise.sigma(middle, jnp.ones((), middle.dtype)))
+    return float(_sigma_face_on(noise, jnp.asarray(np.median(readings))))
+
+
+@jax.jit
+def _sigma_face_on(
+    noise: AbstractDepthNoise, depth: Float[Array, ""]
+) -> Float[Array, ""]:
+    return noise.sigma(depth, jnp.ones_like(depth))
 
 
 def bucket(count: int) -> int:

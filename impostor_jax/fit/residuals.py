@@ -16,15 +16,36 @@ An end, and the outline, lie where a ray's intervals in wall and slab stop overl
 the residual is how far they are from that.
 """
 
-__all__ = ["residuals", "surface_seen"]
+__all__ = ["held", "residuals", "surface_seen"]
+
+from collections.abc import Callable
+from typing import TypeVar
 
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from impostor_jax.fit.body import AbstractBody, Passing, SurfaceSeen
+from impostor_jax.fit.body import AbstractBody, SurfaceSeen
 from impostor_jax.fit.rows import Kind, Rows
 from impostor_jax.geometry.vec3 import Vec3
+
+Values = TypeVar("Values")
+
+
+def held(always: bool | Bool[Array, ""], function: Callable[[], Values]) -> Values:
+    """Value of a function, kept in memory for all that reads it.
+
+    Args:
+        always: True. Where only the run knows that, XLA cannot compute the value anew
+            in each of the loops that need it. Under `jax.vmap` it must not be mapped.
+        function: What is computed.
+    """
+    shapes = jax.eval_shape(function)
+
+    def never() -> Values:
+        return jax.tree.map(lambda field: jnp.zeros(field.shape, field.dtype), shapes)
+
+    return jax.lax.cond(always, function, never)
 
 
 def surface_seen(
@@ -57,22 +78,12 @@ def residuals(
     Args:
         rows: What the image says.
         body: In the camera frame.
-        always: True. Where only the run knows that, XLA keeps what the columns share
-            in memory; otherwise it computes it anew for each of them, and 6656 rows
-            take 11 ms instead of 0.5. Under `jax.vmap` it must not be mapped.
+        always: As in `held`: 6656 rows take 0.5 ms where only the run knows it, and 11
+            otherwise.
         fixed: Names of parameters that do not move: of numbers that they alone move
             there is no gradient.
     """
-
-    def shared() -> Passing:
-        return body.passing(rows.direction, rows.chord)
-
-    blank = jax.eval_shape(shared)
-    passing = jax.lax.cond(
-        always,
-        shared,
-        lambda: jax.tree.map(lambda f: jnp.zeros(f.shape, f.dtype), blank),
-    )
+    passing = held(always, lambda: body.passing(rows.direction, rows.chord))
     is_square, is_wall = rows.kind == Kind.SQUARE, rows.kind == Kind.WALL
     sign, unit = passing.sign, passing.sign / (2 * rows.chord)
     # What a square compares follows the nearest approach along the estimate's chord.

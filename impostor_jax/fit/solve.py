@@ -44,7 +44,7 @@ from impostor_jax.fit.minimize import minimize
 from impostor_jax.fit.parameterization import Chart
 from impostor_jax.fit.prior import Prior
 from impostor_jax.fit.request import Request
-from impostor_jax.fit.residuals import surface_seen
+from impostor_jax.fit.residuals import held, surface_seen
 from impostor_jax.fit.result import AbstractFit
 from impostor_jax.fit.robust import KERNELS
 from impostor_jax.fit.rows import BLOCK, Kind, Rows
@@ -359,8 +359,11 @@ def _refine(
     def stage(carry: Solution, given: Float[Array, "5"]) -> Solution:
         soft, limit, widening, place, takes_all = given
         only = jnp.isinf(limit)
-        rows, seen, scale = evaluated(carry.body, soft, place)
+        rows, seen, scale = evaluated(carry.body, soft, place, always)
         chart = Chart.around(carry.body, *units, request.fixed)
+        blocks = None
+        if num_blocks is not None:
+            blocks = jnp.where(only, 0, jnp.where(takes_all > 0, num_blocks, 1))
         kernel_width = width * widening
         if request.estimate_scale:
             kernel_width = kernel_width * scale
@@ -373,7 +376,7 @@ def _refine(
             limit * step,
             soft > 0,
             always,
-            None if num_blocks is None else jnp.where(takes_all > 0, num_blocks, 1),
+            blocks,
         )
         return Solution(
             body=chart.body(jnp.where(only, 0, vector)),
@@ -415,6 +418,7 @@ def evaluate(
     body: AbstractBody,
     soft: Float[Array, ""],
     place: Float[Array, ""],
+    always: bool | Bool[Array, ""] = True,
 ) -> tuple[Rows, SurfaceSeen, Float[Array, ""]]:
     """What an image says, evaluated at an estimate.
 
@@ -426,17 +430,25 @@ def evaluate(
         body: The estimate, in the camera frame.
         soft: Half-chord in radii up to which the outline is blunted.
         place: Softness of the outline's place, in pixels.
+        always: As in `held`.
 
     Returns:
         Rows, readings first; what the readings' rays see; and the robust deviation of
         the whitened residuals, at least 1.
     """
-    seen = surface_seen(pixels.direction, body, body.radius / 100)
-    rows = reading_rows(pixels, seen, noise, soft * body.radius)
+
+    def read() -> tuple[SurfaceSeen, Rows]:
+        seen = surface_seen(pixels.direction, body, body.radius / 100)
+        return seen, reading_rows(pixels, seen, noise, soft * body.radius)
+
+    seen, rows = held(always, read)
     whitened = jnp.abs(seen.depth - pixels.depth) * rows.weight
     scale = jnp.maximum(1.4826 * _median(whitened, pixels.depth > 0), 1)
     if edge is not None:
-        crossings = crossing_rows(edge, body, noise, is_outline, place)
+        crossings = held(
+            always,
+            partial(crossing_rows, edge, body, noise, is_outline, place, always),
+        )
         rows = joined(rows, crossings)
     return rows, seen, scale
 
@@ -447,13 +459,15 @@ def _median(values: Float[Array, " n"], used: Bool[Array, " n"]) -> Float[Array,
     Sorting 6144 values takes 4 ms, and these sums 0.1 ms. It carries no derivative.
     """
     values = jax.lax.stop_gradient(jnp.where(used, values, 0))
-    half = (jnp.sum(used) + 1) // 2
+    # Counted in floating point: XLA does not vectorize sums of whole numbers.
+    ones = jnp.where(used, 1, 0).astype(values.dtype)
+    half = jnp.sum(ones) / 2
     highest = jnp.max(values)
 
     def halve(_, bounds: tuple[Float[Array, ""], Float[Array, ""]]):
         low, high = bounds
         middle = (low + high) / 2
-        enough = jnp.sum(used & (values <= middle)) >= half
+        enough = jnp.sum(jnp.where(values <= middle, ones, 0)) >= half
         return jnp.where(enough, low, middle), jnp.where(enough, middle, high)
 
     _, high = jax.lax.fori_loop(0, 30, halve, (jnp.zeros_like(highest), highest))

@@ -32,15 +32,14 @@ than that makes, deviations are too small."""
 
 
 def free_covariance(
-    jacobian: Float[Array, "rows n"],
+    information: Float[Array, "n n"],
 ) -> tuple[Float[Array, "n n"], Float[Array, "n n"], Bool[Array, " n"]]:
-    """Covariance of coordinates from the Jacobian of whitened residuals.
+    """Covariance of coordinates from their information, J^T J of whitened residuals.
 
     Returns:
         The covariance over the directions that the residuals determine; directions, of
         unit length, as columns; and which of these they leave free.
     """
-    information = jnp.matmul(jacobian.T, jacobian, precision="highest")
     diagonal = jnp.diagonal(information)
     depends = diagonal > 0
     size = jnp.where(depends, jax.lax.rsqrt(jnp.where(depends, diagonal, 1)), 1)

@@ -18,7 +18,7 @@ def random_jacobian(dtype=np.float64, columns=7):
 @pytest.mark.usefixtures("double")
 def test_covariance_is_the_inverse_of_the_information():
     jacobian = random_jacobian()
-    covariance, _, free = free_covariance(jacobian)
+    covariance, _, free = free_covariance(jacobian.T @ jacobian)
     expected = np.linalg.inv(jacobian.T @ jacobian)
     np.testing.assert_allclose(covariance, expected, rtol=1e-9)
     assert not np.asarray(free).any()
@@ -26,7 +26,7 @@ def test_covariance_is_the_inverse_of_the_information():
 
 def test_coordinate_without_effect_is_free_and_the_others_are_not(dtype):
     jacobian = random_jacobian(dtype).at[:, 6].set(0)
-    covariance, directions, free = free_covariance(jacobian)
+    covariance, directions, free = free_covariance(jacobian.T @ jacobian)
     assert np.asarray(free).sum() == 1
     found, observed = spread(jnp.eye(7, dtype=dtype), covariance, directions, free)
     assert np.asarray(observed).tolist() == [True] * 6 + [False]
@@ -38,7 +38,7 @@ def test_only_the_sum_of_two_coordinates_is_determined(dtype):
     jacobian = random_jacobian(dtype, 2)
     jacobian = jacobian.at[:, 1].set(jacobian[:, 0])
     change = jnp.asarray([[1.0, 0], [0, 1], [1, 1], [1, -1]], dtype)
-    _, observed = spread(change, *free_covariance(jacobian))
+    _, observed = spread(change, *free_covariance(jacobian.T @ jacobian))
     assert np.asarray(observed).tolist() == [False, False, True, False]
 
 
