@@ -4,7 +4,7 @@
 render or fit_cylinder, and IMAGE a .npy file that holds the depth image to fit.
 """
 
-__all__ = ["main"]
+__all__ = ["main", "peak_memory_mb"]
 
 import json
 import sys
@@ -37,12 +37,12 @@ def main() -> None:
         "import": 1e3 * (imported - start),
         "arguments": 1e3 * (ready - imported),
         "call": 1e3 * (done - ready),
-        "memory": _peak_memory_mb(),
+        "memory": peak_memory_mb(),
     }
     print(json.dumps(record))
 
 
-def _peak_memory_mb() -> float | None:
+def peak_memory_mb() -> float | None:
     """Largest resident memory of this process; None where there is no /proc.
 
     Not `ru_maxrss`: it outlives the fork and the exec that started this process, and

@@ -1,0 +1,1 @@
+"""What each dial of an effort costs, and what it gives."""

@@ -1,0 +1,85 @@
+"""Fits with one setting, in a process of their own; prints JSON.
+
+`python -m experiments.speed_accuracy.fits FOLDER SETTING TIMED`, where FOLDER holds the
+images as `run` writes them, and TIMED is how many of each difficulty are timed, in
+turns with the default setting.
+"""
+
+__all__ = ["main"]
+
+import json
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import jax
+import numpy as np
+
+import impostor_jax as ij
+from experiments.fit_accuracy.bound import error
+from experiments.render_speed.first_call import peak_memory_mb
+from experiments.speed_accuracy.scenes import CAMERA, DIFFICULTIES
+from experiments.speed_accuracy.settings import FITS
+from impostor_jax.effort import Effort
+
+
+def main() -> None:
+    """Fit every image, then time some."""
+    folder, setting, timed = Path(sys.argv[1]), sys.argv[2], int(sys.argv[3])
+    effort = FITS[setting]
+    outcomes = {}
+    for name in DIFFICULTIES:
+        loaded = np.load(folder / f"{name}.npz")
+        outcomes[name] = (loaded, accuracy(name, loaded, effort))
+    # Before the default setting needs memory of its own.
+    memory = peak_memory_mb()
+    record = {
+        name: found | timing(name, loaded, effort, timed)
+        for name, (loaded, found) in outcomes.items()
+    }
+    print(json.dumps(record | {"memory": memory}))
+
+
+def accuracy(name: str, loaded: Any, effort: Effort) -> dict[str, Any]:
+    """Errors and deviations of every fit; None where it failed."""
+    errors, deviations = [], []
+    for depth, mask, truth in zip(
+        loaded["depth"], loaded["mask"], loaded["truth"], strict=True
+    ):
+        fit = one_fit(name, depth, mask, effort)
+        if not bool(fit.success):
+            errors.append(None)
+            deviations.append(None)
+            continue
+        can = ij.Cylinder(truth[:3], truth[3:6], truth[6], truth[7])
+        errors.append(error(fit.cylinder, can).tolist())
+        spread = np.sqrt(np.diagonal(np.asarray(fit.covariance, float)))
+        deviations.append(np.where(np.isfinite(spread), spread, 1e9).tolist())
+    return {"errors": errors, "deviations": deviations}
+
+
+def timing(name: str, loaded: Any, effort: Effort, count: int) -> dict[str, Any]:
+    """Milliseconds of fits, and of those with the default, in turns."""
+    ms: dict[str, list[float]] = {"ms": [], "default_ms": []}
+    depths, masks = loaded["depth"][:count], loaded["mask"][:count]
+    for turn in range(2):
+        for depth, mask in zip(depths, masks, strict=True):
+            for key, used in (("ms", effort), ("default_ms", FITS["balanced"])):
+                start = time.perf_counter()
+                one_fit(name, depth, mask, used)
+                # The first turn compiles for all sizes.
+                if turn:
+                    ms[key].append(1e3 * (time.perf_counter() - start))
+    return ms
+
+
+def one_fit(name: str, depth: Any, mask: Any, effort: Effort) -> ij.FitResult:
+    """Fit one image with no start given."""
+    sigma = DIFFICULTIES[name][1]
+    fit = ij.fit_cylinder(depth, CAMERA, mask, sigma, effort=effort)
+    return jax.block_until_ready(fit)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,203 @@
+"""Turn every dial of an effort, and measure time, memory, errors and failures.
+
+Each setting of a fit runs in a process of its own, where it is timed in turns with the
+default: the pace of a shared machine changes, but their ratio does not.
+"""
+
+__all__ = ["Config", "run"]
+
+import dataclasses
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import jax
+import numpy as np
+import tyro
+
+import impostor_jax as ij
+from experiments.recording import Metric, result_folder, save_run
+from experiments.render_speed.run import sample, time_in_turns
+from experiments.speed_accuracy.report import draw, tables
+from experiments.speed_accuracy.scenes import (
+    CAMERA,
+    DIFFICULTIES,
+    SHAPES,
+    Images,
+    make_images,
+)
+from experiments.speed_accuracy.settings import FITS, RENDERS
+from impostor_jax.effort import Effort
+
+HERE = Path(__file__).parent
+
+WRONG = 10.0
+"""Reported deviations, and bounds, from which an estimate is wrong and not imprecise;
+it is counted, and left out of the errors."""
+
+QUANTITIES = {"axis": (0, 1), "center": (2, 3), "radius": (5,)}
+"""Coordinates of `FitResult.covariance`; of the center those across the axis."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Config:
+    """Measure what each dial costs and gives."""
+
+    images: int = 100
+    """Of each difficulty."""
+    timed: int = 20
+    """Of these, how many are timed."""
+    repeats: int = 60
+    """Timed calls of each render."""
+    quick: bool = False
+    """Few images and two settings: a trial of the code, no measurement."""
+    output: Path | None = None
+    """Folder of the results; the experiment's own by default, a temporary one with
+    --quick."""
+
+
+def run(config: Config) -> Path:
+    """Measure, record and draw; returns the folder of the results.
+
+    Raises:
+        ValueError: A count is not positive, or the code is not committed.
+    """
+    for name in ("images", "timed", "repeats"):
+        if getattr(config, name) < 1:
+            raise ValueError(f"{name} must be at least 1, got {getattr(config, name)}")
+    folder = result_folder(config.output, HERE, quick=config.quick)
+    fits, renders = list(FITS), list(RENDERS)
+    if config.quick:
+        config = dataclasses.replace(config, images=1, timed=1, repeats=2)
+        fits, renders = ["balanced"], ["balanced", "samples=2"]
+    start = time.perf_counter()
+    metrics = []
+    with tempfile.TemporaryDirectory() as scratch:
+        images = {name: make_images(name, config.images) for name in DIFFICULTIES}
+        for name, drawn in images.items():
+            np.savez(Path(scratch) / f"{name}.npz", **vars(drawn))
+        for setting in fits:
+            metrics += fit_metrics(setting, images, Path(scratch), config.timed)
+            print(setting, f"{time.perf_counter() - start:.0f} s", flush=True)
+    for shape in SHAPES:
+        metrics += render_metrics(shape, renders, config.repeats)
+    save_run(
+        folder,
+        metrics,
+        config,
+        seed=0,
+        dtype="float32",
+        seconds=time.perf_counter() - start,
+        quick=config.quick,
+    )
+    draw(folder)
+    return folder
+
+
+def fit_metrics(
+    setting: str, images: dict[str, Images], scratch: Path, timed: int
+) -> Iterator[Metric]:
+    """One setting's fits of all images."""
+    environment = os.environ | {
+        "JAX_COMPILATION_CACHE_DIR": str(scratch / "compiled"),
+        "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0.2",
+    }
+    command = [sys.executable, "-m", "experiments.speed_accuracy.fits"]
+    found = subprocess.run(
+        [*command, str(scratch), setting, str(timed)],
+        cwd=HERE.parents[1],
+        env=environment,
+        stdout=subprocess.PIPE,
+        check=True,
+    )
+    record = json.loads(found.stdout)
+    yield Metric(f"fit.{setting}.memory", record["memory"], None, "MB", "lower", 1)
+    for name, drawn in images.items():
+        label, of_one = f"fit.{setting}.{name}", record[name]
+        yield sample(f"{label}.time", of_one["ms"], "ms")
+        ratios = np.array(of_one["ms"]) / np.array(of_one["default_ms"])
+        yield sample(f"{label}.time_over_balanced", ratios, "1")
+        yield from error_metrics(label, of_one, drawn)
+
+
+def error_metrics(
+    label: str, record: dict[str, Any], drawn: Images
+) -> Iterator[Metric]:
+    """Failures, wrong successes, and errors of the others over the bound."""
+    good = np.array([e is not None for e in record["errors"]])
+    count = len(good)
+    errors = np.array([e for e in record["errors"] if e is not None]).reshape(-1, 7)
+    spread = np.array([d for d in record["deviations"] if d is not None])
+    spread, bounds = spread.reshape(-1, 7), drawn.bounds[good]
+    known = np.isfinite(bounds) & (spread < 1e8)
+    scale = np.maximum(spread, np.where(known, bounds, 0))
+    wrong = np.any(known & (np.abs(errors) > WRONG * scale), axis=1)
+    for name, value in (
+        ("failures", count - int(good.sum())),
+        ("wrong", int(wrong.sum())),
+    ):
+        yield Metric(f"{label}.{name}", value / count, None, "part", "lower", count)
+    for name, columns in QUANTITIES.items():
+        place = np.array(columns)
+        used = known[:, place].all(axis=1) & ~wrong
+        n = int(used.sum())
+        # Each in its own bound: those of hard scenes differ by a factor of 100.
+        ratio = (errors[used] / np.where(known, bounds, 1)[used])[:, place]
+        value = float(np.sqrt(np.mean(ratio**2))) if n else None
+        off = None if value is None else value / np.sqrt(2 * ratio.size)
+        yield Metric(f"{label}.{name}_over_bound", value, off, "1", "lower", n)
+    seen = (spread[:, 6] < 1e8) & ~wrong
+    height = np.abs(errors[seen, 6])
+    middle = float(1e3 * np.median(height)) if seen.any() else None
+    yield Metric(f"{label}.height", middle, None, "mm", "lower", int(seen.sum()))
+
+
+def render_metrics(shape: str, settings: list[str], repeats: int) -> Iterator[Metric]:
+    """All settings' renders of one shape, timed in turns, and their errors."""
+    can = SHAPES[shape]()
+    maps, covers = ("depth", "normal", "mask"), ("coverage",)
+
+    def render(effort: Effort, outputs: tuple[str, ...]) -> ij.GeometryMaps:
+        return ij.render(can, CAMERA, outputs, effort=effort)
+
+    calls: dict[str, Callable[[], object]] = {}
+    for name in settings:
+        for kind, outputs in (("maps", maps), ("coverage", covers)):
+            calls[f"{name}.{kind}"] = lambda e=RENDERS[name], o=outputs: render(e, o)
+    timings = time_in_turns(calls, repeats)
+    exact = render(RENDERS["exact"], (*maps, *covers))
+    for name in settings:
+        label, effort = f"render.{name}.{shape}", RENDERS[name]
+        for kind in ("maps", "coverage"):
+            yield sample(f"{label}.{kind}.time", timings[f"{name}.{kind}"].ms, "ms")
+        found = render(effort, (*maps, *covers))
+        size = sum(leaf.nbytes for leaf in jax.tree.leaves(found)) / 1e6
+        yield Metric(f"{label}.size", size, None, "MB", "lower", 1)
+        at = np.s_[:: effort.stride, :: effort.stride]
+        depth, true = (np.asarray(m.depth, float) for m in (found, exact))
+        both = np.isfinite(depth) & np.isfinite(true[at])
+        relative = np.abs(depth[both] - true[at][both]) / true[at][both]
+        n = int(both.sum())
+        for percent in (50, 100):
+            value = float(np.percentile(relative, percent))
+            yield Metric(f"{label}.depth.p{percent}", value, None, "1", "lower", n)
+        area, all_of_it = (np.asarray(m.coverage, float) for m in (found, exact))
+        edge = (all_of_it[at] > 0) & (all_of_it[at] < 1)
+        off = (area - all_of_it[at])[edge]
+        value = float(np.sqrt(np.mean(off**2))) if edge.any() else None
+        n = int(edge.sum())
+        yield Metric(f"{label}.coverage.rms", value, None, "part", "lower", n)
+
+
+if __name__ == "__main__":
+    try:
+        written = run(tyro.cli(Config))
+    except ValueError as problem:
+        sys.exit(str(problem))
+    print(f"{tables(written)}\n\nwritten to {written}")

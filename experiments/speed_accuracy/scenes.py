@@ -1,0 +1,70 @@
+"""Images of three difficulties, and shapes to render."""
+
+__all__ = ["CAMERA", "DIFFICULTIES", "SHAPES", "Images", "make_images"]
+
+import dataclasses
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+import impostor_jax as ij
+from experiments.fit_accuracy.bound import bound
+from experiments.fit_accuracy.cases import CAMERA, Case, draw
+from experiments.fit_accuracy.scenes import SENSOR, random_scene
+
+DIFFICULTIES: dict[str, tuple[Case | None, Any]] = {
+    "easy": (Case((40.0, 80.0)), 1e-3),
+    "medium": (Case((20.0, 90.0), 3e-3, 0.05), 3e-3),
+    "hard": (None, SENSOR),
+}
+"""A can at 1 mm of noise; at 3 mm, with 5 % of outliers, from more sides; and any
+cylinder in clutter, cut off or behind something, with a sensor's noise and 10 % of
+outliers: the case, None for these, and the noise that a fit is told."""
+
+SHAPES: dict[str, Callable[[], ij.Cylinder]] = {
+    "can": lambda: ij.Cylinder((0, 0, 0.8), (0.3, 0.8, 0.52), 0.04, 0.12),
+    "rod": lambda: ij.Cylinder((0.1, 0.2, 3.0), (0.8, 0.4, 0.3), 0.005, 1.0),
+    "pipe": lambda: ij.Cylinder((0.05, 0.0, 2.0), (0.05, 0.02, 1.0), 0.5, 6.0),
+}
+"""A can that covers 1.5 % of the image, a rod 1.8 pixels wide, and a pipe that is seen
+from inside, all over the image."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Images:
+    """Images of one difficulty.
+
+    Attributes:
+        depth: What was read, in meters.
+        mask: Pixels of the cylinder.
+        truth: Center, axis, radius and height of each.
+        bounds: Cramér-Rao bound, in the coordinates of `FitResult.covariance`.
+    """
+
+    depth: Float[np.ndarray, "n h w"]
+    mask: Bool[np.ndarray, "n h w"]
+    truth: Float[np.ndarray, "n 8"]
+    bounds: Float[np.ndarray, "n 7"]
+
+
+def make_images(difficulty: str, count: int) -> Images:
+    """Draw images; the seeds are their numbers."""
+    case, _ = DIFFICULTIES[difficulty]
+    depth, mask, truth, bounds = [], [], [], []
+    for seed in range(count):
+        if case is None:
+            scene = random_scene(seed)
+            can, sigma, image = scene.cylinder, scene.sigma, scene.depth
+            seen = scene.mask
+        else:
+            view = draw(case, seed)
+            can, sigma, image, seen = view.can, case.sigma, view.depth, view.mask
+        depth.append(np.asarray(image, np.float32))
+        mask.append(seen)
+        truth.append([*can.center, *can.axis, can.radius, can.height])
+        bounds.append(bound(can, CAMERA, seen, sigma))
+    return Images(
+        np.array(depth), np.array(mask), np.array(truth, float), np.array(bounds)
+    )
