@@ -26,6 +26,7 @@ import jax
 import numpy as np
 from jaxtyping import Bool, Float
 
+from impostor_jax.effort import Effort
 from impostor_jax.fit.cylinder import fit_cylinder
 from impostor_jax.fit.parameterization import COORDINATES
 from impostor_jax.fit.request import MIN_READINGS
@@ -71,7 +72,10 @@ class CylinderOutcome:
 
 
 def evaluate(
-    images: Iterable[LabeledImage], sensor: AbstractDepthNoise, erode_px: int = 0
+    images: Iterable[LabeledImage],
+    sensor: AbstractDepthNoise,
+    erode_px: int = 0,
+    effort: Effort | str = "balanced",
 ) -> Iterator[list[CylinderOutcome]]:
     """Fit every cylinder that is seen, each with the mask of its visible part.
 
@@ -82,6 +86,7 @@ def evaluate(
         sensor: Weighs the readings.
         erode_px: How many pixels deep the edges of masks are left out: a sensor may mix
             readings there with those behind, of which a fit does not know.
+        effort: Of the fits, as in `fit_cylinder`.
 
     Returns:
         For each image, the outcomes of its cylinders.
@@ -93,7 +98,9 @@ def evaluate(
             num_readings = int(np.count_nonzero(mask & (image.depth > 0)))
             if num_readings < MIN_READINGS:
                 continue
-            fit = fit_cylinder(image.depth, image.camera, mask=mask, sigma=sensor)
+            fit = fit_cylinder(
+                image.depth, image.camera, mask=mask, sigma=sensor, effort=effort
+            )
             truth = jax.tree.map(lambda x, k=number: np.asarray(x)[k], image.cylinders)
             errors, deviations = _errors(fit, truth) if fit.success else ({}, {})
             outcome = CylinderOutcome(

@@ -8,6 +8,8 @@ from pathlib import Path
 
 import tyro
 
+from impostor_jax.cli.dials import Dials, Preset, chosen_effort
+
 
 @dataclasses.dataclass(frozen=True)
 class Evaluate:
@@ -26,6 +28,9 @@ class Evaluate:
     readings with those behind."""
     json: Path | None = None
     """File for the outcome of every cylinder."""
+    effort: Preset = "balanced"
+    """How much work each fit takes; each dial may be set apart from it."""
+    dials: Dials = dataclasses.field(default_factory=Dials)
 
     def run(self) -> int:
         """Run the command; returns the exit code."""
@@ -38,6 +43,7 @@ class Evaluate:
         from impostor_jax.io.atomic import write_json
         from impostor_jax.io.dataset import read_dataset, read_manifest, sensor_of
 
+        effort = chosen_effort(self.effort, self.dials)
         if self.limit is not None:
             whole_number("limit", self.limit, 1)
         whole_number("erode_px", self.erode_px, 0)
@@ -46,7 +52,7 @@ class Evaluate:
         images = itertools.islice(read_dataset(self.dataset), self.limit)
         total = min(manifest["count"], self.limit or manifest["count"])
         fitted = tqdm(
-            evaluate(images, sensor, self.erode_px),
+            evaluate(images, sensor, self.erode_px, effort),
             total=total,
             unit="image",
             disable=None,

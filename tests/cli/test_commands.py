@@ -105,6 +105,46 @@ def test_record_goes_where_it_is_told(rendered, tmp_path, call, capfd):
 
 
 @SMALL_IMAGES
+def test_effort_is_a_preset_with_dials_set_apart(rendered, tmp_path, call, capfd):
+    code = call(
+        "fit", rendered / "depth.tiff", "--camera", rendered / "camera.json",
+        "--mask", rendered / "mask.png", "--output", tmp_path,
+        "--effort", "fast", "--stride", 1, "--all-starts", "False",
+    )  # fmt: skip
+    assert (code, capfd.readouterr().err) == (0, "")
+    record = json.loads((tmp_path / "fit.json").read_text())
+    mask = cv2.imread(str(rendered / "mask.png"), cv2.IMREAD_UNCHANGED)
+    assert record["num_pixels"] == np.count_nonzero(mask)
+    assert record["num_starts"] == 1
+
+
+def test_a_render_of_fewer_pixels_has_the_camera_of_these(rendered, tmp_path, call):
+    scene = (
+        "--center", 0.01, -0.005, 0.35, "--axis", -0.5, 0.7, 0.5, "--radius", 0.04,
+        "--height", 0.12, "--camera", rendered / "given.json",
+    )  # fmt: skip
+    assert call("render", *scene, "--effort", "fast", "--output", tmp_path) == 0
+    camera = json.loads((tmp_path / "camera.json").read_text())
+    assert (camera["width"], camera["height"], camera["fx"]) == (54, 40, 50.0)
+    few, all_ = (
+        cv2.imread(str(folder / "depth.tiff"), cv2.IMREAD_UNCHANGED)
+        for folder in (tmp_path, rendered)
+    )
+    np.testing.assert_allclose(few, all_[::3, ::3], rtol=1e-5)
+
+
+def test_dials_that_do_not_go_together_are_refused(rendered, call, capfd):
+    code = call(
+        "fit", rendered / "depth.png", "--camera", rendered / "camera.json",
+        "--outline", "hard", "--samples", 2,
+    )  # fmt: skip
+    assert code == 2
+    found = capfd.readouterr().err.splitlines()
+    assert len(found) == 1
+    assert "samples must be 1 with outline" in found[0]
+
+
+@SMALL_IMAGES
 def test_failed_fit_exits_with_1_and_writes_its_files(rendered, tmp_path, call, capfd):
     row, col = np.mgrid[0:120, 0:160]
     box = 0.5 + 0.002 * np.abs(col - 80) + 0.001 * np.abs(row - 60)
