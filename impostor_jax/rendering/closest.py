@@ -13,16 +13,18 @@ does not pass through the search.
 
 __all__ = ["closest"]
 
+from collections.abc import Iterator
 from functools import partial
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from impostor_jax.geometry.rays import Hit, Ray
 from impostor_jax.geometry.vec3 import Vec3
+from impostor_jax.primitives.base import AbstractPrimitive
 from impostor_jax.primitives.surface import computed_apart
 from impostor_jax.rendering.bounds import image_bounds
 from impostor_jax.rendering.scene import Group
@@ -96,9 +98,7 @@ def _followed(
     zero = jnp.zeros_like(t)
     normal = Vec3(zero, zero, zero)
     for shape, mine, hit in _seen(groups, t, code):
-        # Of a miss the normal is zero.
-        own = shape.normal(rays, hit)
-        normal = own.where(mine, normal)
+        normal = shape.normal(rays, hit).where(mine, normal)
     return t, normal
 
 
@@ -124,7 +124,9 @@ def _followed_jvp(with_normal, primals, tangents):
     return _followed(scene, t, code, with_normal), change
 
 
-def _seen(groups: list[Group], t: Float[Array, "h w"], code: Code):
+def _seen(
+    groups: list[Group], t: Float[Array, "h w"], code: Code
+) -> Iterator[tuple[AbstractPrimitive, Bool[Array, "h w"], Hit]]:
     """Of each group: the shapes pixel by pixel, where they are seen, and the hits."""
     place, part = code // PARTS, code % PARTS
     first = 0
@@ -150,9 +152,17 @@ def _search(
     code = jnp.full(size, -PARTS, jnp.int32)
     first = 0
     for group in groups:
-        t, code = _cast(group, first, cells, is_central, ends, (t, code))
-        first += group.index.shape[0]
+        for part in _parts(group, size[0]):
+            t, code = _cast(part, first, cells, is_central, ends, (t, code))
+            first += part.index.shape[0]
     return _as_image(t, height, width), _as_image(code, height, width)
+
+
+def _parts(group: Group, num_cells: int) -> Iterator[Group]:
+    """Parts of a group whose pairs with all cells can be counted."""
+    most = np.iinfo(np.int32).max // num_cells
+    for start in range(0, group.index.shape[0], most):
+        yield jax.tree.map(lambda x, k=start: x[k : k + most], group)
 
 
 def _as_cells(image: Array) -> Array:

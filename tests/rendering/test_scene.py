@@ -7,6 +7,7 @@ import impostor_jax as ij
 from impostor_jax.numerics import eps
 from impostor_jax.primitives import PRIMITIVES
 from impostor_jax.rendering.bounds import image_bounds
+from impostor_jax.rendering.closest import _parts, _sorted_pairs
 from impostor_jax.rendering.render import _render
 from tests.cases import CAMERAS
 from tests.checks import all_finite, central_difference
@@ -82,6 +83,46 @@ def test_the_closest_of_all_shapes_is_seen(name):
     np.testing.assert_allclose(maps.normal, normal, atol=1e-4)
     hit = np.asarray(maps.mask)
     np.testing.assert_allclose(np.asarray(maps.point)[hit][:, 2], depth[hit], rtol=1e-6)
+
+
+def test_more_pairs_than_a_list_holds_take_more_rounds():
+    # A sphere that reaches behind the camera is listed by all 24 cells; lists hold 4096
+    # pairs. The last ones are seen, too.
+    rng = np.random.default_rng(3)
+    beside = [ij.Sphere((*(5 * rng.normal(size=2)), -9.0), 9.5) for _ in range(250)]
+    beside = [s for s in beside if np.hypot(*s.center[:2]) > 4]
+    shapes = [*beside, *shapes_of(types=("sphere",))]
+    assert 24 * len(beside) > 4096
+    camera = ij.PinholeCamera(60.0, 62.0, 31.5, 23.0, 64, 48)
+    maps = ij.render(ij.Scene(shapes), camera, OUTPUTS)
+    depth, normal, index = nearest_of(shapes, camera)
+    assert len(np.unique(index)) > 5
+    np.testing.assert_array_equal(maps.index, index)
+    np.testing.assert_allclose(maps.depth, depth, rtol=eps("float32", 32))
+    np.testing.assert_allclose(maps.normal, normal, atol=1e-4)
+
+
+@pytest.mark.parametrize("num_shapes", [5, 1 << 30])
+def test_pairs_are_sorted_by_cells_as_one_number_or_two(num_shapes):
+    rng = np.random.default_rng(0)
+    cell = rng.integers(0, 40, 500)
+    shape = rng.integers(0, 5, 500) * (num_shapes // 5)
+    found = _sorted_pairs(
+        *(jnp.asarray(x, jnp.int32) for x in (cell, shape)), 40, num_shapes
+    )
+    expected = sorted(zip(cell, shape, strict=True))
+    assert sorted(zip(*map(np.asarray, found), strict=True)) == expected
+    np.testing.assert_array_equal(found[0], np.sort(cell))
+
+
+def test_a_group_is_cut_where_its_pairs_cannot_be_counted():
+    (group,) = ij.Scene(shapes_of(types=("sphere",))).groups
+    (whole,) = _parts(group, 2400)
+    assert whole.index.shape == group.index.shape
+    several = list(_parts(group, 1 << 28))
+    assert [part.index.shape[0] for part in several] == [7, 7, 2]
+    joined = np.concatenate([part.index for part in several])
+    np.testing.assert_array_equal(joined, group.index)
 
 
 def test_batches_and_tiles_are_parts_of_the_same_image():
