@@ -40,6 +40,8 @@ def held(always: bool | Bool[Array, ""], function: Callable[[], Values]) -> Valu
             in each of the loops that need it. Under `jax.vmap` it must not be mapped.
         function: What is computed.
     """
+    # So that it is traced once, for its shapes and for its value.
+    function = jax.jit(function)
     shapes = jax.eval_shape(function)
 
     def never() -> Values:

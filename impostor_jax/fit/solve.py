@@ -256,6 +256,7 @@ def solve(
         num_pixels = jnp.sum(row < depth.shape[0], dtype=jnp.int32)
         num_blocks = -(-(num_pixels + MAX_CROSSINGS) // BLOCK)
 
+    @jax.jit
     def solution_from(body: AbstractBody) -> Solution:
         return _refine(
             pixels,
@@ -354,7 +355,8 @@ def _refine(
     _, width = KERNELS[request.kernel]
     # Of the last part alone: the first only has to lead there.
     step = 1.0 if edge is None else tolerance / USUAL_TOLERANCE
-    evaluated = partial(evaluate, pixels, edge, noise, request.is_outline)
+    # Traced once, for its shapes and for its value.
+    evaluated = jax.jit(partial(evaluate, pixels, edge, noise, request.is_outline))
 
     def stage(carry: Solution, given: Float[Array, "5"]) -> Solution:
         soft, limit, widening, place, takes_all = given
@@ -393,7 +395,7 @@ def _refine(
         left_out = is_before | (repeats & (carry.moved < SETTLED * step))
         return jax.lax.cond(left_out, lambda c, _: c, stage, carry, its), None
 
-    rows, seen, scale = _zeros_like_result(evaluated, start, unit, unit)
+    rows, seen, scale = _zeros_like_result(evaluated, start, unit, unit, always)
     begin = Solution(
         body=start,
         rows=rows,
