@@ -8,10 +8,11 @@ from tests.checks import angle_between
 from tests.fit.scenes import CAMERA, SIGMA, can, image
 
 
+@pytest.mark.parametrize("only_one", [False, True])
 @pytest.mark.parametrize("degrees", [90.0, 60.0, 30.0])
-def test_guess_is_close_enough_to_start_from(degrees):
+def test_guess_is_close_enough_to_start_from(degrees, only_one):
     depth, mask = image(degrees)
-    guess = first_guesses(depth, mask, CAMERA, SIGMA)[0]
+    guess = first_guesses(depth, mask, CAMERA, SIGMA, only_one=only_one)[0]
     truth = can(degrees)
     assert angle_between(guess.axis, truth.axis) < 3
     assert guess.radius == pytest.approx(0.04, rel=0.08)
