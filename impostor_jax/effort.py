@@ -104,8 +104,8 @@ class Effort:
 
 EFFORTS: dict[str, tuple[str, Effort]] = {
     "fast": (
-        "Every third row and column, one start, a coarse end.",
-        Effort(stride=3, extent="tile", outline="hard", starts=1, tolerance=1.0),
+        "Every second row and column, and a coarse end.",
+        Effort(stride=2, extent="tile", outline="hard", tolerance=5.0),
     ),
     "balanced": (
         "All readings; more starts where the first does not explain them.",

@@ -73,7 +73,8 @@ SETTLED = 0.02
 """Root mean square of the coordinates that counts as no motion, as a step."""
 
 USUAL_TOLERANCE = 0.2
-"""Tolerance of an `Effort`, in deviations, for which the stages' steps are given."""
+"""Tolerance of an `Effort`, in deviations, for which the stages' steps are given; the
+starts take it."""
 
 MISSED_LOSS = 3.0
 """Loss of a pixel that the body should cover and does not, or the reverse."""

@@ -53,13 +53,13 @@ def test_fast_says_how_much_less_it_knows():
     depth, mask = image_of(truth)
     fit = ij.fit_cylinder(depth, CAMERA, mask, SIGMA, effort="fast")
     assert fit.success
-    assert int(fit.num_pixels) == np.count_nonzero(mask[::3, ::3])
+    assert int(fit.num_pixels) == np.count_nonzero(mask[::2, ::2])
     off = abs(float(fit.cylinder.radius) - truth.radius)
     assert off < 4 * float(fit.std.radius)
-    # A ninth of the readings has three times the deviation, or more where fewer of the
-    # few that graze, which know most of the radius, are among them.
+    # A quarter of the readings has twice the deviation, or more where fewer of the few
+    # that graze, which know most of the radius, are among them.
     plain = ij.fit_cylinder(depth, CAMERA, mask, SIGMA)
-    assert 2 < float(fit.std.radius) / float(plain.std.radius) < 6
+    assert 1.5 < float(fit.std.radius) / float(plain.std.radius) < 5
 
 
 def test_more_starts_are_tried_where_the_first_does_not_explain_the_readings():
