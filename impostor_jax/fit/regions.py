@@ -26,7 +26,7 @@ START_READINGS = BLOCK - MAX_CROSSINGS
 """Readings that the starts are solved on, evenly spread over the object. With the
 crossings they make a block of rows."""
 
-BUCKETS = tuple((BLOCK << k) - MAX_CROSSINGS for k in range(20))
+BUCKETS = tuple((BLOCK << k) - MAX_CROSSINGS for k in range(2, 20))
 """Readings are filled up to one of these numbers, so that few sizes are compiled."""
 
 
