@@ -6,12 +6,19 @@ from pathlib import Path
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, NullFormatter
 
 from experiments.recording import read_values
 from experiments.speed_accuracy.scenes import DIFFICULTIES, SHAPES
 from experiments.speed_accuracy.settings import FITS, RENDERS
 from impostor_jax.effort import EFFORTS
 from impostor_jax.io.atomic import write_atomically
+
+MOST_LOST = 0.05
+"""Share of images that may fail or come out wrong with a setting that is compared."""
+
+NOTABLE = 1.2
+"""Factor in time or error beside the default from which a setting is named."""
 
 Values = dict[str, float | None]
 Point = tuple[float, float]
@@ -105,9 +112,16 @@ def sentences(values: Values) -> list[str]:
 
 
 def fit_points(values: Values, name: str) -> dict[str, Point]:
-    """Time and radius error of each setting for images of a difficulty."""
+    """Time and radius error of each setting for images of a difficulty.
+
+    Those that lose more than `MOST_LOST` of the images are left out: the errors are of
+    the images that are left, the good ones.
+    """
     points = {}
     for setting in FITS:
+        parts = [values.get(f"fit.{setting}.{name}.{k}") for k in ("failures", "wrong")]
+        if sum(part or 0 for part in parts) > MOST_LOST:
+            continue
         time, error = (
             values.get(f"fit.{setting}.{name}.{quantity}")
             for quantity in ("time_over_balanced", "radius_over_bound")
@@ -127,20 +141,29 @@ def draw(folder: Path) -> None:
         _scatter(axes, fit_points(values, name))
         axes.set_title(f"fits, {name} images")
         axes.set_xlabel("time of a fit, ms")
+        axes.yaxis.set_major_locator(LogLocator(subs=(1, 1.5, 2, 3, 5)))
+        axes.yaxis.set_major_formatter("{x:g}")
     above[0].set_ylabel("RMS radius error over the bound")
-    for axes, shape in zip(below, SHAPES, strict=True):
+    shown = (
+        ("can", "coverage", "coverage.rms", "RMS error of edge pixels"),
+        ("rod", "coverage", "coverage.rms", "RMS error of edge pixels"),
+        ("can", "maps", "depth.p100", "largest relative depth error"),
+    )
+    for axes, (shape, kind, quantity, label) in zip(below, shown, strict=True):
         points = {}
         for setting in RENDERS:
             time, error = (
-                values.get(f"render.{setting}.{shape}.{quantity}")
-                for quantity in ("coverage.time", "coverage.rms")
+                values.get(f"render.{setting}.{shape}.{name}")
+                for name in (f"{kind}.time", quantity)
             )
             if time is not None and error is not None:
                 points[setting] = (time, max(error, 1e-9))
         _scatter(axes, points)
-        axes.set_title(f"coverage of a {shape}")
+        axes.set_title(f"{kind} of a {shape}")
         axes.set_xlabel("time of a render, ms")
-    below[0].set_ylabel("RMS error of edge pixels")
+        axes.set_ylabel(label)
+    lines, labels = above[0].get_legend_handles_labels()
+    figure.legend(lines, labels, loc="outside lower center")
     write_atomically(
         folder / "figures" / "speed_accuracy.png",
         lambda temporary: figure.savefig(temporary, dpi=90, format="png"),
@@ -158,22 +181,32 @@ def _scatter(axes: Axes, points: dict[str, Point]) -> None:
             alpha=0.4,
             label="none is faster and more exact",
         )
-    for name, (time, error) in points.items():
-        preset = name in EFFORTS
-        axes.plot(time, error, "o" if preset else ".", color="C3" if preset else "C7")
-        axes.annotate(
-            name,
-            (time, error),
-            fontsize=9 if preset else 6.5,
-            fontweight="bold" if preset else "normal",
-            xytext=(4, 3),
-            textcoords="offset points",
+    usual = points.get("balanced")
+    # From above: where two are at one place, the second is written below.
+    for index, name in enumerate(sorted(points, key=lambda n: -points[n][1])):
+        preset, point = name in EFFORTS, points[name]
+        axes.plot(*point, "o" if preset else ".", color="C3" if preset else "C7")
+        apart = usual and any(
+            max(a / b, b / a) > NOTABLE for a, b in zip(point, usual, strict=True)
         )
+        if preset or name in best or apart:
+            axes.annotate(
+                name,
+                point,
+                fontsize=9 if preset else 6.5,
+                fontweight="bold" if preset else "normal",
+                xytext=(4, 3 if index % 2 else -8),
+                textcoords="offset points",
+            )
     axes.set_xscale("log")
     axes.set_yscale("log")
-    axes.grid(alpha=0.3, which="both")
-    if best:
-        axes.legend(fontsize=7, loc="upper right")
+    axes.margins(x=0.2, y=0.15)
+    # Few numbers along an axis, written out.
+    axes.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+    axes.xaxis.set_major_formatter("{x:g}")
+    axes.xaxis.set_minor_formatter(NullFormatter())
+    axes.yaxis.set_minor_formatter(NullFormatter())
+    axes.grid(alpha=0.3)
 
 
 def _number(value: float | None) -> str:
