@@ -30,6 +30,8 @@ def main() -> None:
     effort = FITS[setting]
     outcomes = {}
     for name in DIFFICULTIES:
+        if not (folder / f"{name}.npz").exists():
+            continue
         loaded = np.load(folder / f"{name}.npz")
         outcomes[name] = (loaded, accuracy(name, loaded, effort))
     # Before the default setting needs memory of its own.

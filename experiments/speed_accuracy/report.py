@@ -38,6 +38,8 @@ def tables(folder: Path) -> str:
     values = read_values(folder)
     lines = []
     for name in DIFFICULTIES:
+        if f"fit.balanced.{name}.time" not in values:
+            continue
         lines += [
             "",
             f"| {name} | time, ms | over balanced | radius | axis | center "

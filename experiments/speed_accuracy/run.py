@@ -72,14 +72,15 @@ def run(config: Config) -> Path:
         if getattr(config, name) < 1:
             raise ValueError(f"{name} must be at least 1, got {getattr(config, name)}")
     folder = result_folder(config.output, HERE, quick=config.quick)
-    fits, renders = list(FITS), list(RENDERS)
+    fits, renders, difficulties = list(FITS), list(RENDERS), list(DIFFICULTIES)
     if config.quick:
         config = dataclasses.replace(config, images=1, timed=1, repeats=2)
         fits, renders = ["balanced"], ["balanced", "samples=2"]
+        difficulties = ["easy"]
     start = time.perf_counter()
     metrics = []
     with tempfile.TemporaryDirectory() as scratch:
-        images = {name: make_images(name, config.images) for name in DIFFICULTIES}
+        images = {name: make_images(name, config.images) for name in difficulties}
         for name, drawn in images.items():
             np.savez(Path(scratch) / f"{name}.npz", **vars(drawn))
         for setting in fits:
