@@ -12,7 +12,7 @@ from typing_extensions import override
 
 from impostor_jax.arguments import positive_int, real_number
 from impostor_jax.camera.base import AbstractCamera
-from impostor_jax.camera.pixels import PixelBox, linear_pixel_box
+from impostor_jax.camera.pixels import PixelBox, linear_pixel_box, strided_intrinsics
 from impostor_jax.geometry.frames import RigidTransform
 from impostor_jax.geometry.rays import Ray
 from impostor_jax.geometry.vec3 import Vec3
@@ -91,12 +91,7 @@ class OrthographicCamera(AbstractCamera):
     @override
     def strided(self, stride: int) -> "OrthographicCamera":
         return OrthographicCamera(
-            fx=self.fx / stride,
-            fy=self.fy / stride,
-            cx=self.cx / stride,
-            cy=self.cy / stride,
-            width=-(-self.width // stride),
-            height=-(-self.height // stride),
+            **strided_intrinsics(self, stride),
             camera_from_world=self.camera_from_world,
         )
 

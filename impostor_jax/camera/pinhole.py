@@ -24,7 +24,7 @@ from impostor_jax.camera.lens import (
     solve_ray_field,
     undistort_step,
 )
-from impostor_jax.camera.pixels import PixelBox, linear_pixel_box
+from impostor_jax.camera.pixels import PixelBox, linear_pixel_box, strided_intrinsics
 from impostor_jax.geometry.frames import RigidTransform
 from impostor_jax.geometry.rays import Ray
 from impostor_jax.geometry.vec3 import Vec3
@@ -161,12 +161,7 @@ class PinholeCamera(AbstractCamera):
     @override
     def strided(self, stride: int) -> "PinholeCamera":
         return PinholeCamera(
-            fx=self.fx / stride,
-            fy=self.fy / stride,
-            cx=self.cx / stride,
-            cy=self.cy / stride,
-            width=-(-self.width // stride),
-            height=-(-self.height // stride),
+            **strided_intrinsics(self, stride),
             distortion=self.distortion,
             fisheye=self.fisheye,
             camera_from_world=self.camera_from_world,

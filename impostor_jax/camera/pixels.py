@@ -4,7 +4,7 @@ Arrays are indexed `[row, col]`; the center of pixel `[row, col]` has the image
 coordinates `(u, v) = (col, row)`, as in OpenCV, BOP, TUM and PCL.
 """
 
-__all__ = ["PixelBox", "Tile", "linear_pixel_box"]
+__all__ = ["PixelBox", "Tile", "linear_pixel_box", "strided_intrinsics"]
 
 from typing import Any
 
@@ -47,6 +47,18 @@ class PixelBox(eqx.Module):
     last_row: int | Int[Array, ""]
     first_col: int | Int[Array, ""]
     last_col: int | Int[Array, ""]
+
+
+def strided_intrinsics(camera: Any, stride: int) -> dict[str, Any]:
+    """Intrinsics of every how many-th row and column, from the first on.
+
+    Args:
+        camera: Has fx, fy, cx, cy, width and height.
+        stride: How many.
+    """
+    scaled = {name: getattr(camera, name) / stride for name in ("fx", "fy", "cx", "cy")}
+    sizes = {name: -(-getattr(camera, name) // stride) for name in ("width", "height")}
+    return scaled | sizes
 
 
 def linear_pixel_box(

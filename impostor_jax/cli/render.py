@@ -58,7 +58,9 @@ class Render:
         outputs = ("depth", "normal", "mask", "index")
         seen = Scene(shapes) if len(shapes) > 1 else shapes[0]
         maps = render(seen, camera, outputs, effort=effort)
-        camera = camera.strided(effort.stride)
+        if effort.stride > 1:
+            # Of a lens the rays are solved for anew, which takes its time.
+            camera = camera.strided(effort.stride)
         scale = depth_image.fitting_scale(maps.depth, given_scale)
         depth_image.write_depth_png(self.output / "depth.png", maps.depth, scale)
         depth_image.write_depth_tiff(self.output / "depth.tiff", maps.depth)

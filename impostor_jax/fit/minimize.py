@@ -128,12 +128,10 @@ def _triangle(
         total = jax.lax.fori_loop(0, num_blocks, with_block, total)
     if by_qr:
         return total[:, -1], total[:, :-1]
-    products = total
     # Rounding must not make a pivot negative. As rows without a residual these damp a
     # step, by a millionth, and move no minimum.
-    diagonal = jnp.diagonal(products) * eps(vector.dtype, 16)
-    products = products + jnp.diag(diagonal.at[-1].add(RIDGE**2))
-    lower = jnp.linalg.cholesky(products)
+    diagonal = jnp.diagonal(total) * eps(vector.dtype, 16)
+    lower = jnp.linalg.cholesky(total + jnp.diag(diagonal.at[-1].add(RIDGE**2)))
     return lower[-1], lower[:-1].T
 
 

@@ -91,10 +91,8 @@ def pixel_indices(
     row, col = np.divmod(index, -(-region.shape[1] // stride))
     row, col = row * stride, col * stride
     count = len(index)
-    some = np.arange(START_READINGS) * max(count, START_READINGS) // START_READINGS
-    is_other = np.ones(count, bool)
-    is_other[some[some < count]] = False
-    order = np.concatenate([np.flatnonzero(is_other), some[some < count]])
+    some = np.unique(np.arange(START_READINGS) * count // START_READINGS)[:count]
+    order = np.concatenate([np.delete(np.arange(count), some), some])
     size = bucket(count)
     filled = np.full(size, region.shape[0]), np.zeros(size, int)
     filled[0][size - count :] = row[order]

@@ -140,9 +140,17 @@ def _render(
     """
     tile = camera.frame if tile is None else tile
     row, col = (pixel[::stride, ::stride] for pixel in tile.pixels())
-    maps = raycast(primitive, camera, row, col, outputs - {"coverage"})
     if "coverage" not in outputs:
-        return maps
+        return raycast(primitive, camera, row, col, outputs)
+    others = outputs - {"coverage"}
+    if samples == 1:
+        # What the centers see is cast once, for the mask and for this.
+        maps = raycast(primitive, camera, row, col, others | {"mask"})
+        assert maps.mask is not None
+        mask = maps.mask if "mask" in outputs else None
+        covered = maps.mask.astype(primitive.dtype)
+        return dataclasses.replace(maps, mask=mask, coverage=covered)
+    maps = raycast(primitive, camera, row, col, others)
     if samples:
         covered = _sampled_coverage(primitive, camera, row, col, samples)
     else:
@@ -159,19 +167,14 @@ def _sampled_coverage(
     samples: int,
 ) -> Float[Array, "h w"]:
     """Share of a square grid of rays in each pixel that hit anything."""
-
-    def seen_from(camera: AbstractCamera) -> Float[Array, "h w"]:
-        mask = raycast(primitive, camera, row, col, frozenset({"mask"})).mask
-        assert mask is not None
-        return mask.astype(primitive.dtype)
-
-    if samples == 1:
-        return seen_from(camera)
     place = (np.arange(samples) + 0.5) / samples - 0.5
     places = np.stack(np.meshgrid(place, place), axis=-1).reshape(-1, 2)
 
     def add(total: Float[Array, "h w"], place: Float[Array, "2"]):
-        return total + seen_from(camera.shifted(place[0], place[1])), None
+        moved = camera.shifted(place[0], place[1])
+        mask = raycast(primitive, moved, row, col, frozenset({"mask"})).mask
+        assert mask is not None
+        return total + mask.astype(total.dtype), None
 
     blank = jnp.zeros(row.shape, primitive.dtype)
     total, _ = jax.lax.scan(add, blank, jnp.asarray(places, blank.dtype))
