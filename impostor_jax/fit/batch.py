@@ -93,4 +93,6 @@ def fit_cylinders(
     first = fit(0)
     with ThreadPoolExecutor() as pool:
         fits = [first, *pool.map(fit, range(1, count))]
-    return jax.tree.map(lambda *leaves: np.stack(leaves), *fits)
+    # In the precision of the fits, which is the effort's.
+    with jax.enable_x64(first.rms.dtype == np.float64):
+        return jax.tree.map(lambda *leaves: jnp.stack(leaves), *fits)

@@ -52,7 +52,7 @@ from impostor_jax.primitives.base import in_camera_frame, in_world_frame
 from impostor_jax.sensor.base import AbstractDepthNoise
 
 # Each stage: half-chord in radii up to which the outline is blunted; step at which it
-# ends, in tens of deviations at a tolerance of 1; factor on the width of the robust
+# ends, in tens of deviations at the usual tolerance; factor on the width of the robust
 # loss; softness of the outline's place, in pixels; whether it takes all rows, or the
 # block of them that speaks for all.
 FIRST_STAGES = (
@@ -354,8 +354,7 @@ def _refine(
     unit = units[0]
     dtype = unit.dtype
     _, width = KERNELS[request.kernel]
-    # Of the last part alone: the first only has to lead there.
-    step = 1.0 if edge is None else tolerance / USUAL_TOLERANCE
+    step = tolerance / USUAL_TOLERANCE
     # Traced once, for its shapes and for its value.
     evaluated = jax.jit(partial(evaluate, pixels, edge, noise, request.is_outline))
 
