@@ -4,12 +4,11 @@
 render or fit_cylinder, and IMAGE a .npy file that holds the depth image to fit.
 """
 
-__all__ = ["main", "peak_memory_mb"]
+__all__ = ["main"]
 
 import json
 import sys
 import time
-from pathlib import Path
 
 
 def main() -> None:
@@ -24,6 +23,7 @@ def main() -> None:
     called = getattr(ij, function)
     imported = time.perf_counter()
     from experiments.render_speed.cases import SIGMA, make_camera, make_can
+    from experiments.timing import peak_memory_mb
 
     camera = make_camera(shrink)
     if function == "render":
@@ -40,19 +40,6 @@ def main() -> None:
         "memory": peak_memory_mb(),
     }
     print(json.dumps(record))
-
-
-def peak_memory_mb() -> float | None:
-    """Largest resident memory of this process; None where there is no /proc.
-
-    Not `ru_maxrss`: it outlives the fork and the exec that started this process, and
-    would tell the peak of the parent.
-    """
-    status = Path("/proc/self/status")
-    for line in status.read_text().splitlines() if status.exists() else ():
-        if line.startswith("VmHWM:"):
-            return int(line.split()[1]) * 1024 / 1e6
-    return None
 
 
 if __name__ == "__main__":

@@ -7,22 +7,14 @@ the machine in one state and their ratio is fair.
 __all__ = ["Config", "run"]
 
 import dataclasses
-import json
-import math
-import os
-import resource
-import subprocess
 import sys
 import tempfile
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
-import jax
 import numpy as np
 import tyro
-from jaxtyping import Float
 
 import impostor_jax as ij
 from experiments.recording import Metric, result_folder, save_run
@@ -35,18 +27,19 @@ from experiments.render_speed.cases import (
 )
 from experiments.render_speed.kernel import c_render
 from experiments.render_speed.report import draw, table
+from experiments.timing import (
+    Timing,
+    case_metrics,
+    first_calls,
+    sample,
+    time_in_turns,
+)
 from impostor_jax.glsl.offscreen import DriverError, OffscreenRenderer
 from impostor_jax.glsl.reference import draw_with_jax
 
 HERE = Path(__file__).parent
 
 SEED = 0
-
-BLOCKS = 10
-"""Turns that a case gets; its calls are spread over them."""
-
-WARM_UP = 3
-"""Calls before each block that do not count: threads of the other case still spin."""
 
 PROCESSES = 3
 """New processes in which a first call is timed."""
@@ -59,6 +52,8 @@ MANY_REPEATS = 3
 
 SLOW = ("fit_mask", "fit_no_mask", "first_fit", "scene_mixed", "scene_cylinders")
 """Cases that a quick run leaves out: they take 5 to 10 s to compile."""
+
+FIRST_CALL = "experiments.render_speed.first_call"
 
 FIRST = {"first_render": "render", "first_fit": "fit_cylinder"}
 """Cases that are timed in new processes, and the function that each calls."""
@@ -77,76 +72,6 @@ class Config:
     output: Path | None = None
     """Folder of the results; the experiment's own by default, a temporary one with
     --quick."""
-
-
-@dataclasses.dataclass(frozen=True)
-class Timing:
-    """Time of each call of a case, in milliseconds, and its minor page faults."""
-
-    ms: Float[np.ndarray, "block call"]
-    page_faults: float | None = None
-
-
-def time_in_turns(
-    calls: dict[str, Callable[[], object]], repeats: int, warm_up: int = WARM_UP
-) -> dict[str, Timing]:
-    """Time calls until their results are ready, a block of each in turn."""
-    blocks = min(BLOCKS, repeats)
-    shape = (blocks, math.ceil(repeats / blocks))
-    ms = {name: np.zeros(shape) for name in calls}
-    faults = dict.fromkeys(calls, 0)
-    for block in range(blocks):
-        for name, call in calls.items():
-            for _ in range(warm_up):
-                jax.block_until_ready(call())
-            faults[name] -= resource.getrusage(resource.RUSAGE_SELF).ru_minflt
-            for index in range(shape[1]):
-                start = time.perf_counter()
-                jax.block_until_ready(call())
-                ms[name][block, index] = 1e3 * (time.perf_counter() - start)
-            faults[name] += resource.getrusage(resource.RUSAGE_SELF).ru_minflt
-    return {name: Timing(ms[name], faults[name] / ms[name].size) for name in calls}
-
-
-def first_calls(
-    function: str, shrink: int, image: Path, processes: int
-) -> list[dict[str, float | None]]:
-    """Time the first call of a function in new processes, one after the other."""
-    module = "experiments.render_speed.first_call"
-    environment = os.environ | {"JAX_ENABLE_COMPILATION_CACHE": "false"}
-    return [
-        json.loads(
-            subprocess.run(
-                [sys.executable, "-m", module, function, str(shrink), str(image)],
-                cwd=HERE.parents[1],
-                env=environment,
-                stdout=subprocess.PIPE,
-                check=True,
-            ).stdout
-        )
-        for _ in range(processes)
-    ]
-
-
-def sample(name: str, values: Any, unit: str) -> Metric:
-    """Median and interquartile range; nothing where nothing was measured."""
-    values = np.asarray([value for value in np.ravel(values) if value is not None])
-    if not values.size:
-        return Metric(name, None, None, unit, "lower", 0)
-    low, middle, high = (float(q) for q in np.percentile(values, (25, 50, 75)))
-    return Metric(name, middle, high - low, unit, "lower", values.size)
-
-
-def case_metrics(case: str, timing: Timing | None) -> list[Metric]:
-    """Median, minimum and page faults of a case; None where it could not run."""
-    timing = timing or Timing(np.zeros((0, 0)))
-    n = timing.ms.size
-    least = float(timing.ms.min()) if n else None
-    return [
-        sample(f"{case}.median", timing.ms, "ms"),
-        Metric(f"{case}.minimum", least, None, "ms", "lower", n),
-        Metric(f"{case}.page_faults", timing.page_faults, None, "1/call", "lower", n),
-    ]
 
 
 def measure(config: Config) -> list[Metric]:
@@ -186,7 +111,8 @@ def measure(config: Config) -> list[Metric]:
             processes = 1 if config.quick else PROCESSES
             if config.quick and case in SLOW:
                 processes = 0
-            records = first_calls(function, shrink, scratch / "image.npy", processes)
+            arguments = [function, str(shrink), str(scratch / "image.npy")]
+            records = first_calls(FIRST_CALL, arguments, processes)
             calls = np.array([[record["call"] for record in records]])
             metrics += case_metrics(case, Timing(calls))
             for name, unit in (

@@ -18,9 +18,9 @@ import numpy as np
 
 import impostor_jax as ij
 from experiments.fit_accuracy.bound import error
-from experiments.render_speed.first_call import peak_memory_mb
 from experiments.speed_accuracy.scenes import CAMERA, DIFFICULTIES
 from experiments.speed_accuracy.settings import FITS
+from experiments.timing import peak_memory_mb
 from impostor_jax.effort import Effort
 
 

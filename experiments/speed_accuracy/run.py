@@ -23,7 +23,6 @@ import tyro
 
 import impostor_jax as ij
 from experiments.recording import Metric, result_folder, save_run
-from experiments.render_speed.run import sample, time_in_turns
 from experiments.speed_accuracy.report import draw, tables
 from experiments.speed_accuracy.scenes import (
     CAMERA,
@@ -33,6 +32,7 @@ from experiments.speed_accuracy.scenes import (
     make_images,
 )
 from experiments.speed_accuracy.settings import FITS, RENDERS
+from experiments.timing import sample, time_in_turns
 from impostor_jax.effort import Effort
 
 HERE = Path(__file__).parent

@@ -1,0 +1,134 @@
+"""How long calls take: in turns in one process, or as the first of new processes."""
+
+__all__ = [
+    "Timing",
+    "case_metrics",
+    "first_calls",
+    "peak_memory_mb",
+    "sample",
+    "time_in_turns",
+]
+
+import dataclasses
+import json
+import math
+import os
+import resource
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import jax
+import numpy as np
+from jaxtyping import Float
+
+from experiments.recording import Metric
+
+BLOCKS = 10
+"""Turns that a case gets; its calls are spread over them."""
+
+WARM_UP = 3
+"""Calls before each block that do not count: threads of the other case still spin."""
+
+ROOT = Path(__file__).parents[1]
+
+
+@dataclasses.dataclass(frozen=True)
+class Timing:
+    """Time of each call of a case, in milliseconds, and its minor page faults."""
+
+    ms: Float[np.ndarray, "block call"]
+    page_faults: float | None = None
+
+
+def time_in_turns(
+    calls: Mapping[str, Callable[[], object]], repeats: int, warm_up: int = WARM_UP
+) -> dict[str, Timing]:
+    """Time calls until their results are ready, a block of each in turn.
+
+    All meet the machine in one state, so that their ratios are fair.
+    """
+    blocks = min(BLOCKS, repeats)
+    shape = (blocks, math.ceil(repeats / blocks))
+    ms = {name: np.zeros(shape) for name in calls}
+    faults = dict.fromkeys(calls, 0)
+    for block in range(blocks):
+        for name, call in calls.items():
+            for _ in range(warm_up):
+                jax.block_until_ready(call())
+            faults[name] -= resource.getrusage(resource.RUSAGE_SELF).ru_minflt
+            for index in range(shape[1]):
+                start = time.perf_counter()
+                jax.block_until_ready(call())
+                ms[name][block, index] = 1e3 * (time.perf_counter() - start)
+            faults[name] += resource.getrusage(resource.RUSAGE_SELF).ru_minflt
+    return {name: Timing(ms[name], faults[name] / ms[name].size) for name in calls}
+
+
+def first_calls(
+    module: str, arguments: list[str], processes: int, cache: Path | None = None
+) -> list[dict[str, float | None]]:
+    """What a module prints, as JSON, in new processes, one after the other.
+
+    Args:
+        module: Run with `python -m`.
+        arguments: Of its command line.
+        processes: How many.
+        cache: Folder of compiled programs, which outlives a process; None for none.
+    """
+    environment = os.environ | {"JAX_ENABLE_COMPILATION_CACHE": "false"}
+    if cache is not None:
+        environment |= {
+            "JAX_ENABLE_COMPILATION_CACHE": "true",
+            "JAX_COMPILATION_CACHE_DIR": str(cache),
+            "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0",
+        }
+    return [
+        json.loads(
+            subprocess.run(
+                [sys.executable, "-m", module, *arguments],
+                cwd=ROOT,
+                env=environment,
+                stdout=subprocess.PIPE,
+                check=True,
+            ).stdout
+        )
+        for _ in range(processes)
+    ]
+
+
+def sample(name: str, values: Any, unit: str) -> Metric:
+    """Median and interquartile range; nothing where nothing was measured."""
+    values = np.asarray([value for value in np.ravel(values) if value is not None])
+    if not values.size:
+        return Metric(name, None, None, unit, "lower", 0)
+    low, middle, high = (float(q) for q in np.percentile(values, (25, 50, 75)))
+    return Metric(name, middle, high - low, unit, "lower", values.size)
+
+
+def case_metrics(case: str, timing: Timing | None) -> list[Metric]:
+    """Median, minimum and page faults of a case; None where it could not run."""
+    timing = timing or Timing(np.zeros((0, 0)))
+    n = timing.ms.size
+    least = float(timing.ms.min()) if n else None
+    return [
+        sample(f"{case}.median", timing.ms, "ms"),
+        Metric(f"{case}.minimum", least, None, "ms", "lower", n),
+        Metric(f"{case}.page_faults", timing.page_faults, None, "1/call", "lower", n),
+    ]
+
+
+def peak_memory_mb() -> float | None:
+    """Largest resident memory of this process; None where there is no /proc.
+
+    Not `ru_maxrss`: it outlives the fork and the exec that started this process, and
+    would tell the peak of the parent.
+    """
+    status = Path("/proc/self/status")
+    for line in status.read_text().splitlines() if status.exists() else ():
+        if line.startswith("VmHWM:"):
+            return int(line.split()[1]) * 1024 / 1e6
+    return None
