@@ -14,7 +14,7 @@ FIT_DIALS: dict[str, tuple[Any, ...]] = {
     "all_starts": (True,),
     "solver": ("Dogleg", "GaussNewton"),
     "linear_solver": ("qr",),
-    "tolerance": (0.02, 1.0, 5.0),
+    "tolerance": (0.02, 0.2, 5.0),
     "max_steps": (2, 5),
     "kernel": ("pseudo_huber", "cauchy", "squares"),
 }

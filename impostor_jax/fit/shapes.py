@@ -56,7 +56,7 @@ from impostor_jax.fit.request import (
 )
 from impostor_jax.fit.result import STATUSES, AbstractFit, FitStatus
 from impostor_jax.fit.round_body import CylinderBody, FrustumBody, RoundBody
-from impostor_jax.fit.solve import NUM_KEPT, best_start, solve
+from impostor_jax.fit.solve import NUM_KEPT, USUAL_TOLERANCE, best_start, solve
 from impostor_jax.primitives.base import (
     AbstractPrimitive,
     in_camera_frame,
@@ -337,6 +337,7 @@ def _fit_traced(
     row, col = jnp.divmod(jnp.where(wanted <= count, index, region.size), camera.width)
     shown = (depth, region, row, col, camera, noise)
     request = dataclasses.replace(request, is_traced=True)
-    tolerance = jnp.asarray(effort.tolerance, depth.dtype)
+    # The derivatives are those at the minimum: they would err by 6 % with five times it.
+    tolerance = jnp.asarray(min(effort.tolerance, USUAL_TOLERANCE), depth.dtype)
     start = Start.at(initial)
     return solve(*shown, start, prior, request, tolerance, is_far=True)[0]

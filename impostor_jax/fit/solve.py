@@ -9,6 +9,7 @@ image against the estimate, which weighs each row, then minimize with the rows h
 __all__ = [
     "LAST_STAGES",
     "NUM_KEPT",
+    "USUAL_TOLERANCE",
     "always_true",
     "best_start",
     "evaluate",
@@ -47,6 +48,7 @@ from impostor_jax.fit.request import Request
 from impostor_jax.fit.residuals import held, surface_seen
 from impostor_jax.fit.result import AbstractFit
 from impostor_jax.fit.robust import KERNELS
+from impostor_jax.fit.round_body import RoundBody
 from impostor_jax.fit.rows import BLOCK, Kind, Rows
 from impostor_jax.primitives.base import in_camera_frame, in_world_frame
 from impostor_jax.sensor.base import AbstractDepthNoise
@@ -74,13 +76,16 @@ SETTLED = 0.02
 
 USUAL_TOLERANCE = 0.2
 """Tolerance of an `Effort`, in deviations, for which the stages' steps are given; the
-starts take it."""
+starts take it, and a traced fit takes no larger one."""
 
 MISSED_LOSS = 3.0
 """Loss of a pixel that the body should cover and does not, or the reverse."""
 
 HIDES_TILT = 0.03
 """Noise in radii from which the depth of a short object does not tell its tilt."""
+
+SHORT = 2.0
+"""Height in radii up to which an object is short."""
 
 EXPLAINED = 1.05
 """Robust deviation of the whitened residuals that leaves no doubt of a solution."""
@@ -304,7 +309,10 @@ def solve(
         start, solution, pixels, row, col, camera, units[0], prior, request, always
     )
     # Noise may hide which of two tilts is the true one.
-    is_clear = nominal <= HIDES_TILT * solution.body.radius
+    body = solution.body
+    is_clear = nominal <= HIDES_TILT * body.radius
+    if isinstance(body, RoundBody):
+        is_clear |= body.height > SHORT * body.radius
     is_clear &= fit.success & (hidden <= MOST_HIDDEN)
     return fit, is_clear & _explains(pixels, solution)
 
