@@ -11,6 +11,7 @@ PACKAGE = Path(impostor_jax.__file__).parent
 # From the lowest layer to the highest.
 LAYERS = (
     "numerics",
+    "compiling",
     "effort",
     "arguments",
     "geometry",

@@ -106,7 +106,7 @@ def surface_of(
     inner, window = _interior(valid)
     normals = _normals(1 / smooth.astype(np.float64), local, window)
     cloud = cloud[..., :3].astype(np.float64)
-    inner &= np.isfinite(normals).all(axis=-1)
+    inner = inner & np.isfinite(normals).all(axis=-1)
     index = thinned(np.flatnonzero(inner))
     return Surface(
         points=cloud[valid],

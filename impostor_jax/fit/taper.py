@@ -8,7 +8,6 @@ one degree of freedom where there is none (Wilks).
 
 __all__ = ["taper_test"]
 
-from functools import partial
 from typing import Any
 
 import jax
@@ -17,6 +16,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from impostor_jax.arguments import working_precision
 from impostor_jax.camera.pinhole import PinholeCamera
+from impostor_jax.compiling import quickly_compiled
 from impostor_jax.effort import effort_of
 from impostor_jax.fit.evidence import gather_edge, gather_pixels
 from impostor_jax.fit.minimize import lowest_loss
@@ -88,7 +88,8 @@ def taper_test(
         given = checked_depth(depth, camera), checked_mask(mask, camera)
         shown = pixels_shown(*given, camera, noise, effort.stride)
         prior = checked_prior(asked["prior"], FRUSTUM.parameters, initial)
-        statistic = _statistic(*shown, frustum.frustum, converted(prior), request)
+        compared = quickly_compiled(_statistic, static_argnames="request")
+        statistic = compared(*shown, frustum.frustum, converted(prior), request)
     if asked["errors"] == "correlated":
         # As much larger as the radii's difference varies: the ratio is Wald's square.
         plain: dict[str, Any] = asked | {"errors": "independent"}
@@ -111,7 +112,6 @@ def _of_difference(fit: AbstractFit) -> Float[Array, ""]:
     return one + two - 2 * both
 
 
-@partial(jax.jit, static_argnames="request")
 def _statistic(
     depth: Float[Array, "h w"],
     mask: Bool[Array, "h w"],
