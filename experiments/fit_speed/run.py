@@ -1,0 +1,172 @@
+"""Time fits: warm and first, alone and in batches, beside other programs, and growing.
+
+Warm fits that are compared are timed in turns, a block of calls each, so that all meet
+the machine in one state and their ratios are fair.
+"""
+
+__all__ = ["Config", "run"]
+
+import dataclasses
+import math
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import tyro
+
+from experiments.fit_speed.cases import (
+    VMAPPED,
+    View,
+    batch_cases,
+    see_can,
+    single_cases,
+    time_fits,
+)
+from experiments.fit_speed.peers import peer_metrics
+from experiments.fit_speed.report import FIRST, FIRST_PARTS, draw, table
+from experiments.fit_speed.scaling import FEW, MANY, scaling_metrics
+from experiments.recording import Metric, result_folder, save_run
+from experiments.render_speed.cases import SIGMA
+from experiments.timing import Timing, case_metrics, first_calls, sample
+
+HERE = Path(__file__).parent
+
+PROCESSES = 3
+"""New processes in which a first fit is timed."""
+
+BATCH = 32
+"""Images of a batch."""
+
+FIRST_CALL = "experiments.fit_speed.first_call"
+
+QUICK_CASE = "balanced.mask"
+"""The one that a quick run times: each effort is 15 s to compile."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Config:
+    """Measure how long fits take."""
+
+    quick: bool = False
+    """Small images, few calls, one compiled program and no other processes: a trial of
+    the code, no measurement."""
+
+    repeats: int = 60
+    """Timed calls of each warm fit; of batches and growing sizes a tenth and a fifth of
+    it."""
+
+    output: Path | None = None
+    """Folder of the results; the experiment's own by default, a temporary one with
+    --quick."""
+
+
+def single_metrics(view: View, config: Config) -> Iterator[Metric]:
+    """Warm fits of one image."""
+    calls = single_cases(view)
+    if config.quick:
+        calls = {QUICK_CASE: calls[QUICK_CASE]}
+    timings = time_fits(calls, config.repeats)
+    for case, timing in timings.items():
+        yield from case_metrics(f"single.{case}", timing)
+    for kind in ("mask", "no_mask"):
+        blocks = [
+            np.median(timings[case].ms, axis=1) if case in timings else np.zeros(0)
+            for case in (f"fast.{kind}", f"exact.{kind}")
+        ]
+        yield sample(f"single.fast_over_exact.{kind}", blocks[0] / blocks[1], "1")
+
+
+def batch_metrics(view: View, config: Config) -> Iterator[Metric]:
+    """Fits of many images, per image."""
+    calls = batch_cases(view)
+    if config.quick:
+        calls = {QUICK_CASE: calls[QUICK_CASE]}
+    repeats = math.ceil(config.repeats / 10)
+    for case, timing in time_fits(calls, repeats, warm_up=0).items():
+        count = VMAPPED if case == "vmap.mask" else len(view.depths)
+        faults = None if timing.page_faults is None else timing.page_faults / count
+        yield from case_metrics(f"batch.{case}", Timing(timing.ms / count, faults))
+
+
+def first_metrics(view: View, scratch: Path) -> Iterator[Metric]:
+    """Fits in new processes: with an empty cache each, then with what one has filled."""
+    records = {}
+    single, batch = scratch / "single.npz", scratch / "batch.npz"
+    _save(single, view, view.depths[0], view.mask)
+    _save(batch, view, view.depths, np.stack([view.mask] * len(view.depths)))
+    for effort in ("balanced", "fast"):
+        arguments = [effort, str(single)]
+        caches = [scratch / f"{effort}{index}" for index in range(PROCESSES)]
+        records[f"{effort}.empty"] = [
+            record
+            for cache in caches
+            for record in first_calls(FIRST_CALL, arguments, 1, cache)
+        ]
+        records[f"{effort}.filled"] = first_calls(
+            FIRST_CALL, arguments, PROCESSES, caches[-1]
+        )
+    filled = scratch / f"balanced{PROCESSES - 1}"
+    records["batch.filled"] = first_calls(
+        FIRST_CALL, ["balanced", str(batch)], 1, filled
+    )
+    for case in FIRST:
+        for part, unit in FIRST_PARTS.items():
+            values = [record[part] for record in records[case]]
+            yield sample(f"first.{case}.{part}", values, unit)
+
+
+def _save(path: Path, view: View, depth: np.ndarray, mask: np.ndarray) -> None:
+    lens = view.camera
+    camera = [lens.fx, lens.fy, lens.cx, lens.cy, lens.width, lens.height]
+    np.savez(path, depth=depth, mask=mask, sigma=SIGMA, camera=np.array(camera, float))
+
+
+def measure(config: Config) -> Iterator[Metric]:
+    """Measure all cases."""
+    sizes = FEW if config.quick else MANY
+    view = see_can(sizes.scales[0] if config.quick else 1.0, max(sizes.images))
+    yield from single_metrics(view, config)
+    yield from batch_metrics(view.first(BATCH), config)
+    yield from scaling_metrics(view, sizes, math.ceil(config.repeats / 5))
+    if not config.quick:
+        yield from peer_metrics(view)
+        with tempfile.TemporaryDirectory() as scratch:
+            yield from first_metrics(view.first(BATCH), Path(scratch))
+
+
+def run(config: Config) -> Path:
+    """Measure, record and draw; returns the folder of the results.
+
+    Raises:
+        ValueError: `repeats` is not positive, a fit failed, or the code is not
+            committed.
+    """
+    if config.repeats < 1:
+        raise ValueError(f"repeats must be at least 1, got {config.repeats}")
+    folder = result_folder(config.output, HERE, quick=config.quick)
+    if config.quick:
+        config = dataclasses.replace(config, repeats=min(config.repeats, 2))
+    start = time.perf_counter()
+    metrics = list(measure(config))
+    save_run(
+        folder,
+        metrics,
+        config,
+        seed=0,
+        dtype="float32",
+        seconds=time.perf_counter() - start,
+        quick=config.quick,
+    )
+    draw(folder)
+    return folder
+
+
+if __name__ == "__main__":
+    try:
+        written = run(tyro.cli(Config))
+    except ValueError as error:
+        sys.exit(str(error))
+    print(f"{table(written)}\n\nwritten to {written}")

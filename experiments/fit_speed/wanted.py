@@ -1,0 +1,41 @@
+"""What is wanted of fits, and whether a run met it."""
+
+__all__ = ["WANTED", "Wish", "is_met"]
+
+import dataclasses
+
+
+@dataclasses.dataclass(frozen=True)
+class Wish:
+    """A number that must not be exceeded.
+
+    Attributes:
+        label: What it is of.
+        metric: Its name in `results.json`.
+        most: The largest value that will do.
+        unit: Of `most` and of the metric.
+    """
+
+    label: str
+    metric: str
+    most: float
+    unit: str = "ms"
+
+
+WANTED = (
+    Wish("`balanced`, mask", "single.balanced.mask.median", 10),
+    Wish("`balanced`, no mask", "single.balanced.no_mask.median", 20),
+    Wish("`fast`, mask", "single.fast.mask.median", 3),
+    Wish("`fast`, no mask", "single.fast.no_mask.median", 10),
+    Wish("`fast` over `exact`, mask", "single.fast_over_exact.mask", 0.25, "1"),
+    Wish("batch of `balanced`, mask, an image", "batch.balanced.mask.median", 3),
+    Wish("first fit, empty cache", "first.balanced.empty.without_jax", 3000),
+    Wish("first fit, filled cache", "first.balanced.filled.without_jax", 1000),
+)
+"""Medians. A mask has at most 10000 pixels; a first fit is counted from after the import
+of JAX."""
+
+
+def is_met(wish: Wish, value: float | None) -> bool | None:
+    """Whether a value will do; None where it was not measured."""
+    return None if value is None else value <= wish.most
