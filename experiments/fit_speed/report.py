@@ -102,9 +102,10 @@ def table(folder: Path) -> str:
         lines.append(f"| {label} | {' | '.join(cells)} |")
     for curve, (label, start) in CURVES.items():
         slope = _with_spread(values[f"scaling.{curve}.exponent"])
+        name = f"{label}, {start}"
         lines += [
             "",
-            f"| {label}, {start} | median, ms | spread, ms | minimum, ms | page faults |",
+            f"| {name} | median, ms | spread, ms | minimum, ms | page faults |",
             "|--:|--:|--:|--:|--:|",
         ]
         lines += [

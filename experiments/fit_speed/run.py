@@ -16,6 +16,7 @@ from pathlib import Path
 
 import numpy as np
 import tyro
+from jaxtyping import Bool, Float
 
 from experiments.fit_speed.cases import (
     VMAPPED,
@@ -92,7 +93,7 @@ def batch_metrics(view: View, config: Config) -> Iterator[Metric]:
 
 
 def first_metrics(view: View, scratch: Path) -> Iterator[Metric]:
-    """Fits in new processes: with an empty cache each, then with what one has filled."""
+    """Fits in new processes: with an empty cache, then with the one that this fills."""
     records = {}
     single, batch = scratch / "single.npz", scratch / "batch.npz"
     _save(single, view, view.depths[0], view.mask)
@@ -118,7 +119,13 @@ def first_metrics(view: View, scratch: Path) -> Iterator[Metric]:
             yield sample(f"first.{case}.{part}", values, unit)
 
 
-def _save(path: Path, view: View, depth: np.ndarray, mask: np.ndarray) -> None:
+def _save(
+    path: Path,
+    view: View,
+    depth: Float[np.ndarray, "*n h w"],
+    mask: Bool[np.ndarray, "*n h w"],
+) -> None:
+    """Write what `first_call` reads."""
     lens = view.camera
     camera = [lens.fx, lens.fy, lens.cx, lens.cy, lens.width, lens.height]
     np.savez(path, depth=depth, mask=mask, sigma=SIGMA, camera=np.array(camera, float))

@@ -32,7 +32,7 @@ WANTED = (
     Wish("first fit, empty cache", "first.balanced.empty.without_jax", 3000),
     Wish("first fit, filled cache", "first.balanced.filled.without_jax", 1000),
 )
-"""Medians. A mask has at most 10000 pixels; a first fit is counted from after the import
+"""Medians. A mask has at most 10000 pixels; a first fit is timed from after the import
 of JAX."""
 
 
