@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, NullFormatter
 
 from experiments.fit_speed.wanted import WANTED, is_met
 from experiments.recording import read_spreads
@@ -142,8 +143,13 @@ def _bars(values: Values) -> Figure:
     spreads = np.array([spread for _, spread in shown.values()], float)
     figure = Figure(figsize=(8, 6.5), layout="constrained")
     axes = figure.subplots()
+    others = {label for case, label in CASES.items() if case.startswith("peer.")}
     axes.barh(
-        list(shown), medians, xerr=spreads / 2, color="C0", error_kw={"capsize": 3}
+        list(shown),
+        medians,
+        xerr=spreads / 2,
+        color=["C7" if label in others else "C0" for label in shown],
+        error_kw={"capsize": 3},
     )
     for row, (median, spread) in enumerate(zip(medians, spreads, strict=True)):
         where = 1.15 * (median + spread / 2)
@@ -179,7 +185,10 @@ def _curves(values: Values) -> Figure:
             axes.set_ylim(bottom=0)
         else:
             axes.set(xscale="log", yscale="log")
-        axes.legend()
+            axes.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+            axes.yaxis.set_major_formatter("{x:g}")
+            axes.yaxis.set_minor_formatter(NullFormatter())
+        axes.legend(loc="lower right", fontsize=8)
         axes.grid(alpha=0.3)
     return figure
 
