@@ -188,7 +188,8 @@ def _curves(values: Values) -> Figure:
             axes.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
             axes.yaxis.set_major_formatter("{x:g}")
             axes.yaxis.set_minor_formatter(NullFormatter())
-        axes.legend(loc="lower right", fontsize=8)
+        # Above the curves, which go from corner to corner.
+        axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1), fontsize=8)
         axes.grid(alpha=0.3)
     return figure
 
