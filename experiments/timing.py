@@ -1,6 +1,7 @@
 """How long calls take: in turns in one process, or as the first of new processes."""
 
 __all__ = [
+    "WARM_UP",
     "Timing",
     "case_metrics",
     "first_calls",

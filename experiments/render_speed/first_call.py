@@ -1,7 +1,6 @@
-"""What the first call in a new process takes; prints JSON.
+"""What the first render in a new process takes; prints JSON.
 
-`python -m experiments.render_speed.first_call FUNCTION SHRINK IMAGE`, where FUNCTION is
-render or fit_cylinder, and IMAGE a .npy file that holds the depth image to fit.
+`python -m experiments.render_speed.first_call SHRINK`
 """
 
 __all__ = ["main"]
@@ -13,25 +12,20 @@ import time
 
 def main() -> None:
     """Time the import, the making of the arguments and the call, in milliseconds."""
-    function, shrink, image = sys.argv[1], int(sys.argv[2]), sys.argv[3]
+    shrink = int(sys.argv[1])
     start = time.perf_counter()
     import jax
-    import numpy as np
 
     import impostor_jax as ij
 
-    called = getattr(ij, function)
+    render = ij.render
     imported = time.perf_counter()
-    from experiments.render_speed.cases import SIGMA, make_camera, make_can
+    from experiments.render_speed.cases import make_camera, make_can
     from experiments.timing import peak_memory_mb
 
-    camera = make_camera(shrink)
-    if function == "render":
-        arguments = {"primitive": jax.block_until_ready(make_can())}
-    else:
-        arguments = {"depth": np.load(image), "sigma": SIGMA}
+    can, camera = jax.block_until_ready(make_can()), make_camera(shrink)
     ready = time.perf_counter()
-    jax.block_until_ready(called(camera=camera, **arguments))
+    jax.block_until_ready(render(can, camera))
     done = time.perf_counter()
     record = {
         "import": 1e3 * (imported - start),

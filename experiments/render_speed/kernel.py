@@ -1,18 +1,20 @@
-"""The same render by `kernel.c`, compiled here and called through ctypes."""
+"""The functions of `kernel.c`, compiled here and called through ctypes."""
 
-__all__ = ["c_render"]
+__all__ = ["Kernel", "compile_kernel"]
 
 import ctypes
-import functools
 import math
 import subprocess
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
 import impostor_jax as ij
+from experiments.render_speed.cases import rows_of
+from experiments.render_speed.drawing import Drawing
 
 THREADS = 2
 
@@ -21,26 +23,75 @@ FLAGS = (
 ).split()
 
 
-def c_render(
-    can: ij.Cylinder,
-    camera: ij.PinholeCamera,
-    expected: Float[np.ndarray, "h w"],
-    scratch: Path,
-) -> Callable[[], object] | None:
-    """Compile the kernel and bind it to buffers of its own.
+class Kernel:
+    """Calls of the kernel, each bound to buffers that it keeps.
 
     Args:
-        can: What is drawn, in the camera frame.
-        camera: Without a lens and a pose.
-        expected: Depth that the kernel must draw.
-        scratch: Folder of the library, which lives as long as the call is used.
+        library: The compiled kernel.
+    """
+
+    def __init__(self, library: ctypes.CDLL):
+        self._library = library
+
+    def frame(
+        self, can: ij.Cylinder, camera: ij.PinholeCamera, planes: bool
+    ) -> Drawing:
+        """Depth, normal and mask; normals as (3, h, w) planes or (h, w, 3) vectors."""
+        shape = camera.height, camera.width
+        depth, mask = np.zeros(shape, np.float32), np.zeros(shape, np.uint8)
+        normal = np.zeros((3, *shape) if planes else (*shape, 3), np.float32)
+        call = _bound(
+            self._library.frame,
+            rows_of(can).astype(np.float32),
+            *_view(camera),
+            planes,
+            *(depth, normal, mask),
+        )
+        return _drawing(call, depth)
+
+    def scene(self, cylinders: ij.Cylinder, camera: ij.PinholeCamera) -> Drawing:
+        """Depth, index, normal planes and mask of the closest of a batch."""
+        shape, rows = (camera.height, camera.width), rows_of(cylinders)
+        depth, index = np.zeros(shape, np.float32), np.zeros(shape, np.int32)
+        normal, mask = np.zeros((3, *shape), np.float32), np.zeros(shape, np.uint8)
+        call = _bound(
+            self._library.scene,
+            rows.astype(np.float32),
+            len(rows),
+            *_view(camera),
+            np.zeros((len(rows), 4), np.int32),
+            *(depth, index, normal, mask),
+        )
+        return _drawing(call, depth)
+
+    def loss(
+        self,
+        can: ij.Cylinder,
+        camera: ij.PinholeCamera,
+        target: Float[np.ndarray, "h w"],
+    ) -> Callable[[], Float[np.ndarray, "9"]]:
+        """Loss and derivatives in center, axis, radius and height, on all pixels."""
+        found = np.zeros(9)
+        call = _bound(
+            self._library.loss,
+            rows_of(can).astype(np.float32),
+            *_view(camera),
+            target.astype(np.float32),
+            found,
+        )
+
+        def value_and_gradient() -> Float[np.ndarray, "9"]:
+            call()
+            return found
+
+        return value_and_gradient
+
+
+def compile_kernel(scratch: Path) -> Kernel | None:
+    """Compile the kernel into a folder, which lives as long as the kernel is used.
 
     Returns:
-        A call that draws depth, normal and mask; None where there is no gcc or it does
-        not know the flags, which is printed.
-
-    Raises:
-        ValueError: The kernel draws another image.
+        None where there is no gcc or it does not know the flags, which is printed.
     """
     library = scratch / "kernel.so"
     source = Path(__file__).with_name("kernel.c")
@@ -49,34 +100,32 @@ def c_render(
     except (OSError, subprocess.CalledProcessError) as error:
         print(f"the kernel in C is left out: {error}")
         return None
-    function = ctypes.CDLL(str(library)).render
-    function.restype = None
-    sizes = [np.asarray(size)[None] for size in (can.radius, can.height)]
-    cylinder = np.concatenate([can.center, can.axis, *sizes]).astype(np.float32)
+    return Kernel(ctypes.CDLL(str(library)))
+
+
+def _view(camera: ij.PinholeCamera) -> tuple[Any, ...]:
+    """Arguments that all functions take: the camera, the threads, a miss's depth."""
     pinhole = np.array([camera.fx, camera.fy, camera.cx, camera.cy], np.float32)
-    depth = np.zeros(expected.shape, np.float32)
-    normal = np.zeros((*expected.shape, 3), np.float32)
-    mask = np.zeros(expected.shape, np.uint8)
-    # A pointer made by data_as keeps its array alive.
-    pointers = [
-        array.ctypes.data_as(ctypes.c_void_p)
-        for array in (cylinder, pinhole, depth, normal, mask)
+    return pinhole, camera.width, camera.height, THREADS, math.inf
+
+
+def _bound(function: Any, *arguments: Any) -> Callable[[], None]:
+    """The call of a function; it keeps the arrays among its arguments alive."""
+    function.restype = None
+    converted = [
+        argument.ctypes.data_as(ctypes.c_void_p)  # which holds the array
+        if isinstance(argument, np.ndarray)
+        else (ctypes.c_float if isinstance(argument, float) else ctypes.c_int)(argument)
+        for argument in arguments
     ]
-    call = functools.partial(
-        function,
-        *pointers[:2],
-        *(ctypes.c_int(n) for n in (camera.width, camera.height, THREADS)),
-        ctypes.c_float(math.inf),
-        *pointers[2:],
-    )
-    call()
-    both = (mask > 0) & np.isfinite(expected)
-    flips = np.count_nonzero((mask > 0) != np.isfinite(expected))
-    difference = np.median(np.abs(depth[both] - expected[both]))
-    # Rays along the outline may fall on either side.
-    if not difference < 1e-6 or flips > 0.01 * np.count_nonzero(both):
-        raise ValueError(
-            "C and JAX must draw the same image, got a median difference of "
-            f"{difference} meters and {flips} pixels that only one of them hits"
-        )
-    return call
+    return lambda: function(*converted)
+
+
+def _drawing(call: Callable[[], None], depth: Float[np.ndarray, "h w"]) -> Drawing:
+    """A call, and the buffer that it fills with depth."""
+
+    def drawn() -> Float[np.ndarray, "h w"]:
+        call()
+        return depth
+
+    return Drawing(call, drawn)

@@ -1,87 +1,161 @@
-"""The table and the figure of the README, from results.json."""
+"""The tables and the figures of the README, from results.json."""
 
 __all__ = ["draw", "table"]
 
 from pathlib import Path
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from experiments.recording import read_spreads
+from experiments.render_speed.names import FIRST, GROUPS, RATIOS, Group
 from impostor_jax.io.atomic import write_atomically
 
-LABELS = {
-    "frame_c": "depth, normal, mask: C",
-    "frame_jax": "depth, normal, mask",
-    "depth_only": "depth",
-    "tile": "depth, normal, mask on a tile",
-    "many_gl": "10000 cylinders: OpenGL, read back",
-    "many_jax": "10000 cylinders: every ray at every one",
-    "many_scene": "10000 cylinders: as a scene",
-    "scene_cylinders": "1000 cylinders as a scene",
-    "scene_mixed": "1000 mixed shapes as a scene",
-    "gradient_tile": "loss and gradient on a tile",
-    "gradient_own_tile": "loss and gradient, tile placed inside",
-    "fit_mask": "fit with a mask",
-    "fit_no_mask": "fit without a mask",
-    "first_render": "first render of a process",
-    "first_fit": "first fit of a process",
+CURVE_LABELS = {
+    "pixels": "pixels of an image of one can",
+    "cylinders": "cylinders of a scene",
+    "batch": "cans of a batch: loss and gradient",
+    "parameters": "parameters of a scene: loss and gradient",
 }
-"""Cases that have a median."""
+"""What grows, by the name of the curve."""
 
-OTHERS = {
-    "frame.ratio_of_jax_to_c": "depth, normal, mask: JAX / C",
-    "first_render.import": "import before the first render, ms",
-    "first_render.arguments": "its camera and cylinder, ms",
-    "first_render.memory": "its peak resident memory, MB",
-    "first_fit.import": "import before the first fit, ms",
-    "first_fit.arguments": "its camera and image, ms",
-    "first_fit.memory": "its peak resident memory, MB",
-}
-"""Other metrics."""
+Spreads = dict[str, tuple[float | None, float | None]]
+Points = list[tuple[int, float, float]]
 
 
 def table(folder: Path) -> str:
     """Results of a folder in Markdown; what was not measured is left blank."""
     values = read_spreads(folder)
-    lines = [
-        "| case | median, ms | spread, ms | minimum, ms | page faults |",
-        "|---|--:|--:|--:|--:|",
+    lines: list[str] = []
+    for name, group in GROUPS.items():
+        lines += [
+            f"| {group.title} | median, ms | spread, ms | minimum, ms | page faults |",
+            "|---|--:|--:|--:|--:|",
+        ]
+        for case, label in group.labels.items():
+            others = (
+                values[f"{name}.{case}.{key}"][0] for key in ("minimum", "page_faults")
+            )
+            lines.append(_row(label, *values[f"{name}.{case}.median"], *others))
+        lines.append("")
+    lines += ["| ratio | median | spread | wanted | met |", "|---|--:|--:|--:|---|"]
+    for name, ratio in RATIOS.items():
+        value, spread = values[f"ratio.{name}"]
+        known = value is not None and ratio.wanted is not None
+        met = ("yes" if value <= ratio.wanted else "no") if known else ""
+        wanted = f"{ratio.wanted:g}" if ratio.wanted is not None else ""
+        lines.append(f"{_row(ratio.label, value, spread)} {wanted} | {met} |")
+    lines += [
+        "",
+        "| time against | program | smallest, ms | largest, ms | exponent |",
+        "|---|---|--:|--:|--:|",
     ]
-    for case, label in LABELS.items():
-        least, faults = values[f"{case}.minimum"][0], values[f"{case}.page_faults"][0]
-        numbers = (*values[f"{case}.median"], least, faults)
-        lines.append(_row(label, numbers))
-    lines += ["", "| quantity | median | spread |", "|---|--:|--:|"]
-    lines += [_row(label, values[name]) for name, label in OTHERS.items()]
+    for name, label in CURVE_LABELS.items():
+        for program, points in _curves(values, name).items():
+            exponent = values[f"scaling.{name}.{program}.exponent"][0]
+            ends = [
+                f"{_number(time)} ({size})" for size, time, _ in (points[0], points[-1])
+            ]
+            cells = [label, program, *ends, _number(exponent)]
+            lines.append(f"| {' | '.join(cells)} |")
+    lines += [
+        "",
+        "| in a new process | median | spread |",
+        "|---|--:|--:|",
+    ]
+    for kind, label in FIRST.items():
+        for key, text in (
+            ("call", f"{label}, ms"),
+            ("import", "import before it, ms"),
+            ("arguments", "its camera and cylinder, ms"),
+            ("memory", "peak resident memory, MB"),
+        ):
+            lines.append(_row(text, *values[f"first.{kind}.{key}"]))
     return "\n".join(lines)
 
 
 def draw(folder: Path) -> None:
-    """Draw the medians of a folder's results as bars, on a logarithmic axis."""
+    """Draw the medians as bars and the scaling as curves, on logarithmic axes."""
     values = read_spreads(folder)
-    cases = [case for case in LABELS if values[f"{case}.median"][0] is not None]
-    medians, spreads = np.array([values[f"{case}.median"] for case in cases]).T
-    figure = Figure(figsize=(8, 4.5), layout="constrained")
-    axes = figure.subplots()
-    axes.barh(
-        [LABELS[case] for case in cases],
-        medians,
-        xerr=spreads / 2,
-        color=["tab:orange" if case == "frame_c" else "tab:blue" for case in cases],
-        error_kw={"capsize": 3},
+    rows = [len(group.labels) for group in GROUPS.values()]
+    bars = Figure(figsize=(9, 1.5 + 0.27 * sum(rows)), layout="constrained")
+    panels = bars.subplots(len(GROUPS), 1, sharex=True, height_ratios=rows)
+    for axes, (name, group) in zip(panels, GROUPS.items(), strict=True):
+        _bars(axes, values, name, group)
+    panels[-1].set_xlabel(
+        "median time in ms; whiskers as wide as the interquartile range"
     )
-    for row, (median, spread) in enumerate(zip(medians, spreads, strict=True)):
-        where = 1.15 * (median + spread / 2)
-        axes.text(where, row, f"{_number(median)} ms", va="center", fontsize=8)
+    write_atomically(folder / "figures" / "render_speed.png", bars.savefig)
+    curves = Figure(figsize=(10, 7), layout="constrained")
+    for axes, (name, label) in zip(
+        curves.subplots(2, 2).flat, CURVE_LABELS.items(), strict=True
+    ):
+        _lines(axes, values, name)
+        axes.set_xlabel(label)
+    write_atomically(folder / "figures" / "scaling.png", curves.savefig)
+
+
+def _bars(axes: Axes, values: Spreads, name: str, group: Group) -> None:
+    """One bar for each case that was measured; those of C stand out."""
+    for case, label in group.labels.items():
+        median, spread = values[f"{name}.{case}.median"]
+        if median is None or spread is None:
+            continue
+        color = "tab:blue" if _is_ours(case) else "tab:gray"
+        color = "tab:orange" if case.split("_")[0] == "c" else color
+        axes.barh(label, median, xerr=spread / 2, color=color, error_kw={"capsize": 2})
+        where = 1.1 * (median + spread / 2)
+        axes.text(where, label, f"{_number(median)} ms", va="center", fontsize=8)
     axes.set_xscale("log")
-    axes.set_xlim(medians.min() / 4, medians.max() * 8)
+    axes.margins(x=0.15)
     axes.invert_yaxis()
-    axes.set_xlabel("median time in ms; whiskers as wide as the interquartile range")
-    write_atomically(folder / "figures" / "render_speed.png", figure.savefig)
+    axes.set_title(group.title, loc="left", fontsize=9, fontweight="bold")
+    axes.tick_params(axis="y", labelsize=8)
+    axes.grid(axis="x", alpha=0.3)
 
 
-def _row(label: str, numbers: tuple[float | None, ...]) -> str:
+def _lines(axes: Axes, values: Spreads, name: str) -> None:
+    """Time against size for each program, with its exponent in the legend."""
+    for program, points in _curves(values, name).items():
+        size, median, spread = np.array(points).T
+        exponent = values[f"scaling.{name}.{program}.exponent"][0]
+        label = {"jax": "render", "c": "C"}[program]
+        if exponent is not None:
+            label += f", exponent {exponent:.2f}"
+        color = "tab:orange" if program == "c" else "tab:blue"
+        axes.errorbar(
+            *(size, median, spread / 2),
+            fmt="o-",
+            color=color,
+            capsize=3,
+            label=label,
+        )
+    axes.set_xscale("log")
+    axes.set_yscale("log")
+    axes.set_ylabel("median time, ms")
+    axes.grid(alpha=0.3)
+    axes.legend()
+
+
+def _curves(values: Spreads, name: str) -> dict[str, Points]:
+    """Size, median and spread of the points of a curve, by program."""
+    found: dict[str, Points] = {}
+    for metric, (median, spread) in values.items():
+        kind, *rest = metric.split(".")
+        if kind != "scaling" or rest[0] != name or rest[2] == "exponent":
+            continue
+        assert median is not None
+        assert spread is not None
+        found.setdefault(rest[1], []).append((int(rest[2]), median, spread))
+    return found
+
+
+def _is_ours(case: str) -> bool:
+    return case.split("_")[0] in ("frame", "depth", "tile", "loss", "scene", "mixed")
+
+
+def _row(label: str, *numbers: float | None) -> str:
     return f"| {' | '.join([label, *map(_number, numbers)])} |"
 
 

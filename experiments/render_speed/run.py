@@ -1,73 +1,62 @@
-"""Time renders, gradients and fits, beside a kernel in C that does a render's work.
+"""Time renders and their gradients, beside C and other programs that do the same.
 
-The kernel and the renderer are timed in turns, a block of calls each, so that both meet
-the machine in one state and their ratio is fair.
+What is compared is timed in turns, a block of calls each, so that all meet the machine
+in one state and their ratios are fair. Before that, all must draw the same image.
 """
 
 __all__ = ["Config", "run"]
 
+import contextlib
 import dataclasses
+import math
 import sys
 import tempfile
 import time
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import tyro
 
-import impostor_jax as ij
 from experiments.recording import Metric, result_folder, save_run
-from experiments.render_speed.cases import (
-    jax_cases,
-    make_camera,
-    make_can,
-    make_many,
-    noisy_image,
-)
-from experiments.render_speed.kernel import c_render
+from experiments.render_speed.cases import make_camera, make_can, make_view
+from experiments.render_speed.kernel import compile_kernel
+from experiments.render_speed.names import FIRST, GROUPS, RATIOS
 from experiments.render_speed.report import draw, table
-from experiments.timing import (
-    Timing,
-    case_metrics,
-    first_calls,
-    sample,
-    time_in_turns,
+from experiments.render_speed.scaling import measure_scaling
+from experiments.render_speed.workloads import (
+    Calls,
+    Tools,
+    can_calls,
+    scene_calls,
 )
+from experiments.timing import Timing, case_metrics, first_calls, sample, time_in_turns
 from impostor_jax.glsl.offscreen import DriverError, OffscreenRenderer
-from impostor_jax.glsl.reference import draw_with_jax
 
 HERE = Path(__file__).parent
 
 SEED = 0
 
 PROCESSES = 3
-"""New processes in which a first call is timed."""
+"""New processes of each kind in which a first call is timed."""
 
-MANY = 10_000
-"""Cylinders that are drawn at once, with OpenGL and with JAX."""
+SHRINK = 4
+"""How many times coarser the pixels of a quick run are."""
 
-MANY_REPEATS = 3
-"""Timed calls of these: the one in JAX takes many seconds."""
-
-SLOW = ("fit_mask", "fit_no_mask", "first_fit", "scene_mixed", "scene_cylinders")
-"""Cases that a quick run leaves out: they take 5 to 10 s to compile."""
+FEW = 4
+"""Cylinders of every scene of a quick run, for which one program is compiled."""
 
 FIRST_CALL = "experiments.render_speed.first_call"
-
-FIRST = {"first_render": "render", "first_fit": "fit_cylinder"}
-"""Cases that are timed in new processes, and the function that each calls."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Config:
-    """Measure how long renders, gradients and fits take."""
+    """Measure how long renders and gradients take, beside other programs."""
 
     quick: bool = False
-    """Small image, few calls and no fits: a trial of the code, no measurement."""
+    """Small images, few cylinders and calls: a trial of the code, no measurement."""
 
     repeats: int = 200
-    """Timed calls of each case."""
+    """Timed calls of a case of the can; slower cases take a share of them."""
 
     output: Path | None = None
     """Folder of the results; the experiment's own by default, a temporary one with
@@ -75,84 +64,88 @@ class Config:
 
 
 def measure(config: Config) -> list[Metric]:
-    """Measure all cases."""
-    shrink = 4 if config.quick else 1
-    can, camera = make_can(), make_camera(shrink)
-    depth = np.asarray(ij.render(can, camera).depth)
-    image = noisy_image(depth, SEED)
+    """Measure all cases, ratios, curves and first calls."""
+    camera = make_camera(SHRINK if config.quick else 1)
     metrics: list[Metric] = []
-    with tempfile.TemporaryDirectory() as folder:
-        scratch = Path(folder)
-        frame: dict[str, Callable[[], object]] = {
-            "frame_jax": lambda: ij.render(can, camera)
-        }
-        in_c = c_render(can, camera, depth, scratch)
-        if in_c is not None:
-            frame["frame_c"] = in_c
-        timings = time_in_turns(frame, config.repeats)
-        for case in ("frame_c", "frame_jax"):
-            metrics += case_metrics(case, timings.get(case))
-        ratios = (
-            []
-            if in_c is None
-            else np.median(timings["frame_jax"].ms, axis=1)
-            / np.median(timings["frame_c"].ms, axis=1)
+    timings: dict[str, Timing] = {}
+    with tempfile.TemporaryDirectory() as folder, contextlib.ExitStack() as stack:
+        renderer = None
+        with contextlib.suppress(DriverError):
+            renderer = stack.enter_context(OffscreenRenderer())
+        tools = Tools(compile_kernel(Path(folder)), renderer)
+
+        def calls_of(group: str) -> Calls:
+            if group == "can640":
+                return can_calls(camera, tools, loss=True)
+            if group == "can1920":
+                large = camera if config.quick else make_view(1920, 1080)
+                return can_calls(large, tools, loss=False)
+            count = int(group.removeprefix("scene"))
+            mixed = "mixed" in GROUPS[group].labels and not config.quick
+            count = FEW if config.quick else count
+            return scene_calls(count, SEED, camera, tools, mixed)
+
+        for name, group in GROUPS.items():
+            repeats = math.ceil(group.share * config.repeats)
+            found = time_in_turns(calls_of(name), repeats, group.warm_up)
+            for case in group.labels:
+                metrics += case_metrics(f"{name}.{case}", found.get(case))
+            timings |= {f"{name}.{case}": timing for case, timing in found.items()}
+        metrics += measure_scaling(
+            camera, tools.kernel, config.repeats, quick=config.quick
         )
-        metrics.append(sample("frame.ratio_of_jax_to_c", ratios, "1"))
-        for case, call in jax_cases(can, camera, image).items():
-            left_out = config.quick and case in SLOW
-            timings = {} if left_out else time_in_turns({case: call}, config.repeats)
-            metrics += case_metrics(case, timings.get(case))
-        timings = time_many(camera, MANY // 100 if config.quick else MANY)
-        for case in ("many_gl", "many_jax", "many_scene"):
-            metrics += case_metrics(case, timings.get(case))
-        np.save(scratch / "image.npy", image)
-        for case, function in FIRST.items():
-            processes = 1 if config.quick else PROCESSES
-            if config.quick and case in SLOW:
-                processes = 0
-            arguments = [function, str(shrink), str(scratch / "image.npy")]
-            records = first_calls(FIRST_CALL, arguments, processes)
-            calls = np.array([[record["call"] for record in records]])
-            metrics += case_metrics(case, Timing(calls))
-            for name, unit in (
-                ("import", "ms"),
-                ("arguments", "ms"),
-                ("memory", "MB"),
-            ):
-                values = [record[name] for record in records]
-                metrics.append(sample(f"{case}.{name}", values, unit))
+    return metrics + ratios(timings) + measure_first_calls(config)
+
+
+def ratios(timings: dict[str, Timing]) -> list[Metric]:
+    """Median and spread, over the blocks, of the ratio of two cases' medians."""
+    metrics = []
+    for name, ratio in RATIOS.items():
+        values = []
+        if ratio.top in timings and ratio.bottom in timings:
+            top, bottom = (
+                np.median(timings[case].ms, axis=1)
+                for case in (ratio.top, ratio.bottom)
+            )
+            values = top / bottom / ratio.scale
+        metrics.append(sample(f"ratio.{name}", values, "1"))
     return metrics
 
 
-def time_many(camera: ij.PinholeCamera, count: int) -> dict[str, Timing]:
-    """Time many cylinders at once; without OpenGL only in JAX."""
-    cylinders = make_many(count, SEED)
-    scene, outputs = ij.Scene([cylinders]), ("depth", "normal", "index")
-    calls: dict[str, Callable[[], object]] = {
-        "many_jax": lambda: draw_with_jax(cylinders, camera).depth,
-        "many_scene": lambda: ij.render(scene, camera, outputs),
-    }
-    try:
-        renderer = OffscreenRenderer()
-    except DriverError:
-        return time_in_turns(calls, MANY_REPEATS, warm_up=1)
-    with renderer:
-        calls["many_gl"] = lambda: renderer.draw(cylinders, camera).depth
-        return time_in_turns(calls, MANY_REPEATS, warm_up=1)
+def measure_first_calls(config: Config) -> list[Metric]:
+    """Time the first render of new processes, in pairs that share a cache."""
+    arguments = [str(SHRINK if config.quick else 1)]
+    records: dict[str, list[dict[str, float | None]]] = {kind: [] for kind in FIRST}
+    for _ in range(1 if config.quick else PROCESSES):
+        with tempfile.TemporaryDirectory() as cache:
+            pair = first_calls(FIRST_CALL, arguments, len(FIRST), Path(cache))
+        for kind, record in zip(FIRST, pair, strict=True):
+            records[kind].append(record)
+    metrics = []
+    for kind, found in records.items():
+        for name, unit in (
+            ("call", "ms"),
+            ("import", "ms"),
+            ("arguments", "ms"),
+            ("memory", "MB"),
+        ):
+            values = [record[name] for record in found]
+            metrics.append(sample(f"first.{kind}.{name}", values, unit))
+    return metrics
 
 
 def run(config: Config) -> Path:
     """Measure, record and draw; returns the folder of the results.
 
     Raises:
-        ValueError: `repeats` is not positive, or the code is not committed.
+        ValueError: `repeats` is not positive, the code is not committed, or two
+            programs do different work.
     """
     if config.repeats < 1:
         raise ValueError(f"repeats must be at least 1, got {config.repeats}")
     folder = result_folder(config.output, HERE, quick=config.quick)
     if config.quick:
-        config = dataclasses.replace(config, repeats=min(config.repeats, 4))
+        config = dataclasses.replace(config, repeats=min(config.repeats, 2))
     start = time.perf_counter()
     metrics = measure(config)
     save_run(
