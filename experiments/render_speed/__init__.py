@@ -1,1 +1,1 @@
-"""Time of a render, of its gradient and of a fit; the render beside C."""
+"""Time of a render and of its gradient, beside C and other programs."""

@@ -112,13 +112,17 @@ def _view(camera: ij.PinholeCamera) -> tuple[Any, ...]:
 def _bound(function: Any, *arguments: Any) -> Callable[[], None]:
     """The call of a function; it keeps the arrays among its arguments alive."""
     function.restype = None
-    converted = [
-        argument.ctypes.data_as(ctypes.c_void_p)  # which holds the array
-        if isinstance(argument, np.ndarray)
-        else (ctypes.c_float if isinstance(argument, float) else ctypes.c_int)(argument)
-        for argument in arguments
-    ]
+    converted = [_converted(argument) for argument in arguments]
     return lambda: function(*converted)
+
+
+def _converted(argument: Any) -> Any:
+    """An argument in C's words; a pointer made by data_as holds its array."""
+    if isinstance(argument, np.ndarray):
+        return argument.ctypes.data_as(ctypes.c_void_p)
+    if isinstance(argument, float):
+        return ctypes.c_float(argument)
+    return ctypes.c_int(argument)
 
 
 def _drawing(call: Callable[[], None], depth: Float[np.ndarray, "h w"]) -> Drawing:

@@ -32,14 +32,21 @@ VARIANTS = ("llvm_ad_rgb", "scalar_rgb")
 """Of Mitsuba, the first that runs: the former needs LLVM's library."""
 
 
+def _ray_slopes(
+    camera: ij.PinholeCamera,
+) -> tuple[Float[np.ndarray, "1 w"], Float[np.ndarray, "h 1"]]:
+    """The rays' x/z of every column and y/z of every row."""
+    x = (np.arange(camera.width) - float(camera.cx)) / float(camera.fx)
+    y = (np.arange(camera.height) - float(camera.cy)) / float(camera.fy)
+    return x[None], y[:, None]
+
+
 def draw_with_numpy(can: ij.Cylinder, camera: ij.PinholeCamera) -> Drawing:
     """The formula of `kernel.c`, on arrays of all pixels in single precision."""
     row = rows_of(can)[0].astype(np.float32)
     c, a, radius, half = row[:3], row[3:6], row[6], row[7] / 2
     w, c_a = np.cross(a, c), c @ a
-    fx, fy, cx, cy = np.float32([camera.fx, camera.fy, camera.cx, camera.cy])
-    x = (np.arange(camera.width, dtype=np.float32) - cx) / fx
-    y = ((np.arange(camera.height, dtype=np.float32) - cy) / fy)[:, None]
+    x, y = (pixels.astype(np.float32) for pixels in _ray_slopes(camera))
 
     def call() -> tuple[np.ndarray, ...]:
         d_a, d_c, d_w = (x * v[0] + (y * v[1] + v[2]) for v in (a, c, w))
@@ -94,10 +101,9 @@ def draw_with_mitsuba(
         return image
 
     def depth() -> Float[np.ndarray, "h w"]:
-        x = (np.arange(camera.width) - camera.cx) / camera.fx
-        y = (np.arange(camera.height) - camera.cy) / camera.fy
+        x, y = _ray_slopes(camera)
         along = np.array(call())[..., 0]  # the length of the ray
-        z = NEAR + along / np.sqrt(1 + x**2 + y[:, None] ** 2)
+        z = NEAR + along / np.sqrt(1 + x**2 + y**2)
         return np.where(along > 0, z, np.inf)
 
     return Drawing(call, depth)
@@ -168,10 +174,9 @@ def draw_with_open3d(
     made = o3d.t.geometry.RaycastingScene()
     points, triangles = _mesh(cylinders)
     made.add_triangles(o3d.core.Tensor(points), o3d.core.Tensor(triangles))
-    x = (np.arange(camera.width) - camera.cx) / camera.fx
-    y = (np.arange(camera.height) - camera.cy) / camera.fy
+    x, y = _ray_slopes(camera)
     rays = np.zeros((camera.height, camera.width, 6), np.float32)
-    rays[..., 3], rays[..., 4], rays[..., 5] = x, y[:, None], 1
+    rays[..., 3], rays[..., 4], rays[..., 5] = x, y, 1
     rays = o3d.core.Tensor(rays)
     return Drawing(
         lambda: made.cast_rays(rays),

@@ -42,10 +42,10 @@ def table(folder: Path) -> str:
     lines += ["| ratio | median | spread | wanted | met |", "|---|--:|--:|--:|---|"]
     for name, ratio in RATIOS.items():
         value, spread = values[f"ratio.{name}"]
-        known = value is not None and ratio.wanted is not None
-        met = ("yes" if value <= ratio.wanted else "no") if known else ""
-        wanted = f"{ratio.wanted:g}" if ratio.wanted is not None else ""
-        lines.append(f"{_row(ratio.label, value, spread)} {wanted} | {met} |")
+        met = ""
+        if value is not None and ratio.wanted is not None:
+            met = "yes" if value <= ratio.wanted else "no"
+        lines.append(f"{_row(ratio.label, value, spread, ratio.wanted)} {met} |")
     lines += [
         "",
         "| time against | program | smallest, ms | largest, ms | exponent |",
@@ -98,20 +98,23 @@ def draw(folder: Path) -> None:
 
 def _bars(axes: Axes, values: Spreads, name: str, group: Group) -> None:
     """One bar for each case that was measured; those of C stand out."""
+    labels = []
     for case, label in group.labels.items():
         median, spread = values[f"{name}.{case}.median"]
         if median is None or spread is None:
             continue
+        row = len(labels)
+        labels.append(label)
         color = "tab:blue" if _is_ours(case) else "tab:gray"
         color = "tab:orange" if case.split("_")[0] == "c" else color
-        axes.barh(label, median, xerr=spread / 2, color=color, error_kw={"capsize": 2})
+        axes.barh(row, median, xerr=spread / 2, color=color, error_kw={"capsize": 2})
         where = 1.1 * (median + spread / 2)
-        axes.text(where, label, f"{_number(median)} ms", va="center", fontsize=8)
+        axes.text(where, row, f"{_number(median)} ms", va="center", fontsize=8)
+    axes.set_yticks(range(len(labels)), labels, fontsize=8)
     axes.set_xscale("log")
     axes.margins(x=0.15)
     axes.invert_yaxis()
     axes.set_title(group.title, loc="left", fontsize=9, fontweight="bold")
-    axes.tick_params(axis="y", labelsize=8)
     axes.grid(axis="x", alpha=0.3)
 
 

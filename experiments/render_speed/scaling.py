@@ -120,8 +120,8 @@ def _batch(count: int, camera: ij.PinholeCamera, kernel: Kernel | None) -> Calls
     center = np.tile(np.asarray(can.center), (count, 1))
     center[:, 0] += np.linspace(0, 0.01, count)
     axis = np.tile(np.asarray(can.axis), (count, 1))
-    sizes = (np.full(count, float(size)) for size in (can.radius, can.height))
-    cans = ij.Cylinder(center, axis, *sizes)
+    radius, height = np.full(count, can.radius), np.full(count, can.height)
+    cans = ij.Cylinder(center, axis, radius, height)
     target = ij.render(make_can(grown=1.02), view, ("depth",)).depth
     assert target is not None
 
