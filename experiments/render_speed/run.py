@@ -107,7 +107,9 @@ def ratios(timings: dict[str, Timing]) -> list[Metric]:
                 np.median(timings[case].ms, axis=1)
                 for case in (ratio.top, ratio.bottom)
             )
-            values = top / bottom / ratio.scale
+            # Two groups may have different numbers of blocks, with few repeats.
+            n = min(len(top), len(bottom))
+            values = top[:n] / bottom[:n] / ratio.scale
         metrics.append(sample(f"ratio.{name}", values, "1"))
     return metrics
 
