@@ -7,8 +7,8 @@ it casts (a tree, a mesh) is not timed.
 
 __all__ = ["draw_with_gl", "draw_with_mitsuba", "draw_with_numpy", "draw_with_open3d"]
 
+import functools
 import importlib
-import importlib.util
 from typing import Any
 
 import numpy as np
@@ -86,9 +86,9 @@ def draw_with_mitsuba(
 
     The camera's principal point must be the middle of the image.
     """
-    if importlib.util.find_spec("mitsuba") is None:
+    mi, dr = _module("mitsuba"), _module("drjit")
+    if mi is None or dr is None:
         return None
-    mi, dr = importlib.import_module("mitsuba"), importlib.import_module("drjit")
     if mi.variant() is None:
         _choose_variant(mi)
     parts = {**_sensor(mi, camera), **_solids(mi, cylinders)}
@@ -107,6 +107,16 @@ def draw_with_mitsuba(
         return np.where(along > 0, z, np.inf)
 
     return Drawing(call, depth)
+
+
+@functools.cache
+def _module(name: str) -> Any:
+    """A program's module; None where it or a library of the system is missing."""
+    try:
+        return importlib.import_module(name)
+    except ImportError as error:
+        print(f"{name} is left out: {error}")
+        return None
 
 
 def _choose_variant(mi: Any) -> None:
@@ -168,9 +178,9 @@ def draw_with_open3d(
     cylinders: ij.Cylinder, camera: ij.PinholeCamera
 ) -> Drawing | None:
     """A mesh in Embree; the rays are made before."""
-    if importlib.util.find_spec("open3d") is None:
+    o3d = _module("open3d")
+    if o3d is None:
         return None
-    o3d = importlib.import_module("open3d")
     made = o3d.t.geometry.RaycastingScene()
     points, triangles = _mesh(cylinders)
     made.add_triangles(o3d.core.Tensor(points), o3d.core.Tensor(triangles))
