@@ -25,15 +25,12 @@ SEGMENTS = 64
 MESH_TOLERANCE = 1e-4
 """Median difference of a mesh's depth, in meters: 0.0012 radii lie outside of it."""
 
-NEAR = 0.01
-"""Depth in meters from which Mitsuba casts and counts."""
-
 ROUNDING = 1e-5
 """Median difference of Mitsuba's depth, in meters: its formula rounds to 3e-6 m on
 cylinders of 5 mm, a meter away."""
 
-VARIANTS = ("llvm_ad_rgb", "scalar_rgb")
-"""Of Mitsuba, the first that runs: the former needs LLVM's library."""
+VARIANT = "llvm_ad_rgb"
+"""Of Mitsuba: casts many rays at once."""
 
 
 def _ray_slopes(
@@ -86,29 +83,37 @@ def draw_with_gl(
 def draw_with_mitsuba(
     cylinders: ij.Cylinder, camera: ij.PinholeCamera
 ) -> Drawing | None:
-    """A cylinder and two discs each; a ray through the center of every pixel.
+    """A cylinder and two discs each, on LLVM; the rays are made before.
 
-    The camera's principal point must be the middle of the image.
+    Their intersection is recorded once, and run at each call. An image by the
+    integrator `aov` shows the same in many times the time.
     """
     mi, dr = _module("mitsuba"), _module("drjit")
-    if mi is None or dr is None:
+    if mi is None or dr is None or not _has_variant(mi):
         return None
-    if mi.variant() is None:
-        _choose_variant(mi)
-    parts = {**_sensor(mi, camera), **_solids(mi, cylinders)}
-    made = mi.load_dict({"type": "scene", **parts})
+    made = mi.load_dict({"type": "scene", **_solids(mi, cylinders)})
+    rays = np.stack(np.broadcast_arrays(*_ray_slopes(camera), 1.0), axis=-1)
+    rays = (rays / np.linalg.norm(rays, axis=-1, keepdims=True)).reshape(-1, 3)
+    direction = mi.Vector3f(rays.T.astype(np.float32))
+    ray = mi.Ray3f(dr.zeros(mi.Point3f, len(rays)), direction)
 
-    def call() -> Any:
-        image = mi.render(made, spp=1)
-        dr.eval(image)
+    @dr.freeze
+    def intersect(ray: Any) -> tuple[Any, Any]:
+        found = made.ray_intersect(ray)
+        return found.t * ray.d.z, found.n
+
+    def maps() -> tuple[Any, Any]:
+        drawn = intersect(ray)
+        dr.eval(drawn)
         dr.sync_thread()
-        return image
+        return drawn
+
+    # JAX must not ask its arrays whether they are ready: they have any attribute.
+    def call() -> None:
+        maps()
 
     def depth() -> Float[np.ndarray, "h w"]:
-        x, y = _ray_slopes(camera)
-        along = np.array(call())[..., 0]  # the length of the ray
-        z = NEAR + along / np.sqrt(1 + x**2 + y**2)
-        return np.where(along > 0, z, np.inf)
+        return np.array(maps()[0]).reshape(camera.height, camera.width)
 
     return Drawing(call, depth, ROUNDING)
 
@@ -123,43 +128,17 @@ def _module(name: str) -> Any:
         return None
 
 
-def _choose_variant(mi: Any) -> None:
-    """Set the first of Mitsuba's variants that runs."""
-    for variant in VARIANTS:
-        try:
-            mi.set_variant(variant)
-            mi.load_dict({"type": "sphere"})
-        except (ImportError, RuntimeError) as error:
-            print(f"Mitsuba has no {variant}: {error}")
-            continue
-        print(f"Mitsuba draws with {variant}")
-        # Of rounded matrices that it takes for sheared ones.
-        mi.set_log_level(mi.LogLevel.Error)
-        return
-    raise ImportError(f"Mitsuba must run as one of {', '.join(VARIANTS)}")
-
-
-def _sensor(mi: Any, camera: ij.PinholeCamera) -> dict[str, Any]:
-    """Our camera in Mitsuba's words, and the maps that it takes."""
-    fov = 2 * np.degrees(np.arctan(camera.width / 2 / camera.fx))
-    film = {
-        "type": "hdrfilm",
-        "width": camera.width,
-        "height": camera.height,
-        "rfilter": {"type": "box"},
-        "component_format": "float32",
-    }
-    sensor = {
-        "type": "perspective",
-        "fov": float(fov),
-        "fov_axis": "x",
-        "near_clip": NEAR,
-        "to_world": mi.ScalarTransform4f().look_at([0, 0, 0], [0, 0, 1], [0, -1, 0]),
-        "film": film,
-        "sampler": {"type": "stratified", "sample_count": 1, "jitter": False},
-    }
-    maps = {"type": "aov", "aovs": "depth:depth,normal:sh_normal"}
-    return {"sensor": sensor, "integrator": maps}
+def _has_variant(mi: Any) -> bool:
+    """Whether Mitsuba can run on LLVM, whose library the system must have."""
+    try:
+        mi.set_variant(VARIANT)
+        mi.Float(0.0) + 1.0
+    except (ImportError, RuntimeError) as error:
+        print(f"mitsuba is left out: {error}")
+        return False
+    # Of rounded matrices that it takes for sheared ones.
+    mi.set_log_level(mi.LogLevel.Error)
+    return True
 
 
 def _solids(mi: Any, cylinders: ij.Cylinder) -> dict[str, Any]:
