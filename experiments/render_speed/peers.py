@@ -132,7 +132,7 @@ def _has_variant(mi: Any) -> bool:
     """Whether Mitsuba can run on LLVM, whose library the system must have."""
     try:
         mi.set_variant(VARIANT)
-        mi.Float(0.0) + 1.0
+        mi.Float([0.0])
     except (ImportError, RuntimeError) as error:
         print(f"mitsuba is left out: {error}")
         return False
