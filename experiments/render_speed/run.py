@@ -98,19 +98,20 @@ def measure(config: Config) -> list[Metric]:
 
 
 def ratios(timings: dict[str, Timing]) -> list[Metric]:
-    """Median and spread, over the blocks, of the ratio of two cases' medians."""
+    """Ratios of two cases' medians, block by block, and of their minima."""
     metrics = []
     for name, ratio in RATIOS.items():
-        values = []
+        values, least = np.zeros(0), None
         if ratio.top in timings and ratio.bottom in timings:
-            top, bottom = (
-                np.median(timings[case].ms, axis=1)
-                for case in (ratio.top, ratio.bottom)
-            )
+            top, bottom = timings[ratio.top].ms, timings[ratio.bottom].ms
             # Two groups may have different numbers of blocks, with few repeats.
             n = min(len(top), len(bottom))
-            values = top[:n] / bottom[:n] / ratio.scale
+            medians = (np.median(ms[:n], axis=1) for ms in (top, bottom))
+            values = np.divide(*medians) / ratio.scale
+            least = float(top.min() / bottom.min() / ratio.scale)
         metrics.append(sample(f"ratio.{name}", values, "1"))
+        label = f"ratio.{name}.of_minima"
+        metrics.append(Metric(label, least, None, "1", "lower", values.size))
     return metrics
 
 
