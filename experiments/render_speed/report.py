@@ -94,7 +94,7 @@ def draw(folder: Path) -> None:
 
 
 def _ratio_lines(values: Spreads) -> list[str]:
-    """The ratios beside what is wanted, and whether the machine was too busy to tell."""
+    """The ratios beside what is wanted, and a word where the machine was busy."""
     lines = [
         "| ratio | median | spread | of minima | wanted | met |",
         "|---|--:|--:|--:|--:|---|",
