@@ -8,6 +8,7 @@ __all__ = ["Config", "run"]
 
 import contextlib
 import dataclasses
+import gc
 import math
 import sys
 import tempfile
@@ -86,6 +87,9 @@ def measure(config: Config) -> list[Metric]:
             return scene_calls(count, SEED, camera, tools, mixed)
 
         for name, group in GROUPS.items():
+            # Mitsuba looks through the shapes of all scenes that are still there:
+            # one of 1000 makes the can's 80 times slower.
+            gc.collect()
             repeats = math.ceil(group.share * config.repeats)
             found = time_in_turns(calls_of(name), repeats, group.warm_up)
             for case in group.labels:
