@@ -107,15 +107,15 @@ def _ratio_lines(values: Spreads) -> list[str]:
         least = values[f"ratio.{name}.of_minima"][0]
         row = _row(ratio.label, value, spread, least, ratio.wanted)
         lines.append(f"{row} {met} |")
-    median, least = (
-        values[f"can640.c_vectors.{key}"][0] for key in ("median", "minimum")
-    )
-    if median is not None and least is not None and median > BUSY * least:
-        lines += [
-            "",
-            f"C's median is {median / least:.1f} times its minimum: the machine was "
-            "not idle, and no ratio to C holds.",
-        ]
+    for name, group in GROUPS.items():
+        case = f"{name}.{next(iter(group.labels))}"  # of C
+        median, least = values[f"{case}.median"][0], values[f"{case}.minimum"][0]
+        if median is not None and least is not None and median > BUSY * least:
+            lines += [
+                "",
+                f"Of {group.title} C's median is {median / least:.1f} times its "
+                "minimum: the machine was busy, and the ratios to C do not hold.",
+            ]
     return lines
 
 
