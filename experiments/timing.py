@@ -4,6 +4,7 @@ __all__ = [
     "WARM_UP",
     "Timing",
     "case_metrics",
+    "exponent",
     "first_calls",
     "peak_memory_mb",
     "sample",
@@ -18,7 +19,7 @@ import resource
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -120,6 +121,24 @@ def case_metrics(case: str, timing: Timing | None) -> list[Metric]:
         Metric(f"{case}.minimum", least, None, "ms", "lower", n),
         Metric(f"{case}.page_faults", timing.page_faults, None, "1/call", "lower", n),
     ]
+
+
+def exponent(
+    sizes: Sequence[int], times: Sequence[float]
+) -> tuple[float | None, float | None]:
+    """Slope of the logarithms by least squares, and its standard error.
+
+    None where there are too few sizes.
+    """
+    if len(sizes) < 2:
+        return None, None
+    x, y = np.log(sizes), np.log(times)
+    x, y = x - x.mean(), y - y.mean()
+    slope = float(x @ y / (x @ x))
+    if len(sizes) < 3:
+        return slope, None
+    rest = y - slope * x
+    return slope, float(np.sqrt(rest @ rest / (len(sizes) - 2) / (x @ x)))
 
 
 def peak_memory_mb() -> float | None:

@@ -1,6 +1,6 @@
 """How the time of a fit grows with pixels, images and free parameters."""
 
-__all__ = ["FEW", "MANY", "Sizes", "exponent", "scaling_metrics"]
+__all__ = ["FEW", "MANY", "Sizes", "scaling_metrics"]
 
 import dataclasses
 from collections.abc import Callable, Iterator, Mapping
@@ -10,7 +10,7 @@ import numpy as np
 import impostor_jax as ij
 from experiments.fit_speed.cases import View, fit_one, fit_several, see_can, time_fits
 from experiments.recording import Metric
-from experiments.timing import case_metrics
+from experiments.timing import case_metrics, exponent
 
 
 @dataclasses.dataclass(frozen=True)
@@ -83,19 +83,3 @@ def curve_metrics(
     value, error = exponent(list(calls), medians)
     n = len(medians)
     yield Metric(f"scaling.{name}.exponent", value, error, "1", "lower", n)
-
-
-def exponent(sizes: list[int], times: list[float]) -> tuple[float | None, float | None]:
-    """Slope of the logarithms by least squares, and its standard error.
-
-    None where there are too few sizes.
-    """
-    if len(sizes) < 2:
-        return None, None
-    x, y = np.log(sizes), np.log(times)
-    x, y = x - x.mean(), y - y.mean()
-    slope = float(x @ y / (x @ x))
-    if len(sizes) < 3:
-        return slope, None
-    rest = y - slope * x
-    return slope, float(np.sqrt(rest @ rest / (len(sizes) - 2) / (x @ x)))

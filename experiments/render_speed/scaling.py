@@ -20,7 +20,7 @@ from experiments.render_speed.cases import (
 )
 from experiments.render_speed.kernel import Kernel
 from experiments.render_speed.workloads import OUTPUTS, Calls
-from experiments.timing import sample, time_in_turns
+from experiments.timing import exponent, sample, time_in_turns
 
 SEED = 2
 
@@ -78,18 +78,10 @@ def measure_scaling(
             medians.setdefault(program, []).append(point)
         for program, points in medians.items():
             label = f"scaling.{name}.{program}.exponent"
-            used = points[-UPPER:]
-            value = _exponent(used)
-            metrics.append(Metric(label, value, None, "1", "lower", len(used)))
+            amounts, times = zip(*points[-UPPER:], strict=True)
+            value, error = exponent(amounts, times)
+            metrics.append(Metric(label, value, error, "1", "lower", len(times)))
     return metrics
-
-
-def _exponent(points: list[tuple[int, float]]) -> float | None:
-    """Least-squares slope of the logarithm of time over that of size."""
-    if len(points) < 2:
-        return None
-    size, time = np.log(np.array(points)).T
-    return float(np.polyfit(size, time, 1)[0])
 
 
 def _frames(width: int, camera: ij.PinholeCamera, kernel: Kernel | None) -> Calls:
