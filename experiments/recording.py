@@ -6,6 +6,7 @@ __all__ = [
     "read_values",
     "result_folder",
     "save_run",
+    "three_digits",
 ]
 
 import dataclasses
@@ -102,6 +103,13 @@ def read_spreads(folder: Path) -> dict[str, tuple[float | None, float | None]]:
     """Value and spread of each metric of a folder's `results.json`, by name."""
     record = json.loads((folder / "results.json").read_text())
     return {m["name"]: (m["value"], m["spread"]) for m in record["metrics"]}
+
+
+def three_digits(value: float | None) -> str:
+    """Three digits, or all that stand before the point; nothing for None."""
+    if value is None:
+        return ""
+    return f"{value:.0f}" if abs(value) >= 100 else f"{value:.3g}"
 
 
 def result_folder(output: Path | None, home: Path, *, quick: bool) -> Path:

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter
 
 from experiments.fit_speed.wanted import WANTED, is_met
-from experiments.recording import read_spreads
+from experiments.recording import read_spreads, three_digits
 from impostor_jax.io.atomic import write_atomically
 
 CASES = {
@@ -78,7 +78,7 @@ def table(folder: Path) -> str:
         value = values.get(wish.metric, NOTHING)[0]
         unit = "" if wish.unit == "1" else f" {wish.unit}"
         met = {True: "yes", False: "no", None: ""}[is_met(wish, value)]
-        cells = (f"{_number(wish.most)}{unit}", _number(value), met)
+        cells = (f"{three_digits(wish.most)}{unit}", three_digits(value), met)
         lines.append(f"| {wish.label} | {' | '.join(cells)} |")
     lines += [
         "",
@@ -153,7 +153,7 @@ def _bars(values: Values) -> Figure:
     )
     for row, (median, spread) in enumerate(zip(medians, spreads, strict=True)):
         where = 1.15 * (median + spread / 2)
-        axes.text(where, row, f"{_number(median)} ms", va="center", fontsize=8)
+        axes.text(where, row, f"{three_digits(median)} ms", va="center", fontsize=8)
     marks = [
         (wish.most, list(shown).index(bars[wish.metric]))
         for wish in WANTED
@@ -203,16 +203,13 @@ def _case(values: Values, case: str) -> tuple[float | None, ...]:
 
 
 def _row(label: str, numbers: tuple[float | None, ...]) -> str:
-    return f"| {' | '.join([label, *map(_number, numbers)])} |"
+    return f"| {' | '.join([label, *map(three_digits, numbers)])} |"
 
 
 def _with_spread(pair: tuple[float | None, float | None]) -> str:
     value, spread = pair
-    return _number(value) if spread is None else f"{_number(value)} ({_number(spread)})"
-
-
-def _number(value: float | None) -> str:
-    """Three digits, or all that stand before the point."""
-    if value is None:
-        return ""
-    return f"{value:.0f}" if abs(value) >= 100 else f"{value:.3g}"
+    return (
+        three_digits(value)
+        if spread is None
+        else f"{three_digits(value)} ({three_digits(spread)})"
+    )

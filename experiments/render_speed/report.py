@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from experiments.recording import read_spreads
+from experiments.recording import read_spreads, three_digits
 from experiments.render_speed.names import FIRST, GROUPS, RATIOS, Group
 from impostor_jax.io.atomic import write_atomically
 
@@ -52,9 +52,10 @@ def table(folder: Path) -> str:
         for program, points in _curves(values, name).items():
             exponent = values[f"scaling.{name}.{program}.exponent"][0]
             ends = [
-                f"{_number(time)} ({size})" for size, time, _ in (points[0], points[-1])
+                f"{three_digits(time)} ({size})"
+                for size, time, _ in (points[0], points[-1])
             ]
-            cells = [label, program, *ends, _number(exponent)]
+            cells = [label, program, *ends, three_digits(exponent)]
             lines.append(f"| {' | '.join(cells)} |")
     lines += [
         "",
@@ -132,7 +133,7 @@ def _bars(axes: Axes, values: Spreads, name: str, group: Group) -> None:
         color = "tab:orange" if case.split("_")[0] == "c" else color
         axes.barh(row, median, xerr=spread / 2, color=color, error_kw={"capsize": 2})
         where = 1.1 * (median + spread / 2)
-        axes.text(where, row, f"{_number(median)} ms", va="center", fontsize=8)
+        axes.text(where, row, f"{three_digits(median)} ms", va="center", fontsize=8)
     axes.set_yticks(range(len(labels)), labels, fontsize=8)
     axes.set_xscale("log")
     axes.margins(x=0.15)
@@ -182,11 +183,4 @@ def _is_ours(case: str) -> bool:
 
 
 def _row(label: str, *numbers: float | None) -> str:
-    return f"| {' | '.join([label, *map(_number, numbers)])} |"
-
-
-def _number(value: float | None) -> str:
-    """Three digits, or all that stand before the point."""
-    if value is None:
-        return ""
-    return f"{value:.0f}" if value >= 100 else f"{value:.3g}"
+    return f"| {' | '.join([label, *map(three_digits, numbers)])} |"
