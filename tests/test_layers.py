@@ -81,8 +81,8 @@ ORDER = {
     ),
     "fit": (
         "robust",
-        "segment",
         "surface",
+        "segment",
         "initialize",
         "guess_sphere",
         "rows",

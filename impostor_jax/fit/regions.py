@@ -20,6 +20,7 @@ from impostor_jax.fit.evidence import MAX_CROSSINGS
 from impostor_jax.fit.request import MIN_READINGS, check_readings
 from impostor_jax.fit.rows import BLOCK
 from impostor_jax.fit.segment import nearest_object
+from impostor_jax.fit.surface import MAX_POINTS, thinned
 from impostor_jax.sensor.base import AbstractDepthNoise
 
 START_READINGS = BLOCK - MAX_CROSSINGS
@@ -52,11 +53,12 @@ def typical_sigma(
     region: Bool[np.ndarray, "h w"],
     noise: AbstractDepthNoise,
 ) -> float:
-    """Deviation of the region's middle reading, seen face on, in meters."""
+    """Deviation of about the region's middle reading, seen face on, in meters."""
     readings = image[region & (image > 0)]
     if not len(readings):
         return float("inf")
-    return float(_sigma_face_on(noise, jnp.asarray(np.median(readings))))
+    middle = np.median(thinned(readings, MAX_POINTS))
+    return float(_sigma_face_on(noise, jnp.asarray(middle)))
 
 
 @jax.jit

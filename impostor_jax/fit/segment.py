@@ -4,7 +4,9 @@ __all__ = ["nearest_object"]
 
 import cv2
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
+
+from impostor_jax.fit.surface import MAX_POINTS, thinned
 
 MIN_FRACTION = 5e-4
 """Components smaller than this part of the image are specks, not the object."""
@@ -30,44 +32,70 @@ def nearest_object(
     """
     valid = depth > 0
     # Six sigmas of a difference are 8.5 of a reading; four footprints are the step of
-    # a surface 76 degrees from facing the camera.
-    jump = 8.5 * sigma + 4 * footprint * depth
+    # a surface 76 degrees from facing the camera. A missing reading is neither behind
+    # nor in front of any: so NaN compares.
+    known = np.where(valid, depth, np.nan)
+    jump = 8.5 * sigma + 4 * footprint * known
     behind = np.zeros_like(valid)
     for axis in (0, 1):
         near, far = _neighbors(axis)
-        step = depth[far] - depth[near]
-        both = valid[far] & valid[near]
+        step = known[far] - known[near]
         # The farther side of a jump is cut away, so the nearer object keeps its edge.
-        behind[far] |= both & (step > jump[near])
-        behind[near] |= both & (step < -jump[far])
-    kernel = np.ones((3, 3), np.uint8)
-    count, labels, stats, _ = cv2.connectedComponentsWithStats(
+        behind[far] |= step > jump[near]
+        behind[near] |= -step > jump[far]
+    _, labels, stats, _ = cv2.connectedComponentsWithStats(
         (valid & ~behind).astype(np.uint8), connectivity=4
     )
     smallest = max(min_pixels, int(MIN_FRACTION * depth.size))
-    best, nearest = valid, np.inf
-    for label in range(1, count):
-        if stats[label, cv2.CC_STAT_AREA] < smallest:
-            continue
-        left, top, width, height = stats[label, :4]
-        box = np.s_[
-            max(top - 2, 0) : top + height + 2, max(left - 2, 0) : left + width + 2
-        ]
-        part = labels[box] == label
-        distance = np.median(depth[box][part])
-        if distance >= nearest:
-            continue
-        grown = cv2.dilate(part.astype(np.uint8), kernel) > 0
-        around = cv2.dilate(grown.astype(np.uint8), kernel) > 0
-        border = around & ~part & valid[box] & (labels[box] != label)
-        # Each border reading against the nearest depth of the component beside it.
-        inner = np.where(part, depth[box], np.inf)
-        beside = -cv2.dilate(-inner.astype(np.float32), np.ones((5, 5), np.uint8))
-        in_front = depth[box][border] > beside[border]
-        if border.any() and np.mean(in_front) < 0.5:
-            continue
-        best, nearest = labels == label, distance
-    return best
+    # Label 0 is what belongs to none.
+    large = np.flatnonzero(stats[1:, cv2.CC_STAT_AREA] >= smallest) + 1
+    found = ((_distance(depth, labels, stats, one), one) for one in large.tolist())
+    for _, label in sorted(found):
+        if _stands_in_front(depth, labels, stats, label):
+            return labels == label
+    return valid
+
+
+def _distance(
+    depth: Float[np.ndarray, "h w"],
+    labels: Int[np.ndarray, "h w"],
+    stats: Int[np.ndarray, "n 5"],
+    label: int,
+) -> float:
+    """Middle depth of a component."""
+    box = _box(stats[label])
+    readings = depth[box][labels[box] == label]
+    return float(np.median(thinned(readings, MAX_POINTS)))
+
+
+def _stands_in_front(
+    depth: Float[np.ndarray, "h w"],
+    labels: Int[np.ndarray, "h w"],
+    stats: Int[np.ndarray, "n 5"],
+    label: int,
+) -> bool:
+    """Whether most readings across a component's border are farther away, or none are.
+
+    Each border reading is compared with the nearest depth of the component beside it.
+    """
+    kernel, box = np.ones((3, 3), np.uint8), _box(stats[label], margin=2)
+    readings, part = depth[box], labels[box] == label
+    grown = cv2.dilate(part.astype(np.uint8), kernel) > 0
+    around = cv2.dilate(grown.astype(np.uint8), kernel) > 0
+    border = around & ~part & (readings > 0)
+    inner = np.where(part, readings, np.inf)
+    beside = -cv2.dilate(-inner.astype(np.float32), np.ones((5, 5), np.uint8))
+    in_front = readings[border] > beside[border]
+    return not border.any() or bool(np.mean(in_front) >= 0.5)
+
+
+def _box(row: Int[np.ndarray, "5"], margin: int = 0) -> tuple[slice, slice]:
+    """Index of the block of pixels that holds a component, and some around it."""
+    left, top, width, height = row[:4]
+    return np.s_[
+        max(top - margin, 0) : top + height + margin,
+        max(left - margin, 0) : left + width + margin,
+    ]
 
 
 def _neighbors(axis: int) -> tuple[tuple[slice, ...], tuple[slice, ...]]:
