@@ -9,6 +9,12 @@ AS_USERS_RUN = {"xla_cpu_use_fusion_emitters": True}
 rounding errors, which are those of users."""
 
 
+QUICKLY = {"xla_backend_optimization_level": 0}
+"""The same for programs that take longer to compile than to run: XLA's optimizations
+are nearly all of that. What is at the extremes, or promised of rounding, takes another
+path then, and is not tested with it."""
+
+
 COUNTED = {
     "xla_disable_hlo_passes": "fusion",
     "xla_backend_optimization_level": 0,

@@ -131,7 +131,8 @@ def speed(preset: Preset, whole: Path, config: Config) -> list[Metric]:
     file, home = whole.parent / "preset.json", whole.parent
     write_json(file, preset.record())
     make = functools.partial(_made, file, config=config)
-    make(home / "warm", config.workers)
+    if not config.quick:
+        make(home / "warm", config.workers)
     n = config.count
     runs = {count: make(home / str(count), count) for count in config.others}
     # In turns, since the machine may be slower now than it was then.
@@ -277,7 +278,7 @@ def killed(home: Path, config: Config) -> Iterator[Metric]:
         *("--seed", str(config.seed), "--shard-size", str(-(-config.count // 50))),
     ]
     seconds = 0.0
-    for _ in range(2):
+    for _ in range(1 if config.quick else 2):
         # The second time nothing is compiled, as in the runs that are killed.
         shutil.rmtree(whole, ignore_errors=True)
         started = time.perf_counter()

@@ -8,8 +8,7 @@ import pytest
 from impostor_jax.numerics import eps
 from impostor_jax.sensor.base import cos_incidence
 from tests.cases import CAMERAS, NOISES
-from tests.checks import all_finite
-from tests.sensor.scenes import quickly
+from tests.checks import QUICKLY, all_finite
 
 CAMERA = CAMERAS["pinhole"]()
 SHAPE = (CAMERA.height, CAMERA.width)
@@ -46,7 +45,7 @@ def images(request):
         yield run
 
 
-@jax.jit(compiler_options=quickly)
+@jax.jit(compiler_options=QUICKLY)
 def read(noise, keys, depth, normal):
     """One image for each key, their slope in depth, and sigma."""
 
@@ -58,7 +57,7 @@ def read(noise, keys, depth, normal):
     return sample, slope, noise.sigma(depth, cos_incidence(normal, CAMERA))
 
 
-@jax.jit(compiler_options=quickly)
+@jax.jit(compiler_options=QUICKLY)
 def sigma_and_slopes(noise, depth, cosine):
     one, zero = jnp.ones_like(depth), jnp.zeros_like(depth)
     sigma, in_depth = jax.jvp(noise.sigma, (depth, cosine), (one, zero))

@@ -5,6 +5,7 @@ import pytest
 
 import impostor_jax as ij
 from tests.cases import pose
+from tests.checks import QUICKLY
 from tests.fit.scenes import CAMERA, SIGMA, image_of
 from tests.groups import SMALL_IMAGES
 
@@ -91,7 +92,7 @@ def test_derivatives_are_those_of_finite_differences():
         return fit.sphere.radius * 1e3
 
     # One compilation for all.
-    @jax.jit
+    @jax.jit(compiler_options=QUICKLY)
     def both(offset):
         return jax.jvp(radius, (offset,), (jnp.ones(()),))
 

@@ -5,14 +5,11 @@ import jax.numpy as jnp
 import numpy as np
 
 from tests.cases import CAMERAS
+from tests.checks import QUICKLY
 
 CAMERA = CAMERAS["pinhole"]()
 SHAPE = (CAMERA.height, CAMERA.width)
 COUNT = 16
-
-# Compiling takes nearly all the time of these tests, and XLA's optimizations nearly all
-# of that.
-quickly = {"xla_backend_optimization_level": 0}
 
 
 def readings(noise, depth, angle=0.0, seed=0):
@@ -25,7 +22,7 @@ def readings(noise, depth, angle=0.0, seed=0):
     return np.asarray(_read(noise, jax.random.key(seed), depth, np.float32(normal)))
 
 
-@jax.jit(compiler_options=quickly)
+@jax.jit(compiler_options=QUICKLY)
 def _read(noise, key, depth, normal):
     def sample(key):
         return noise.sample(key, depth, normal, CAMERA)
@@ -33,7 +30,7 @@ def _read(noise, key, depth, normal):
     return jax.vmap(sample)(jax.random.split(key, COUNT))
 
 
-@jax.jit(compiler_options=quickly)
+@jax.jit(compiler_options=QUICKLY)
 def _sigma(noise, depth, cosine):
     return noise.sigma(depth, cosine)
 

@@ -9,9 +9,10 @@ import impostor_jax as ij
 from impostor_jax.numerics import eps
 from impostor_jax.sensor.base import cos_incidence
 from tests.cases import CAMERAS
-from tests.sensor.scenes import CAMERA, bands, normals, quickly, sigma_of
+from tests.checks import QUICKLY
+from tests.sensor.scenes import CAMERA, bands, normals, sigma_of
 
-incidence = jax.jit(cos_incidence, compiler_options=quickly)
+incidence = jax.jit(cos_incidence, compiler_options=QUICKLY)
 SENSOR = ij.ConstantNoise(0.001)
 
 

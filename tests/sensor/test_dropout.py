@@ -6,10 +6,11 @@ from impostor_jax.numerics import eps
 from impostor_jax.sensor.dropout import Dropout
 from impostor_jax.sensor.gaussian import ConstantNoise
 from impostor_jax.sensor.lateral import LateralNoise
-from tests.sensor.scenes import COUNT, SHAPE, bands, quickly, readings
+from tests.checks import QUICKLY
+from tests.sensor.scenes import COUNT, SHAPE, bands, readings
 
 
-@jax.jit(compiler_options=quickly)
+@jax.jit(compiler_options=QUICKLY)
 def probability_at(noise, cosine):
     return noise.probability(cosine)
 

@@ -4,12 +4,13 @@ import pytest
 
 from impostor_jax.numerics import eps
 from impostor_jax.sensor.quantization import StereoDisparity
-from tests.sensor.scenes import SHAPE, bands, quickly, readings, sigma_of
+from tests.checks import QUICKLY
+from tests.sensor.scenes import SHAPE, bands, readings, sigma_of
 
 SCALE = 525.0 * 0.05
 
 
-@jax.jit(compiler_options=quickly)
+@jax.jit(compiler_options=QUICKLY)
 def _interval(noise, reading):
     return noise.interval(reading)
 
