@@ -82,6 +82,12 @@ def test_ends_keep_the_names_that_a_start_gives_them():
         )
 
 
+def test_a_taper_settles_whatever_the_tolerance():
+    fine, coarse = (fit_of(cup(), effort=ij.Effort(tolerance=t)) for t in (0.2, 5.0))
+    assert int(coarse.num_steps) == int(fine.num_steps)
+    np.testing.assert_array_equal(coarse.frustum.radius2, fine.frustum.radius2)
+
+
 def test_held_and_expected_radii_count():
     expected = {"radius2": (0.03, 1e-6)}
     fit = fit_of(cup(), initial=cup(), fixed=("radius1",), prior=expected)
