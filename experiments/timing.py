@@ -5,7 +5,7 @@ __all__ = [
     "Timing",
     "case_metrics",
     "exponent",
-    "first_calls",
+    "in_new_process",
     "peak_memory_mb",
     "sample",
     "time_in_turns",
@@ -70,36 +70,26 @@ def time_in_turns(
     return {name: Timing(ms[name], faults[name] / ms[name].size) for name in calls}
 
 
-def first_calls(
-    module: str, arguments: list[str], processes: int, cache: Path | None = None
-) -> list[dict[str, float | None]]:
-    """What a module prints, as JSON, in new processes, one after the other.
+def in_new_process(module: str, arguments: Sequence[str], cache: Path) -> Any:
+    """What a module prints, as JSON, in a process of its own.
 
     Args:
         module: Run with `python -m`.
         arguments: Of its command line.
-        processes: How many.
-        cache: Folder of compiled programs, which outlives a process; None for none.
+        cache: Folder of compiled programs, which outlives the process.
     """
-    environment = os.environ | {"JAX_ENABLE_COMPILATION_CACHE": "false"}
-    if cache is not None:
-        environment |= {
-            "JAX_ENABLE_COMPILATION_CACHE": "true",
-            "JAX_COMPILATION_CACHE_DIR": str(cache),
-            "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0",
-        }
-    return [
-        json.loads(
-            subprocess.run(
-                [sys.executable, "-m", module, *arguments],
-                cwd=ROOT,
-                env=environment,
-                stdout=subprocess.PIPE,
-                check=True,
-            ).stdout
-        )
-        for _ in range(processes)
-    ]
+    compiled = {
+        "JAX_COMPILATION_CACHE_DIR": str(cache),
+        "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0",
+    }
+    done = subprocess.run(
+        [sys.executable, "-m", module, *arguments],
+        cwd=ROOT,
+        env=os.environ | compiled,
+        stdout=subprocess.PIPE,
+        check=True,
+    )
+    return json.loads(done.stdout)
 
 
 def sample(name: str, values: Any, unit: str) -> Metric:

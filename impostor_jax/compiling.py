@@ -8,7 +8,7 @@ from typing import Any
 
 import jax
 
-QUICKLY = {"xla_cpu_use_fusion_emitters": False}
+OLDER_GENERATOR = {"xla_cpu_use_fusion_emitters": False}
 """XLA's older code generator for processors. The hundreds of loops of a fit take it
 half the time of the newer one, and run as fast."""
 
@@ -31,7 +31,7 @@ def quickly_compiled(
 def _known_options() -> dict[str, bool] | None:
     """None where XLA no longer has the older one."""
     try:
-        jax.jit(lambda: 0, compiler_options=QUICKLY).lower().compile()
+        jax.jit(lambda: 0, compiler_options=OLDER_GENERATOR).lower().compile()
     except jax.errors.JaxRuntimeError:
         return None
-    return QUICKLY
+    return OLDER_GENERATOR

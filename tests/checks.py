@@ -10,7 +10,7 @@ rounding errors, which are those of users."""
 
 
 QUICKLY = {"xla_backend_optimization_level": 0}
-"""The same for programs that take longer to compile than to run: XLA's optimizations
+"""Options for programs that take longer to compile than to run: XLA's optimizations
 are nearly all of that. What is at the extremes, or promised of rounding, takes another
 path then, and is not tested with it."""
 

@@ -31,7 +31,7 @@ from experiments.fit_speed.report import FIRST, FIRST_PARTS, draw, table
 from experiments.fit_speed.scaling import FEW, MANY, scaling_metrics
 from experiments.recording import Metric, result_folder, save_run
 from experiments.render_speed.cases import SIGMA
-from experiments.timing import Timing, case_metrics, first_calls, sample
+from experiments.timing import Timing, case_metrics, in_new_process, sample
 
 HERE = Path(__file__).parent
 
@@ -101,18 +101,14 @@ def first_metrics(view: View, scratch: Path) -> Iterator[Metric]:
     for effort in ("balanced", "fast"):
         arguments = [effort, str(single)]
         caches = [scratch / f"{effort}{index}" for index in range(PROCESSES)]
-        records[f"{effort}.empty"] = [
-            record
-            for cache in caches
-            for record in first_calls(FIRST_CALL, arguments, 1, cache)
-        ]
-        records[f"{effort}.filled"] = first_calls(
-            FIRST_CALL, arguments, PROCESSES, caches[-1]
-        )
+        # The last of these folders is filled then.
+        for state, folders in (("empty", caches), ("filled", caches[-1:] * PROCESSES)):
+            records[f"{effort}.{state}"] = [
+                in_new_process(FIRST_CALL, arguments, folder) for folder in folders
+            ]
     filled = scratch / f"balanced{PROCESSES - 1}"
-    records["batch.filled"] = first_calls(
-        FIRST_CALL, ["balanced", str(batch)], 1, filled
-    )
+    arguments = ["balanced", str(batch)]
+    records["batch.filled"] = [in_new_process(FIRST_CALL, arguments, filled)]
     for case in FIRST:
         for part, unit in FIRST_PARTS.items():
             values = [record[part] for record in records[case]]

@@ -30,7 +30,13 @@ from experiments.render_speed.workloads import (
     can_calls,
     scene_calls,
 )
-from experiments.timing import Timing, case_metrics, first_calls, sample, time_in_turns
+from experiments.timing import (
+    Timing,
+    case_metrics,
+    in_new_process,
+    sample,
+    time_in_turns,
+)
 from impostor_jax.glsl.offscreen import DriverError, OffscreenRenderer
 
 HERE = Path(__file__).parent
@@ -125,9 +131,8 @@ def measure_first_calls(config: Config) -> list[Metric]:
     records: dict[str, list[dict[str, float | None]]] = {kind: [] for kind in FIRST}
     for _ in range(1 if config.quick else PROCESSES):
         with tempfile.TemporaryDirectory() as cache:
-            pair = first_calls(FIRST_CALL, arguments, len(FIRST), Path(cache))
-        for kind, record in zip(FIRST, pair, strict=True):
-            records[kind].append(record)
+            for found in records.values():
+                found.append(in_new_process(FIRST_CALL, arguments, Path(cache)))
     metrics = []
     for kind, found in records.items():
         for name, unit in (

@@ -7,9 +7,7 @@ default: the pace of a shared machine changes, but their ratio does not.
 __all__ = ["Config", "run"]
 
 import dataclasses
-import json
 import os
-import subprocess
 import sys
 import tempfile
 import time
@@ -32,7 +30,7 @@ from experiments.speed_accuracy.scenes import (
     make_images,
 )
 from experiments.speed_accuracy.settings import FITS, RENDERS
-from experiments.timing import sample, time_in_turns
+from experiments.timing import in_new_process, sample, time_in_turns
 from impostor_jax.effort import Effort
 
 HERE = Path(__file__).parent
@@ -106,20 +104,10 @@ def fit_metrics(
 ) -> Iterator[Metric]:
     """One setting's fits of all images."""
     # What one setting has compiled, the next ones need not.
-    environment = {
-        "JAX_COMPILATION_CACHE_DIR": str(scratch / "compiled"),
-        "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0.2",
-        **os.environ,
-    }
-    command = [sys.executable, "-m", "experiments.speed_accuracy.fits"]
-    found = subprocess.run(
-        [*command, str(scratch), setting, str(timed)],
-        cwd=HERE.parents[1],
-        env=environment,
-        stdout=subprocess.PIPE,
-        check=True,
-    )
-    record = json.loads(found.stdout)
+    own = str(scratch / "compiled")
+    cache = Path(os.environ.get("JAX_COMPILATION_CACHE_DIR", own))
+    arguments = [str(scratch), setting, str(timed)]
+    record = in_new_process("experiments.speed_accuracy.fits", arguments, cache)
     yield Metric(f"fit.{setting}.memory", record["memory"], None, "MB", "lower", 1)
     for name, drawn in images.items():
         label, of_one = f"fit.{setting}.{name}", record[name]

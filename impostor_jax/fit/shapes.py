@@ -57,7 +57,7 @@ from impostor_jax.fit.request import (
 )
 from impostor_jax.fit.result import STATUSES, AbstractFit, FitStatus
 from impostor_jax.fit.round_body import CylinderBody, FrustumBody, RoundBody
-from impostor_jax.fit.solve import NUM_KEPT, USUAL_TOLERANCE, best_start, solve
+from impostor_jax.fit.solve import NUM_KEPT, STAGE_TOLERANCE, best_start, solve
 from impostor_jax.primitives.base import (
     AbstractPrimitive,
     in_camera_frame,
@@ -143,7 +143,7 @@ FRUSTUM = Fittable(
     example=CYLINDER.example | {"growth": 0},
     # A taper settles slowly: with five times it 1 of 200 cups at 3 mm of noise ended 20
     # deviations away.
-    most_tolerance=USUAL_TOLERANCE,
+    most_tolerance=STAGE_TOLERANCE,
 )
 SPHERE = Fittable(
     shape=Sphere,
@@ -346,6 +346,6 @@ def _fit_traced(
     shown = (depth, region, row, col, camera, noise)
     request = dataclasses.replace(request, is_traced=True)
     # The derivatives are those at the minimum: with a tolerance of 1 they err by 6 %.
-    tolerance = jnp.asarray(min(effort.tolerance, USUAL_TOLERANCE), depth.dtype)
+    tolerance = jnp.asarray(min(effort.tolerance, STAGE_TOLERANCE), depth.dtype)
     start = Start.at(initial)
     return solve(*shown, start, prior, request, tolerance, is_far=True)[0]

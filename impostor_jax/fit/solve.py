@@ -9,7 +9,7 @@ image against the estimate, which weighs each row, then minimize with the rows h
 __all__ = [
     "LAST_STAGES",
     "NUM_KEPT",
-    "USUAL_TOLERANCE",
+    "STAGE_TOLERANCE",
     "always_true",
     "best_start",
     "evaluate",
@@ -54,7 +54,7 @@ from impostor_jax.primitives.base import in_camera_frame, in_world_frame
 from impostor_jax.sensor.base import AbstractDepthNoise
 
 # Each stage: half-chord in radii up to which the outline is blunted; step at which it
-# ends, in tens of deviations at the usual tolerance; factor on the width of the robust
+# ends, in tens of deviations at `STAGE_TOLERANCE`; factor on the width of the robust
 # loss; softness of the outline's place, in pixels; whether it takes all rows, or the
 # block of them that speaks for all.
 FIRST_STAGES = (
@@ -74,9 +74,9 @@ another is left out once that no longer moves the estimate."""
 SETTLED = 0.02
 """Root mean square of the coordinates that counts as no motion, as a step."""
 
-USUAL_TOLERANCE = 0.2
+STAGE_TOLERANCE = 0.2
 """Tolerance of an `Effort`, in deviations, for which the stages' steps are given; the
-starts take it, and a traced fit takes no larger one."""
+starts take it, and traced fits and frusta take no larger one."""
 
 MISSED_LOSS = 3.0
 """Loss of a pixel that the body should cover and does not, or the reverse."""
@@ -163,7 +163,7 @@ def best_start(
     request = Request(
         estimate_scale=estimate_scale, kernel="pseudo_huber", max_steps=MAX_FIRST_STEPS
     )
-    usual = jnp.asarray(USUAL_TOLERANCE, nominal.dtype)
+    tolerance = jnp.asarray(STAGE_TOLERANCE, nominal.dtype)
 
     def tried(start: AbstractBody) -> _Tried:
         solution = _refine(
@@ -176,7 +176,7 @@ def best_start(
             units,
             prior,
             request,
-            usual,
+            tolerance,
             always,
             None,
         )
@@ -362,7 +362,7 @@ def _refine(
     unit = units[0]
     dtype = unit.dtype
     _, width = KERNELS[request.kernel]
-    step = tolerance / USUAL_TOLERANCE
+    step = tolerance / STAGE_TOLERANCE
     # Traced once, for its shapes and for its value.
     evaluated = jax.jit(partial(evaluate, pixels, edge, noise, request.is_outline))
 

@@ -63,14 +63,24 @@ def test_held_and_expected_parameters_count_in_the_world_of_a_posed_camera():
     depth, mask = image_of(ball())
     center = ball().transformed(pose().inverse()).center
     start = ij.Sphere((0.0, 0.0, 0.41), 0.05).transformed(pose().inverse())
-    held = ij.fit_sphere(
-        depth, posed, mask=mask, sigma=SIGMA, initial=start, fixed=("radius",),
-        prior={"center": (center, 1e-6)},
-    )  # fmt: skip
+
+    def fit_of(deviation):
+        return ij.fit_sphere(
+            depth, posed, mask=mask, sigma=SIGMA, initial=start, fixed=("radius",),
+            prior={"center": (center, deviation)},
+        )  # fmt: skip
+
+    held = fit_of(1e-6)
     assert float(held.sphere.radius) == pytest.approx(0.05, rel=1e-6)
     assert float(held.std.radius) == 0
     np.testing.assert_allclose(held.std.center, 1e-6, rtol=0.05)
     np.testing.assert_allclose(held.sphere.center, center, atol=5e-6)
+    # A vague one leaves it to the readings, which are the camera's.
+    vague = fit_of(1.0)
+    assert vague.success
+    assert 1e-5 < float(jnp.max(vague.std.center)) < 1e-4
+    off = np.abs(np.asarray(vague.sphere.center - center))
+    assert (off < 4 * np.asarray(vague.std.center)).all()
 
 
 def test_a_plane_is_no_sphere():
