@@ -134,12 +134,15 @@ def _errors(
     axis = axis / np.linalg.norm(axis)
     sign = 1.0 if axis @ found.axis >= 0 else -1.0
     offset = found.center - truth.center
+    # Centers that lie apart along the axis, where an end is not seen, are not compared
+    # across it: what is beside the fitted center is another point of the true axis.
+    across = offset - (offset @ axis) * axis
     values = {
         # From the true axis to the fitted one.
         "axis_first": -sign * (axis @ first),
         "axis_second": -sign * (axis @ second),
-        "center_first": offset @ first,
-        "center_second": offset @ second,
+        "center_first": across @ first,
+        "center_second": across @ second,
         "center_along": offset @ found.axis,
         "radius": found.radius - truth.radius,
         "height": found.height - truth.height,

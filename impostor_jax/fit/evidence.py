@@ -49,6 +49,9 @@ FOLD = 3.0
 """Deviations by which a grazing reading may lie behind the nearest approach by chance;
 one that lies farther back says that its ray misses the wall."""
 
+OWN_VOTES = 4.0
+"""Neighbors with background that one on the body itself outweighs at an end."""
+
 FARTHEST_CROSSING = 30.0
 """Pixels from the predicted outline beyond which a crossing is not the body's."""
 
@@ -222,16 +225,20 @@ def crossing_rows(
     steep = jnp.abs(gap)
     across = jnp.maximum(steep[:, :2].max(axis=1), steep[:, 2:].max(axis=1))
     off = safe_divide(middle, gap)
-    sigma = noise.sigma(edge.depth, jnp.ones_like(edge.depth))
     away = edge.depth - seen.nearest
     # In front of the axis by more than the radius, in depth, is in front of the wall.
-    reach = jnp.maximum(5 * sigma, r / 10)
+    reach = 5 * noise.sigma(edge.depth, jnp.ones_like(edge.depth))
+    reach = jnp.maximum(reach, r / 10)
     has = edge.depth > 0
-    behind = has & (away > reach)
+    # A region may stop short of the object: beyond its axis lies the far half of its
+    # own cap, too. And it may go on past it: then the object stops elsewhere.
+    own = 5 * deviation(noise, jnp.where(has, edge.depth, 1), seen.cos_incidence)
+    is_own = has & (jnp.abs(edge.depth - seen.depth) < own)
+    behind = has & (away > reach) & ~is_own
     occluder = has & (away < -jnp.sqrt(jnp.maximum(seen.square, r * r)) - reach)
     outside = edge.exists & ~in_region
     shown = outside & (~occluder if is_outline else behind)
-    inside = edge.exists[None, :1] & seen.outside[None, :1]
+    inside = edge.exists[None, :1] & seen.outside[None, :1] & (is_own | ~has)[None, :1]
     valid = outside[None, 1:] & inside & (gap >= across[:, None]) & (gap > 0)
     valid &= jnp.abs(off) < FARTHEST_CROSSING
     # Beside the wall's edge its two points have no place along the axis.
@@ -261,8 +268,9 @@ def crossing_rows(
     zero = jnp.zeros_like(step)
     shows = pick(jnp.where(shown, 1, 0).astype(r.dtype)[None, 1:])
     # Where most neighbors beyond an end are no background, the object goes on, and the
-    # few that are err.
-    reads = pick(jnp.where(has, 1, 0).astype(r.dtype)[None, 1:])
+    # few that are err. A neighbor on the body itself says so by more than a majority:
+    # at the edge of a region that stops short, half may be mixed with what is behind.
+    reads = pick(jnp.where(is_own, OWN_VOTES, jnp.where(has, 1, 0))[None, 1:])
     votes = jnp.where(shows > 0, shows, -reads)
     ends = jnp.array([-1, 1], r.dtype)[:, None]
     total = jnp.sum(jnp.where(end[None] == ends, votes[None], 0), axis=1)

@@ -8,6 +8,7 @@ __all__ = [
     "some_pixels",
     "surroundings",
     "typical_sigma",
+    "without_edges",
 ]
 
 import jax
@@ -17,11 +18,16 @@ from jaxtyping import Array, Bool, Float, Int
 
 from impostor_jax.camera.pinhole import PinholeCamera
 from impostor_jax.fit.evidence import MAX_CROSSINGS
-from impostor_jax.fit.request import MIN_READINGS, check_readings
+from impostor_jax.fit.request import (
+    MIN_READINGS,
+    DepthImage,
+    Mask,
+    check_readings,
+)
 from impostor_jax.fit.rows import BLOCK
 from impostor_jax.fit.segment import nearest_object
 from impostor_jax.fit.surface import MAX_POINTS, thinned
-from impostor_jax.sensor.base import AbstractDepthNoise
+from impostor_jax.sensor.base import AbstractDepthNoise, Reach
 
 START_READINGS = BLOCK - MAX_CROSSINGS
 """Readings that the starts are solved on, evenly spread over the object. With the
@@ -46,6 +52,39 @@ def object_region(
     if camera.ray_field is not None:
         mask = mask & np.isfinite(np.asarray(camera.ray_field.x))
     return mask
+
+
+def without_edges(
+    depth: DepthImage, region: Mask, noise: AbstractDepthNoise
+) -> DepthImage:
+    """Leave out a region's readings that may be of what lies beside it.
+
+    As many of the sensor's `edge_reach` pixels are left out as leave enough readings.
+
+    Args:
+        depth: In meters; 0 where there is no reading.
+        region: Pixels of the object.
+        noise: Of the readings.
+    """
+    reach = noise.edge_reach
+    if isinstance(reach, int) and reach == 0:
+        return depth
+    return _without_edges(depth, region, reach)
+
+
+@jax.jit
+def _without_edges(
+    depth: Float[Array, "h w"], region: Bool[Array, "h w"], reach: Reach
+) -> Float[Array, "h w"]:
+    def narrowed(_, inner: Bool[Array, "h w"]) -> Bool[Array, "h w"]:
+        # Beyond the image's border nothing is known to lie.
+        padded = jnp.pad(inner, 1, constant_values=True)
+        rows = padded[:-2, 1:-1] & padded[2:, 1:-1]
+        less = inner & rows & padded[1:-1, :-2] & padded[1:-1, 2:]
+        return jnp.where(jnp.sum(less & (depth > 0)) >= MIN_READINGS, less, inner)
+
+    inner = jax.lax.fori_loop(0, reach, narrowed, region)
+    return jnp.where(region & ~inner, 0, depth)
 
 
 def typical_sigma(

@@ -43,6 +43,7 @@ from impostor_jax.fit.regions import (
     some_pixels,
     surroundings,
     typical_sigma,
+    without_edges,
 )
 from impostor_jax.fit.request import (
     DepthImage,
@@ -263,6 +264,7 @@ def pixels_shown(
     """
     image, given = np.asarray(depth), None if mask is None else np.asarray(mask)
     region = object_region(image, given, camera, noise)
+    image = np.asarray(without_edges(image, region, noise))
     return image, region, *pixel_indices(region, stride), camera, noise
 
 
@@ -331,6 +333,7 @@ def _fit_traced(
         ray = camera.rays(row, col, depth.dtype)
         mask = in_camera_frame(initial.shape, camera).intersect(ray).mask
     region = jnp.asarray(mask)
+    depth = without_edges(depth, region, noise)
     if effort.stride > 1:
         region &= (row % effort.stride == 0) & (col % effort.stride == 0)
     sees = camera.sees(row, col)

@@ -8,6 +8,7 @@ sensor reads it, or the readings after; so parts stack in any order.
 __all__ = [
     "NO_READING",
     "AbstractDepthNoise",
+    "Reach",
     "Scalar",
     "compiled",
     "cos_incidence",
@@ -23,13 +24,14 @@ from typing import Any, TypeVar, cast
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, PRNGKeyArray
+from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
 from impostor_jax.camera.base import AbstractCamera
 from impostor_jax.geometry.vec3 import Vec3
 from impostor_jax.sensor.draws import normal_draws
 
 Scalar = float | Float[Array, ""]
+Reach = int | Int[Array, ""]
 Method = TypeVar("Method", bound=Callable)
 
 NO_READING = 0.0
@@ -63,6 +65,15 @@ class AbstractDepthNoise(eqx.Module):
 
         Derivatives:
             In depth and incidence, finite everywhere; 0 where sigma is infinite.
+        """
+
+    @property
+    @abc.abstractmethod
+    def edge_reach(self) -> Reach:
+        """Pixels beside a jump in depth whose readings `sigma` does not speak for.
+
+        A reading that lies no farther than this from another surface, counted along
+        rows and columns, may be of that one, or of neither.
         """
 
     @abc.abstractmethod

@@ -15,6 +15,7 @@ from impostor_jax.camera.base import AbstractCamera
 from impostor_jax.sensor.base import (
     NO_READING,
     AbstractDepthNoise,
+    Reach,
     Scalar,
     compiled,
     cos_incidence,
@@ -73,6 +74,11 @@ class Dropout(AbstractDepthNoise):
         cos_incidence: Float[Array, "*batch"],
     ) -> Float[Array, "*batch"]:
         return self.sensor.sigma(depth, cos_incidence)
+
+    @property
+    @override
+    def edge_reach(self) -> Reach:
+        return self.sensor.edge_reach
 
     @override
     @compiled

@@ -17,6 +17,7 @@ from impostor_jax.arguments import bounded_number
 from impostor_jax.camera.base import AbstractCamera
 from impostor_jax.sensor.base import (
     AbstractDepthNoise,
+    Reach,
     Scalar,
     compiled,
     has_surface,
@@ -61,6 +62,11 @@ class FlyingPixels(AbstractDepthNoise):
         cos_incidence: Float[Array, "*batch"],
     ) -> Float[Array, "*batch"]:
         return self.sensor.sigma(depth, cos_incidence)
+
+    @property
+    @override
+    def edge_reach(self) -> Reach:
+        return self.sensor.edge_reach + 1
 
     @override
     @compiled

@@ -12,6 +12,7 @@ from impostor_jax.arguments import real_number
 from impostor_jax.camera.base import AbstractCamera
 from impostor_jax.sensor.base import (
     AbstractDepthNoise,
+    Reach,
     compiled,
     has_surface,
     scattered,
@@ -41,6 +42,11 @@ class ConstantNoise(AbstractDepthNoise):
         return jnp.where(
             has_surface(depth), jnp.asarray(self.deviation, depth.dtype), jnp.inf
         )
+
+    @property
+    @override
+    def edge_reach(self) -> Reach:
+        return 0
 
     @override
     @compiled

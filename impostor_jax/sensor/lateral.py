@@ -17,6 +17,7 @@ from impostor_jax.arguments import angle_below_grazing, bounded_number
 from impostor_jax.camera.base import AbstractCamera
 from impostor_jax.sensor.base import (
     AbstractDepthNoise,
+    Reach,
     Scalar,
     compiled,
     cos_incidence,
@@ -28,6 +29,10 @@ from impostor_jax.sensor.structured_light import (
     MAX_ANGLE,
     grazing_ratio,
 )
+
+
+RARE_SHIFT = 2.6
+"""Deviations beyond which one shift in a hundred goes."""
 
 
 class LateralNoise(AbstractDepthNoise):
@@ -81,6 +86,12 @@ class LateralNoise(AbstractDepthNoise):
         cos_incidence: Float[Array, "*batch"],
     ) -> Float[Array, "*batch"]:
         return self.sensor.sigma(depth, cos_incidence)
+
+    @property
+    @override
+    def edge_reach(self) -> Reach:
+        farthest = jnp.ceil(RARE_SHIFT * jnp.asarray(self.floor) - 0.5)
+        return self.sensor.edge_reach + farthest.astype(int)
 
     @override
     @compiled

@@ -18,6 +18,7 @@ from impostor_jax.camera.base import AbstractCamera
 from impostor_jax.sensor.base import (
     NO_READING,
     AbstractDepthNoise,
+    Reach,
     Scalar,
     compiled,
     has_surface,
@@ -111,6 +112,11 @@ class StereoDisparity(AbstractDepthNoise):
         seen = has_surface(depth)
         z = jnp.where(seen, depth, 1)
         return jnp.where(seen, error * z * (z / self._scale(depth)), jnp.inf)
+
+    @property
+    @override
+    def edge_reach(self) -> Reach:
+        return 0
 
     @override
     @compiled

@@ -19,6 +19,7 @@ from impostor_jax.camera.base import AbstractCamera
 from impostor_jax.numerics import eps, safe_sqrt
 from impostor_jax.sensor.base import (
     AbstractDepthNoise,
+    Reach,
     Scalar,
     compiled,
     cos_incidence,
@@ -140,6 +141,11 @@ class StructuredLight(AbstractDepthNoise):
         _, square = grazing_ratio(cos_incidence, self.max_angle)
         turned = grazing * square / jnp.sqrt(jnp.where(z > MIN_DEPTH, z, MIN_DEPTH))
         return jnp.where(seen, floor + growth * far * far + turned, jnp.inf)
+
+    @property
+    @override
+    def edge_reach(self) -> Reach:
+        return 0
 
     @override
     @compiled
