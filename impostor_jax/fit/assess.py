@@ -79,6 +79,7 @@ class Solution(eqx.Module):
         converged: Whether the solver did.
         num_steps: Steps that it took.
         moved: Root mean square of the coordinates by which the last stage moved it.
+        left: By which further stages like the last ones would still move it.
     """
 
     body: AbstractBody
@@ -88,6 +89,7 @@ class Solution(eqx.Module):
     converged: Bool[Array, ""]
     num_steps: Int[Array, ""]
     moved: Float[Array, ""]
+    left: Float[Array, ""]
 
 
 def assess(

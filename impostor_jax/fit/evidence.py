@@ -239,7 +239,9 @@ def crossing_rows(
     outside = edge.exists & ~in_region
     shown = outside & (~occluder if is_outline else behind)
     inside = edge.exists[None, :1] & seen.outside[None, :1] & (is_own | ~has)[None, :1]
-    valid = outside[None, 1:] & inside & (gap >= across[:, None]) & (gap > 0)
+    # The steeper direction, whose two neighbors differ by rounding.
+    steepest = gap >= (1 - 1e-3) * across[:, None]
+    valid = outside[None, 1:] & inside & steepest & (gap > 0)
     valid &= jnp.abs(off) < FARTHEST_CROSSING
     # Beside the wall's edge its two points have no place along the axis.
     central = (seen.square > 0.2 * (r * r)) & seen.outside

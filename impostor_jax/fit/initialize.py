@@ -36,6 +36,11 @@ MAX_AXES = 5
 MOST_LEANING = 0.9
 """Cosine with the axis from which a normal is no wall's, however tapered."""
 
+BEYOND = 0.03
+"""Part of its visible length by which a wall goes on past each end that shows no cap:
+of a guess that is too short the readings past its end lie on nothing, and a fit does
+not reach out for them; one that is too long is drawn in by what shows its end."""
+
 SIN_TOLERANCE = np.sin(np.radians(15.0))
 """Normals farther than this from perpendicular or parallel do not vote."""
 
@@ -277,7 +282,8 @@ def _extended(
     if np.count_nonzero(near_wall) < 10:
         return None
     low, high = np.percentile(along[near_wall], (1, 99))
-    low, high = caps.get(-1, float(low)), caps.get(1, float(high))
+    beyond = BEYOND * (high - low)
+    low, high = caps.get(-1, float(low - beyond)), caps.get(1, float(high + beyond))
     if not high > low:
         return None
     radius = float(circle.radius_at((low + high) / 2))

@@ -16,7 +16,7 @@ An end, and the outline, lie where a ray's intervals in wall and slab stop overl
 the residual is how far they are from that.
 """
 
-__all__ = ["held", "residuals", "surface_seen"]
+__all__ = ["held", "is_missed", "residuals", "surface_seen"]
 
 from collections.abc import Callable
 from typing import TypeVar
@@ -64,6 +64,12 @@ def surface_seen(
         chord: Half-chord below which the square root gives way, as in `Rows`.
     """
     return body.seen(body.passing(direction, chord))
+
+
+def is_missed(seen: SurfaceSeen) -> Bool[Array, "*batch"]:
+    """Which rays pass the body by, at its wall or past the rim of a cap."""
+    past_rim = seen.on_cap & (seen.cap_distance > 1.05)
+    return past_rim | (~seen.on_cap & (seen.square < 0))
 
 
 def residuals(

@@ -45,11 +45,12 @@ from impostor_jax.fit.minimize import minimize
 from impostor_jax.fit.parameterization import Chart
 from impostor_jax.fit.prior import Prior
 from impostor_jax.fit.request import Request
-from impostor_jax.fit.residuals import held, surface_seen
+from impostor_jax.fit.residuals import held, is_missed, surface_seen
 from impostor_jax.fit.result import AbstractFit
 from impostor_jax.fit.robust import KERNELS
 from impostor_jax.fit.round_body import RoundBody
 from impostor_jax.fit.rows import BLOCK, Kind, Rows
+from impostor_jax.numerics import safe_divide
 from impostor_jax.primitives.base import in_camera_frame, in_world_frame
 from impostor_jax.sensor.base import AbstractDepthNoise
 
@@ -65,14 +66,26 @@ FIRST_STAGES = (
 LAST_STAGES = (
     (0.1, 0.2, 2.0, 0.5, 0.0),
     (0.0, 0.2, 1.0, 0.1, 1.0),
-    *((0.0, 0.02, 1.0, 0.02, 1.0),) * 6,
+    (0.0, 0.02, 1.0, 0.02, 1.0),
     (0.0, np.inf, 1.0, 0.02, 1.0),
 )
-"""A stage without a limit on the step takes none: it only evaluates. One that repeats
-another is left out once that no longer moves the estimate."""
+"""A stage without a limit on the step takes none: it only evaluates. The one before it
+is repeated until that no longer moves the estimate."""
+
+MOST_REPEATS = 40
+"""Of that stage: through the weights it converges but linearly."""
+
+MOST_TRACED_REPEATS = 6
+"""The same where a fit is differentiated, which holds all of them in memory."""
 
 SETTLED = 0.02
 """Root mean square of the coordinates that counts as no motion, as a step."""
+
+UNSETTLED = 10.0
+"""The same, in `SETTLED`, from which a fit that ends has not converged."""
+
+MOST_RATIO = 0.95
+"""Ratio of two steps up to which they are taken for a series that has a sum."""
 
 STAGE_TOLERANCE = 0.2
 """Tolerance of an `Effort`, in deviations, for which the stages' steps are given; the
@@ -97,6 +110,10 @@ variance of 1.18 or more of the whitened residuals, right ones 1.05 in 95 of 100
 
 MOST_VARIANCE = 1.1
 """Their variance up to which they do."""
+
+MOST_MISSED = 0.01
+"""Share of them whose rays may miss the body: a wall that is too thin continues, past
+its outline, in a surface that noisy readings may lie on."""
 
 MOST_HIDDEN = 0.02
 """Share, in readings, of the pixels around that may see through the body."""
@@ -262,13 +279,16 @@ def solve(
         num_pixels = jnp.sum(row < depth.shape[0], dtype=jnp.int32)
         num_blocks = -(-(num_pixels + MAX_CROSSINGS) // BLOCK)
 
+    most = MOST_TRACED_REPEATS if request.is_traced else MOST_REPEATS
+    repeated = (LAST_STAGES[-2],) * most
+
     @jax.jit
     def solution_from(body: AbstractBody) -> Solution:
         return _refine(
             pixels,
             edge,
             in_camera_frame(body, camera),
-            (*FIRST_STAGES[:-1], *LAST_STAGES),
+            (*FIRST_STAGES[:-1], *LAST_STAGES[:-2], *repeated, LAST_STAGES[-1]),
             # An array: a fit is compiled once for both.
             jnp.where(is_far, 0, len(FIRST_STAGES) - 1),
             noise,
@@ -388,19 +408,25 @@ def _refine(
             always,
             blocks,
         )
+        moved = jnp.sqrt(jnp.mean(vector**2))
+        # Steps that shrink by a ratio add up to more than the last of them.
+        ratio = jnp.minimum(safe_divide(moved, carry.moved), MOST_RATIO)
+        left = moved * jnp.maximum(ratio / (1 - ratio), 1)
+        has_settled = carry.left < UNSETTLED * SETTLED * step
         return Solution(
             body=chart.body(jnp.where(only, 0, vector)),
             rows=rows,
             seen=seen,
             scale=scale,
-            converged=jnp.where(only, carry.converged, converged),
+            converged=jnp.where(only, carry.converged & has_settled, converged),
             num_steps=carry.num_steps + steps,
-            moved=jnp.where(only, 0, jnp.sqrt(jnp.mean(vector**2))),
+            moved=jnp.where(only, 0, moved),
+            left=jnp.where(only, 0, left),
         )
 
     def unless_settled(carry: Solution, given: tuple[Float[Array, "5"], Array, Array]):
         its, repeats, is_before = given
-        left_out = is_before | (repeats & (carry.moved < SETTLED * step))
+        left_out = is_before | (repeats & (carry.left < SETTLED * step))
         return jax.lax.cond(left_out, lambda c, _: c, stage, carry, its), None
 
     rows, seen, scale = _zeros_like_result(evaluated, start, unit, unit, always)
@@ -412,6 +438,7 @@ def _refine(
         converged=jnp.zeros((), bool),
         num_steps=jnp.zeros((), int),
         moved=jnp.full_like(scale, jnp.inf),
+        left=jnp.full_like(scale, jnp.inf),
     )
     repeats = np.array([stage == last for last, stage in pairwise((None, *stages))])
     is_before = jnp.arange(len(stages)) < first_stage
@@ -497,10 +524,8 @@ def _cost(
     seen, weight = tried.seen, tried.rows.weight[: pixels.depth.shape[0]]
     whitened = (seen.depth - pixels.depth) * weight
     # A pixel of the object that the body does not cover is as wrong as can be.
-    missed = (~seen.on_cap & (seen.square < 0)) | (
-        seen.on_cap & (seen.cap_distance > 1.05)
-    )
-    loss = jnp.log1p((whitened / 2) ** 2) + jnp.where(missed, MISSED_LOSS, 0)
+    missed_loss = jnp.where(is_missed(seen), MISSED_LOSS, 0)
+    loss = jnp.log1p((whitened / 2) ** 2) + missed_loss
     # A reading without weight costs as much as a pixel that is missed.
     loss = loss - jnp.log(jnp.maximum(weight * nominal, np.exp(-MISSED_LOSS)))
     used = pixels.depth > 0
@@ -523,7 +548,9 @@ def _explains(pixels: Pixels, solution: Solution) -> Bool[Array, ""]:
     num_near = jnp.sum(near, dtype=squares.dtype)
     variance = jnp.sum(jnp.where(near, squares, 0)) / jnp.maximum(num_near, 1)
     many = num_near >= (1 - MOST_OUTLYING) * jnp.sum(compared, dtype=squares.dtype)
-    return many & (variance <= MOST_VARIANCE)
+    missed = (pixels.depth > 0) & (squares < (3 * solution.scale) ** 2)
+    num_missed = jnp.sum(missed & is_missed(seen), dtype=squares.dtype)
+    return many & (variance <= MOST_VARIANCE) & (num_missed <= MOST_MISSED * num_near)
 
 
 def _spread_pixels(
