@@ -32,10 +32,30 @@ from impostor_jax.fit.result import (
 )
 from impostor_jax.fit.round_body import CylinderBody, FrustumBody, RoundBody
 from impostor_jax.fit.rows import Rows
-from impostor_jax.fit.uncertainty import free_covariance, score_covariance, spread
+from impostor_jax.fit.uncertainty import (
+    contradiction,
+    free_covariance,
+    score_covariance,
+    spread,
+)
 from impostor_jax.geometry.so3 import tangent_basis
 from impostor_jax.numerics import safe_divide, safe_sqrt
 from impostor_jax.primitives.base import in_world_frame
+
+BORDER = 4
+"""Pixels along rows and columns within which a reading lies beside a mask's border; two
+of them may have been left out."""
+
+MOST_BORDER_CHI2 = 50.0
+"""Contradiction between border and rest, of 7 degrees of freedom in a cylinder, from
+which the border is of something else: by chance once in 1e8 fits."""
+
+MOST_STRAY = 0.05
+"""Share of the border's readings that may lie elsewhere, beside twice that of the other
+readings: the outermost pixels of a mask are a quarter of its border."""
+
+FEWEST_WITHIN = 50
+"""Readings away from the border with which it is compared."""
 
 MIN_END_ROWS = 5
 """Fewest inlying readings of a cap, or crossings, that show an end."""
@@ -103,8 +123,9 @@ def assess(
     prior: Prior,
     request: Request,
     always: Bool[Array, ""],
-) -> AbstractFit:
-    """Result of a fit in the world frame.
+    mask: Bool[Array, "h w"],
+) -> tuple[AbstractFit, Bool[Array, ""]]:
+    """Result of a fit in the world frame; and whether the mask's border refutes it.
 
     Args:
         start: Where the solution began.
@@ -117,6 +138,7 @@ def assess(
         prior: In the camera frame.
         request: What was asked for.
         always: As in `residuals`.
+        mask: Pixels of the object.
     """
     if not request.keep_ends:
         solution = _signed(solution, camera)
@@ -159,6 +181,13 @@ def assess(
     of_prior = jnp.matmul(known.T, known, precision="highest")
     information = jnp.matmul(jacobian, jacobian.T, precision="highest")
     covariance, directions, free = free_covariance(information / widening + of_prior)
+    on_border = _on_border(mask, row, col)
+    statistic = contradiction(
+        jacobian[:, :num],
+        jnp.where(inlier, whitened[:num], 0) * jax.lax.rsqrt(widening),
+        inlier & on_border,
+        covariance,
+    )
     if request.correlated:
         meat = score_covariance(
             jacobian[:, :num].T,
@@ -176,6 +205,7 @@ def assess(
     std, covariance, observed, is_known = deviations_of(
         world, change, covariance, directions, free
     )
+    is_off = (statistic > MOST_BORDER_CHI2) | _stray(inlier, used, on_border)
     code = _status_code(
         converged=solution.converged,
         finite=jnp.isfinite(body.radius) & jnp.all(jnp.isfinite(body.center)),
@@ -189,7 +219,7 @@ def assess(
         blank = jnp.zeros((camera.height, camera.width), values.dtype)
         return blank.at[row, col].set(values, mode="drop")
 
-    return result_of(
+    fit = result_of(
         world,
         std=jax.tree.map(lambda value: jnp.where(success, value, jnp.inf), std),
         ends_seen=ends_seen,
@@ -206,6 +236,35 @@ def assess(
         num_pixels=count,
         rms=rms,
     )
+    return fit, is_off
+
+
+def _on_border(
+    mask: Bool[Array, "h w"], row: Int[Array, " n"], col: Int[Array, " n"]
+) -> Bool[Array, " n"]:
+    """Which pixels of a mask lie beside its border, along a row or a column."""
+    inner = jnp.ones(row.shape, bool)
+    for step in range(1, BORDER + 1):
+        for down, right in ((step, 0), (-step, 0), (0, step), (0, -step)):
+            # Beyond the image's border nothing is known to lie.
+            near_row = jnp.clip(row + down, 0, mask.shape[0] - 1)
+            near_col = jnp.clip(col + right, 0, mask.shape[1] - 1)
+            inner &= mask[near_row, near_col]
+    return ~inner
+
+
+def _stray(
+    inlier: Bool[Array, " n"], used: Bool[Array, " n"], on_border: Bool[Array, " n"]
+) -> Bool[Array, ""]:
+    """Whether readings at the border lie elsewhere far more often than within."""
+
+    def counts(where: Bool[Array, " n"]) -> tuple[Array, Array]:
+        total = jnp.sum(where, dtype=jnp.float32)
+        return jnp.sum(where & ~inlier, dtype=jnp.float32), jnp.maximum(total, 1)
+
+    (off, border), (stray, inner) = counts(used & on_border), counts(used & ~on_border)
+    is_more = off / border > MOST_STRAY + 2 * stray / inner
+    return is_more & (inner >= FEWEST_WITHIN)
 
 
 def result_of(

@@ -211,28 +211,75 @@ def _fit_concrete(
     request: Request,
     effort: Effort,
 ) -> AbstractFit:
-    """Fit from the start that is given, or from guesses."""
-    shown = pixels_shown(depth, mask, camera, noise, effort.stride)
-    image, region = shown[:2]
+    """Fit to a region, or to what of it is of one surface."""
+    image, given = np.asarray(depth), None if mask is None else np.asarray(mask)
+    region = object_region(image, given, camera, noise)
+
+    def fitted(
+        image: Float[np.ndarray, "h w"], region: Bool[np.ndarray, "h w"]
+    ) -> tuple[AbstractFit, bool]:
+        start = None if initial is None else kind.body.of(initial)
+        shown = pixels_shown(image, region, camera, noise, effort.stride)
+        fit, verdict = _fit_pixels(kind, shown, start, prior, request, effort)
+        return fit, bool(verdict.border_is_off)
+
+    fit, border_is_off = fitted(image, region)
+    if not border_is_off:
+        return fit
+    for width in NARROWER:
+        core = narrowed(region, width)
+        if np.count_nonzero(image[core]) < FEWEST_WITHIN:
+            break
+        fit, border_is_off = fitted(image, core)
+        if not border_is_off:
+            break
+    if border_is_off or not bool(fit.success):
+        return fit
+    # The region once more, without what is not on the body that its core shows.
+    own = own_pixels(image, region, kind.body.of(fit.shape), camera, noise)
+    whole, border_is_off = fitted(*own)
+    return fit if border_is_off or not bool(whole.success) else whole
+
+
+def _fit_pixels(
+    kind: Fittable,
+    shown: tuple[Any, ...],
+    initial: AbstractBody | None,
+    prior: Prior,
+    request: Request,
+    effort: Effort,
+) -> tuple[AbstractFit, Verdict]:
+    """Fit from the start that is given, or from guesses.
+
+    Args:
+        kind: What is fitted.
+        shown: As `pixels_shown` returns it.
+        initial: In the world frame.
+        prior: In the world frame.
+        request: What is asked for.
+        effort: How much work it takes.
+    """
+    image, region, _, _, camera, noise = shown
     tolerance = min(effort.tolerance, kind.most_tolerance)
     tolerance = jnp.asarray(tolerance, jnp.result_type(float))
     solved = quickly_compiled(solve, static_argnames="request")
 
-    def from_one(body: AbstractBody):
+    def from_one(body: AbstractBody) -> tuple[AbstractFit, Verdict]:
         start = Start.at(body, NUM_KEPT)
         return solved(*shown, start, prior, request, tolerance, is_far=True)
 
     if initial is not None:
-        return from_one(kind.body.of(initial))[0]
+        return from_one(initial)
     if not effort.all_starts:
         starts = _starts_of(kind, image, region, camera, noise, 1)
         if starts is not None:
-            fit, explained = from_one(jax.tree.map(lambda a: a[0], starts))
-            if effort.starts == 1 or bool(explained):
-                return fit
+            fit, verdict = from_one(jax.tree.map(lambda a: a[0], starts))
+            if effort.starts == 1 or bool(verdict.explains | verdict.border_is_off):
+                return fit, verdict
     starts = _starts_of(kind, image, region, camera, noise, effort.starts)
     if starts is None:
-        return no_guess(kind, region)
+        nothing = jnp.zeros((), bool)
+        return no_guess(kind, region), Verdict(nothing, nothing)
     best = quickly_compiled(best_start, static_argnames="estimate_scale")(
         image,
         *some_pixels(region),
@@ -243,12 +290,12 @@ def _fit_concrete(
         prior,
         request.estimate_scale,
     )
-    return solved(*shown, best, prior, request, tolerance, is_far=False)[0]
+    return solved(*shown, best, prior, request, tolerance, is_far=False)
 
 
 def pixels_shown(
-    depth: DepthImage,
-    mask: Mask | None,
+    image: Float[np.ndarray, "h w"],
+    region: Bool[np.ndarray, "h w"],
     camera: PinholeCamera,
     noise: AbstractDepthNoise,
     stride: int = 1,
@@ -256,14 +303,12 @@ def pixels_shown(
     """The first arguments of `solve`: an image, the pixels of an object, and how seen.
 
     Args:
-        depth: Checked and concrete.
-        mask: Checked and concrete; None to take the nearest object.
+        image: In meters; 0 where there is no reading.
+        region: As `object_region` returns it.
         camera: The camera.
         noise: Of its readings.
         stride: Of an `Effort`.
     """
-    image, given = np.asarray(depth), None if mask is None else np.asarray(mask)
-    region = object_region(image, given, camera, noise)
     image = np.asarray(without_edges(image, region, noise))
     return image, region, *pixel_indices(region, stride), camera, noise
 

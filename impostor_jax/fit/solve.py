@@ -10,6 +10,7 @@ __all__ = [
     "LAST_STAGES",
     "NUM_KEPT",
     "STAGE_TOLERANCE",
+    "Verdict",
     "always_true",
     "best_start",
     "evaluate",
@@ -20,7 +21,7 @@ __all__ = [
 from collections.abc import Callable
 from functools import partial
 from itertools import pairwise
-from typing import Any
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -126,6 +127,19 @@ SPREAD = 64
 
 MAX_FIRST_STEPS = 12
 """Step limit for the starts: all wait for the slowest, and a good one is done."""
+
+
+class Verdict(NamedTuple):
+    """What is left to do after a fit.
+
+    Attributes:
+        explains: Whether it explains the image so well that no other start could do
+            better.
+        border_is_off: Whether readings beside the mask's border are of something else.
+    """
+
+    explains: Bool[Array, ""]
+    border_is_off: Bool[Array, ""]
 
 
 _Tried = tuple[AbstractBody, Float[Array, "*k"], Int[Array, "*k"]]
@@ -247,7 +261,7 @@ def solve(
     request: Request,
     tolerance: Float[Array, ""],
     is_far: Bool[Array, ""],
-) -> tuple[AbstractFit, Bool[Array, ""]]:
+) -> tuple[AbstractFit, Verdict]:
     """Fit to the given pixels; the others only show where the object stops.
 
     Args:
@@ -265,8 +279,7 @@ def solve(
         is_far: Whether the start is a guess and not the best of several solutions.
 
     Returns:
-        The fit, and whether it explains the image so well that no other start could do
-        better.
+        The fit, and what it leaves to do.
     """
     depth = depth.astype(start.body.radius.dtype)
     pixels = gather_pixels(depth, camera, row, col)
@@ -325,8 +338,18 @@ def solve(
     worst = infinite, infinite, first, blank
     best, _ = jax.lax.scan(unless_explained, worst, start)
     _, hidden, start, solution = best
-    fit = assess(
-        start, solution, pixels, row, col, camera, units[0], prior, request, always
+    fit, border_is_off = assess(
+        start,
+        solution,
+        pixels,
+        row,
+        col,
+        camera,
+        units[0],
+        prior,
+        request,
+        always,
+        mask,
     )
     # Noise may hide which of two tilts is the true one.
     body = solution.body
@@ -334,7 +357,7 @@ def solve(
     if isinstance(body, RoundBody):
         is_clear |= body.height > SHORT * body.radius
     is_clear &= fit.success & (hidden <= MOST_HIDDEN)
-    return fit, is_clear & _explains(pixels, solution)
+    return fit, Verdict(is_clear & _explains(pixels, solution), border_is_off)
 
 
 def always_true(camera: PinholeCamera) -> Bool[Array, ""]:
