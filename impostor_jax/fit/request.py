@@ -5,6 +5,7 @@ __all__ = [
     "DepthImage",
     "Mask",
     "Request",
+    "TooFewReadingsError",
     "check_readings",
     "check_types",
     "checked_depth",
@@ -76,6 +77,10 @@ Mask = Bool[np.ndarray, "h w"] | Bool[Array, "h w"]
 
 MIN_READINGS = 50
 """A fit with fewer readings is refused."""
+
+
+class TooFewReadingsError(ValueError):
+    """An image, or its mask, holds too little for a fit; in a batch it fails alone."""
 
 
 def checked_request(
@@ -236,12 +241,12 @@ def checked_mask(mask: Any, camera: PinholeCamera) -> Mask | None:
 def check_readings(
     depth: Float[np.ndarray, "h w"], mask: Bool[np.ndarray, "h w"] | None
 ) -> None:
-    """Raise where there are too few readings for a fit."""
+    """Raise a `TooFewReadingsError` where there are too few readings for a fit."""
     if mask is not None and not mask.any():
-        raise ValueError("mask must hold at least one pixel, got an empty one")
+        raise TooFewReadingsError("mask must hold at least one pixel, got an empty one")
     count = np.count_nonzero(depth if mask is None else depth[mask])
     if count < MIN_READINGS:
         where = "" if mask is None else " inside the mask"
-        raise ValueError(
+        raise TooFewReadingsError(
             f"depth must hold at least {MIN_READINGS} readings{where}, got {count}"
         )
