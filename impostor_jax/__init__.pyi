@@ -6,6 +6,7 @@ from .effort import Effort
 from .fit.batch import fit_cylinders
 from .fit.cylinder import fit_cylinder
 from .fit.frustum import fit_frustum
+from .fit.labels import fit_labels
 from .fit.result import (
     Deviations,
     Directions,
@@ -93,6 +94,7 @@ __all__ = [
     "fit_cylinder",
     "fit_cylinders",
     "fit_frustum",
+    "fit_labels",
     "fit_sphere",
     "lit",
     "outline",

@@ -106,11 +106,13 @@ ORDER = {
         "frustum",
         "sphere",
         "batch",
+        "labels",
     ),
     "io": (
         "atomic",
         "provenance",
         "depth_image",
+        "label_image",
         "camera_file",
         "scene_file",
         "sensor_record",

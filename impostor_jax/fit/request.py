@@ -6,6 +6,7 @@ __all__ = [
     "Mask",
     "Request",
     "TooFewReadingsError",
+    "check_one_object",
     "check_readings",
     "check_types",
     "checked_depth",
@@ -22,7 +23,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool, Float, Integer
 
 from impostor_jax.arguments import (
     check_direction,
@@ -235,7 +236,31 @@ def checked_mask(mask: Any, camera: PinholeCamera) -> Mask | None:
         raise ValueError(f"mask must have the camera's shape {shape}, got {mask.shape}")
     if not (mask.dtype == bool or jnp.issubdtype(mask.dtype, np.integer)):
         raise ValueError(f"mask must be of booleans or integers, got {mask.dtype}")
-    return mask if mask.dtype == bool else mask != 0
+    if mask.dtype == bool:
+        return mask
+    if is_concrete(mask):
+        check_one_object(np.asarray(mask), "mask", "fit_labels fits each")
+    return mask != 0
+
+
+def check_one_object(mask: Integer[np.ndarray, "h w"], what: str, cure: str) -> None:
+    """Raise where a mask of integers has several values: the labels of many objects.
+
+    Merged into one object they would be fitted without a word.
+
+    Args:
+        mask: 0 where the object is not.
+        what: Names it in the error.
+        cure: What to do with labels.
+    """
+    largest = mask.max(initial=0)
+    if np.any((mask != 0) & (mask != largest)):
+        count = len(np.unique(mask[mask != 0]))
+        raise ValueError(
+            f"{what} must be of one object, one value beside 0, got {count} values up "
+            f"to {largest}: is it a label image? {cure}, mask == {largest} is one of "
+            "them"
+        )
 
 
 def check_readings(
