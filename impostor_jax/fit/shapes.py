@@ -43,6 +43,7 @@ from impostor_jax.fit.regions import (
     some_pixels,
     surroundings,
     typical_sigma,
+    warn_of_units,
 )
 from impostor_jax.fit.request import (
     DepthImage,
@@ -213,6 +214,7 @@ def _fit_concrete(
     """Fit from the start that is given, or from guesses."""
     shown = pixels_shown(depth, mask, camera, noise, effort.stride)
     image, region = shown[:2]
+    warn_of_units(image, shown[2], shown[3], noise)
     tolerance = min(effort.tolerance, kind.most_tolerance)
     tolerance = jnp.asarray(tolerance, jnp.result_type(float))
     solved = quickly_compiled(solve, static_argnames="request")
