@@ -81,6 +81,7 @@ ORDER = {
     ),
     "fit": (
         "robust",
+        "sparse",
         "surface",
         "segment",
         "initialize",
