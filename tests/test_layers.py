@@ -81,6 +81,7 @@ ORDER = {
     ),
     "fit": (
         "robust",
+        "depth_loss",
         "sparse",
         "surface",
         "segment",
