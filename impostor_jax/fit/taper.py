@@ -40,6 +40,7 @@ from impostor_jax.fit.solve import (
     evaluate,
     step_units,
 )
+from impostor_jax.geometry.vec3 import unit
 from impostor_jax.primitives.base import in_camera_frame
 from impostor_jax.primitives.cylinder import Cylinder
 from impostor_jax.primitives.frustum import Frustum
@@ -67,7 +68,7 @@ def taper_test(
     """
     initial = None
     if begin is not None:
-        half = begin.axis * (begin.height / 2)
+        half = unit(begin.axis) * (begin.height / 2)
         ends = begin.center - half, begin.center + half
         initial = Frustum(*ends, begin.radius, begin.radius)
     frustum = fit_shape(FRUSTUM, depth, camera, mask, initial=initial, **asked)
