@@ -1,6 +1,6 @@
 """The command `impostor-jax fit`."""
 
-__all__ = ["Fit", "summary"]
+__all__ = ["Fit"]
 
 import dataclasses
 import time
@@ -12,7 +12,7 @@ import tyro
 from impostor_jax.cli.dials import Dials, Preset, chosen_effort
 
 if TYPE_CHECKING:
-    from impostor_jax.fit.result import FitResult, TaperTest
+    from impostor_jax.fit.result import FitResult
 
 
 @dataclasses.dataclass(frozen=True)
@@ -73,7 +73,7 @@ class Fit:
         seconds = time.perf_counter() - start
         if mask is None:
             print(_region_taken(fit))
-        print(summary(fit, seconds))
+        print(fit.summary(seconds))
         record = self.output / "fit.json" if self.json is None else self.json
         write_json(record, fit_record(fit, seconds))
         write_overlay(self.output / "overlay.png", fit, depth, camera)
@@ -87,56 +87,4 @@ def _region_taken(fit: "FitResult") -> str:
     return (
         f"no mask: took the nearest object in front of its surroundings, {len(rows)} "
         f"pixels in rows {rows.min()}-{rows.max()}, columns {cols.min()}-{cols.max()}"
-    )
-
-
-def summary(fit: "FitResult", seconds: float) -> str:
-    """A few lines for a reader; lengths in millimeters, angles in degrees."""
-    import numpy as np
-
-    head = (
-        f"{fit.status}: {fit.status.meaning} {int(fit.num_steps)} steps, "
-        f"{int(fit.num_agreeing)} of {int(fit.num_starts)} starts agree, "
-        f"{int(fit.num_pixels)} pixels, {seconds:.2f} s"
-    )
-    if not bool(fit.success):
-        return head
-    cylinder, std = fit.cylinder, fit.std
-
-    def row(name: str, values, deviations, factor: float, unit: str) -> str:
-        numbers = " ".join(f"{factor * x:.3f}" for x in np.atleast_1d(values))
-        spread = " ".join(f"{factor * x:.3f}" for x in np.atleast_1d(deviations))
-        return f"  {name:<8}{numbers} {unit}  (std {spread})"
-
-    tilt = " ".join(f"{x:.3f}" for x in np.degrees(np.asarray(std.axis)))
-    direction = " ".join(f"{x:.5f}" for x in np.asarray(cylinder.axis))
-    lines = [
-        head,
-        row("center", cylinder.center, std.center, 1e3, "mm"),
-        f"  axis    {direction}  (std {tilt} degrees)",
-        row("radius", cylinder.radius, std.radius, 1e3, "mm"),
-        row("height", cylinder.height, std.height, 1e3, "mm"),
-        f"  rms     {1e3 * float(fit.rms):.3f} mm over "
-        f"{int(np.count_nonzero(fit.inliers))} inliers",
-    ]
-    if fit.taper is not None:
-        lines.append(_taper(fit.taper))
-    if not fit.height_observed:
-        across = " ".join(f"{1e3 * x:.3f}" for x in np.asarray(std.across_axis))
-        lines.append(
-            "  An end is not seen: height is the visible extent, center its middle; "
-            f"across the axis the center's std is {across} mm."
-        )
-    return "\n".join(lines)
-
-
-def _taper(taper: "TaperTest") -> str:
-    found = taper.frustum
-    if not bool(found.success):
-        return f"  taper   not tested: the frustum's fit ended as {found.status}"
-    radii = f"{1e3 * found.frustum.radius1:.3f} to {1e3 * found.frustum.radius2:.3f} mm"
-    answer = "needed" if bool(taper.is_needed()) else "not needed"
-    return (
-        f"  taper   {answer}: radius {radii} along the axis, likelihood ratio "
-        f"{float(taper.statistic):.2f}, p-value {float(taper.p_value):.2g}"
     )
