@@ -121,6 +121,7 @@ ORDER = {
         "scene_file",
         "sensor_record",
         "record",
+        "shape_record",
         "dataset",
     ),
     "viewer": ("figure",),
@@ -149,6 +150,7 @@ ORDER = {
     "cli": (
         "compiled",
         "dials",
+        "given",
         "fit",
         "render",
         "demo",
