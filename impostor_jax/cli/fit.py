@@ -13,6 +13,7 @@ import tyro
 from impostor_jax.cli.dials import Dials, Preset, chosen_effort
 from impostor_jax.cli.given import (
     chosen_noise,
+    files_of,
     hints_on_stderr,
     places_of,
     start_of,
@@ -21,6 +22,9 @@ from impostor_jax.cli.given import (
 if TYPE_CHECKING:
     from impostor_jax.camera.pinhole import PinholeCamera
     from impostor_jax.fit.result import AbstractFit
+
+    Fitted = tuple[AbstractFit, float, str]
+    """A fit, the seconds that it took, and the folder it is written to."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -36,12 +40,12 @@ class Fit:
     """Depth images: 16-bit PNG, or meters as floating-point TIFF or NPY."""
     camera: Path
     """Camera file (JSON): fx, fy, cx, cy, width, height, depth_scale_m, distortion."""
-    mask: tuple[Path, ...] = ()
-    """Mask images, one a depth image, not 0 on the object; the nearest object is taken
-    if none is given."""
-    labels: tuple[Path, ...] = ()
-    """Label images instead of masks, one a depth image: 0 where there is no object,
-    otherwise its number; each object is fitted."""
+    mask: tyro.conf.UseAppendAction[tuple[Path, ...]] = ()
+    """Mask image, not 0 on the object; the nearest object is taken if none is given. Of
+    several depth images once for each, or a folder of PNG files of their names."""
+    labels: tyro.conf.UseAppendAction[tuple[Path, ...]] = ()
+    """Label image instead of a mask: 0 where there is no object, otherwise its number;
+    each object is fitted. Of several depth images as masks are given."""
     shape: Literal["cylinder", "sphere", "frustum"] = "cylinder"
     """What is fitted."""
     sigma: float | None = None
@@ -78,15 +82,11 @@ class Fit:
         from impostor_jax.io.depth_image import read_depth
 
         places = places_of(self.depth, self.output)
-        for flag, files in (("--mask", self.mask), ("--labels", self.labels)):
-            if files and len(files) != len(places):
-                raise ValueError(
-                    f"{flag} must be one file a depth image, got {len(files)} for "
-                    f"{len(places)}"
-                )
-        if self.mask and self.labels:
+        masks = files_of("--mask", self.mask, self.depth)
+        labels = files_of("--labels", self.labels, self.depth)
+        if masks and labels:
             raise ValueError("--mask must not be given together with --labels")
-        if self.json is not None and (self.labels or len(places) > 1):
+        if self.json is not None and (labels or len(places) > 1):
             raise ValueError(
                 "--json must not be given with --labels or several images: each fit "
                 "has a fit.json of its own"
@@ -99,8 +99,14 @@ class Fit:
             depth = read_depth(self.depth[index], depth_scale_m)
             if len(places) > 1:
                 print(f"{self.depth[index]}:")
-            for fit, seconds, folder in self._fits(index, place, depth, camera, asked):
+            if labels:
+                fits = self._fits_of_labels(labels[index], depth, camera, asked)
+            else:
+                mask = masks[index] if masks else None
+                fits = self._fit(mask, depth, camera, asked)
+            for fit, seconds, name in fits:
                 print(fit.summary(seconds))
+                folder = place / name
                 self._write(fit, seconds, folder, depth, camera)
                 succeeded.append(bool(fit.success))
         return 0 if all(succeeded) else 1
@@ -120,44 +126,55 @@ class Fit:
             raise ValueError(f"--test-taper must not be given for a {self.shape}")
         return asked | ({"test_taper": True} if self.test_taper else {})
 
-    def _fits(
+    def _fit(
         self,
-        index: int,
-        place: Path,
+        mask_file: Path | None,
         depth: Any,
         camera: "PinholeCamera",
         asked: dict[str, Any],
-    ) -> Iterator[tuple["AbstractFit", float, Path]]:
-        """Fits of an image, the seconds that they took, and where they are written."""
-        from impostor_jax.fit.cylinder import fit_cylinder
-        from impostor_jax.fit.frustum import fit_frustum
-        from impostor_jax.fit.labels import fit_labels
-        from impostor_jax.fit.sphere import fit_sphere
-        from impostor_jax.io.label_image import read_labels, read_one_mask
+    ) -> "Iterator[Fitted]":
+        """The fit of an image, written to its folder."""
+        from impostor_jax.io.label_image import read_one_mask
 
-        fit_shape = {
-            "cylinder": fit_cylinder, "sphere": fit_sphere, "frustum": fit_frustum,
-        }[self.shape]  # fmt: skip
-        if self.labels:
-            labels = read_labels(self.labels[index])
-            start = time.perf_counter()
-            with hints_on_stderr():
-                fits = fit_labels(depth, camera, labels, fit_shape, **asked)
-            # They are fitted side by side.
-            seconds = time.perf_counter() - start
-            for label, fit in fits.items():
-                print(f"label {label}:")
-                yield fit, seconds, place / f"label_{label}"
-            return
-        mask = read_one_mask(self.mask[index]) if self.mask else None
+        mask = None if mask_file is None else read_one_mask(mask_file)
         start = time.perf_counter()
         with hints_on_stderr():
-            fit = fit_shape(depth, camera, mask=mask, **asked)
+            fit = self._function()(depth, camera, mask=mask, **asked)
         fit.rms.block_until_ready()
         seconds = time.perf_counter() - start
         if mask is None:
             print(_region_taken(fit))
-        yield fit, seconds, place
+        yield fit, seconds, ""
+
+    def _fits_of_labels(
+        self,
+        label_file: Path,
+        depth: Any,
+        camera: "PinholeCamera",
+        asked: dict[str, Any],
+    ) -> "Iterator[Fitted]":
+        """Fits of all objects; the seconds are those of all, side by side."""
+        from impostor_jax.fit.labels import fit_labels
+        from impostor_jax.io.label_image import read_labels
+
+        labels = read_labels(label_file)
+        start = time.perf_counter()
+        with hints_on_stderr():
+            fits = fit_labels(depth, camera, labels, self._function(), **asked)
+        seconds = time.perf_counter() - start
+        for label, fit in fits.items():
+            print(f"label {label}:")
+            yield fit, seconds, f"label_{label}"
+
+    def _function(self) -> Any:
+        """What fits the shape."""
+        from impostor_jax.fit.cylinder import fit_cylinder
+        from impostor_jax.fit.frustum import fit_frustum
+        from impostor_jax.fit.sphere import fit_sphere
+
+        return {
+            "cylinder": fit_cylinder, "sphere": fit_sphere, "frustum": fit_frustum,
+        }[self.shape]  # fmt: skip
 
     def _write(
         self,

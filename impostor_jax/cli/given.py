@@ -1,6 +1,6 @@
 """What flags of a fit name: the noise of a sensor, a shape to begin with, hints."""
 
-__all__ = ["chosen_noise", "hints_on_stderr", "places_of", "start_of"]
+__all__ = ["chosen_noise", "files_of", "hints_on_stderr", "places_of", "start_of"]
 
 import contextlib
 import sys
@@ -81,6 +81,22 @@ def places_of(images: Sequence[Path], output: Path) -> list[Path]:
                 "a folder of its name"
             )
     return [output / name for name in names]
+
+
+def files_of(flag: str, given: Sequence[Path], images: Sequence[Path]) -> list[Path]:
+    """Masks or labels of depth images, in their order; [] where none are given.
+
+    Raises:
+        ValueError: There are more or fewer than images.
+    """
+    if len(given) == 1 and given[0].is_dir():
+        return [given[0] / f"{image.stem}.png" for image in images]
+    if given and len(given) != len(images):
+        raise ValueError(
+            f"{flag} must be one file a depth image, or a folder of files of their "
+            f"names, got {len(given)} for {len(images)}"
+        )
+    return list(given)
 
 
 @contextlib.contextmanager

@@ -73,11 +73,21 @@ def test_a_label_image_is_refused_as_a_mask(fit):
 def test_several_images_have_a_folder_each(fit, folder):
     np.save(folder / "wall.npy", np.full((120, 160), 0.5, np.float32))
     files = "can.npy", "wall.npy"
-    code, out, err = fit(*files, "--mask", "can.png", "can.png")
+    # A flag takes one file at a time, so that it may stand before the images.
+    code, out, err = fit("--mask", "can.png", "--mask", "can.png", *files)
     assert (code, err) == (1, "")
     assert "can.npy:\nconverged" in out
     assert record_of(folder, "can")["success"] is True
     assert record_of(folder, "wall")["success"] is False
+
+
+def test_masks_of_several_images_may_be_a_folder_of_their_names(fit, folder):
+    code, _, err = fit("can.npy", "ball.npy", "--mask", ".")
+    assert err == ""
+    for name in ("can", "ball"):
+        mask = cv2.imread(str(folder / f"{name}.png"), cv2.IMREAD_UNCHANGED)
+        assert record_of(folder, name)["num_pixels"] == np.count_nonzero(mask)
+    assert code in (0, 1)
 
 
 def test_a_sphere_is_fitted_with_a_prior(fit, folder):
