@@ -5,7 +5,9 @@ from .camera.pixels import Tile
 from .effort import Effort
 from .fit.batch import fit_cylinders
 from .fit.cylinder import fit_cylinder
+from .fit.depth_loss import depth_loss
 from .fit.frustum import fit_frustum
+from .fit.labels import fit_labels
 from .fit.result import (
     Deviations,
     Directions,
@@ -90,9 +92,11 @@ __all__ = [
     "Terrain",
     "Tile",
     "coverage",
+    "depth_loss",
     "fit_cylinder",
     "fit_cylinders",
     "fit_frustum",
+    "fit_labels",
     "fit_sphere",
     "lit",
     "outline",

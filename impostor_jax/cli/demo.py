@@ -33,7 +33,6 @@ class Demo:
         import numpy as np
 
         from impostor_jax.camera.pinhole import PinholeCamera
-        from impostor_jax.cli.fit import summary
         from impostor_jax.fit.cylinder import fit_cylinder
         from impostor_jax.io.atomic import write_json
         from impostor_jax.io.camera_file import write_camera
@@ -59,7 +58,7 @@ class Demo:
         seconds = time.perf_counter() - start
         print(
             f"a can in front of a wall, depth noise {1e3 * SIGMA:g} mm, no mask given\n"
-            f"{summary(fit, seconds).splitlines()[0]}\n{_table(can, fit)}"
+            f"{fit.summary(seconds).splitlines()[0]}\n{_table(can, fit)}"
         )
         scale = fitting_scale(depth, None)
         write_depth_png(self.output / "depth.png", depth, scale)

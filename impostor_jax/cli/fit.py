@@ -1,142 +1,205 @@
 """The command `impostor-jax fit`."""
 
-__all__ = ["Fit", "summary"]
+__all__ = ["Fit"]
 
 import dataclasses
 import time
+from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import tyro
 
 from impostor_jax.cli.dials import Dials, Preset, chosen_effort
+from impostor_jax.cli.given import (
+    chosen_noise,
+    files_of,
+    hints_on_stderr,
+    places_of,
+    start_of,
+)
 
 if TYPE_CHECKING:
-    from impostor_jax.fit.result import FitResult, TaperTest
+    from impostor_jax.camera.pinhole import PinholeCamera
+    from impostor_jax.fit.result import AbstractFit
+
+    Fitted = tuple[AbstractFit, float, str]
+    """A fit, the seconds that it took, and the folder it is written to."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Fit:
-    """Fit a capped cylinder to a depth image.
+    """Fit a capped cylinder, or another shape, to depth images.
 
-    Writes fit.json and overlay.png. The exit code is 0 if the fit succeeded, 1 if it
-    failed and 2 if the input is bad.
+    Writes fit.json and overlay.png; of several images each into a folder of its name,
+    of several labels each into a folder label_N. The exit code is 0 if all fits
+    succeeded, 1 if one failed and 2 if the input is bad.
     """
 
-    depth: tyro.conf.Positional[Path]
-    """Depth image: 16-bit PNG, or meters as floating-point TIFF or NPY."""
+    depth: tyro.conf.Positional[tuple[Path, ...]]
+    """Depth images: 16-bit PNG, or meters as floating-point TIFF or NPY."""
     camera: Path
     """Camera file (JSON): fx, fy, cx, cy, width, height, depth_scale_m, distortion."""
-    mask: Path | None = None
-    """Mask image, not 0 on the object; the nearest object is taken if none is given."""
-    sigma: float = 0.001
-    """Standard deviation of a depth reading, in meters."""
+    mask: tyro.conf.UseAppendAction[tuple[Path, ...]] = ()
+    """Mask image, not 0 on the object; the nearest object is taken if none is given. Of
+    several depth images once for each, or a folder of PNG files of their names."""
+    labels: tyro.conf.UseAppendAction[tuple[Path, ...]] = ()
+    """Label image instead of a mask: 0 where there is no object, otherwise its number;
+    each object is fitted. Of several depth images as masks are given."""
+    shape: Literal["cylinder", "sphere", "frustum"] = "cylinder"
+    """What is fitted."""
+    sigma: float | None = None
+    """Standard deviation of a depth reading, in meters; 0.001 if neither this nor a
+    sensor is given."""
+    sensor: str | None = None
+    """Noise model of the sensor: structured_light or stereo (with the camera's focal
+    length), or a JSON file with its type and numbers."""
+    prior_radius: tuple[float, float] | None = None
+    """Expected radius and its standard deviation, in meters."""
+    prior_height: tuple[float, float] | None = None
+    """Expected height and its standard deviation, in meters."""
+    initial: Path | None = None
+    """Scene file with the one shape that the fits begin with."""
+    fixed: tuple[str, ...] = ()
+    """Names of what keeps its value in that shape: center, axis, radius, height."""
     mask_meaning: Literal["region", "outline"] = "region"
     """Whether the mask is any part of the object or its edge is the silhouette."""
     errors: Literal["independent", "correlated"] = "independent"
     """How readings of neighboring pixels err; decides the reported deviations."""
     test_taper: bool = False
-    """Whether to test if a frustum, a cup, is needed."""
+    """Whether to test if a frustum, a cup, is needed instead of a cylinder."""
     output: Path = Path(".")
     """Folder that the files are written to."""
     json: Path | None = None
-    """File for the record of the fit, instead of fit.json in the output folder."""
+    """File for the record of a single fit, instead of fit.json in the output folder."""
     effort: Preset = "balanced"
     """How much work it takes; each dial may be set apart from it."""
     dials: Dials = dataclasses.field(default_factory=Dials)
 
     def run(self) -> int:
         """Run the command; returns the exit code."""
-        from impostor_jax.fit.cylinder import fit_cylinder
-        from impostor_jax.io.atomic import write_json
         from impostor_jax.io.camera_file import read_camera
-        from impostor_jax.io.depth_image import read_depth, read_mask
-        from impostor_jax.io.record import fit_record
-        from impostor_jax.viewer.figure import write_overlay
+        from impostor_jax.io.depth_image import read_depth
 
+        places = places_of(self.depth, self.output)
+        masks = files_of("--mask", self.mask, self.depth)
+        labels = files_of("--labels", self.labels, self.depth)
+        if masks and labels:
+            raise ValueError("--mask must not be given together with --labels")
+        if self.json is not None and (labels or len(places) > 1):
+            raise ValueError(
+                "--json must not be given with --labels or several images: each fit "
+                "has a fit.json of its own"
+            )
         effort = chosen_effort(self.effort, self.dials)
         camera, depth_scale_m = read_camera(self.camera)
-        depth = read_depth(self.depth, depth_scale_m)
-        mask = None if self.mask is None else read_mask(self.mask)
+        asked = self._asked(camera) | {"effort": effort}
+        succeeded = []
+        for index, place in enumerate(places):
+            depth = read_depth(self.depth[index], depth_scale_m)
+            if len(places) > 1:
+                print(f"{self.depth[index]}:")
+            if labels:
+                fits = self._fits_of_labels(labels[index], depth, camera, asked)
+            else:
+                mask = masks[index] if masks else None
+                fits = self._fit(mask, depth, camera, asked)
+            for fit, seconds, name in fits:
+                print(fit.summary(seconds))
+                folder = place / name
+                self._write(fit, seconds, folder, depth, camera)
+                succeeded.append(bool(fit.success))
+        return 0 if all(succeeded) else 1
+
+    def _asked(self, camera: "PinholeCamera") -> dict[str, Any]:
+        """What a fit takes by name, but the mask and the effort."""
+        priors = {"radius": self.prior_radius, "height": self.prior_height}
+        asked: dict[str, Any] = {
+            "sigma": chosen_noise(self.sigma, self.sensor, float(camera.fx)),
+            "initial": start_of(self.initial, self.shape),
+            "fixed": self.fixed,
+            "prior": {name: prior for name, prior in priors.items() if prior},
+            "mask_meaning": self.mask_meaning,
+            "errors": self.errors,
+        }
+        if self.test_taper and self.shape != "cylinder":
+            raise ValueError(f"--test-taper must not be given for a {self.shape}")
+        return asked | ({"test_taper": True} if self.test_taper else {})
+
+    def _fit(
+        self,
+        mask_file: Path | None,
+        depth: Any,
+        camera: "PinholeCamera",
+        asked: dict[str, Any],
+    ) -> "Iterator[Fitted]":
+        """The fit of an image, written to its folder."""
+        from impostor_jax.io.label_image import read_one_mask
+
+        mask = None if mask_file is None else read_one_mask(mask_file)
         start = time.perf_counter()
-        fit = fit_cylinder(
-            depth,
-            camera,
-            mask=mask,
-            sigma=self.sigma,
-            mask_meaning=self.mask_meaning,
-            errors=self.errors,
-            effort=effort,
-            test_taper=self.test_taper,
-        )
+        with hints_on_stderr():
+            fit = self._function()(depth, camera, mask=mask, **asked)
         fit.rms.block_until_ready()
         seconds = time.perf_counter() - start
         if mask is None:
             print(_region_taken(fit))
-        print(summary(fit, seconds))
-        record = self.output / "fit.json" if self.json is None else self.json
-        write_json(record, fit_record(fit, seconds))
-        write_overlay(self.output / "overlay.png", fit, depth, camera)
-        return 0 if bool(fit.success) else 1
+        yield fit, seconds, ""
+
+    def _fits_of_labels(
+        self,
+        label_file: Path,
+        depth: Any,
+        camera: "PinholeCamera",
+        asked: dict[str, Any],
+    ) -> "Iterator[Fitted]":
+        """Fits of all objects; the seconds are those of all, side by side."""
+        from impostor_jax.fit.labels import fit_labels
+        from impostor_jax.io.label_image import read_labels
+
+        labels = read_labels(label_file)
+        start = time.perf_counter()
+        with hints_on_stderr():
+            fits = fit_labels(depth, camera, labels, self._function(), **asked)
+        seconds = time.perf_counter() - start
+        for label, fit in fits.items():
+            print(f"label {label}:")
+            yield fit, seconds, f"label_{label}"
+
+    def _function(self) -> Any:
+        """What fits the shape."""
+        from impostor_jax.fit.cylinder import fit_cylinder
+        from impostor_jax.fit.frustum import fit_frustum
+        from impostor_jax.fit.sphere import fit_sphere
+
+        return {
+            "cylinder": fit_cylinder, "sphere": fit_sphere, "frustum": fit_frustum,
+        }[self.shape]  # fmt: skip
+
+    def _write(
+        self,
+        fit: "AbstractFit",
+        seconds: float,
+        folder: Path,
+        depth: Any,
+        camera: "PinholeCamera",
+    ) -> None:
+        from impostor_jax.io.atomic import write_json
+        from impostor_jax.io.shape_record import shape_record
+        from impostor_jax.viewer.figure import write_overlay
+
+        record = folder / "fit.json" if self.json is None else self.json
+        write_json(record, shape_record(fit, seconds))
+        write_overlay(folder / "overlay.png", fit, depth, camera)
 
 
-def _region_taken(fit: "FitResult") -> str:
+def _region_taken(fit: "AbstractFit") -> str:
     import numpy as np
 
     rows, cols = np.nonzero(np.asarray(fit.region))
+    if not len(rows):
+        return "no mask: no object stands in front of its surroundings"
     return (
         f"no mask: took the nearest object in front of its surroundings, {len(rows)} "
         f"pixels in rows {rows.min()}-{rows.max()}, columns {cols.min()}-{cols.max()}"
-    )
-
-
-def summary(fit: "FitResult", seconds: float) -> str:
-    """A few lines for a reader; lengths in millimeters, angles in degrees."""
-    import numpy as np
-
-    head = (
-        f"{fit.status}: {fit.status.meaning} {int(fit.num_steps)} steps, "
-        f"{int(fit.num_agreeing)} of {int(fit.num_starts)} starts agree, "
-        f"{int(fit.num_pixels)} pixels, {seconds:.2f} s"
-    )
-    if not bool(fit.success):
-        return head
-    cylinder, std = fit.cylinder, fit.std
-
-    def row(name: str, values, deviations, factor: float, unit: str) -> str:
-        numbers = " ".join(f"{factor * x:.3f}" for x in np.atleast_1d(values))
-        spread = " ".join(f"{factor * x:.3f}" for x in np.atleast_1d(deviations))
-        return f"  {name:<8}{numbers} {unit}  (std {spread})"
-
-    tilt = " ".join(f"{x:.3f}" for x in np.degrees(np.asarray(std.axis)))
-    direction = " ".join(f"{x:.5f}" for x in np.asarray(cylinder.axis))
-    lines = [
-        head,
-        row("center", cylinder.center, std.center, 1e3, "mm"),
-        f"  axis    {direction}  (std {tilt} degrees)",
-        row("radius", cylinder.radius, std.radius, 1e3, "mm"),
-        row("height", cylinder.height, std.height, 1e3, "mm"),
-        f"  rms     {1e3 * float(fit.rms):.3f} mm over "
-        f"{int(np.count_nonzero(fit.inliers))} inliers",
-    ]
-    if fit.taper is not None:
-        lines.append(_taper(fit.taper))
-    if not fit.height_observed:
-        across = " ".join(f"{1e3 * x:.3f}" for x in np.asarray(std.across_axis))
-        lines.append(
-            "  An end is not seen: height is the visible extent, center its middle; "
-            f"across the axis the center's std is {across} mm."
-        )
-    return "\n".join(lines)
-
-
-def _taper(taper: "TaperTest") -> str:
-    found = taper.frustum
-    if not bool(found.success):
-        return f"  taper   not tested: the frustum's fit ended as {found.status}"
-    radii = f"{1e3 * found.frustum.radius1:.3f} to {1e3 * found.frustum.radius2:.3f} mm"
-    answer = "needed" if bool(taper.is_needed()) else "not needed"
-    return (
-        f"  taper   {answer}: radius {radii} along the axis, likelihood ratio "
-        f"{float(taper.statistic):.2f}, p-value {float(taper.p_value):.2g}"
     )

@@ -3,6 +3,7 @@
 __all__ = ["parse", "parse_with"]
 
 import contextlib
+import importlib.metadata
 import io
 import re
 import sys
@@ -37,6 +38,8 @@ def parse_with(
 ) -> Any:
     """Parse the arguments of a program; a mistake ends it as `parse` says.
 
+    `--version` alone prints the version of both programs, which are of one package.
+
     Args:
         commands: Union of the dataclasses of the subcommands.
         program: Name of the program.
@@ -46,13 +49,16 @@ def parse_with(
     Returns:
         An instance of one of the dataclasses.
     """
+    if list(arguments) == ["--version"]:
+        print(f"{program} {importlib.metadata.version('impostor-jax')}")
+        raise SystemExit(0)
     errors = io.StringIO()
     try:
         with contextlib.redirect_stderr(errors):
             return tyro.cli(
                 commands,
                 prog=program,
-                description=description,
+                description=f"{description} --version prints the version.",
                 args=arguments,
                 config=(tyro.conf.OmitArgPrefixes,),
             )

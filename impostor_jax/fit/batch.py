@@ -1,27 +1,35 @@
 """Fit one cylinder to each of several depth images, side by side."""
 
-__all__ = ["fit_cylinders"]
+__all__ = ["fit_cylinders", "fit_or_failure", "side_by_side"]
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from typing import Any
+from typing import Any, TypeVar
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from impostor_jax.arguments import is_concrete
+from impostor_jax.arguments import is_concrete, working_precision
 from impostor_jax.camera.pinhole import PinholeCamera
-from impostor_jax.effort import Effort
+from impostor_jax.effort import Effort, effort_of
 from impostor_jax.fit.cylinder import fit_cylinder
-from impostor_jax.fit.request import check_types
-from impostor_jax.fit.result import FitResult
+from impostor_jax.fit.request import (
+    TooFewReadingsError,
+    check_types,
+    checked_depth,
+    checked_mask,
+)
+from impostor_jax.fit.result import AbstractFit, FitResult
+from impostor_jax.fit.shapes import CYLINDER, Fittable, no_guess
 from impostor_jax.primitives.cylinder import Cylinder
+
+Fitted = TypeVar("Fitted", bound=AbstractFit)
 
 
 def fit_cylinders(
     depths: Any,
-    camera: PinholeCamera,
+    camera: PinholeCamera | Sequence[PinholeCamera],
     masks: Any = None,
     sigma: Any = 0.001,
     initial: Cylinder | None = None,
@@ -35,11 +43,12 @@ def fit_cylinders(
     """Fit one cylinder to each of several depth images, in as many threads as cores.
 
     Each fit is that of `fit_cylinder`, with a status of its own: an image that cannot
-    be fitted fails alone. Inside `jax.jit` map `fit_cylinder` with `jax.vmap` instead.
+    be fitted fails alone, also one without readings or with an empty mask, whose status
+    is `no_first_guess`. Inside `jax.jit` map `fit_cylinder` with `jax.vmap` instead.
 
     Args:
         depths: (N, H, W), as in `fit_cylinder`.
-        camera: The camera of all images.
+        camera: The camera of all images, or a list of N, one an image.
         masks: (N, H, W), or None.
         sigma: Of all images, as in `fit_cylinder`.
         initial: A batch (N,) of starts in the world frame; found from each image if
@@ -55,8 +64,9 @@ def fit_cylinders(
         The fits, with a leading axis (N,) in every array.
 
     Raises:
-        ValueError: As in `fit_cylinder`; or the numbers of images, masks and starts
-            differ, or an argument is traced.
+        ValueError: As in `fit_cylinder`, but for images with too few readings; or the
+            numbers of images, cameras, masks and starts differ, or an argument is
+            traced.
     """
     if not is_concrete((depths, masks, camera, sigma, initial, prior)):
         raise ValueError(
@@ -69,30 +79,67 @@ def fit_cylinders(
         raise ValueError(f"depths must have the shape (N, H, W), got {depths.shape}")
     if masks is not None and len(masks) != count:
         raise ValueError(f"masks must be {count}, one an image, got {len(masks)}")
-    check_types(Cylinder, camera, initial, count)
+    cameras = list(camera) if isinstance(camera, list | tuple) else [camera] * count
+    if len(cameras) != count:
+        raise ValueError(f"camera must be one, or {count}, got {len(cameras)}")
+    for one in cameras:
+        check_types(Cylinder, one, initial, count)
 
     def fit(index: int) -> FitResult:
-        with jax.enable_x64(is_double):
-            return fit_cylinder(
-                depths[index],
-                camera,
-                None if masks is None else masks[index],
-                sigma,
-                None if initial is None else jax.tree.map(lambda a: a[index], initial),
-                fixed,
-                prior,
-                mask_meaning,
-                scale,
-                errors,
-                effort,
-            )
+        mask = None if masks is None else masks[index]
+        start = None if initial is None else jax.tree.map(lambda a: a[index], initial)
+        asked = (fixed, prior, mask_meaning, scale, errors, effort)
+        depth, own = depths[index], cameras[index]
+        return fit_or_failure(
+            lambda: fit_cylinder(depth, own, mask, sigma, start, *asked),
+            CYLINDER, depth, own, mask, effort,
+        )  # fmt: skip
 
+    fits = side_by_side(fit, range(count))
+    # In the precision of the fits, which is the effort's.
+    with jax.enable_x64(fits[0].rms.dtype == np.float64):
+        return jax.tree.map(lambda *leaves: jnp.stack(leaves), *fits)
+
+
+def fit_or_failure(
+    fit: Callable[[], Fitted],
+    kind: Fittable,
+    depth: Any,
+    camera: PinholeCamera,
+    mask: Any,
+    effort: Effort | str,
+) -> Fitted:
+    """A fit, or a failed one of the same types where there are too few readings.
+
+    Args:
+        fit: Makes the fit.
+        kind: What it fits.
+        depth: What it is given.
+        camera: What it is given.
+        mask: What it is given.
+        effort: What it is given.
+    """
+    try:
+        return fit()
+    except TooFewReadingsError:
+        with working_precision(effort_of(effort).precision, ()):
+            region = checked_mask(mask, camera)
+            if region is None:
+                region = np.zeros(checked_depth(depth, camera).shape, bool)
+            failed: Any = no_guess(kind, np.asarray(region))
+            return failed
+
+
+def side_by_side(fit: Callable[[int], Fitted], which: Sequence[int]) -> list[Fitted]:
+    """Fits of several numbers, in their order, in as many threads as cores."""
     # A precision that the caller's thread has set is not that of another one.
     is_double = jnp.result_type(float) == np.float64
+
+    def in_its_precision(number: int) -> Fitted:
+        with jax.enable_x64(is_double):
+            return fit(number)
+
     # The first alone, which compiles for all.
-    first = fit(0)
+    first = in_its_precision(which[0])
     with ThreadPoolExecutor() as pool:
-        fits = [first, *pool.map(fit, range(1, count))]
-    # In the precision of the fits, which is the effort's.
-    with jax.enable_x64(first.rms.dtype == np.float64):
-        return jax.tree.map(lambda *leaves: jnp.stack(leaves), *fits)
+        return [first, *pool.map(in_its_precision, which[1:])]

@@ -38,7 +38,8 @@ def fit_cylinder(
     Args:
         depth: (H, W), planar depth in meters; 0, NaN and infinity mean no reading.
         camera: The camera that took it.
-        mask: (H, W), True or nonzero on pixels of the object, wall and caps together.
+        mask: (H, W), True on pixels of the object, wall and caps together; or one
+            integer there and 0 elsewhere. A label image is for `fit_labels`.
             If None, the nearest large component that stands in front of its
             surroundings is taken, and reported as `region`.
         sigma: Standard deviation of a reading in meters, or a noise model of the

@@ -2,14 +2,18 @@
 
 __all__ = [
     "START_READINGS",
+    "DepthUnitsWarning",
     "bucket",
     "object_region",
     "pixel_indices",
     "some_pixels",
     "surroundings",
     "typical_sigma",
+    "warn_of_units",
     "without_edges",
 ]
+
+import warnings
 
 import jax
 import jax.numpy as jnp
@@ -32,6 +36,12 @@ from impostor_jax.sensor.base import AbstractDepthNoise, Reach
 START_READINGS = BLOCK - MAX_CROSSINGS
 """Readings that the starts are solved on, evenly spread over the object. With the
 crossings they make a block of rows."""
+
+FARTHEST_PLAIN = 100.0
+"""Median depth in meters up to which nobody asks whether it is in meters."""
+
+FINEST_SIGMA, COARSEST_SIGMA = 1e-5, 0.1
+"""Deviations beyond that, over the depth, that a sensor may have."""
 
 BUCKETS = tuple((BLOCK << k) - MAX_CROSSINGS for k in range(2, 20))
 """Readings are filled up to one of these numbers, so that few sizes are compiled."""
@@ -105,6 +115,46 @@ def _sigma_face_on(
     noise: AbstractDepthNoise, depth: Float[Array, ""]
 ) -> Float[Array, ""]:
     return noise.sigma(depth, jnp.ones_like(depth))
+
+
+class DepthUnitsWarning(UserWarning):
+    """The depth looks as if it were not in meters."""
+
+
+def warn_of_units(
+    image: Float[np.ndarray, "h w"],
+    region: Bool[np.ndarray, "h w"],
+    noise: AbstractDepthNoise,
+) -> None:
+    """Warn where depth is so far, for its noise, that it must be in millimeters.
+
+    No sensor's deviation is less than 1e-5 of a distance beyond 100 m (a surveyor's
+    scanner has 2e-5, a depth camera 1e-3), and one that is more than a tenth of it is a
+    depth camera's, far out of its range. It is a warning, not an error: a scene may be
+    rendered without noise and that far, and a scene 1e4 times as large as a can, with a
+    noise to match, is fitted as the can is.
+
+    Args:
+        image: In meters, or not; 0 where there is no reading.
+        region: Pixels of the object.
+        noise: Of the readings.
+    """
+    readings = thinned(image[region], MAX_POINTS)
+    readings = readings[readings > 0]
+    if not len(readings):
+        readings = image[image > 0]
+    middle = float(np.median(readings))
+    if not middle > FARTHEST_PLAIN:
+        return
+    sigma = float(_sigma_face_on(noise, jnp.asarray(middle)))
+    if not FINEST_SIGMA * middle < sigma < COARSEST_SIGMA * middle:
+        warnings.warn(
+            f"depth must be in meters, its median is {middle:.4g} and its sigma "
+            f"{sigma:.2g}: is it in millimeters?",
+            DepthUnitsWarning,
+            # The line that called `fit_cylinder`.
+            stacklevel=5,
+        )
 
 
 def bucket(count: int) -> int:

@@ -5,6 +5,8 @@ __all__ = [
     "DepthImage",
     "Mask",
     "Request",
+    "TooFewReadingsError",
+    "check_one_object",
     "check_readings",
     "check_types",
     "checked_depth",
@@ -21,7 +23,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool, Float, Integer
 
 from impostor_jax.arguments import (
     check_direction,
@@ -76,6 +78,10 @@ Mask = Bool[np.ndarray, "h w"] | Bool[Array, "h w"]
 
 MIN_READINGS = 50
 """A fit with fewer readings is refused."""
+
+
+class TooFewReadingsError(ValueError):
+    """An image, or its mask, holds too little for a fit; in a batch it fails alone."""
 
 
 def checked_request(
@@ -230,18 +236,42 @@ def checked_mask(mask: Any, camera: PinholeCamera) -> Mask | None:
         raise ValueError(f"mask must have the camera's shape {shape}, got {mask.shape}")
     if not (mask.dtype == bool or jnp.issubdtype(mask.dtype, np.integer)):
         raise ValueError(f"mask must be of booleans or integers, got {mask.dtype}")
-    return mask if mask.dtype == bool else mask != 0
+    if mask.dtype == bool:
+        return mask
+    if is_concrete(mask):
+        check_one_object(np.asarray(mask), "mask", "fit_labels fits each")
+    return mask != 0
+
+
+def check_one_object(mask: Integer[np.ndarray, "h w"], what: str, cure: str) -> None:
+    """Raise where a mask of integers has several values: the labels of many objects.
+
+    Merged into one object they would be fitted without a word.
+
+    Args:
+        mask: 0 where the object is not.
+        what: Names it in the error.
+        cure: What to do with labels.
+    """
+    largest = mask.max(initial=0)
+    if np.any((mask != 0) & (mask != largest)):
+        count = len(np.unique(mask[mask != 0]))
+        raise ValueError(
+            f"{what} must be of one object, one value beside 0, got {count} values up "
+            f"to {largest}: is it a label image? {cure}, mask == {largest} is one of "
+            "them"
+        )
 
 
 def check_readings(
     depth: Float[np.ndarray, "h w"], mask: Bool[np.ndarray, "h w"] | None
 ) -> None:
-    """Raise where there are too few readings for a fit."""
+    """Raise a `TooFewReadingsError` where there are too few readings for a fit."""
     if mask is not None and not mask.any():
-        raise ValueError("mask must hold at least one pixel, got an empty one")
+        raise TooFewReadingsError("mask must hold at least one pixel, got an empty one")
     count = np.count_nonzero(depth if mask is None else depth[mask])
     if count < MIN_READINGS:
         where = "" if mask is None else " inside the mask"
-        raise ValueError(
+        raise TooFewReadingsError(
             f"depth must hold at least {MIN_READINGS} readings{where}, got {count}"
         )

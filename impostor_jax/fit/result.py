@@ -13,14 +13,26 @@ __all__ = [
     "TaperTest",
 ]
 
+import abc
 import enum
+from collections import Counter
 
 import equinox as eqx
+import numpy as np
 from jaxtyping import Array, Bool, Float, Int
+from typing_extensions import override
 
+from impostor_jax.fit.text import (
+    cylinder_rows,
+    frustum_rows,
+    millimeters,
+    sphere_rows,
+)
+from impostor_jax.primitives.base import AbstractPrimitive
 from impostor_jax.primitives.cylinder import Cylinder
 from impostor_jax.primitives.frustum import Frustum
 from impostor_jax.primitives.sphere import Sphere
+from impostor_jax.text import described, text_or_repr
 
 
 class FitStatus(enum.StrEnum):
@@ -72,6 +84,9 @@ class Deviations(eqx.Module):
     radius: Float[Array, "*batch"]
     height: Float[Array, "*batch"]
 
+    def __str__(self) -> str:
+        return text_or_repr(self, lambda: described(self, {"axis": "rad"}))
+
 
 class FrustumDeviations(eqx.Module):
     """Standard deviations of a frustum; `inf` where undetermined, 0 where held.
@@ -96,6 +111,9 @@ class FrustumDeviations(eqx.Module):
     radius2: Float[Array, "*batch"]
     height: Float[Array, "*batch"]
 
+    def __str__(self) -> str:
+        return text_or_repr(self, lambda: described(self, {"axis": "rad"}))
+
 
 class SphereDeviations(eqx.Module):
     """Standard deviations of a sphere; 0 where held.
@@ -107,6 +125,9 @@ class SphereDeviations(eqx.Module):
 
     center: Float[Array, "*batch 3"]
     radius: Float[Array, "*batch"]
+
+    def __str__(self) -> str:
+        return text_or_repr(self, lambda: described(self, {}))
 
 
 class Directions(eqx.Module):
@@ -168,6 +189,52 @@ class AbstractFit(eqx.Module):
         """How the fit ended; needs a single, concrete result."""
         return STATUSES[int(self.status_code)]
 
+    @property
+    @abc.abstractmethod
+    def shape(self) -> AbstractPrimitive:
+        """The estimate, whatever is fitted, in the world frame."""
+
+    @property
+    @abc.abstractmethod
+    def rows(self) -> list[str]:
+        """Lines of the estimate and its deviations; of a single, concrete fit."""
+
+    @property
+    @abc.abstractmethod
+    def notes(self) -> list[str]:
+        """Lines of what else there is to say."""
+
+    def summary(self, seconds: float | None = None) -> str:
+        """A few lines for a reader; lengths in millimeters, angles in degrees.
+
+        Args:
+            seconds: Time that the fit took; left out if None.
+        """
+        time = "" if seconds is None else f", {seconds:.2f} s"
+        head = (
+            f"{self.status}: {self.status.meaning} {int(self.num_steps)} steps, "
+            f"{int(self.num_agreeing)} of {int(self.num_starts)} starts agree, "
+            f"{int(self.num_pixels)} pixels{time}"
+        )
+        if not bool(self.success):
+            return head
+        rms = (
+            f"  rms     {millimeters(self.rms)} mm over "
+            f"{int(np.count_nonzero(self.inliers))} inliers"
+        )
+        return "\n".join([head, *self.rows, rms, *self.notes])
+
+    def __str__(self) -> str:
+        return text_or_repr(self, self._text)
+
+    def _text(self) -> str:
+        codes = np.asarray(self.status_code)
+        if codes.ndim == 0:
+            return self.summary()
+        count = Counter(str(STATUSES[int(code)]) for code in codes.ravel())
+        found = ", ".join(f"{number} {status}" for status, number in count.items())
+        return f"{codes.size} fits: {found}"
+
 
 class FrustumFit(AbstractFit):
     """A fitted frustum, and what `AbstractFit` lists.
@@ -186,6 +253,27 @@ class FrustumFit(AbstractFit):
     std: FrustumDeviations
     ends_seen: Bool[Array, "*batch 2"]
 
+    @property
+    @override
+    def shape(self) -> Frustum:
+        return self.frustum
+
+    @property
+    @override
+    def rows(self) -> list[str]:
+        return frustum_rows(self.frustum, self.std)
+
+    @property
+    @override
+    def notes(self) -> list[str]:
+        if bool(self.ends_seen.all()):
+            return []
+        across = millimeters(self.std.across_axis)
+        return [
+            "  An end is not seen: it is put where the wall was last seen; across the "
+            f"axis the middle's std is {across} mm."
+        ]
+
 
 class SphereFit(AbstractFit):
     """A fitted sphere, and what `AbstractFit` lists.
@@ -198,6 +286,21 @@ class SphereFit(AbstractFit):
 
     sphere: Sphere
     std: SphereDeviations
+
+    @property
+    @override
+    def shape(self) -> Sphere:
+        return self.sphere
+
+    @property
+    @override
+    def rows(self) -> list[str]:
+        return sphere_rows(self.sphere, self.std)
+
+    @property
+    @override
+    def notes(self) -> list[str]:
+        return []
 
 
 class TaperTest(eqx.Module):
@@ -224,6 +327,22 @@ class TaperTest(eqx.Module):
         """
         return self.p_value < level
 
+    def __str__(self) -> str:
+        return text_or_repr(self, self._text)
+
+    def _text(self) -> str:
+        found = self.frustum
+        if not bool(found.success):
+            return f"  taper   not tested: the frustum's fit ended as {found.status}"
+        ends = found.frustum.radius1, found.frustum.radius2
+        radius1, radius2 = map(millimeters, ends)
+        answer = "needed" if bool(self.is_needed()) else "not needed"
+        return (
+            f"  taper   {answer}: radius {radius1} to {radius2} mm along the axis, "
+            f"likelihood ratio {float(self.statistic):.2f}, p-value "
+            f"{float(self.p_value):.2g}"
+        )
+
 
 class FitResult(AbstractFit):
     """A fitted cylinder, and what `AbstractFit` lists.
@@ -243,6 +362,28 @@ class FitResult(AbstractFit):
     std: Deviations
     ends_seen: Bool[Array, "*batch 2"]
     taper: TaperTest | None = None
+
+    @property
+    @override
+    def shape(self) -> Cylinder:
+        return self.cylinder
+
+    @property
+    @override
+    def rows(self) -> list[str]:
+        return cylinder_rows(self.cylinder, self.std)
+
+    @property
+    @override
+    def notes(self) -> list[str]:
+        notes = [] if self.taper is None else [str(self.taper)]
+        if not self.height_observed:
+            across = millimeters(self.std.across_axis)
+            notes.append(
+                "  An end is not seen: height is the visible extent, center its "
+                f"middle; across the axis the center's std is {across} mm."
+            )
+        return notes
 
     @property
     def height_observed(self) -> bool:

@@ -18,7 +18,7 @@ from impostor_jax.fit.rows import Kind, Rows
 from impostor_jax.geometry.frames import RigidTransform
 from impostor_jax.geometry.rays import Ray, slab_interval
 from impostor_jax.geometry.so3 import tangent_basis
-from impostor_jax.geometry.vec3 import Vec3
+from impostor_jax.geometry.vec3 import Vec3, unit
 from impostor_jax.numerics import safe_norm, smallest_slope
 from impostor_jax.primitives.cylinder import Cylinder
 from impostor_jax.primitives.frustum import Frustum
@@ -425,7 +425,7 @@ class CylinderBody(RoundBody):
     def of(shape: Cylinder) -> "CylinderBody":
         return CylinderBody(
             center=shape.center,
-            axis=shape.axis,
+            axis=unit(shape.axis),
             radius=shape.radius,
             height=shape.height,
         )

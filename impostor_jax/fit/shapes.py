@@ -33,6 +33,7 @@ from impostor_jax.effort import Effort, effort_of
 from impostor_jax.fit.assess import Start, deviations_of, result_of
 from impostor_jax.fit.ball import Ball
 from impostor_jax.fit.body import AbstractBody
+from impostor_jax.fit.border import fit_of_one_surface
 from impostor_jax.fit.guess_sphere import guess_spheres
 from impostor_jax.fit.initialize import first_guesses
 from impostor_jax.fit.prior import Prior
@@ -43,6 +44,7 @@ from impostor_jax.fit.regions import (
     some_pixels,
     surroundings,
     typical_sigma,
+    warn_of_units,
     without_edges,
 )
 from impostor_jax.fit.request import (
@@ -58,7 +60,13 @@ from impostor_jax.fit.request import (
 )
 from impostor_jax.fit.result import STATUSES, AbstractFit, FitStatus
 from impostor_jax.fit.round_body import CylinderBody, FrustumBody, RoundBody
-from impostor_jax.fit.solve import NUM_KEPT, STAGE_TOLERANCE, best_start, solve
+from impostor_jax.fit.solve import (
+    NUM_KEPT,
+    STAGE_TOLERANCE,
+    Verdict,
+    best_start,
+    solve,
+)
 from impostor_jax.primitives.base import (
     AbstractPrimitive,
     in_camera_frame,
@@ -214,6 +222,7 @@ def _fit_concrete(
     """Fit to a region, or to what of it is of one surface."""
     image, given = np.asarray(depth), None if mask is None else np.asarray(mask)
     region = object_region(image, given, camera, noise)
+    warn_of_units(image, region, noise)
 
     def fitted(
         image: Float[np.ndarray, "h w"], region: Bool[np.ndarray, "h w"]
@@ -223,22 +232,7 @@ def _fit_concrete(
         fit, verdict = _fit_pixels(kind, shown, start, prior, request, effort)
         return fit, bool(verdict.border_is_off)
 
-    fit, border_is_off = fitted(image, region)
-    if not border_is_off:
-        return fit
-    for width in NARROWER:
-        core = narrowed(region, width)
-        if np.count_nonzero(image[core]) < FEWEST_WITHIN:
-            break
-        fit, border_is_off = fitted(image, core)
-        if not border_is_off:
-            break
-    if border_is_off or not bool(fit.success):
-        return fit
-    # The region once more, without what is not on the body that its core shows.
-    own = own_pixels(image, region, kind.body.of(fit.shape), camera, noise)
-    whole, border_is_off = fitted(*own)
-    return fit if border_is_off or not bool(whole.success) else whole
+    return fit_of_one_surface(fitted, kind.body, image, region, camera, noise)
 
 
 def _fit_pixels(

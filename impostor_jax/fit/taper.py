@@ -12,6 +12,7 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from impostor_jax.arguments import working_precision
@@ -40,6 +41,7 @@ from impostor_jax.fit.solve import (
     evaluate,
     step_units,
 )
+from impostor_jax.geometry.vec3 import unit
 from impostor_jax.primitives.base import in_camera_frame
 from impostor_jax.primitives.cylinder import Cylinder
 from impostor_jax.primitives.frustum import Frustum
@@ -67,7 +69,7 @@ def taper_test(
     """
     initial = None
     if begin is not None:
-        half = begin.axis * (begin.height / 2)
+        half = unit(begin.axis) * (begin.height / 2)
         ends = begin.center - half, begin.center + half
         initial = Frustum(*ends, begin.radius, begin.radius)
     frustum = fit_shape(FRUSTUM, depth, camera, mask, initial=initial, **asked)
@@ -85,8 +87,14 @@ def taper_test(
     )
     with working_precision(effort.precision, (depth, camera, mask, asked)) as converted:
         noise, camera = converted((checked_noise(asked["sigma"]), camera))
-        given = checked_depth(depth, camera), checked_mask(mask, camera)
-        shown = pixels_shown(*given, camera, noise, effort.stride)
+        image = np.asarray(checked_depth(depth, camera))
+        # What of a mask the fit has taken; an outline is all of it.
+        region = np.asarray(
+            frustum.region
+            if asked["mask_meaning"] == "region"
+            else checked_mask(mask, camera)
+        )
+        shown = pixels_shown(image, region, camera, noise, effort.stride)
         prior = checked_prior(asked["prior"], FRUSTUM.parameters, initial)
         compared = quickly_compiled(_statistic, static_argnames="request")
         statistic = compared(*shown, frustum.frustum, converted(prior), request)

@@ -121,7 +121,9 @@ def contradiction(
         precision="highest",
     )
     diagonal = jnp.diagonal(information)
-    size = jnp.where(diagonal > 0, jax.lax.rsqrt(jnp.where(diagonal > 0, diagonal, 1)), 0)
+    size = jnp.where(
+        diagonal > 0, jax.lax.rsqrt(jnp.where(diagonal > 0, diagonal, 1)), 0
+    )
     values, vectors = jnp.linalg.eigh(
         (information - taken) * size[:, None] * size[None, :]
     )

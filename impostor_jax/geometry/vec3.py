@@ -5,13 +5,14 @@ written for one ray is elementwise over any batch, and XLA fuses it into one loo
 Measured on 640x480 rays: 0.9 ms against 14 ms for arrays of shape (H, W, 3).
 """
 
-__all__ = ["Vec3"]
+__all__ = ["Vec3", "unit"]
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from impostor_jax.numerics import safe_divide, safe_sqrt
+from impostor_jax.numerics import eps, safe_divide, safe_sqrt
 
 
 class Vec3(eqx.Module):
@@ -69,6 +70,14 @@ class Vec3(eqx.Module):
         length = self.norm()
         return self * safe_divide(jnp.ones_like(length), length)
 
+    def unit(self) -> "Vec3":
+        """Direction of what was made a unit vector, and an optimizer may have changed.
+
+        What is of length 1 to rounding keeps every bit, so that this may be asked of it
+        again and again. The derivative is the direction's: 0 along the vector.
+        """
+        return _unit(self)
+
     def where(self, mask, other: "Vec3") -> "Vec3":
         """Take this vector where `mask` holds and `other` elsewhere."""
         return Vec3(
@@ -76,3 +85,29 @@ class Vec3(eqx.Module):
             jnp.where(mask, self.y, other.y),
             jnp.where(mask, self.z, other.z),
         )
+
+
+@jax.jit
+def unit(vectors: Float[Array, "*batch 3"]) -> Float[Array, "*batch 3"]:
+    """`Vec3.unit` of arrays."""
+    return Vec3.from_array(vectors).unit().stack()
+
+
+def _to_unit(v: Vec3) -> Float[Array, "*batch"]:
+    """What brings a vector to length 1; exactly 1 where rounding alone is missing."""
+    squares = v.dot(v)
+    # A unit vector that was made one, or rotated, is within 8 of these.
+    is_unit = jnp.abs(squares - 1) <= eps(squares.dtype, 16)
+    return jnp.where(is_unit | (squares == 0), 1, jax.lax.rsqrt(squares))
+
+
+@jax.custom_jvp
+def _unit(v: Vec3) -> Vec3:
+    return v * _to_unit(v)
+
+
+@_unit.defjvp
+def _unit_jvp(primals, tangents):
+    (v,), (change,) = primals, tangents
+    u = _unit(v)
+    return u, (change - u * u.dot(change)) * _to_unit(v)

@@ -25,7 +25,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from impostor_jax.geometry.vec3 import Vec3
+from impostor_jax.geometry.vec3 import Vec3, unit
 from impostor_jax.primitives.base import AbstractPrimitive
 from impostor_jax.primitives.box import Box
 from impostor_jax.primitives.cylinder import Cylinder
@@ -86,7 +86,7 @@ def _box_ball(boxes: Box) -> Ball:
 
 def _plane_ball(planes: Plane) -> Ball:
     # Around the point nearest to the camera, whichever point the plane was given by.
-    normal = np.asarray(planes.unit_normal)
+    normal = np.asarray(unit(jnp.asarray(planes.unit_normal)))
     height = np.sum(normal * planes.point, axis=-1)
     return normal * height[:, None], np.full(height.shape, np.inf)
 
@@ -98,6 +98,15 @@ def _frustum_ball(frusta: Frustum) -> Ball:
     return (p1 + p2) / 2, np.asarray(reach)
 
 
+def _cylinder_values(cylinders: Cylinder) -> dict[str, Any]:
+    return {**vars(cylinders), "axis": unit(jnp.asarray(cylinders.axis))}
+
+
+def _plane_values(planes: Plane) -> dict[str, Any]:
+    normal = unit(jnp.asarray(planes.unit_normal))
+    return {**vars(planes), "unit_normal": normal}
+
+
 def _frustum_values(frusta: Frustum) -> dict[str, Any]:
     # Of NumPy's arrays, which it is kept as.
     axis = jax.tree.map(jnp.asarray, frusta).axis
@@ -106,7 +115,7 @@ def _frustum_values(frusta: Frustum) -> dict[str, Any]:
 
 def _open_cylinder_values(cylinders: Cylinder) -> dict[str, Any]:
     """Those of the frustum of equal radii."""
-    axis = jnp.asarray(cylinders.axis)
+    axis = unit(jnp.asarray(cylinders.axis))
     reach = axis * cylinders.height[:, None] / 2
     return {
         "p1": cylinders.center - reach,
@@ -203,7 +212,10 @@ _OPEN_CYLINDER = dataclasses.replace(
 IMPOSTORS: dict[type[AbstractPrimitive], Impostor] = {
     Box: Impostor("box", {"center": 3, "rotation": 9, "size": 3}, _box_ball),
     Cylinder: Impostor(
-        "cylinder", {"center": 3, "axis": 3, "radius": 1, "height": 1}, _cylinder_ball
+        "cylinder",
+        {"center": 3, "axis": 3, "radius": 1, "height": 1},
+        _cylinder_ball,
+        _cylinder_values,
     ),
     Frustum: _FRUSTUM,
     Heightfield: Impostor(
@@ -214,6 +226,8 @@ IMPOSTORS: dict[type[AbstractPrimitive], Impostor] = {
         _heightfield_samples,
         billboard="box",
     ),
-    Plane: Impostor("plane", {"point": 3, "unit_normal": 3}, _plane_ball),
+    Plane: Impostor(
+        "plane", {"point": 3, "unit_normal": 3}, _plane_ball, _plane_values
+    ),
     Sphere: Impostor("sphere", {"center": 3, "radius": 1}, _sphere_ball),
 }

@@ -13,6 +13,19 @@ from impostor_jax.camera.base import AbstractCamera
 from impostor_jax.geometry.frames import RigidTransform
 from impostor_jax.geometry.rays import Hit, Ray
 from impostor_jax.geometry.vec3 import Vec3
+from impostor_jax.text import described, text_or_repr
+
+UNITS = {
+    "axis": "",
+    "unit_normal": "",
+    "rotation": "",
+    "zero": "",
+    "start_angle": "rad",
+    "end_angle": "rad",
+    "lipschitz": "",
+    "curvature": "1/m",
+}
+"""Of the fields of shapes that are not in meters."""
 
 
 class AbstractPrimitive(eqx.Module):
@@ -51,6 +64,13 @@ class AbstractPrimitive(eqx.Module):
     @abc.abstractmethod
     def transformed(self, target_from_source: RigidTransform) -> "AbstractPrimitive":
         """Express the same shape in another frame."""
+
+    def __str__(self) -> str:
+        return text_or_repr(self, self._text)
+
+    def _text(self) -> str:
+        # Of a batch the plain form, with shapes and dtypes, says more.
+        return repr(self) if self.batch_shape else described(self, UNITS)
 
 
 @runtime_checkable

@@ -58,7 +58,8 @@ class Box(AbstractPrimitive):
     Args:
         center: (*batch, 3), in meters.
         rotation: `world_from_box`, (*batch, 3, 3): the columns are the directions of
-            the edges. Orthogonal with determinant 1 to within 1e-3, taken as it is.
+            the edges. Orthogonal with determinant 1 to within 1e-3, taken as it is: an
+            optimizer has to turn it, since nine free numbers do not stay a rotation.
         size: Full lengths of the edges in meters, positive, (*batch, 3).
 
     Derivatives:

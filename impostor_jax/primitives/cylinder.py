@@ -47,7 +47,7 @@ from typing_extensions import override
 from impostor_jax.arguments import check_direction, check_positive, float_arrays
 from impostor_jax.geometry.frames import RigidTransform
 from impostor_jax.geometry.rays import Hit, Ray, slab_interval, wall_interval
-from impostor_jax.geometry.vec3 import Vec3
+from impostor_jax.geometry.vec3 import Vec3, unit
 from impostor_jax.numerics import has_square, safe_normalize, safe_sqrt
 from impostor_jax.primitives.base import AbstractPrimitive
 from impostor_jax.primitives.sector import sector, sector_fields
@@ -71,7 +71,7 @@ class Cylinder(AbstractPrimitive):
     Args:
         center: Midpoint of the axis between the caps, (*batch, 3), in meters.
         axis: Direction of the axis, (*batch, 3); any nonzero length, kept as a unit
-            vector.
+            vector. One that an optimizer has changed since counts as its direction.
         radius: In meters, positive, (*batch,).
         height: Full length from cap to cap in meters, positive, (*batch,).
         start_angle: Where a sector begins, in radians, (*batch,); counted about the
@@ -87,7 +87,8 @@ class Cylinder(AbstractPrimitive):
     Derivatives:
         The depth of a pixel is smooth in every field while the same surface is seen and
         jumps where the outline, the rim or a cut crosses the pixel. It grows without
-        bound as a ray grazes the wall; on a ray that grazes to rounding it is 0.
+        bound as a ray grazes the wall; on a ray that grazes to rounding it is 0. Along
+        the axis' own direction that in `axis` is 0: its length does not count.
 
     Raises:
         ValueError: A concrete value is out of range, or a shape does not fit.
@@ -161,7 +162,7 @@ class Cylinder(AbstractPrimitive):
         if not self.is_whole:
             return tapered_normal(ray, hit, self._tapered())
         mask = hit.mask
-        a = Vec3.from_array(self.axis)
+        a = Vec3.from_array(self.axis).unit()
         q = ray.at(jnp.where(mask, hit.t, 0)) - Vec3.from_array(self.center)
         n = a.where(hit.on_cap, _radial(q, a))
         return facing(n, ray.direction, mask)
@@ -170,7 +171,7 @@ class Cylinder(AbstractPrimitive):
     def implicit(self, point: Vec3) -> Float[Array, "*batch"]:
         if not self.is_whole:
             return tapered_distance(point, self._tapered())
-        a = Vec3.from_array(self.axis)
+        a = Vec3.from_array(self.axis).unit()
         q = point - Vec3.from_array(self.center)
         along = q.dot(a)
         beyond_wall = (q - a * along).norm() - self.radius
@@ -183,7 +184,7 @@ class Cylinder(AbstractPrimitive):
     @override
     def transformed(self, target_from_source: RigidTransform) -> "Cylinder":
         center = target_from_source.apply(self.center)
-        axis = target_from_source.rotate(self.axis)
+        axis = target_from_source.rotate(unit(self.axis))
         moved = eqx.tree_at(lambda c: (c.center, c.axis), self, (center, axis))
         if self.zero is None:
             return moved
@@ -192,7 +193,7 @@ class Cylinder(AbstractPrimitive):
 
     def _tapered(self) -> Tapered:
         """The open body, or the sector, of no slope."""
-        a = Vec3.from_array(self.axis)
+        a = Vec3.from_array(self.axis).unit()
         return Tapered(
             anchor=Vec3.from_array(self.center),
             axis=a,
@@ -214,7 +215,8 @@ def _signed_hit(ray: Ray, cylinder: Cylinder) -> Float[Array, "*batch"]:
     """
 
     def trace() -> Float[Array, "*batch"]:
-        center, a = Vec3.from_array(cylinder.center), Vec3.from_array(cylinder.axis)
+        center = Vec3.from_array(cylinder.center)
+        a = Vec3.from_array(cylinder.axis).unit()
         r, half_height = cylinder.radius, cylinder.height / 2
         # Of the point of the axis that is nearest to the ray's origin.
         level = jnp.clip((ray.origin - center).dot(a), -half_height, half_height)
@@ -252,7 +254,9 @@ def _signed_hit_tangent(
     mask, on_cap = jnp.isfinite(signed), signed < 0
     t = jnp.where(mask, jnp.abs(signed), 0)
     o, d = ray.origin, ray.direction
-    c, a = Vec3.from_array(cylinder.center), Vec3.from_array(cylinder.axis)
+    axis, d_axis = (Vec3.from_array(c.axis) for c in (cylinder, d_cylinder))
+    a, d_axis = jax.jvp(Vec3.unit, (axis,), (d_axis,))
+    c = Vec3.from_array(cylinder.center)
     q, d_a = ray.at(t) - c, d.dot(a)
     # Counted in radii, so that no power of a small one is lost. A miss has no q.
     radial = _radial(q * jnp.where(mask, 1 / cylinder.radius, 0), a)
@@ -271,7 +275,6 @@ def _signed_hit_tangent(
     n, n_d, lean, t = within_range((n, n_d, lean, t), squares, curvature, n_d)
     d_size = jnp.where(on_cap, d_cylinder.height / 2, d_cylinder.radius)
     d_point = d_ray.at(t) - Vec3.from_array(d_cylinder.center)
-    d_axis = Vec3.from_array(d_cylinder.axis)
     change = d_size - n.dot(d_point) + lean.dot(d_axis)
     d_t = hit_tangent(change, n_d, mask)
     return jnp.where(on_cap, -d_t, d_t)

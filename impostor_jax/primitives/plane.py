@@ -32,7 +32,7 @@ from typing_extensions import override
 from impostor_jax.arguments import check_direction, float_arrays
 from impostor_jax.geometry.frames import RigidTransform
 from impostor_jax.geometry.rays import Hit, Ray
-from impostor_jax.geometry.vec3 import Vec3
+from impostor_jax.geometry.vec3 import Vec3, unit
 from impostor_jax.numerics import safe_normalize, smallest_slope
 from impostor_jax.primitives.base import AbstractPrimitive
 from impostor_jax.primitives.surface import facing, hit_tangent, within_range
@@ -46,7 +46,8 @@ class Plane(AbstractPrimitive):
 
     Args:
         point: Any point of the plane, (*batch, 3), in meters.
-        normal: (*batch, 3); any nonzero length, kept as a unit vector.
+        normal: (*batch, 3); any nonzero length, kept as a unit vector. One that an
+            optimizer has changed since counts as its direction.
 
     Derivatives:
         The depth of a pixel is smooth in both fields and jumps where the horizon
@@ -85,24 +86,24 @@ class Plane(AbstractPrimitive):
 
     @override
     def normal(self, ray: Ray, hit: Hit) -> Vec3:
-        return facing(Vec3.from_array(self.unit_normal), ray.direction, hit.mask)
+        return facing(Vec3.from_array(self.unit_normal).unit(), ray.direction, hit.mask)
 
     @override
     def implicit(self, point: Vec3) -> Float[Array, "*batch"]:
-        n = Vec3.from_array(self.unit_normal)
+        n = Vec3.from_array(self.unit_normal).unit()
         return (point - Vec3.from_array(self.point)).dot(n)
 
     @override
     def transformed(self, target_from_source: RigidTransform) -> "Plane":
         point = target_from_source.apply(self.point)
-        normal = target_from_source.rotate(self.unit_normal)
+        normal = target_from_source.rotate(unit(self.unit_normal))
         return eqx.tree_at(lambda p: (p.point, p.unit_normal), self, (point, normal))
 
 
 @jax.custom_jvp
 def _first_hit(ray: Ray, plane: Plane) -> Float[Array, "*batch"]:
     """Ray parameter of the hit, `+inf` on a miss."""
-    n = Vec3.from_array(plane.unit_normal)
+    n = Vec3.from_array(plane.unit_normal).unit()
     height = n.dot(Vec3.from_array(plane.point) - ray.origin)
     n_d = n.dot(ray.direction)
     meets = jnp.abs(n_d) > smallest_slope(n_d.dtype)
@@ -116,11 +117,13 @@ def _first_hit_jvp(primals, tangents):
     hit = _first_hit(ray, plane)
     mask = jnp.isfinite(hit)
     t = jnp.where(mask, hit, 0)
-    d, n = ray.direction, Vec3.from_array(plane.unit_normal)
+    n, d_normal = (Vec3.from_array(p.unit_normal) for p in (plane, d_plane))
+    n, d_normal = jax.jvp(Vec3.unit, (n,), (d_normal,))
+    d = ray.direction
     q = ray.at(t) - Vec3.from_array(plane.point)
     n_d = n.dot(d)
     squares = q.dot(q) + t * t * d.dot(d)
     n, n_d, q, t = within_range((n, n_d, q, t), squares, jnp.ones_like(n_d), n_d)
     d_point = d_ray.at(t) - Vec3.from_array(d_plane.point)
-    change = -n.dot(d_point) - q.dot(Vec3.from_array(d_plane.unit_normal))
+    change = -n.dot(d_point) - q.dot(d_normal)
     return hit, hit_tangent(change, n_d, mask)

@@ -213,7 +213,7 @@ def _first_hit_jvp(primals, tangents):
     # what they are differentiated through needs some room.
     span = body.high - body.low
     lengths = q.dot(q) + t * t * d.dot(d)
-    lengths = lengths + safe_divide(lengths, span * span)
+    lengths += safe_divide(lengths, jnp.broadcast_to(span * span, lengths.shape))
     squares = lengths * (1 + body.slope * body.slope)
     curvature = jnp.where(on_wall, local, 1) / 1024
     n, n_d, q, along, t = within_range((n, n_d, q, along, t), squares, curvature, n_d)

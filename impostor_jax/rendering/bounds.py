@@ -98,7 +98,7 @@ def _discs_reach(
 
 
 def _cylinder_reach(cylinder: Cylinder, is_central: bool):
-    a = Vec3.from_array(cylinder.axis)
+    a = Vec3.from_array(cylinder.axis).unit()
     ends = [(c, a, cylinder.radius) for c in discs(cylinder)]
     return _discs_reach(ends, is_central)
 

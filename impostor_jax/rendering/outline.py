@@ -27,7 +27,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from impostor_jax.geometry.vec3 import Vec3
+from impostor_jax.geometry.vec3 import Vec3, unit
 from impostor_jax.numerics import safe_divide, safe_sqrt
 from impostor_jax.primitives.cylinder import Cylinder
 from impostor_jax.primitives.sphere import Sphere
@@ -35,7 +35,7 @@ from impostor_jax.primitives.sphere import Sphere
 
 def discs(cylinder: Cylinder) -> tuple[Vec3, Vec3]:
     """Centers of the two caps."""
-    offset = cylinder.axis * (cylinder.height / 2)
+    offset = unit(cylinder.axis) * (cylinder.height / 2)
     return (
         Vec3.from_array(cylinder.center - offset),
         Vec3.from_array(cylinder.center + offset),
@@ -44,7 +44,7 @@ def discs(cylinder: Cylinder) -> tuple[Vec3, Vec3]:
 
 def in_front(cylinder: Cylinder) -> Bool[Array, ""]:
     """Whether every point of a cylinder, in the camera frame, has positive depth."""
-    reach = cylinder.radius * safe_sqrt(1 - cylinder.axis[2] ** 2)
+    reach = cylinder.radius * safe_sqrt(1 - unit(cylinder.axis)[2] ** 2)
     below, above = discs(cylinder)
     return jnp.minimum(below.z, above.z) > reach
 
@@ -65,7 +65,7 @@ def support(
     References:
         Hartley and Zisserman (2004), section 2.2.3, for the dual conic.
     """
-    a, r = Vec3.from_array(cylinder.axis), cylinder.radius
+    a, r = Vec3.from_array(cylinder.axis).unit(), cylinder.radius
     (s0, x0, y0), (s1, x1, y1) = (
         disc_support(c, a, r, n_x, n_y) for c in discs(cylinder)
     )

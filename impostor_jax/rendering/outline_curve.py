@@ -14,6 +14,7 @@ __all__ = ["Outline", "outline"]
 from collections.abc import Callable
 from typing import Any
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
@@ -21,7 +22,7 @@ from typing_extensions import override
 
 from impostor_jax.camera.base import AbstractCamera, check_central
 from impostor_jax.geometry.so3 import tangent_basis
-from impostor_jax.geometry.vec3 import Vec3
+from impostor_jax.geometry.vec3 import Vec3, unit
 from impostor_jax.numerics import eps, safe_divide, safe_sqrt
 from impostor_jax.primitives.base import AbstractPrimitive, in_camera_frame
 from impostor_jax.primitives.cylinder import Cylinder
@@ -214,6 +215,7 @@ def _cylinder_outline(cylinder: Cylinder) -> Outline:
             "cylinder must be closed and go all the way round to have an outline in "
             "closed form, got an open one or a sector"
         )
+    cylinder = eqx.tree_at(lambda c: c.axis, cylinder, unit(cylinder.axis))
     c, a = Vec3.from_array(cylinder.center), Vec3.from_array(cylinder.axis)
     r, along = cylinder.radius, c.dot(a)
     across = c - a * along

@@ -8,6 +8,7 @@ coverage alone.
 __all__ = ["render"]
 
 import dataclasses
+import math
 from collections.abc import Sequence
 from functools import partial
 from typing import Any
@@ -17,7 +18,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from impostor_jax.arguments import is_concrete, one_of, working_precision
+from impostor_jax.arguments import is_concrete, one_of, real_number, working_precision
 from impostor_jax.camera.base import AbstractCamera
 from impostor_jax.camera.pixels import Tile
 from impostor_jax.effort import Effort, effort_of
@@ -38,6 +39,7 @@ def render(
     outputs: Sequence[str] = ("depth", "normal", "mask"),
     tile: Tile | None = None,
     effort: Effort | str = "balanced",
+    miss: float = math.inf,
 ) -> GeometryMaps:
     """Render a shape or a scene; only the outputs that are asked for are computed.
 
@@ -53,6 +55,7 @@ def render(
             the smallest one that shows the shape.
         effort: How much work it takes: "fast", "balanced" or "exact", or an `Effort`
             with a setting of each dial.
+        miss: Depth, range and point of a pixel that hits nothing.
 
     Returns:
         The maps in the camera frame, of the shape of the tile, or of every how many-th
@@ -62,7 +65,24 @@ def render(
         ValueError: An output is unknown, the shape is a batch, or the effort cannot be
             had: the exact coverage of a scene, or of a shape without an outline in
             closed form; several samples with a lens; a traced shape in a precision that
-            is not JAX's own.
+            is not JAX's own; a miss that is NaN.
+
+    Derivatives:
+        Those of the primitives, finite everywhere; 0 on a miss. A loss needs a target
+        that is finite, too: NaN or infinity in one, where `jnp.where` does not take it,
+        still makes the gradient NaN. `depth_loss` minds that,
+
+            def loss(can):
+                return ij.depth_loss(ij.render(can, camera), depth)
+
+        and a target that is rendered with `miss=0.0` has no such pixel:
+
+            target = ij.render(can, camera, miss=0.0)
+
+            def loss(can):
+                maps = ij.render(can, camera, miss=0.0)
+                both = maps.mask & target.mask
+                return jnp.where(both, (maps.depth - target.depth) ** 2, 0).sum()
     """
     if isinstance(outputs, str):
         raise ValueError(f"outputs must be a sequence of names, got {outputs!r}")
@@ -73,6 +93,8 @@ def render(
             f"primitive must be a single one, got a batch of shape "
             f"{primitive.batch_shape}; map over it with jax.vmap"
         )
+    if miss != math.inf:
+        miss = real_number("miss", miss, unit="meters")
     effort = effort_of(effort)
     given = (primitive, camera, tile)
     with working_precision(effort.precision, given) as converted:
@@ -84,8 +106,23 @@ def render(
             assert isinstance(primitive, AbstractPrimitive)
             small = outline_tile(primitive, camera, margin=int("coverage" in outputs))
             small = _on_grid(small, camera, stride)
-            return _render_in_frame(primitive, camera, small, *asked)
-        return _render(primitive, camera, tile, *asked)
+            maps = _render_in_frame(primitive, camera, small, *asked)
+        else:
+            maps = _render(primitive, camera, tile, *asked)
+        return maps if miss == math.inf else _with_miss(maps, miss)
+
+
+@jax.jit
+def _with_miss(maps: GeometryMaps, miss: float | Float[Array, ""]) -> GeometryMaps:
+    """The maps with another number for what is infinite."""
+
+    def filled(values: Any) -> Any:
+        if values is None:
+            return None
+        return jnp.where(jnp.isfinite(values), values, miss)
+
+    depth, range_, point = map(filled, (maps.depth, maps.range, maps.point))
+    return dataclasses.replace(maps, depth=depth, range=range_, point=point)
 
 
 def _samples(primitive: Seen, effort: Effort) -> int:

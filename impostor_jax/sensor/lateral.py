@@ -30,7 +30,6 @@ from impostor_jax.sensor.structured_light import (
     grazing_ratio,
 )
 
-
 RARE_SHIFT = 2.6
 """Deviations beyond which one shift in a hundred goes."""
 

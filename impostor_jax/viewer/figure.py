@@ -11,9 +11,9 @@ from jaxtyping import Float
 from matplotlib.figure import Figure
 
 from impostor_jax.camera.pinhole import PinholeCamera
-from impostor_jax.fit.result import FitResult
+from impostor_jax.fit.result import AbstractFit
 from impostor_jax.io.atomic import write_atomically
-from impostor_jax.primitives.base import in_camera_frame
+from impostor_jax.primitives.base import AbstractPrimitive, in_camera_frame
 from impostor_jax.primitives.cylinder import Cylinder
 from impostor_jax.rendering.outline import in_front, outline_points
 from impostor_jax.rendering.render import render
@@ -39,7 +39,7 @@ def fitted_outline(
     return np.asarray(camera.project(jnp.asarray(rays, corners.dtype)))
 
 
-def overlay_figure(fit: FitResult, depth: Any, camera: PinholeCamera) -> Figure:
+def overlay_figure(fit: AbstractFit, depth: Any, camera: PinholeCamera) -> Figure:
     """Draw the depth image with the fitted outline, and the residual map.
 
     Args:
@@ -75,8 +75,8 @@ def overlay_figure(fit: FitResult, depth: Any, camera: PinholeCamera) -> Figure:
         right.set_ylim(rows.max() + margin, rows.min() - margin)
 
     if bool(fit.success):
-        _draw_outline(left, fit.cylinder, camera)
-        _draw_outline(right, fit.cylinder, camera)
+        _draw_outline(left, fit.shape, camera)
+        _draw_outline(right, fit.shape, camera)
     left.set_xlim(-0.5, camera.width - 0.5)
     left.set_ylim(camera.height - 0.5, -0.5)
     for axes in (left, right):
@@ -85,18 +85,18 @@ def overlay_figure(fit: FitResult, depth: Any, camera: PinholeCamera) -> Figure:
     return figure
 
 
-def _draw_outline(axes: Any, cylinder: Cylinder, camera: PinholeCamera) -> None:
-    outline = fitted_outline(cylinder, camera)
+def _draw_outline(axes: Any, shape: AbstractPrimitive, camera: PinholeCamera) -> None:
+    outline = fitted_outline(shape, camera) if isinstance(shape, Cylinder) else None
     if outline is not None:
         axes.plot(*outline.T, color="red", linewidth=1.2)
         return
-    mask = render(cylinder, camera, outputs=("mask",)).mask
+    mask = render(shape, camera, outputs=("mask",)).mask
     if mask is not None and bool(mask.any()) and not bool(mask.all()):
         axes.contour(np.asarray(mask), levels=[0.5], colors="red", linewidths=1.2)
 
 
 def write_overlay(
-    path: Path, fit: FitResult, depth: Any, camera: PinholeCamera
+    path: Path, fit: AbstractFit, depth: Any, camera: PinholeCamera
 ) -> None:
     """Write `overlay_figure` as a picture."""
     figure = overlay_figure(fit, depth, camera)

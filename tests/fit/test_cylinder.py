@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import impostor_jax as ij
+from impostor_jax.fit.result import STATUSES
 from impostor_jax.geometry.so3 import tangent_basis
 from tests.cases import pose
 from tests.checks import all_finite, angle_between
@@ -481,6 +482,31 @@ def test_batch_gives_each_image_its_own_fit_and_status():
             float(alone.cylinder.radius), abs=float(alone.std.radius) / 10
         )
     assert np.isposinf(np.asarray(fits.std.radius)[1])
+
+
+def test_an_image_without_readings_fails_alone():
+    depth, mask = image()
+    depths = np.stack([np.zeros_like(depth), depth, depth])
+    fits = ij.fit_cylinders(depths, CAMERA, [mask, mask & False, mask], sigma=SIGMA)
+    assert np.asarray(fits.success).tolist() == [False, False, True]
+    refused = ij.FitStatus.NO_FIRST_GUESS
+    assert [STATUSES[int(code)] for code in fits.status_code[:2]] == [refused] * 2
+    alone = ij.fit_cylinder(depth, CAMERA, mask=mask, sigma=SIGMA)
+    for one, all_ in zip(jax.tree.leaves(alone), jax.tree.leaves(fits), strict=True):
+        assert (all_.shape, all_.dtype) == ((3, *one.shape), one.dtype)
+
+
+def test_each_image_of_a_batch_may_have_its_own_camera():
+    depth, mask = image()
+    fits = ij.fit_cylinders(
+        np.stack([depth, depth]), [CAMERA, POSED], [mask, mask], sigma=SIGMA
+    )
+    assert np.asarray(fits.success).all()
+    expected = can().transformed(pose().inverse())
+    np.testing.assert_allclose(fits.cylinder.center[0], can().center, atol=1e-3)
+    np.testing.assert_allclose(fits.cylinder.center[1], expected.center, atol=1e-3)
+    with pytest.raises(ValueError, match="camera must be one, or 2, got 3"):
+        ij.fit_cylinders(np.stack([depth, depth]), [CAMERA] * 3)
 
 
 @pytest.mark.usefixtures("double")

@@ -1,0 +1,118 @@
+"""What flags of a fit name: the noise of a sensor, a shape to begin with, hints."""
+
+__all__ = ["chosen_noise", "files_of", "hints_on_stderr", "places_of", "start_of"]
+
+import contextlib
+import sys
+import warnings
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from impostor_jax.primitives.base import AbstractPrimitive
+
+PLAIN_SIGMA = 0.001
+"""Deviation in meters where neither a number nor a sensor is given."""
+
+
+def chosen_noise(sigma: float | None, sensor: str | None, focal_length: float) -> Any:
+    """What a fit takes for sigma: a number, or a noise model.
+
+    Args:
+        sigma: Of `--sigma`.
+        sensor: Of `--sensor`: a name, or a JSON file.
+        focal_length: In pixels; of a stereo camera, unless its file says another.
+
+    Raises:
+        ValueError: Both are given, or the sensor is unknown.
+    """
+    if sensor is None:
+        return PLAIN_SIGMA if sigma is None else sigma
+    if sigma is not None:
+        raise ValueError("--sigma must not be given together with --sensor")
+    from impostor_jax.io.camera_file import read_json_object
+    from impostor_jax.io.sensor_record import sensor_from_record
+
+    record, what = {"type": sensor}, f"sensor {sensor!r}"
+    if sensor.endswith(".json"):
+        what = f"sensor file {sensor!r}"
+        record = read_json_object(Path(sensor), what)
+    if record.get("type") == "stereo":
+        record = {"focal_length": focal_length, **record}
+    return sensor_from_record(record, what)
+
+
+def start_of(path: Path | None, shape: str) -> "AbstractPrimitive | None":
+    """Shape that a fit begins with, from a scene file; None stays.
+
+    Raises:
+        ValueError: The file holds another shape, or several.
+    """
+    if path is None:
+        return None
+    from impostor_jax.io.scene_file import read_scene
+    from impostor_jax.primitives import PRIMITIVES
+
+    shapes = read_scene(path).shapes
+    if len(shapes) != 1 or not isinstance(shapes[0], PRIMITIVES[shape]):
+        found = ", ".join(type(one).__name__.lower() for one in shapes)
+        raise ValueError(
+            f"scene file {str(path)!r} must hold one {shape} to begin with, got {found}"
+        )
+    return shapes[0]
+
+
+def places_of(images: Sequence[Path], output: Path) -> list[Path]:
+    """Folders of what is written: of several images one each, with its name.
+
+    Raises:
+        ValueError: There is no image, or two have the same name.
+    """
+    if not images:
+        raise ValueError("a depth image must be given, got none")
+    if len(images) == 1:
+        return [output]
+    names = [image.stem for image in images]
+    for name in names:
+        if names.count(name) > 1:
+            raise ValueError(
+                f"depth images must have different names, got {name!r} twice: each has "
+                "a folder of its name"
+            )
+    return [output / name for name in names]
+
+
+def files_of(flag: str, given: Sequence[Path], images: Sequence[Path]) -> list[Path]:
+    """Masks or labels of depth images, in their order; [] where none are given.
+
+    Raises:
+        ValueError: There are more or fewer than images.
+    """
+    if len(given) == 1 and given[0].is_dir():
+        return [given[0] / f"{image.stem}.png" for image in images]
+    if given and len(given) != len(images):
+        raise ValueError(
+            f"{flag} must be one file a depth image, or a folder of files of their "
+            f"names, got {len(given)} for {len(images)}"
+        )
+    return list(given)
+
+
+@contextlib.contextmanager
+def hints_on_stderr() -> Iterator[None]:
+    """Print a fit's hints as lines of their own, without the code that gave them."""
+    from impostor_jax.fit.regions import DepthUnitsWarning
+
+    with warnings.catch_warnings():
+        plain = warnings.showwarning
+
+        def show(message: Any, category: Any, *where: Any, **more: Any) -> None:
+            if issubclass(category, DepthUnitsWarning):
+                print(f"impostor-jax: warning: {message}", file=sys.stderr)
+            else:
+                plain(message, category, *where, **more)
+
+        warnings.simplefilter("always", DepthUnitsWarning)
+        warnings.showwarning = show
+        yield

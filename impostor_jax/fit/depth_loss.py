@@ -1,0 +1,103 @@
+"""How far a rendered depth is from a measured one: a loss for gradient descent."""
+
+__all__ = ["depth_loss"]
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from impostor_jax.arguments import one_of, real_number
+from impostor_jax.fit.robust import KERNELS, robust_residual
+from impostor_jax.rendering.maps import GeometryMaps
+
+FARTHEST = 1e6
+"""Widths of the kernel beyond which a difference counts as that many: its square, and
+what the derivative divides by it, are normal numbers in single precision."""
+
+
+def depth_loss(
+    maps: GeometryMaps,
+    target: Any,
+    mask: Any = None,
+    sigma: Any = 0.001,
+    kernel: str = "pseudo_huber",
+) -> Float[Array, ""]:
+    """Mean robust square of the differences in depth, in deviations of a reading.
+
+        def loss(can):
+            return ij.depth_loss(ij.render(can, camera), depth, sigma=0.002)
+
+        value, gradient = jax.value_and_grad(loss)(can)
+
+    Only pixels count in which both see something, so that an outline has no pull: a
+    shape beside its target has the loss 0. Begin where the two overlap, or add a term
+    in `coverage`.
+
+    Args:
+        maps: As of `render`, with the depth.
+        target: (H, W), depth in meters, in which 0, NaN and infinity mean no reading;
+            or other maps.
+        mask: (H, W), True on the pixels that count; None for all.
+        sigma: Standard deviation of a reading, in meters.
+        kernel: Robust loss, as in `Effort`. "pseudo_huber" grows with the difference
+            and pulls from afar; "geman_mcclure" forgets what is far; "squares" is the
+            mean square.
+
+    Returns:
+        About 1 where the two differ by the noise alone; 0 where no pixel counts.
+
+    Raises:
+        ValueError: A map has no depth, the shapes differ, or an argument is out of
+            range.
+
+    Derivatives:
+        Finite in the maps, the target and sigma, also where either misses. That in a
+        difference of more than a million widths of the kernel is 0.
+    """
+    one_of("kernel", kernel, KERNELS)
+    real_number("sigma", sigma, positive=True, unit="meters")
+    rendered, measured = _depth_of("maps", maps), _depth_of("target", target)
+    if measured.shape != rendered.shape:
+        raise ValueError(
+            f"target must have the shape of the maps {rendered.shape}, got "
+            f"{measured.shape}"
+        )
+    measured = measured.astype(rendered.dtype)
+    counts = _is_reading(rendered) & _is_reading(measured)
+    if mask is not None:
+        mask = jnp.asarray(mask)
+        if mask.shape != rendered.shape or mask.dtype != bool:
+            raise ValueError(
+                f"mask must be of booleans of the shape {rendered.shape}, got "
+                f"{mask.dtype} of shape {mask.shape}"
+            )
+        counts &= mask
+    # Both are finite before they are subtracted: inf - inf has a derivative of NaN,
+    # even where it is not taken.
+    difference = jnp.where(counts, rendered, 0) - jnp.where(counts, measured, 0)
+    _, width = KERNELS[kernel]
+    residual = difference / jnp.asarray(sigma, difference.dtype)
+    residual = jnp.clip(residual, -FARTHEST * width, FARTHEST * width)
+    losses = robust_residual(residual, width, kernel) ** 2
+    count = jnp.maximum(jnp.sum(counts), 1).astype(losses.dtype)
+    return jnp.sum(losses) / count
+
+
+def _is_reading(depth: Float[Array, "h w"]) -> Array:
+    return jnp.isfinite(depth) & (depth > 0)
+
+
+def _depth_of(name: str, seen: Any) -> Float[Array, "h w"]:
+    depth = seen.depth if isinstance(seen, GeometryMaps) else seen
+    if depth is None:
+        raise ValueError(f"{name} must hold the depth: ask render for it in outputs")
+    depth = depth if isinstance(depth, jax.Array) else np.asarray(depth)
+    if depth.ndim != 2 or not jnp.issubdtype(depth.dtype, np.floating):
+        raise ValueError(
+            f"{name} must be floating-point meters of shape (H, W), got {depth.dtype} "
+            f"of shape {depth.shape}"
+        )
+    return jnp.asarray(depth)

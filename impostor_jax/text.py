@@ -1,0 +1,62 @@
+"""What `print` shows of shapes and fits: values with their units."""
+
+__all__ = ["described", "text_or_repr"]
+
+import dataclasses
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import equinox as eqx
+import jax
+import numpy as np
+
+MOST_VALUES = 9
+"""A larger array is told by its shape."""
+
+
+def text_or_repr(module: eqx.Module, text: Callable[[], str]) -> str:
+    """The text, or the plain form where fields hold no numbers that can be read now.
+
+    A tree may hold tracers, shapes, deleted arrays, or nothing where it was divided:
+    printing it must not raise.
+    """
+    try:
+        return text()
+    except Exception:  # Whatever the leaves are: there is a form for all of them.
+        return repr(module)
+
+
+def described(module: Any, units: Mapping[str, str]) -> str:
+    """Name of a class and its fields, with their units, on one line.
+
+    Left out is what is None, and a flag that is True, as it is by default.
+
+    Args:
+        module: A dataclass of arrays, strings and flags.
+        units: Of the fields that are not in meters.
+    """
+    parts = [
+        f"{field.name} {_value(value, units.get(field.name, 'm'))}"
+        for field in dataclasses.fields(module)
+        if (value := getattr(module, field.name)) is not None and value is not True
+    ]
+    return f"{type(module).__name__}: {', '.join(parts)}"
+
+
+def _value(value: Any, unit: str) -> str:
+    if isinstance(value, bool | str):
+        return str(value)
+    if not isinstance(value, jax.Array | np.ndarray | np.number | float):
+        return type(value).__name__
+    array = np.asarray(value, dtype=float)
+    if array.size > MOST_VALUES:
+        text = f"of shape {array.shape}"
+    else:
+        text = _numbers(array)
+    return f"{text} {unit}".rstrip()
+
+
+def _numbers(array: np.ndarray | np.number) -> str:
+    if array.ndim == 0:
+        return f"{array:.6g}"
+    return f"({', '.join(_numbers(part) for part in array)})"

@@ -1,0 +1,190 @@
+"""What the command `fit` takes beside one image and its mask."""
+
+import json
+import sys
+
+import cv2
+import numpy as np
+import pytest
+
+import impostor_jax as ij
+from impostor_jax.__main__ import main
+from impostor_jax.io.scene_file import write_scene
+from tests.fit.scenes import can, image, image_of
+from tests.fit.test_labels import RADII, two_cans
+from tests.groups import SMALL_IMAGES
+
+pytestmark = SMALL_IMAGES
+
+CAMERA = {"fx": 150.0, "fy": 150.0, "cx": 79.5, "cy": 59.5, "width": 160, "height": 120}
+BALL = ij.Sphere((0.02, 0.01, 0.35), 0.05)
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """A can, a ball and two cans, with their masks and labels."""
+    (tmp_path / "camera.json").write_text(json.dumps(CAMERA))
+    views = {"can": image(), "ball": image_of(BALL), "two": two_cans()}
+    for name, (depth, seen) in views.items():
+        np.save(tmp_path / f"{name}.npy", depth)
+        cv2.imwrite(str(tmp_path / f"{name}.png"), np.asarray(seen, np.uint8))
+    return tmp_path
+
+
+@pytest.fixture
+def fit(folder, monkeypatch, capfd):
+    """Run the command on images of the folder; its exit code, output and errors."""
+
+    def run(*arguments):
+        given = "fit", *arguments, "--camera", "camera.json", "--output", "out"
+        monkeypatch.chdir(folder)
+        monkeypatch.setattr(sys, "argv", ["impostor-jax", *map(str, given)])
+        try:
+            code = main()
+        except SystemExit as stop:
+            code = stop.code
+        return code, *capfd.readouterr()
+
+    return run
+
+
+def record_of(folder, *place):
+    return json.loads(folder.joinpath("out", *place, "fit.json").read_text())
+
+
+def test_labels_are_fitted_each(fit, folder):
+    code, out, err = fit("two.npy", "--labels", "two.png")
+    assert (code, err) == (0, "")
+    assert "label 2:\nconverged" in out
+    for label, radius in zip((2, 5), RADII, strict=True):
+        record = record_of(folder, f"label_{label}")
+        assert record["radius_m"] == pytest.approx(radius, abs=3e-4)
+        assert (folder / "out" / f"label_{label}" / "overlay.png").is_file()
+
+
+def test_a_label_image_is_refused_as_a_mask(fit):
+    code, _, err = fit("two.npy", "--mask", "two.png")
+    assert code == 2
+    assert len(err.splitlines()) == 1
+    assert "mask 'two.png' must be of one object" in err
+    assert "--labels fits each" in err
+
+
+def test_several_images_have_a_folder_each(fit, folder):
+    np.save(folder / "wall.npy", np.full((120, 160), 0.5, np.float32))
+    files = "can.npy", "wall.npy"
+    # A flag takes one file at a time, so that it may stand before the images.
+    code, out, err = fit("--mask", "can.png", "--mask", "can.png", *files)
+    assert (code, err) == (1, "")
+    assert "can.npy:\nconverged" in out
+    assert record_of(folder, "can")["success"] is True
+    assert record_of(folder, "wall")["success"] is False
+
+
+def test_masks_of_several_images_may_be_a_folder_of_their_names(fit, folder):
+    code, _, err = fit("can.npy", "ball.npy", "--mask", ".")
+    assert err == ""
+    for name in ("can", "ball"):
+        mask = cv2.imread(str(folder / f"{name}.png"), cv2.IMREAD_UNCHANGED)
+        assert record_of(folder, name)["num_pixels"] == np.count_nonzero(mask)
+    assert code in (0, 1)
+
+
+def test_a_sphere_is_fitted_with_a_prior(fit, folder):
+    code, _, err = fit(
+        "ball.npy", "--mask", "ball.png", "--shape", "sphere",
+        "--prior-radius", 0.05, 1e-6,
+    )  # fmt: skip
+    assert (code, err) == (0, "")
+    record = record_of(folder)
+    assert record["shape"] == "sphere"
+    assert record["radius_m"] == pytest.approx(0.05, abs=2e-6)
+    assert record["std"]["radius_m"] == pytest.approx(1e-6, rel=0.1)
+    assert len(record["covariance"]["values"]) == 4
+    assert (folder / "out" / "overlay.png").is_file()
+
+
+def test_a_frustum_is_fitted_from_a_start(fit, folder):
+    truth, half = can(), 0.06
+    ends = (np.asarray(truth.center + sign * half * truth.axis) for sign in (-1, 1))
+    write_scene(folder / "start.json", [ij.Frustum(*ends, 0.041, 0.039)])
+    code, out, err = fit(
+        "can.npy", "--mask", "can.png", "--shape", "frustum", "--initial", "start.json"
+    )
+    assert (code, err) == (0, "")
+    assert "  radius1 " in out
+    record = record_of(folder)
+    assert record["radius1_m"] == pytest.approx(0.04, abs=1e-3)
+    assert record["ends_seen"] == [True, True]
+
+
+def test_what_is_fixed_keeps_its_value_in_the_start(fit, folder):
+    truth = can()
+    start = ij.Cylinder(truth.center, truth.axis, 0.0403, 0.12)
+    write_scene(folder / "start.json", [start])
+    _, _, err = fit(
+        "can.npy", "--mask", "can.png", "--initial", "start.json",
+        "--fixed", "radius", "height",
+    )  # fmt: skip
+    assert err == ""
+    record = record_of(folder)
+    assert record["radius_m"] == pytest.approx(0.0403, rel=1e-6)
+    assert record["std"]["height_m"] == 0
+
+
+@pytest.mark.parametrize("sensor", ["structured_light", "stereo", "sensor.json"])
+def test_a_sensor_is_a_name_or_a_file(fit, folder, sensor):
+    record = {"type": "constant", "deviation": 0.001}
+    (folder / "sensor.json").write_text(json.dumps(record))
+    _, _, err = fit("can.npy", "--mask", "can.png", "--sensor", sensor)
+    assert err == ""
+    assert record_of(folder)["radius_m"] == pytest.approx(0.04, abs=2e-3)
+
+
+def test_depth_in_millimeters_gets_a_hint_on_one_line(fit, folder):
+    np.save(folder / "far.npy", 1000 * image()[0])
+    code, _, err = fit("far.npy", "--mask", "can.png")
+    assert code == 1
+    assert len(err.splitlines()) == 1
+    assert err.startswith("impostor-jax: warning: depth must be in meters")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ((), "a depth image must be given"),
+        (("can.npy", "can.npy"), "must have different names, got 'can' twice"),
+        (("can.npy", "ball.npy", "--mask", "can.png"), "--mask must be one file a dep"),
+        (("can.npy", "--mask", "can.png", "--labels", "can.png"), "not be given toget"),
+        (("can.npy", "--labels", "can.png", "--json", "a.json"), "--json must not be"),
+        (("can.npy", "--sensor", "sonar"), "must be one of constant, structured_light"),
+        (("can.npy", "--sensor", "none.json"), "none.json"),
+        (("can.npy", "--sensor", "stereo", "--sigma", "1"), "--sigma must not be"),
+        (("can.npy", "--initial", "start.json"), "must hold one cylinder to begin wit"),
+        (("can.npy", "--fixed", "radius"), "initial must be given with fixed"),
+        (("can.npy", "--prior-radius", "0.04", "0"), "deviation of prior['radius']"),
+        (("ball.npy", "--shape", "sphere", "--test-taper"), "--test-taper must not be"),
+        (("ball.npy", "--shape", "sphere", "--prior-height", "1", "1"),
+         "prior must be one of center, radius"),
+        (("can.npy", "--shape", "box"), "--shape"),
+    ],
+)  # fmt: skip
+def test_bad_option_gives_one_line_and_exit_code_2(arguments, message, fit, folder):
+    write_scene(folder / "start.json", [BALL])
+    code, _, err = fit(*arguments)
+    assert code == 2
+    assert len(err.splitlines()) == 1
+    assert message in err
+
+
+@pytest.mark.parametrize("program", ["impostor-jax", "impostor-synth"])
+def test_version_is_printed(program, capfd):
+    from data_synth.cli import parse as parse_synth
+    from impostor_jax.cli.parse import parse
+
+    with pytest.raises(SystemExit) as stop:
+        (parse if program == "impostor-jax" else parse_synth)(["--version"])
+    assert not stop.value.code
+    name, version = capfd.readouterr().out.split()
+    assert name == program
+    assert version[0].isdigit()
