@@ -46,10 +46,6 @@ BORDER = 4
 """Pixels along rows and columns within which a reading lies beside a mask's border; two
 of them may have been left out."""
 
-MOST_BORDER_CHI2 = 50.0
-"""Contradiction between border and rest, of 7 degrees of freedom in a cylinder, from
-which the border is of something else: by chance once in 1e8 fits."""
-
 MOST_STRAY = 0.05
 """Share of the border's readings that may lie elsewhere, beside twice that of the other
 readings: the outermost pixels of a mask are a quarter of its border."""
@@ -124,8 +120,8 @@ def assess(
     request: Request,
     always: Bool[Array, ""],
     mask: Bool[Array, "h w"],
-) -> tuple[AbstractFit, Bool[Array, ""]]:
-    """Result of a fit in the world frame; and whether the mask's border refutes it.
+) -> tuple[AbstractFit, Float[Array, ""]]:
+    """Result of a fit in the world frame; and how its border contradicts the rest.
 
     Args:
         start: Where the solution began.
@@ -205,7 +201,7 @@ def assess(
     std, covariance, observed, is_known = deviations_of(
         world, change, covariance, directions, free
     )
-    is_off = (statistic > MOST_BORDER_CHI2) | _stray(inlier, used, on_border)
+    statistic = jnp.where(_stray(inlier, used, on_border), jnp.inf, statistic)
     code = _status_code(
         converged=solution.converged,
         finite=jnp.isfinite(body.radius) & jnp.all(jnp.isfinite(body.center)),
@@ -236,7 +232,7 @@ def assess(
         num_pixels=count,
         rms=rms,
     )
-    return fit, is_off
+    return fit, statistic
 
 
 def _on_border(

@@ -224,13 +224,11 @@ def _fit_concrete(
     region = object_region(image, given, camera, noise)
     warn_of_units(image, region, noise)
 
-    def fitted(
-        image: Float[np.ndarray, "h w"], region: Bool[np.ndarray, "h w"]
-    ) -> tuple[AbstractFit, bool]:
+    def fitted(region: Bool[np.ndarray, "h w"]) -> tuple[AbstractFit, float]:
         start = None if initial is None else kind.body.of(initial)
         shown = pixels_shown(image, region, camera, noise, effort.stride)
         fit, verdict = _fit_pixels(kind, shown, start, prior, request, effort)
-        return fit, bool(verdict.border_is_off)
+        return fit, float(verdict.border_chi2)
 
     return fit_of_one_surface(fitted, kind.body, image, region, camera, noise)
 
@@ -268,12 +266,11 @@ def _fit_pixels(
         starts = _starts_of(kind, image, region, camera, noise, 1)
         if starts is not None:
             fit, verdict = from_one(jax.tree.map(lambda a: a[0], starts))
-            if effort.starts == 1 or bool(verdict.explains | verdict.border_is_off):
+            if effort.starts == 1 or bool(verdict.is_done):
                 return fit, verdict
     starts = _starts_of(kind, image, region, camera, noise, effort.starts)
     if starts is None:
-        nothing = jnp.zeros((), bool)
-        return no_guess(kind, region), Verdict(nothing, nothing)
+        return no_guess(kind, region), Verdict(jnp.array(True), jnp.array(0.0))
     best = quickly_compiled(best_start, static_argnames="estimate_scale")(
         image,
         *some_pixels(region),

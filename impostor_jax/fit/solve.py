@@ -133,13 +133,13 @@ class Verdict(NamedTuple):
     """What is left to do after a fit.
 
     Attributes:
-        explains: Whether it explains the image so well that no other start could do
-            better.
-        border_is_off: Whether readings beside the mask's border are of something else.
+        is_done: Whether it explains the image so well that no other start could do
+            better; or cannot, since some of it is of something else.
+        border_chi2: How readings beside the mask's border contradict the others.
     """
 
-    explains: Bool[Array, ""]
-    border_is_off: Bool[Array, ""]
+    is_done: Bool[Array, ""]
+    border_chi2: Float[Array, ""]
 
 
 _Tried = tuple[AbstractBody, Float[Array, "*k"], Int[Array, "*k"]]
@@ -338,7 +338,7 @@ def solve(
     worst = infinite, infinite, first, blank
     best, _ = jax.lax.scan(unless_explained, worst, start)
     _, hidden, start, solution = best
-    fit, border_is_off = assess(
+    fit, border_chi2 = assess(
         start,
         solution,
         pixels,
@@ -357,7 +357,8 @@ def solve(
     if isinstance(body, RoundBody):
         is_clear |= body.height > SHORT * body.radius
     is_clear &= fit.success & (hidden <= MOST_HIDDEN)
-    return fit, Verdict(is_clear & _explains(pixels, solution), border_is_off)
+    explains = is_clear & _explains(pixels, solution)
+    return fit, Verdict(explains | jnp.isinf(border_chi2), border_chi2)
 
 
 def always_true(camera: PinholeCamera) -> Bool[Array, ""]:
