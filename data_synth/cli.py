@@ -3,10 +3,12 @@
 __all__ = ["parse"]
 
 import collections
+import contextlib
 import dataclasses
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from concurrent.futures import BrokenExecutor
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -76,7 +78,8 @@ class Generate:
         """Run the command; returns the exit code."""
         from data_synth.generate import generate
 
-        with _Bar(self.count) as bar:
+        options = self.work.options()
+        with _resumable(), _Bar(self.count) as bar:
             reports = generate(
                 self.preset,
                 self.count,
@@ -87,7 +90,7 @@ class Generate:
                 clean=self.clean,
                 normals=self.normals,
                 progress=bar.update,
-                **self.work.options(),
+                **options,
             )
         print(_summary(reports, bar.seconds, self.output))
         return 0
@@ -207,6 +210,18 @@ def parse(
         "Make labeled depth images of cylinders.",
         arguments,
     )
+
+
+@contextlib.contextmanager
+def _resumable() -> Iterator[None]:
+    """Say of what ends the work early that it can go on."""
+    rest = "resume makes what is missing"
+    try:
+        yield
+    except BrokenExecutor as error:
+        raise OSError(f"a worker process was killed; {rest}") from error
+    except KeyboardInterrupt as interrupt:
+        raise KeyboardInterrupt(f"interrupted; {rest}") from interrupt
 
 
 class _Bar:

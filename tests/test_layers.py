@@ -142,6 +142,7 @@ ORDER = {
     ),
     "cli": (
         "compiled",
+        "ending",
         "dials",
         "fit",
         "render",

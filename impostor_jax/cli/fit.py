@@ -40,15 +40,21 @@ class Fit:
     output: Path = Path(".")
     """Folder that the files are written to."""
     json: Path | None = None
-    """File for the record of the fit, instead of fit.json in the output folder."""
+    """File for the record of the fit, instead of fit.json in the output folder; "-" is
+    the standard output."""
     effort: Preset = "balanced"
     """How much work it takes; each dial may be set apart from it."""
     dials: Dials = dataclasses.field(default_factory=Dials)
 
     def run(self) -> int:
         """Run the command; returns the exit code."""
+        from impostor_jax.cli.ending import stream_beside
         from impostor_jax.fit.cylinder import fit_cylinder
-        from impostor_jax.io.atomic import write_json
+        from impostor_jax.io.atomic import (
+            check_output_file,
+            check_output_folder,
+            write_json,
+        )
         from impostor_jax.io.camera_file import read_camera
         from impostor_jax.io.depth_image import read_depth, read_mask
         from impostor_jax.io.record import fit_record
@@ -58,6 +64,11 @@ class Fit:
         camera, depth_scale_m = read_camera(self.camera)
         depth = read_depth(self.depth, depth_scale_m)
         mask = None if self.mask is None else read_mask(self.mask)
+        record = self.output / "fit.json" if self.json is None else self.json
+        check_output_folder(self.output, ("fit.json", "overlay.png"))
+        if self.json is not None:
+            check_output_file(self.json, "json")
+        reader = stream_beside(record)
         start = time.perf_counter()
         fit = fit_cylinder(
             depth,
@@ -72,9 +83,8 @@ class Fit:
         fit.rms.block_until_ready()
         seconds = time.perf_counter() - start
         if mask is None:
-            print(_region_taken(fit))
-        print(summary(fit, seconds))
-        record = self.output / "fit.json" if self.json is None else self.json
+            print(_region_taken(fit), file=reader)
+        print(summary(fit, seconds), file=reader)
         write_json(record, fit_record(fit, seconds))
         write_overlay(self.output / "overlay.png", fit, depth, camera)
         return 0 if bool(fit.success) else 1

@@ -1,0 +1,117 @@
+"""How commands end: exit codes, and one line where something is wrong."""
+
+import json
+import os
+import signal
+import stat
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+import impostor_jax.fit.cylinder
+from impostor_jax.__main__ import main
+
+CAMERA = {"fx": 150.0, "fy": 150.0, "cx": 19.5, "cy": 14.5, "width": 40, "height": 30}
+
+
+@pytest.fixture
+def call(monkeypatch, capfd):
+    """Run a command in this process; its exit code and what it printed to stderr."""
+
+    def run_here(*arguments):
+        monkeypatch.setattr(sys, "argv", ["impostor-jax", *map(str, arguments)])
+        return main(), capfd.readouterr().err
+
+    return run_here
+
+
+@pytest.fixture
+def image(tmp_path, monkeypatch):
+    """Arguments of a fit, in whose place something else is called."""
+    np.save(tmp_path / "depth.npy", np.ones((30, 40)))
+    (tmp_path / "camera.json").write_text(json.dumps(CAMERA))
+    return tmp_path / "depth.npy", "--camera", tmp_path / "camera.json"
+
+
+def refuse(*arguments, **options):
+    raise AssertionError("the fit was begun")
+
+
+@pytest.mark.parametrize(
+    ("flags", "message"),
+    [
+        (("--json", "{folder}/none/a.json"), "a folder that is there"),
+        (("--json", "{folder}"), "json must be a file, got the folder"),
+        (("--json", "/proc/a.json"), "/proc"),
+        (("--output", "/proc/out"), "/proc"),
+        (("--output", "{folder}/depth.npy"), "File exists"),
+        (("--output", "{folder}/taken"), "got the folder"),
+    ],
+)
+def test_an_output_that_cannot_be_written_is_found_before_the_fit(
+    flags, message, image, call, tmp_path, monkeypatch
+):
+    monkeypatch.setattr(impostor_jax.fit.cylinder, "fit_cylinder", refuse)
+    (tmp_path / "taken" / "overlay.png").mkdir(parents=True)
+    monkeypatch.chdir(tmp_path)
+    code, error = call("fit", *image, *(f.format(folder=tmp_path) for f in flags))
+    assert code == 2
+    (line,) = error.splitlines()
+    assert line.startswith("impostor-jax: error: ")
+    assert message in line
+    assert {p.name for p in tmp_path.iterdir()} == {"taken", "depth.npy", "camera.json"}
+
+
+def interrupt(*arguments, **options):
+    raise KeyboardInterrupt
+
+
+def test_an_interrupted_fit_ends_with_one_line(image, call, tmp_path, monkeypatch):
+    monkeypatch.setattr(impostor_jax.fit.cylinder, "fit_cylinder", interrupt)
+    found = call("fit", *image, "--output", tmp_path / "out")
+    assert found == (130, "impostor-jax: error: interrupted\n")
+    assert not (tmp_path / "out").exists()
+
+
+def test_ctrl_c_ends_the_process_with_one_line():
+    program = (
+        "import sys, time; from impostor_jax.cli.fit import Fit\n"
+        "from impostor_jax.__main__ import main\n"
+        "Fit.run = lambda self: print('ready', flush=True) or time.sleep(60)\n"
+        "sys.argv = ['impostor-jax', 'fit', 'a.png', '--camera', 'a.json']\n"
+        "sys.exit(main())"
+    )
+    process = subprocess.Popen(
+        [sys.executable, "-c", program],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    assert process.stdout is not None
+    assert process.stdout.readline() == "ready\n"
+    process.send_signal(signal.SIGINT)
+    _, error = process.communicate(timeout=60)
+    assert (process.returncode, error) == (130, "impostor-jax: error: interrupted\n")
+
+
+@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="no /dev/full")
+def test_a_full_standard_output_is_an_error():
+    program = (
+        "import sys; from impostor_jax.cli.fit import Fit\n"
+        "from impostor_jax.__main__ import main\n"
+        "Fit.run = lambda self: print('fitted') or 0\n"
+        "sys.argv = ['impostor-jax', 'fit', 'a.png', '--camera', 'a.json']\n"
+        "sys.exit(main())"
+    )
+    with open("/dev/full", "w") as full:
+        done = subprocess.run(
+            [sys.executable, "-c", program],
+            stdout=full,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+    assert done.returncode == 2
+    assert done.stderr == ("impostor-jax: error: [Errno 28] No space left on device\n")
+    assert stat.S_ISCHR(os.stat("/dev/full").st_mode)
