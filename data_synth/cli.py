@@ -92,13 +92,13 @@ class Generate:
                 progress=bar.update,
                 **options,
             )
-        print(_summary(reports, bar.seconds, self.output))
+        print(_summary(reports, bar.seconds, self.output, "nothing was missing"))
         return 0
 
 
 @dataclasses.dataclass(frozen=True)
 class Resume:
-    """Make the shards that a dataset lacks."""
+    """Make the shards that a dataset lacks, and those that changed with --repair."""
 
     folder: tyro.conf.Positional[Path]
     """Of the dataset."""
@@ -106,6 +106,9 @@ class Resume:
     allow_other_maker: bool = False
     """Go on even where versions, commit or processor are others than at the beginning,
     so that bytes may differ from those of an uninterrupted run."""
+    repair: bool = False
+    """Compare every file with its checksum, and make shards again of which one is
+    missing or has changed."""
 
     def run(self) -> int:
         """Run the command; returns the exit code."""
@@ -114,14 +117,18 @@ class Resume:
 
         manifest = Manifest.read(self.folder)
         missing = manifest.missing(self.folder, range(manifest.num_shards))
-        with _Bar(sum(len(manifest.images_of(k)) for k in missing)) as bar:
+        count = sum(len(manifest.images_of(k)) for k in missing)
+        options = self.work.options()
+        with _resumable(), _Bar(None if self.repair else count) as bar:
             reports = resume(
                 self.folder,
                 allow_other_maker=self.allow_other_maker,
+                repair=self.repair,
                 progress=bar.update,
-                **self.work.options(),
+                **options,
             )
-        print(_summary(reports, bar.seconds, self.folder))
+        none = "nothing was missing" + (" or changed" if self.repair else "")
+        print(_summary(reports, bar.seconds, self.folder, none))
         return 0
 
 
@@ -227,7 +234,7 @@ def _resumable() -> Iterator[None]:
 class _Bar:
     """Progress on stderr, with images a second and the time left; quiet in a pipe."""
 
-    def __init__(self, count: int) -> None:
+    def __init__(self, count: int | None) -> None:
         self.count = count
         self.seconds = 0.0
 
@@ -247,11 +254,13 @@ class _Bar:
         self._bar.close()
 
 
-def _summary(reports: list["ShardReport"], seconds: float, folder: Path) -> str:
-    """What was made, what the time went into, and what was rejected."""
+def _summary(
+    reports: list["ShardReport"], seconds: float, folder: Path, none: str
+) -> str:
+    """What was made, what the time went into, and what was rejected; or `none`."""
     count = sum(report.num_images for report in reports)
     if not count:
-        return f"{folder}: nothing was missing"
+        return f"{folder}: {none}"
     spent: collections.Counter[str] = collections.Counter()
     rejected: collections.Counter[str] = collections.Counter()
     for report in reports:

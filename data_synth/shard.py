@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool
 
+from data_synth.checksums import listing
 from data_synth.images import Clock, Image, Plan, images
 from data_synth.label import (
     camera_label,
@@ -94,8 +95,8 @@ def make_shard(folder: str, shard: int) -> ShardReport:
             shutil.rmtree(path)
         os.replace(whole, path)
     root = path.parent.relative_to(home)
-    lines = [f"{digest}  {root / name}\n" for name, digest in sorted(sums.items())]
-    write_text(manifest.checksums_path(home, shard), "".join(lines))
+    text = listing({str(root / name): digest for name, digest in sums.items()})
+    write_text(manifest.checksums_path(home, shard), text)
     return ShardReport(shard, len(numbers), dict(rejected), clock.seconds)
 
 

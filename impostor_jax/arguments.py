@@ -12,6 +12,7 @@ __all__ = [
     "check_rotation",
     "float_array",
     "float_arrays",
+    "image_size",
     "is_concrete",
     "one_of",
     "positive_int",
@@ -33,6 +34,9 @@ import numpy as np
 from jaxtyping import Array, Float
 
 Values = TypeVar("Values")
+
+MAX_PIXELS = 2**28
+"""Most pixels of an image: a map of them takes a gigabyte in single precision."""
 
 
 @contextlib.contextmanager
@@ -148,6 +152,18 @@ def positive_int(name: str, value: Any, unit: str) -> int:
         raise ValueError(f"{name} must be a positive whole number of {unit}, "
                          f"got {value!r}")  # fmt: skip
     return int(value)
+
+
+def image_size(width: Any, height: Any) -> tuple[int, int]:
+    """Return the columns and rows of an image that can be held in memory."""
+    width = positive_int("width", width, "pixels")
+    height = positive_int("height", height, "pixels")
+    if width * height > MAX_PIXELS:
+        raise ValueError(
+            f"width and height must be at most {MAX_PIXELS} pixels together, got "
+            f"{width} x {height}"
+        )
+    return width, height
 
 
 def whole_number(name: str, value: Any, low: int, high: int | None = None) -> int:

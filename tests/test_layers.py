@@ -110,6 +110,9 @@ ORDER = {
     "io": (
         "atomic",
         "provenance",
+        "input_file",
+        "json_file",
+        "image_header",
         "depth_image",
         "camera_file",
         "scene_file",

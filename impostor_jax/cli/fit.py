@@ -62,8 +62,9 @@ class Fit:
 
         effort = chosen_effort(self.effort, self.dials)
         camera, depth_scale_m = read_camera(self.camera)
-        depth = read_depth(self.depth, depth_scale_m)
-        mask = None if self.mask is None else read_mask(self.mask)
+        size = camera.height, camera.width
+        depth = read_depth(self.depth, depth_scale_m, size)
+        mask = None if self.mask is None else read_mask(self.mask, size)
         record = self.output / "fit.json" if self.json is None else self.json
         check_output_folder(self.output, ("fit.json", "overlay.png"))
         if self.json is not None:

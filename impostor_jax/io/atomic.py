@@ -161,7 +161,7 @@ def _write_through(path: Path, data: bytes) -> None:
             while data:
                 data = data[file.write(data) :]
         except OSError as error:
-            raise OSError(error.errno, os.strerror(error.errno), str(path)) from error
+            raise OSError(error.errno, error.strerror, str(path)) from error
 
 
 def write_json(path: Path, record: Any) -> None:

@@ -6,6 +6,8 @@ floating-point numbers. A reading that is missing is written as 0.
 
 __all__ = [
     "MAX_UINT16",
+    "check_image_name",
+    "depth_of_png",
     "fitting_scale",
     "normal_colors",
     "png_bytes",
@@ -18,6 +20,11 @@ __all__ = [
     "write_normals",
 ]
 
+import contextlib
+import io
+import math
+import warnings
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -25,68 +32,101 @@ import cv2
 import numpy as np
 from jaxtyping import Bool, Float, UInt8
 
+from impostor_jax.arguments import image_size
 from impostor_jax.io.atomic import write_atomically
+from impostor_jax.io.image_header import PNG, TIFF, plain_png, read_header
+from impostor_jax.io.input_file import require_file
 
 DEFAULT_DEPTH_SCALE_M = 0.0001
 """Meters a unit of the PNG files that are written: 0.1 mm, up to 6.5 m."""
 
 MAX_UINT16 = 65535
 
+MOST_EXTRA_BYTES = 2**26
+"""Of a file beyond twice its pixels: profiles, previews and what else there is."""
 
-def read_depth(path: Path, depth_scale_m: float | None) -> Float[np.ndarray, "h w"]:
+Size = tuple[int, int]
+"""Rows and columns."""
+
+
+def read_depth(
+    path: Path, depth_scale_m: float | None, size: Size | None = None
+) -> Float[np.ndarray, "h w"]:
     """Read a depth image in meters.
 
     Args:
         path: A 16-bit PNG, a floating-point TIFF or an NPY file.
         depth_scale_m: Meters a unit of integer readings; not used for floats.
+        size: Rows and columns that it must have; known from the header, before
+            anything is read. Any if None.
 
     Returns:
         Planar depth in meters; 0, NaN and infinity mean no reading, as in the file.
 
     Raises:
-        ValueError: The file is missing, broken or of another kind, or integer readings
-            come without a positive scale.
+        ValueError: The file is missing, broken or of another kind or size, or integer
+            readings come without a positive scale.
     """
     suffix = path.suffix.lower()
     if suffix not in (".png", ".tif", ".tiff", ".npy"):
         raise ValueError(
             f"depth image must be a .png, .tiff or .npy file, got {str(path)!r}"
         )
-    values = _read_npy(path) if suffix == ".npy" else _read_image(path, "depth image")
-    if values.ndim != 2:
-        raise ValueError(
-            f"depth image {str(path)!r} must have one channel, got shape {values.shape}"
-        )
+    what = f"depth image {str(path)!r}"
+    read = _read_npy if suffix == ".npy" else _read_image
+    return _in_meters(read(path, what, size), depth_scale_m, what)
+
+
+def depth_of_png(
+    data: bytes, depth_scale_m: float, what: str, size: Size
+) -> Float[np.ndarray, "h w"]:
+    """The depth image of a PNG's bytes, as `read_depth` reads it from a file.
+
+    Args:
+        data: Of the file.
+        depth_scale_m: Meters a unit.
+        what: Names it in errors.
+        size: Rows and columns that it must have.
+    """
+    values = _decoded(io.BytesIO(data), len(data), what, size)
+    return _in_meters(values, depth_scale_m, what)
+
+
+def _in_meters(
+    values: np.ndarray, depth_scale_m: float | None, what: str
+) -> Float[np.ndarray, "h w"]:
     if np.issubdtype(values.dtype, np.floating):
         return values
     if not np.issubdtype(values.dtype, np.integer):
-        raise ValueError(
-            f"depth image {str(path)!r} must hold integers or floats, "
-            f"got {values.dtype}"
-        )
+        raise ValueError(f"{what} must hold integers or floats, got {values.dtype}")
     if values.dtype == np.uint8:
         raise ValueError(
-            f"depth image {str(path)!r} must have 16 bits a pixel, got 8: it looks "
-            "like a picture"
+            f"{what} must have 16 bits a pixel, got 8: it looks like a picture"
         )
     if depth_scale_m is None:
         raise ValueError(
-            f"depth_scale_m must be given in the camera file: {str(path)!r} holds "
+            f"depth_scale_m must be given in the camera file: {what} holds "
             f"{values.dtype} readings"
         )
     return values * float(depth_scale_m)
 
 
-def read_mask(path: Path) -> Bool[np.ndarray, "h w"]:
-    """Read a mask: a one-channel image, True where it is not 0.
+def read_mask(path: Path, size: Size | None = None) -> Bool[np.ndarray, "h w"]:
+    """Read a mask: a one-channel image of integers, True where it is not 0.
+
+    Args:
+        path: A PNG or a TIFF; a JPEG is refused, since it is not 0 around the object.
+        size: Rows and columns that it must have; any if None.
 
     Raises:
-        ValueError: The file is missing, broken or of another kind.
+        ValueError: The file is missing, broken or of another kind or size.
     """
-    values = _read_image(path, "mask")
-    if values.ndim != 2:
+    what = f"mask {str(path)!r}"
+    values = _read_image(path, what, size)
+    if not np.issubdtype(values.dtype, np.integer):
         raise ValueError(
-            f"mask {str(path)!r} must have one channel, got shape {values.shape}"
+            f"{what} must hold integers, got {values.dtype}: it looks like a depth "
+            "image"
         )
     return values != 0
 
@@ -194,39 +234,139 @@ def _finite(depth: Any) -> Float[np.ndarray, "h w"]:
     return np.where(np.isfinite(values), values, 0)
 
 
-def _read_npy(path: Path) -> np.ndarray:
-    _require_file(path, "depth image")
+def _read_npy(path: Path, what: str, size: Size | None) -> np.ndarray:
+    """Read an array whose header, which may promise any size, is checked first."""
+    require_file(path, what)
+    with _opened(path, what) as file:
+        try:
+            shape, dtype = _npy_header(file)
+        except Exception as error:
+            # NumPy reads the header as Python, of which anything can go wrong.
+            raise ValueError(f"{what} is not a readable NPY file") from error
+        _check_one_channel(shape, what)
+        _check_size((shape[0], shape[1]), what, size)
+        if dtype.kind not in "fiu":
+            raise ValueError(f"{what} must hold integers or floats, got {dtype}")
+        num_bytes = math.prod(shape) * dtype.itemsize
+        there = path.stat().st_size - file.tell()
+        if there != num_bytes:
+            raise ValueError(
+                f"{what} is not a readable NPY file: it must hold {num_bytes} bytes "
+                f"of numbers, got {there}"
+            )
+        file.seek(0)
+        return np.load(file, allow_pickle=False)
+
+
+def _npy_header(file: io.BufferedIOBase) -> tuple[tuple[int, ...], np.dtype]:
+    """Shape and type of the array in a file, which need no pickle."""
+    version = np.lib.format.read_magic(file)
+    read = {
+        (1, 0): np.lib.format.read_array_header_1_0,
+        (2, 0): np.lib.format.read_array_header_2_0,
+    }
+    with warnings.catch_warnings():
+        # NumPy warns of headers that other versions wrote.
+        warnings.simplefilter("ignore")
+        shape, _, dtype = read[version](file)
+    if dtype.hasobject:
+        raise ValueError("objects are not read")
+    return shape, dtype
+
+
+@contextlib.contextmanager
+def _opened(path: Path, what: str) -> Iterator[io.BufferedIOBase]:
     try:
-        return np.load(path, allow_pickle=False)
-    except (ValueError, EOFError, OSError) as error:
+        file = path.open("rb")
+    except OSError as error:
+        raise ValueError(f"{what} cannot be read: {error.strerror}") from error
+    with file:
+        yield file
+
+
+def _check_one_channel(shape: tuple[int, ...], what: str) -> None:
+    """Raise unless the shape is of rows and columns alone."""
+    if len(shape) != 2:
+        raise ValueError(f"{what} must have one channel, got shape {shape}")
+
+
+def _check_size(found: Size, what: str, size: Size | None) -> None:
+    """Raise unless an image has the camera's size, or any where there is none."""
+    kind, _, name = what.partition(" '")
+    if size is not None and found != size:
         raise ValueError(
-            f"depth image {str(path)!r} is not a readable NPY file"
-        ) from error
+            f"{kind} must have the camera's shape {size}, got {found} in '{name}"
+        )
+    try:
+        image_size(found[1], found[0])
+    except ValueError as error:
+        raise ValueError(f"{what}: {error}") from error
 
 
-def _read_image(path: Path, what: str) -> np.ndarray:
-    _require_file(path, what)
+def _read_image(path: Path, what: str, size: Size | None) -> np.ndarray:
+    require_file(path, what)
+    with _opened(path, what) as file:
+        return _decoded(file, path.stat().st_size, what, size)
+
+
+def _decoded(
+    file: io.BufferedIOBase, num_bytes: int, what: str, size: Size | None
+) -> np.ndarray:
+    """Pixels of a PNG or a TIFF of one channel, checked before they are decoded."""
+    try:
+        header = read_header(file)
+        if header.format not in (PNG, TIFF):
+            kind = f"a {header.format} file" if header.format else "something else"
+            raise ValueError(f"it must be a PNG or a TIFF, got {kind}")
+    except ValueError as error:
+        raise ValueError(f"{what} is not a readable image: {error}") from error
+    found = header.height, header.width
+    if header.channels != 1:
+        _check_one_channel((*found, header.channels), what)
+    _check_size(found, what, size)
+    if num_bytes > 2 * header.num_bytes + MOST_EXTRA_BYTES:
+        raise ValueError(
+            f"{what} is not a readable image: it has {num_bytes} bytes, and its header "
+            f"promises {header.num_bytes}"
+        )
+    file.seek(0)
+    data = file.read()
+    try:
+        if header.format == PNG:
+            data = plain_png(data, header)
+    except ValueError as error:
+        raise ValueError(f"{what} is not a readable image: {error}") from error
     # OpenCV prints a warning of its own for a broken file; the error below says it.
     level = cv2.utils.logging.getLogLevel()
     cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
     try:
-        values = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+        values = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
     except cv2.error:
         values = None
     finally:
         cv2.utils.logging.setLogLevel(level)
     if values is None:
-        raise ValueError(f"{what} {str(path)!r} is not a readable image")
+        raise ValueError(f"{what} is not a readable image")
+    _check_one_channel(values.shape, what)
     return values
 
 
-def _require_file(path: Path, what: str) -> None:
-    if not path.is_file():
-        raise ValueError(f"{what} {str(path)!r} does not exist")
+def check_image_name(path: Path, name: str = "output") -> None:
+    """Raise unless the suffix of a file is of a format that can be written.
+
+    Args:
+        path: Of the file.
+        name: Of the argument, for the error.
+    """
+    if not cv2.haveImageWriter(path.name):
+        raise ValueError(
+            f"{name} must have the suffix of a picture, such as .png, got {str(path)!r}"
+        )
 
 
 def write_image(path: Path, values: np.ndarray) -> None:
     """Write an image as it is, in the format of the file's suffix."""
+    check_image_name(path)
 
     def write(partial: Path) -> None:
         if not cv2.imwrite(str(partial), values):

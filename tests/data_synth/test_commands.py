@@ -1,5 +1,6 @@
 """The commands, as a user types them."""
 
+import hashlib
 import json
 import shutil
 import sys
@@ -8,6 +9,7 @@ import cv2
 import pytest
 
 from data_synth.__main__ import main
+from data_synth.checksums import seal
 from data_synth.preview import preview
 from data_synth.validate import validate
 from tests.data_synth.small import COUNT, HEIGHT, SMALL, WIDTH, small_dataset
@@ -69,9 +71,7 @@ def test_validate_names_what_is_wrong(call, capsys, bop, tmp_path):
 
 
 def test_validate_reads_the_labels_too(bop, tmp_path):
-    """Labels that were changed with their checksum are found by what they say."""
-    import hashlib
-
+    """Labels that were changed with all checksums are found by what they say."""
     folder = tmp_path / "out"
     shutil.copytree(bop, folder)
     path = folder / "train" / "000000" / "scene_gt_info.json"
@@ -82,6 +82,10 @@ def test_validate_reads_the_labels_too(bop, tmp_path):
     path.write_text(json.dumps(record))
     digests = [hashlib.sha256(data).hexdigest() for data in (before, path.read_bytes())]
     sums.write_text(sums.read_text().replace(*digests))
+    assert validate(folder) == [
+        "checksums/000000.sha256 has changed since it was written"
+    ]
+    seal(folder, {"checksums/000000.sha256"})
     assert validate(folder) == ["000000_000000: visible fractions and masks disagree"]
 
 
@@ -116,7 +120,7 @@ def error_of(call, capsys, *arguments):
     [
         ({"--preset": "shelf"}, "preset must be one of bench"),
         ({"--preset": "shelf.json"}, "'shelf.json' does not exist"),
-        ({"--count": "-3"}, "count must be a whole number from 0"),
+        ({"--count": "-3"}, "count must be a whole number from 1"),
         ({"--seed": "-1"}, "seed must be a whole number from 0"),
         ({"--shard-size": "0"}, "shard_size must be a whole number from 1"),
         ({"--workers": "0"}, "workers must be at least 1"),
@@ -167,7 +171,7 @@ def test_a_manifest_of_another_version_is_refused(call, capsys, bop, tmp_path):
 
 
 def test_a_preview_needs_images(tmp_path):
-    small_dataset(tmp_path, count=0)
+    small_dataset(tmp_path, count=1, shard=1, num_shards=2)
     with pytest.raises(ValueError, match="has no images yet"):
         preview(tmp_path, tmp_path / "sheet.png")
 
