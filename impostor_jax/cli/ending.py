@@ -3,10 +3,12 @@
 __all__ = ["BAD_INPUT", "INTERRUPTED", "end_of", "stream_beside"]
 
 import os
+import signal
 import sys
+import threading
 from collections.abc import Callable
 from pathlib import Path
-from typing import TextIO
+from typing import Any, TextIO
 
 from impostor_jax.io.atomic import is_standard_output
 
@@ -24,6 +26,7 @@ def end_of(program: str, run: Callable[[], int]) -> int:
         program: Its name, for the line on stderr.
         run: Returns the exit code; a `ValueError` or an `OSError` is `BAD_INPUT`.
     """
+    hook, sys.unraisablehook = sys.unraisablehook, _interrupted_again
     try:
         code = run()
         # Else a full disk would be found when Python ends, which has no exit code.
@@ -36,9 +39,25 @@ def end_of(program: str, run: Callable[[], int]) -> int:
         message, code = "there is not enough memory", BAD_INPUT
     except KeyboardInterrupt as interrupt:
         message, code = str(interrupt) or "interrupted", INTERRUPTED
+    finally:
+        sys.unraisablehook = hook
     _forget_output()
     print(f"{program}: error: {message}", file=sys.stderr)
     return code
+
+
+def _interrupted_again(found: Any) -> None:
+    """Interrupt once more where the first time was lost.
+
+    It came while Python ran what must not raise, as JAX's callback of the garbage
+    collector; there Python prints the exception and goes on.
+    """
+    if issubclass(found.exc_type, KeyboardInterrupt):
+        # From a thread, and later: here it would be lost again.
+        main = threading.main_thread().ident or 0
+        threading.Timer(0.02, signal.pthread_kill, (main, signal.SIGINT)).start()
+    else:
+        sys.__unraisablehook__(found)
 
 
 def stream_beside(record: Path | None) -> TextIO:

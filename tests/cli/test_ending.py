@@ -96,6 +96,23 @@ def test_ctrl_c_ends_the_process_with_one_line():
     assert (process.returncode, error) == (130, "impostor-jax: error: interrupted\n")
 
 
+def test_an_interrupt_of_what_must_not_raise_is_not_lost():
+    program = (
+        "import sys, time; from impostor_jax.cli.fit import Fit\n"
+        "from impostor_jax.__main__ import main\n"
+        "class Left:\n"
+        "    def __del__(self): raise KeyboardInterrupt\n"
+        "Fit.run = lambda self: Left() and time.sleep(60)\n"
+        "sys.argv = ['impostor-jax', 'fit', 'a.png', '--camera', 'a.json']\n"
+        "sys.exit(main())"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, timeout=60
+    )
+    assert done.stderr == "impostor-jax: error: interrupted\n"
+    assert done.returncode == 130
+
+
 @pytest.mark.skipif(not os.path.exists("/dev/full"), reason="no /dev/full")
 def test_a_full_standard_output_is_an_error():
     program = (
