@@ -38,6 +38,9 @@ Values = TypeVar("Values")
 MAX_PIXELS = 2**28
 """Most pixels of an image: a map of them takes a gigabyte in single precision."""
 
+SMALLEST, LARGEST = 1.1e-19, 1.8e19
+"""Ends of the numbers whose squares single precision holds, as `has_square` has it."""
+
 
 @contextlib.contextmanager
 def working_precision(
@@ -101,7 +104,7 @@ def real_number(
     """Return `value` as a Python float, or as it is where it is traced.
 
     A Python float takes the precision of whatever it meets, so one camera serves
-    single and double precision.
+    single and double precision; its square must be in the range of both.
     """
     need = "a positive number" if positive else "a finite number"
     if unit is not None:
@@ -114,6 +117,11 @@ def real_number(
     number = float(array)
     if not np.isfinite(number) or (positive and number <= 0):
         raise ValueError(f"{name} must be {need}, got {number}")
+    if abs(number) > LARGEST or (positive and number < SMALLEST):
+        low = SMALLEST if positive else -LARGEST
+        raise ValueError(
+            f"{name} must be {need}, from {low:.3g} to {LARGEST:.3g}, got {number}"
+        )
     return number
 
 
@@ -184,7 +192,8 @@ def float_array(
         name: Name of the argument, for the error.
         value: Numbers, or a traced array.
         shape: Expected trailing shape; `None` stands for any length.
-        unit: Unit of the numbers, for the error.
+        unit: Unit of the numbers, for the error. Of meters the square counts, too, and
+            must be a number of the array's type.
     """
     array = _as_array(name, value)
     trailing = (
@@ -200,10 +209,19 @@ def float_array(
         )
     if is_concrete(array) and not np.all(np.isfinite(np.asarray(array))):
         raise ValueError(f"{name} must be finite {unit}, got {np.asarray(array)}")
-    if isinstance(array, jax.Array):
-        return array.astype(jnp.result_type(float, array.dtype))
     # A plain Python or numpy number has no precision of its own: take jax's default.
-    return jnp.asarray(array, dtype=jnp.result_type(float))
+    own = (array.dtype,) if isinstance(array, jax.Array) else ()
+    dtype = jnp.result_type(float, *own)
+    if is_concrete(array) and array.size:
+        largest = float(np.finfo(dtype).max) ** (0.5 if unit == "meters" else 1.0)
+        # In double precision: in single one a number above it is infinite already.
+        found = np.abs(np.asarray(array, np.float64)).max()
+        if found > largest:
+            raise ValueError(
+                f"{name} must be {unit} of at most {largest:.3g} in {dtype}, "
+                f"got {found:.6g}"
+            )
+    return jnp.asarray(array, dtype)
 
 
 def float_arrays(

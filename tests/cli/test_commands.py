@@ -226,6 +226,9 @@ FIT = ("fit", "{depth}", "--camera", "{camera}")
         (("fit", "{png}", "--camera", "{folder}/given.json"), "depth_scale_m must be"),
         (("fit", "{depth}", "--camera", "{folder}/none.json"), "does not exist"),
         ((*FIT, "--output", "{depth}"), "File exists"),
+        ((*FIT, "--output", ""), "--output must not be empty"),
+        ((*FIT, "--json="), "--json must not be empty"),
+        (("fit", "", "--camera", "{camera}"), "an argument must not be empty"),
         (
             ("render", "--camera", "{camera}", "--center", "0", "0", "1", "--axis", "0",
              "1", "0", "--radius", "0", "--height", "1", "--output", "{folder}/r"),

@@ -120,6 +120,8 @@ def error_of(call, capsys, *arguments):
     [
         ({"--preset": "shelf"}, "preset must be one of bench"),
         ({"--preset": "shelf.json"}, "'shelf.json' does not exist"),
+        ({"--output": ""}, "--output must not be empty"),
+        ({"--count": "0"}, "count must be a whole number from 1"),
         ({"--count": "-3"}, "count must be a whole number from 1"),
         ({"--seed": "-1"}, "seed must be a whole number from 0"),
         ({"--shard-size": "0"}, "shard_size must be a whole number from 1"),
@@ -137,6 +139,42 @@ def test_bad_arguments_are_one_line_and_exit_with_2(
     given = {"--preset": "bench", "--count": "1", "--output": str(tmp_path / "out")}
     words = [word for pair in (given | changes).items() for word in pair]
     assert message in error_of(call, capsys, "generate", *words)
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_missing_dask_leaves_no_folder(call, capsys, tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "dask.distributed", None)
+    words = ("--preset", "bench", "--count", 1, "--output", tmp_path / "out")
+    line = error_of(call, capsys, "generate", *words, "--dask", "tcp://none")
+    assert "dask needs the extra scale" in line
+    assert not (tmp_path / "out").exists()
+
+
+def test_an_interrupt_says_how_to_go_on(call, capsys, tmp_path, monkeypatch):
+    import data_synth.generate
+
+    def interrupt(*arguments, **options):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(data_synth.generate, "ProcessPoolExecutor", interrupt)
+    words = ("--preset", "bench", "--count", 1, "--output", tmp_path / "out")
+    assert call("generate", *words) == 130
+    assert capsys.readouterr().err == (
+        "impostor-synth: error: interrupted; resume makes what is missing\n"
+    )
+
+
+@pytest.mark.parametrize("name", ["sheet.txt", "sheet", "none/sheet.png"])
+def test_a_sheet_that_cannot_be_written_is_refused(call, capsys, bop, tmp_path, name):
+    line = error_of(call, capsys, "preview", bop, "--output", tmp_path / name)
+    assert "output must" in line
+    assert not list(tmp_path.iterdir())
+
+
+def test_resume_repairs(call, capsys, bop, tmp_path):
+    shutil.copytree(bop, tmp_path / "out")
+    assert call("resume", tmp_path / "out", "--repair") == 0
+    assert "nothing was missing or changed" in capsys.readouterr().out
 
 
 def test_a_folder_that_is_not_empty_is_refused(call, capsys, bop, tmp_path):
