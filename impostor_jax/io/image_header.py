@@ -109,6 +109,8 @@ def _tiff_header(file: io.BufferedIOBase, begin: bytes) -> ImageHeader:
     (offset,) = struct.unpack_from(f"{order}{'Q' if is_big else 'I'}", begin,
                                    8 if is_big else 4)  # fmt: skip
     count_form, tag_form = ("Q", "HHQ8s") if is_big else ("H", "HHI4s")
+    if offset >= 2**62:
+        raise ValueError("its header is cut off")
     file.seek(offset)
     size = struct.calcsize(order + count_form)
     (count,) = struct.unpack(order + count_form, file.read(size))
