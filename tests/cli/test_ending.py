@@ -7,6 +7,7 @@ import stat
 import subprocess
 import sys
 
+import cv2
 import numpy as np
 import pytest
 
@@ -33,6 +34,71 @@ def image(tmp_path, monkeypatch):
     np.save(tmp_path / "depth.npy", np.ones((30, 40)))
     (tmp_path / "camera.json").write_text(json.dumps(CAMERA))
     return tmp_path / "depth.npy", "--camera", tmp_path / "camera.json"
+
+
+def write_bad_files(folder):
+    """Files that no command takes."""
+    header = b"{'descr': '<f4', 'fortran_order': False, 'shape': (400000, 400000), }"
+    size = len(header).to_bytes(2, "little")
+    (folder / "huge.npy").write_bytes(b"\x93NUMPY\x01\x00" + size + header)
+    np.savez(folder / "archive.npz", depth=np.ones((30, 40)))
+    (folder / "archive.npz").rename(folder / "archive.npy")
+    far = np.ones((30, 40))
+    far[3, 4] = 1e300
+    np.save(folder / "far.npy", far)
+    good, spoiled = np.ones((30, 40), np.uint16), folder / "spoiled.png"
+    cv2.imwrite(str(spoiled), good)
+    data = bytearray(spoiled.read_bytes())
+    data[50] ^= 255
+    spoiled.write_bytes(data)
+    cv2.imwrite(str(folder / "mask.jpg"), good.astype(np.uint8))
+    cv2.imwrite(str(folder / "mask.tiff"), good.astype(np.float32))
+    (folder / "deep.json").write_text('{"a":' * 50000)
+    for name, change in (
+        ("wide", {"width": 10**12}), ("long", {"fx": 1e300}),
+        ("true", {"depth_scale_m": True}),
+    ):  # fmt: skip
+        (folder / f"{name}.json").write_text(json.dumps(CAMERA | change))
+    os.mkfifo(folder / "pipe.npy")
+    (folder / "loop.npy").symlink_to("loop.npy")
+
+
+RENDER = "render --center 0 0 1 --axis 0 1 0 --height 1 --output out --camera"
+
+
+@pytest.mark.parametrize(
+    ("command", "message"),
+    [
+        ("fit huge.npy --camera camera.json", "depth image must have the camera's"),
+        ("fit archive.npy --camera camera.json", "is not a readable NPY file"),
+        ("fit far.npy --camera camera.json", "depth must be at most 1.84e+19 meters"),
+        ("fit spoiled.png --camera camera.json", "its pixels are broken"),
+        ("fit pipe.npy --camera camera.json", "must be a file, got a pipe"),
+        ("fit loop.npy --camera camera.json", "Too many levels of symbolic links"),
+        ("fit . --camera camera.json", "depth image must be a .png, .tiff or .npy"),
+        ("fit depth.npy --camera . --output out", "must be a file, got a folder"),
+        ("fit depth.npy --camera deep.json", "nested more than 100 deep"),
+        ("fit depth.npy --camera wide.json", "width and height must be at most"),
+        ("fit depth.npy --camera long.json", "fx must be a positive number in pixels"),
+        ("fit depth.npy --camera true.json", "depth_scale_m must be a positive numb"),
+        ("fit depth.npy --camera camera.json --mask mask.jpg", "got a JPEG file"),
+        ("fit depth.npy --camera camera.json --mask mask.tiff", "must hold integers"),
+        (f"{RENDER} camera.json --radius 1e30", "radius must be meters of at most"),
+        (f"{RENDER} camera.json --radius 1e300", "radius must be meters of at most"),
+    ],
+)
+def test_bad_files_are_one_line_that_names_them(
+    command, message, image, call, tmp_path, monkeypatch
+):
+    write_bad_files(tmp_path)
+    before = {path.name for path in tmp_path.iterdir()}
+    monkeypatch.chdir(tmp_path)
+    code, error = call(*command.split())
+    assert code == 2
+    (line,) = error.splitlines()
+    assert line.startswith("impostor-jax: error: ")
+    assert message in line
+    assert {path.name for path in tmp_path.iterdir()} == before
 
 
 def refuse(*arguments, **options):
