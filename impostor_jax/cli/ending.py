@@ -8,7 +8,7 @@ import sys
 import threading
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, TextIO
+from typing import Any
 
 from impostor_jax.io.atomic import is_standard_output
 
@@ -60,7 +60,7 @@ def _interrupted_again(found: Any) -> None:
         sys.__unraisablehook__(found)
 
 
-def stream_beside(record: Path | None) -> TextIO:
+def stream_beside(record: Path | None) -> Any:
     """Where lines for a reader go: to stderr if the record is printed on stdout."""
     is_printed = record is not None and is_standard_output(record)
     return sys.stderr if is_printed else sys.stdout

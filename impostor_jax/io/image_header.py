@@ -151,7 +151,9 @@ def plain_png(data: bytes, header: ImageHeader) -> bytes:
         if filters.max() > 4:
             raise ValueError("its pixels are broken")
         start = end
-    return data[:33] + _chunk(b"IDAT", packed) + _chunk(b"IEND", b"")
+    # Stored without packing, so that no time is spent on unpacking it once more.
+    stored = zlib.compress(raw, 0)
+    return data[:33] + _chunk(b"IDAT", stored) + _chunk(b"IEND", b"")
 
 
 def _pixel_chunks(data: bytes) -> Iterator[bytes]:

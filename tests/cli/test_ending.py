@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 import impostor_jax.fit.cylinder
+import impostor_jax.io.dataset
 from impostor_jax.__main__ import main
 
 CAMERA = {"fx": 150.0, "fy": 150.0, "cx": 19.5, "cy": 14.5, "width": 40, "height": 30}
@@ -139,6 +140,32 @@ def test_an_interrupted_fit_ends_with_one_line(image, call, tmp_path, monkeypatc
     found = call("fit", *image, "--output", tmp_path / "out")
     assert found == (130, "impostor-jax: error: interrupted\n")
     assert not (tmp_path / "out").exists()
+
+
+def test_an_interrupted_evaluation_ends_with_one_line(call, monkeypatch):
+    monkeypatch.setattr(impostor_jax.io.dataset, "read_manifest", interrupt)
+    found = call("evaluate", "cans")
+    assert found == (130, "impostor-jax: error: interrupted\n")
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        f"{RENDER} camera.json --radius 0.1".replace(" out ", " /proc/out "),
+        "demo --output /proc/out",
+        "evaluate cans --json /proc/a.json",
+        "parity --output /proc/out",
+    ],
+)
+def test_every_command_finds_an_output_that_cannot_be_written(
+    command, image, call, tmp_path, monkeypatch
+):
+    monkeypatch.setattr("impostor_jax.rendering.render.render", refuse)
+    monkeypatch.chdir(tmp_path)
+    code, error = call(*command.split())
+    assert code == 2
+    (line,) = error.splitlines()
+    assert "/proc" in line
 
 
 def test_ctrl_c_ends_the_process_with_one_line():
