@@ -15,6 +15,9 @@ import impostor_jax.fit.cylinder
 import impostor_jax.io.dataset
 from impostor_jax.__main__ import main
 
+# A shell lets what it runs in the background ignore interrupts.
+LISTEN = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)"
+
 CAMERA = {"fx": 150.0, "fy": 150.0, "cx": 19.5, "cy": 14.5, "width": 40, "height": 30}
 
 
@@ -170,7 +173,7 @@ def test_every_command_finds_an_output_that_cannot_be_written(
 
 def test_ctrl_c_ends_the_process_with_one_line():
     program = (
-        "import sys, time; from impostor_jax.cli.fit import Fit\n"
+        f"{LISTEN}; import sys, time; from impostor_jax.cli.fit import Fit\n"
         "from impostor_jax.__main__ import main\n"
         "Fit.run = lambda self: print('ready', flush=True) or time.sleep(60)\n"
         "sys.argv = ['impostor-jax', 'fit', 'a.png', '--camera', 'a.json']\n"
@@ -191,7 +194,7 @@ def test_ctrl_c_ends_the_process_with_one_line():
 
 def test_an_interrupt_of_what_must_not_raise_is_not_lost():
     program = (
-        "import sys, time; from impostor_jax.cli.fit import Fit\n"
+        f"{LISTEN}; import sys, time; from impostor_jax.cli.fit import Fit\n"
         "from impostor_jax.__main__ import main\n"
         "class Left:\n"
         "    def __del__(self): raise KeyboardInterrupt\n"

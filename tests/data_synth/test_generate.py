@@ -142,6 +142,49 @@ def test_killed_and_resumed_gives_equal_bytes(tmp_path, bop, preset_file):
     assert not list(train.glob(".*"))
 
 
+@pytest.mark.parametrize("seconds", [0.0, 0.5])
+def test_an_interrupt_is_one_line_and_the_rest_can_be_made(
+    tmp_path, preset_file, seconds
+):
+    program = (
+        "import signal, sys; signal.signal(signal.SIGINT, signal.default_int_handler)\n"
+        "from data_synth.__main__ import main; sys.exit(main())"
+    )
+    folder = tmp_path / "out"
+    process = subprocess.Popen(
+        [
+            *(sys.executable, "-c", program, "generate", "--normals"),
+            *("--preset", preset_file, "--count", "400", "--seed", str(SEED)),
+            *("--shard-size", "40", "--output", folder, "--workers", "1"),
+        ],
+        start_new_session=True,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    while not (folder / "models" / "models_info.json").exists():
+        assert process.poll() is None
+        time.sleep(0.02)
+    # The worker begins, or it is at work.
+    time.sleep(seconds)
+    os.killpg(process.pid, signal.SIGINT)
+    _, error = process.communicate(timeout=120)
+    assert process.returncode == 130
+    (line,) = error.splitlines()
+    assert line == "impostor-synth: error: interrupted; resume makes what is missing"
+    assert sealed(folder) is None
+
+
+def test_what_ended_before_the_last_line_is_sealed_by_resume(tmp_path, bop):
+    folder = tmp_path / "out"
+    shutil.copytree(bop, folder)
+    record = json.loads((folder / "manifest.json").read_text())
+    del record["checksums_sha256"]
+    (folder / "manifest.json").write_text(json.dumps(record))
+    assert resume(folder, executor=Here()) == []
+    assert sealed(folder) == sealed(bop)
+    assert validate(folder) == []
+
+
 @pytest.mark.parametrize("layout", ["bop", "webdataset"])
 def test_resume_makes_what_is_missing_and_nothing_else(tmp_path, bop, archives, layout):
     whole = {"bop": bop, "webdataset": archives}[layout]
