@@ -12,7 +12,8 @@ from jaxtyping import UInt8
 
 from impostor_jax.arguments import whole_number
 from impostor_jax.io.atomic import check_output_file
-from impostor_jax.io.dataset import LabeledImage, read_dataset
+from impostor_jax.io.dataset import read_dataset
+from impostor_jax.io.dataset_shard import LabeledImage
 from impostor_jax.io.depth_image import check_image_name, write_image
 
 WIDTH = 320

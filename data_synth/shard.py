@@ -29,8 +29,9 @@ from data_synth.label import (
 )
 from data_synth.manifest import Manifest
 from impostor_jax.io.atomic import write_text
-from impostor_jax.io.dataset import MANIFEST, rle_of_mask
+from impostor_jax.io.dataset import MANIFEST
 from impostor_jax.io.depth_image import normal_colors, png_bytes
+from impostor_jax.io.run_lengths import rle_of_mask
 
 LABELS = {
     "camera": "scene_camera",

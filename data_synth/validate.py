@@ -15,7 +15,8 @@ from data_synth.checksums import (
     trusted_list,
 )
 from data_synth.manifest import Manifest
-from impostor_jax.io.dataset import LabeledImage, read_dataset
+from impostor_jax.io.dataset import read_dataset
+from impostor_jax.io.dataset_shard import LabeledImage
 
 
 def validate(folder: str | Path) -> list[str]:

@@ -14,7 +14,8 @@ import pytest
 
 import impostor_jax as ij
 from data_synth.preset import Preset
-from impostor_jax.io.dataset import mask_of_rle, read_dataset, rle_of_mask
+from impostor_jax.io.dataset import read_dataset
+from impostor_jax.io.run_lengths import mask_of_rle, rle_of_mask
 from tests.data_synth.small import (
     COUNT,
     HEIGHT,
