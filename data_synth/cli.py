@@ -127,7 +127,10 @@ class Resume:
                 progress=bar.update,
                 **options,
             )
-        none = "nothing was missing" + (" or changed" if self.repair else "")
+        none = "nothing was missing"
+        none += (
+            " or changed" if self.repair else "; --repair compares it with checksums"
+        )
         print(_summary(reports, bar.seconds, self.folder, none))
         return 0
 

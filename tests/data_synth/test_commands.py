@@ -102,7 +102,7 @@ def test_preview_draws_a_sheet_of_the_first_images(call, bop, tmp_path):
 def test_resume_says_what_was_made(call, capsys, bop, tmp_path):
     shutil.copytree(bop, tmp_path / "out")
     assert call("resume", tmp_path / "out") == 0
-    assert "nothing was missing" in capsys.readouterr().out
+    assert "nothing was missing; --repair" in capsys.readouterr().out
 
 
 def error_of(call, capsys, *arguments):
