@@ -4,14 +4,18 @@ __all__ = ["main"]
 
 import os
 import sys
-from concurrent.futures import BrokenExecutor
 
 from data_synth.cli import parse
 from impostor_jax.cli.compiled import keep_compiled
+from impostor_jax.cli.ending import end_of
 
 
 def main() -> int:
     """Run the command line; returns the exit code."""
+    return end_of("impostor-synth", _run)
+
+
+def _run() -> int:
     command = parse(sys.argv[1:])
     keep_compiled()
     # The first process would else take most of a GPU's memory for itself.
@@ -21,16 +25,7 @@ def main() -> int:
     kept = {"hugetlb": 1, "mmap_threshold": 2**30, "trim_threshold": 2**31}
     tunables = ":".join(f"glibc.malloc.{name}={n}" for name, n in kept.items())
     os.environ.setdefault("GLIBC_TUNABLES", tunables)
-    try:
-        return command.run()
-    except BrokenExecutor:
-        message = "a worker process was killed; resume makes what is missing"
-    except (ValueError, OSError) as error:
-        message = " ".join(str(error).split())
-    except KeyboardInterrupt:
-        message = "interrupted; resume makes what is missing"
-    print(f"impostor-synth: error: {message}", file=sys.stderr)
-    return 2
+    return command.run()
 
 
 if __name__ == "__main__":

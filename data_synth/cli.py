@@ -3,10 +3,12 @@
 __all__ = ["parse"]
 
 import collections
+import contextlib
 import dataclasses
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from concurrent.futures import BrokenExecutor
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -76,7 +78,8 @@ class Generate:
         """Run the command; returns the exit code."""
         from data_synth.generate import generate
 
-        with _Bar(self.count) as bar:
+        options = self.work.options()
+        with _resumable(), _Bar(self.count) as bar:
             reports = generate(
                 self.preset,
                 self.count,
@@ -87,15 +90,15 @@ class Generate:
                 clean=self.clean,
                 normals=self.normals,
                 progress=bar.update,
-                **self.work.options(),
+                **options,
             )
-        print(_summary(reports, bar.seconds, self.output))
+        print(_summary(reports, bar.seconds, self.output, "nothing was missing"))
         return 0
 
 
 @dataclasses.dataclass(frozen=True)
 class Resume:
-    """Make the shards that a dataset lacks."""
+    """Make the shards that a dataset lacks, and those that changed with --repair."""
 
     folder: tyro.conf.Positional[Path]
     """Of the dataset."""
@@ -103,6 +106,9 @@ class Resume:
     allow_other_maker: bool = False
     """Go on even where versions, commit or processor are others than at the beginning,
     so that bytes may differ from those of an uninterrupted run."""
+    repair: bool = False
+    """Compare every file with its checksum, and make shards again of which one is
+    missing or has changed."""
 
     def run(self) -> int:
         """Run the command; returns the exit code."""
@@ -111,14 +117,21 @@ class Resume:
 
         manifest = Manifest.read(self.folder)
         missing = manifest.missing(self.folder, range(manifest.num_shards))
-        with _Bar(sum(len(manifest.images_of(k)) for k in missing)) as bar:
+        count = sum(len(manifest.images_of(k)) for k in missing)
+        options = self.work.options()
+        with _resumable(), _Bar(None if self.repair else count) as bar:
             reports = resume(
                 self.folder,
                 allow_other_maker=self.allow_other_maker,
+                repair=self.repair,
                 progress=bar.update,
-                **self.work.options(),
+                **options,
             )
-        print(_summary(reports, bar.seconds, self.folder))
+        none = "nothing was missing"
+        none += (
+            " or changed" if self.repair else "; --repair compares it with checksums"
+        )
+        print(_summary(reports, bar.seconds, self.folder, none))
         return 0
 
 
@@ -209,10 +222,22 @@ def parse(
     )
 
 
+@contextlib.contextmanager
+def _resumable() -> Iterator[None]:
+    """Say of what ends the work early that it can go on."""
+    rest = "resume makes what is missing"
+    try:
+        yield
+    except BrokenExecutor as error:
+        raise OSError(f"a worker process was killed; {rest}") from error
+    except KeyboardInterrupt as interrupt:
+        raise KeyboardInterrupt(f"interrupted; {rest}") from interrupt
+
+
 class _Bar:
     """Progress on stderr, with images a second and the time left; quiet in a pipe."""
 
-    def __init__(self, count: int) -> None:
+    def __init__(self, count: int | None) -> None:
         self.count = count
         self.seconds = 0.0
 
@@ -232,11 +257,13 @@ class _Bar:
         self._bar.close()
 
 
-def _summary(reports: list["ShardReport"], seconds: float, folder: Path) -> str:
-    """What was made, what the time went into, and what was rejected."""
+def _summary(
+    reports: list["ShardReport"], seconds: float, folder: Path, none: str
+) -> str:
+    """What was made, what the time went into, and what was rejected; or `none`."""
     count = sum(report.num_images for report in reports)
     if not count:
-        return f"{folder}: nothing was missing"
+        return f"{folder}: {none}"
     spent: collections.Counter[str] = collections.Counter()
     rejected: collections.Counter[str] = collections.Counter()
     for report in reports:

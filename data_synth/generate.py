@@ -3,25 +3,31 @@
 __all__ = ["Progress", "generate", "resume"]
 
 import concurrent.futures
-import json
+import contextlib
+import hashlib
+import itertools
 import multiprocessing
 import multiprocessing.connection
 import os
 import shutil
 import signal
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures import Executor, ProcessPoolExecutor
 from pathlib import Path
 
 from data_synth.catalogue import mesh_ply, models_info
+from data_synth.checksums import MODEL_SUMS, damaged, listing, seal
 from data_synth.images import catalogue_of
 from data_synth.manifest import Layout, Manifest
 from data_synth.preset import Preset
 from data_synth.presets import preset_named
 from data_synth.shard import ShardReport, make_shard
-from impostor_jax.io.atomic import write_json, write_text
+from impostor_jax.io.atomic import write_atomically, write_json, write_text
 from impostor_jax.io.dataset import MANIFEST, SPLIT
+
+WAITING = 1000
+"""Most shards that are handed to an executor and not made yet."""
 
 Progress = Callable[[ShardReport], None]
 """Is called with each shard that is made."""
@@ -79,6 +85,9 @@ def generate(
         drawn, name, count, seed, shard_size, layout, clean=clean, normals=normals
     )
     part = _part(manifest, shard, num_shards)
+    workers = _checked_workers(workers)
+    if not str(output):
+        raise ValueError("output must be the path of a folder, got an empty one")
     folder = Path(output)
     _prepare(folder, manifest, is_shared=shard is not None)
     return _run(folder, manifest, part, executor, workers, progress)
@@ -92,6 +101,7 @@ def resume(
     shard: int | None = None,
     num_shards: int = 1,
     allow_other_maker: bool = False,
+    repair: bool = False,
     progress: Progress | None = None,
 ) -> list[ShardReport]:
     """Make the shards that a dataset lacks.
@@ -106,6 +116,8 @@ def resume(
         num_shards: As in `generate`.
         allow_other_maker: Whether to go on where versions, commit or processor are not
             those of the manifest, so that bytes may differ from an uninterrupted run's.
+        repair: Whether every file is compared with its checksum, and shards of which
+            one is missing or has changed are made again.
         progress: As in `generate`.
 
     Returns:
@@ -120,6 +132,11 @@ def resume(
     if not allow_other_maker:
         manifest.check_same_maker()
     part = _part(manifest, shard, num_shards)
+    workers = _checked_workers(workers)
+    if repair:
+        for number in damaged(path, manifest, part):
+            # Without its checksums a shard is not whole.
+            manifest.checksums_path(path, number).unlink(missing_ok=True)
     _write_models(path, manifest)
     return _run(path, manifest, part, executor, workers, progress)
 
@@ -137,6 +154,15 @@ def _part(manifest: Manifest, shard: int | None, num_shards: int) -> range:
             f"shard must be from 0 to {num_shards - 1}, num_shards less 1; got {shard}"
         )
     return range(shard, manifest.num_shards, num_shards)
+
+
+def _checked_workers(workers: int | None) -> int:
+    """Number of processes; one a processor if None."""
+    if workers is None:
+        return len(os.sched_getaffinity(0))
+    if workers < 1:
+        raise ValueError(f"workers must be at least 1, got {workers}")
+    return workers
 
 
 def _prepare(folder: Path, manifest: Manifest, *, is_shared: bool) -> None:
@@ -157,25 +183,40 @@ def _prepare(folder: Path, manifest: Manifest, *, is_shared: bool) -> None:
             )
     elif any(not name.startswith(f".{MANIFEST}.") for name in names):
         raise ValueError(f"output must be an empty folder, but {str(folder)!r} is not")
-    manifest.write(folder)
+    else:
+        manifest.write(folder)
     _write_models(folder, manifest)
 
 
 def _write_models(folder: Path, manifest: Manifest) -> None:
-    """Write meshes, and for archives where each image is."""
+    """Write meshes, for archives where each image is, and the checksums of these."""
     catalogue, _ = catalogue_of(manifest)
     models = folder / "models"
-    for item in catalogue:
-        write_text(models / f"obj_{item.number:06d}.ply", mesh_ply(item))
-    write_json(models / "models_info.json", models_info(catalogue))
+    paths = [models / f"obj_{item.number:06d}.ply" for item in catalogue]
+    for path, item in zip(paths, catalogue, strict=True):
+        write_text(path, mesh_ply(item))
+    paths.append(models / "models_info.json")
+    write_json(paths[-1], models_info(catalogue))
     if manifest.layout == "webdataset":
-        shards = range(manifest.num_shards)
-        keys = {
-            f"{shard:06d}_{number:06d}": shard
-            for shard in shards
-            for number in range(len(manifest.images_of(shard)))
-        }
-        write_text(folder / SPLIT / "key_to_shard.json", json.dumps(keys))
+        paths.append(folder / SPLIT / "key_to_shard.json")
+        write_atomically(paths[-1], lambda partial: _write_keys(partial, manifest))
+    sums = {}
+    for path in paths:
+        with path.open("rb") as file:
+            digest = hashlib.file_digest(file, "sha256").hexdigest()
+        sums[str(path.relative_to(folder))] = digest
+    write_text(folder / MODEL_SUMS, listing(sums))
+
+
+def _write_keys(path: Path, manifest: Manifest) -> None:
+    """Write which archive each image is in, of many millions without keeping them."""
+    with path.open("w") as file:
+        mark = "{"
+        for shard in range(manifest.num_shards):
+            for number in range(len(manifest.images_of(shard))):
+                file.write(f'{mark}"{shard:06d}_{number:06d}": {shard}')
+                mark = ", "
+        file.write("}")
 
 
 def _run(
@@ -183,42 +224,67 @@ def _run(
     manifest: Manifest,
     part: Sequence[int],
     executor: Executor | None,
-    workers: int | None,
+    workers: int,
     progress: Progress | None,
 ) -> list[ShardReport]:
     missing = manifest.missing(folder, part)
     for shard in missing:
         _remove_partial(manifest.shard_path(folder, shard))
-    if workers is None:
-        workers = len(os.sched_getaffinity(0))
-    if workers < 1:
-        raise ValueError(f"workers must be at least 1, got {workers}")
-    if not missing:
-        return []
-    reports, own = [], None
+    reports = []
+    if missing:
+        with contextlib.closing(_made(folder, missing, executor, workers)) as made:
+            for report in made:
+                reports.append(report)
+                if progress is not None:
+                    progress(report)
+    paths = (manifest.checksums_path(folder, shard) for shard in missing)
+    seal(folder, {MODEL_SUMS, *(str(path.relative_to(folder)) for path in paths)})
+    return reports
+
+
+def _made(
+    folder: Path, shards: Sequence[int], executor: Executor | None, workers: int
+) -> Generator[ShardReport]:
+    """Make shards, in the order in which they are ready."""
+    own = None
     if executor is None:
-        workers = min(workers, len(missing))
+        workers = min(workers, len(shards))
         own = executor = ProcessPoolExecutor(
             workers,
             multiprocessing.get_context("spawn"),
             initializer=_begin_worker,
             initargs=(max(1, len(os.sched_getaffinity(0)) // workers),),
         )
-    # All at once: a shard of 100 images each, a million are ten thousand.
-    futures = [
-        executor.submit(make_shard, str(folder.resolve()), shard) for shard in missing
-    ]
+    home, rest, futures = str(folder.resolve()), iter(shards), set()
     try:
-        for future in concurrent.futures.as_completed(futures):
-            reports.append(future.result())
-            if progress is not None:
-                progress(reports[-1])
+        while True:
+            with _interrupts_kept_back():
+                for shard in itertools.islice(rest, WAITING - len(futures)):
+                    futures.add(executor.submit(make_shard, home, shard))
+            if not futures:
+                return
+            done, futures = concurrent.futures.wait(
+                futures, return_when=concurrent.futures.FIRST_COMPLETED
+            )
+            yield from (future.result() for future in done)
     finally:
         for future in futures:
             future.cancel()
         if own is not None:
             own.shutdown()
-    return reports
+
+
+@contextlib.contextmanager
+def _interrupts_kept_back() -> Iterator[None]:
+    """Let an interrupt wait, and processes that are begun here never see one.
+
+    They would print where they were, until `_begin_worker` has them ignore it.
+    """
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def _remove_partial(path: Path) -> None:

@@ -10,7 +10,14 @@ from typing import Any, Literal, get_args
 from data_synth.preset import Preset
 from impostor_jax.arguments import one_of, whole_number
 from impostor_jax.io.atomic import write_json
-from impostor_jax.io.dataset import CHECKSUMS, MANIFEST, SPLIT, read_manifest
+from impostor_jax.io.dataset import (
+    CHECKSUMS,
+    MANIFEST,
+    MAX_IMAGES,
+    MAX_SHARDS,
+    SPLIT,
+    read_manifest,
+)
 from impostor_jax.io.provenance import cpu_model, git_output, package_versions
 
 VERSION = 1
@@ -34,6 +41,8 @@ class Manifest:
         normals: Whether normals are stored, too.
         made_by: Versions of packages, commit and processor, on which the last bits
             depend.
+        checksums_sha256: Digest of the list of all files of checksums, which there is
+            once no shard is missing; a dataset is the same without.
     """
 
     preset: Preset
@@ -45,10 +54,17 @@ class Manifest:
     clean: bool
     normals: bool
     made_by: dict[str, Any] = dataclasses.field(default_factory=lambda: made_by())
+    checksums_sha256: str | None = dataclasses.field(default=None, compare=False)
 
     def __post_init__(self) -> None:
-        for name, low in (("count", 0), ("seed", 0), ("shard_size", 1)):
-            whole_number(name, getattr(self, name), low, 2**32 - 1)
+        whole_number("count", self.count, 1, MAX_IMAGES)
+        whole_number("seed", self.seed, 0, 2**32 - 1)
+        whole_number("shard_size", self.shard_size, 1, MAX_SHARDS)
+        if self.num_shards > MAX_SHARDS:
+            raise ValueError(
+                f"count must be at most {MAX_SHARDS} shards of {self.shard_size} "
+                f"images, got {self.count}"
+            )
         one_of("layout", self.layout, get_args(Layout))
 
     @property
@@ -83,6 +99,8 @@ class Manifest:
     def write(self, folder: Path) -> None:
         """Write the manifest of a dataset."""
         fields = {f.name: getattr(self, f.name) for f in dataclasses.fields(self)}
+        if self.checksums_sha256 is None:
+            del fields["checksums_sha256"]
         record = {"version": VERSION, **fields, "preset": self.preset.record()}
         write_json(folder / MANIFEST, {**record, "checksums": CHECKSUMS})
 
@@ -101,7 +119,7 @@ class Manifest:
             return Manifest(
                 **{**record, "preset": Preset.from_record(record["preset"])}
             )
-        except (KeyError, TypeError) as error:
+        except (KeyError, TypeError, ValueError) as error:
             raise ValueError(f"manifest in {folder} is broken: {error}") from error
 
     def check_same_maker(self) -> None:

@@ -14,7 +14,7 @@ from data_synth.distribution import (
     Uniform,
     Whole,
 )
-from impostor_jax.arguments import whole_number
+from impostor_jax.arguments import image_size, whole_number
 from impostor_jax.io.sensor_record import sensor_from_record, sensor_record
 from impostor_jax.sensor.base import AbstractDepthNoise
 from impostor_jax.sensor.gaussian import ConstantNoise
@@ -25,6 +25,10 @@ camera, which looks along it."""
 
 MAX_CYLINDERS = 255
 """Most cylinders of an image: 8 bits tell which of them, or none, a pixel shows."""
+
+
+MAX_CAMERAS = 10**4
+"""Most cameras of a dataset, all of which are made before the first image."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -48,8 +52,10 @@ class CameraDraw:
     distortion: tuple[Distribution, Distribution] | None = None
 
     def __post_init__(self) -> None:
-        for name in ("count", "width", "height"):
+        whole_number("count", self.count, 1, MAX_CAMERAS)
+        for name in ("width", "height"):
             whole_number(name, getattr(self, name), 1)
+        image_size(self.width, self.height)
 
 
 @dataclasses.dataclass(frozen=True)

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from data_synth.distribution import Choice, Fixed, LogUniform, Uniform, Whole
 from data_synth.preset import CameraDraw, Preset, Rules
-from impostor_jax.io.camera_file import read_json_object
+from impostor_jax.io.json_file import read_json_object
 from impostor_jax.sensor.dropout import Dropout
 from impostor_jax.sensor.flying_pixels import FlyingPixels
 from impostor_jax.sensor.gaussian import ConstantNoise

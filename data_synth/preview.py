@@ -11,8 +11,10 @@ import numpy as np
 from jaxtyping import UInt8
 
 from impostor_jax.arguments import whole_number
-from impostor_jax.io.dataset import LabeledImage, read_dataset
-from impostor_jax.io.depth_image import write_image
+from impostor_jax.io.atomic import check_output_file
+from impostor_jax.io.dataset import read_dataset
+from impostor_jax.io.dataset_shard import LabeledImage
+from impostor_jax.io.depth_image import check_image_name, write_image
 
 WIDTH = 320
 """Of an image on the sheet, in pixels."""
@@ -33,10 +35,13 @@ def preview(folder: str | Path, output: str | Path, count: int = 12) -> None:
         count: Most images on it.
 
     Raises:
-        ValueError: There is no dataset, or it has no images yet.
+        ValueError: There is no dataset, or it has no images yet, or the file cannot be
+            written as a picture.
     """
     whole_number("count", count, 1)
-    some = itertools.islice(read_dataset(folder), count)
+    check_image_name(Path(output))
+    check_output_file(Path(output))
+    some = itertools.islice(read_dataset(folder, allow_partial=True), count)
     tiles = [_picture(image) for image in some]
     if not tiles:
         raise ValueError(f"dataset {str(folder)!r} has no images yet")

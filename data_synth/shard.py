@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool
 
+from data_synth.checksums import listing
 from data_synth.images import Clock, Image, Plan, images
 from data_synth.label import (
     camera_label,
@@ -28,8 +29,9 @@ from data_synth.label import (
 )
 from data_synth.manifest import Manifest
 from impostor_jax.io.atomic import write_text
-from impostor_jax.io.dataset import MANIFEST, rle_of_mask
+from impostor_jax.io.dataset import MANIFEST
 from impostor_jax.io.depth_image import normal_colors, png_bytes
+from impostor_jax.io.run_lengths import rle_of_mask
 
 LABELS = {
     "camera": "scene_camera",
@@ -94,8 +96,8 @@ def make_shard(folder: str, shard: int) -> ShardReport:
             shutil.rmtree(path)
         os.replace(whole, path)
     root = path.parent.relative_to(home)
-    lines = [f"{digest}  {root / name}\n" for name, digest in sorted(sums.items())]
-    write_text(manifest.checksums_path(home, shard), "".join(lines))
+    text = listing({str(root / name): digest for name, digest in sums.items()})
+    write_text(manifest.checksums_path(home, shard), text)
     return ShardReport(shard, len(numbers), dict(rejected), clock.seconds)
 
 

@@ -21,7 +21,8 @@ from .fit.result import (
 )
 from .fit.sphere import fit_sphere
 from .geometry.frames import RigidTransform
-from .io.dataset import LabeledImage, read_dataset
+from .io.dataset import read_dataset
+from .io.dataset_shard import LabeledImage
 from .primitives.base import AbstractPrimitive
 from .primitives.box import Box
 from .primitives.cylinder import Cylinder

@@ -12,6 +12,7 @@ __all__ = [
     "check_rotation",
     "float_array",
     "float_arrays",
+    "image_size",
     "is_concrete",
     "one_of",
     "positive_int",
@@ -33,6 +34,12 @@ import numpy as np
 from jaxtyping import Array, Float
 
 Values = TypeVar("Values")
+
+MAX_PIXELS = 2**28
+"""Most pixels of an image: a map of them takes a gigabyte in single precision."""
+
+SMALLEST, LARGEST = 1.1e-19, 1.8e19
+"""Ends of the numbers whose squares single precision holds, as `has_square` has it."""
 
 
 @contextlib.contextmanager
@@ -97,7 +104,7 @@ def real_number(
     """Return `value` as a Python float, or as it is where it is traced.
 
     A Python float takes the precision of whatever it meets, so one camera serves
-    single and double precision.
+    single and double precision; its square must be in the range of both.
     """
     need = "a positive number" if positive else "a finite number"
     if unit is not None:
@@ -110,6 +117,11 @@ def real_number(
     number = float(array)
     if not np.isfinite(number) or (positive and number <= 0):
         raise ValueError(f"{name} must be {need}, got {number}")
+    if abs(number) > LARGEST or (positive and number < SMALLEST):
+        low = SMALLEST if positive else -LARGEST
+        raise ValueError(
+            f"{name} must be {need}, from {low:.3g} to {LARGEST:.3g}, got {number}"
+        )
     return number
 
 
@@ -150,6 +162,18 @@ def positive_int(name: str, value: Any, unit: str) -> int:
     return int(value)
 
 
+def image_size(width: Any, height: Any) -> tuple[int, int]:
+    """Return the columns and rows of an image that can be held in memory."""
+    width = positive_int("width", width, "pixels")
+    height = positive_int("height", height, "pixels")
+    if width * height > MAX_PIXELS:
+        raise ValueError(
+            f"width and height must be at most {MAX_PIXELS} pixels together, got "
+            f"{width} x {height}"
+        )
+    return width, height
+
+
 def whole_number(name: str, value: Any, low: int, high: int | None = None) -> int:
     """Return a whole number of a range, both ends included; None is no end."""
     is_whole = isinstance(value, int | np.integer) and not isinstance(value, bool)
@@ -168,7 +192,8 @@ def float_array(
         name: Name of the argument, for the error.
         value: Numbers, or a traced array.
         shape: Expected trailing shape; `None` stands for any length.
-        unit: Unit of the numbers, for the error.
+        unit: Unit of the numbers, for the error. Of meters the square counts, too, and
+            must be a number of the array's type.
     """
     array = _as_array(name, value)
     trailing = (
@@ -184,10 +209,19 @@ def float_array(
         )
     if is_concrete(array) and not np.all(np.isfinite(np.asarray(array))):
         raise ValueError(f"{name} must be finite {unit}, got {np.asarray(array)}")
-    if isinstance(array, jax.Array):
-        return array.astype(jnp.result_type(float, array.dtype))
     # A plain Python or numpy number has no precision of its own: take jax's default.
-    return jnp.asarray(array, dtype=jnp.result_type(float))
+    own = (array.dtype,) if isinstance(array, jax.Array) else ()
+    dtype = jnp.result_type(float, *own)
+    if is_concrete(array) and array.size:
+        largest = float(np.finfo(dtype).max) ** (0.5 if unit == "meters" else 1.0)
+        # In double precision: in single one a number above it is infinite already.
+        found = np.abs(np.asarray(array, np.float64)).max()
+        if found > largest:
+            raise ValueError(
+                f"{name} must be {unit} of at most {largest:.3g} in {dtype}, "
+                f"got {found:.6g}"
+            )
+    return jnp.asarray(array, dtype)
 
 
 def float_arrays(

@@ -32,7 +32,7 @@ from impostor_jax.fit.parameterization import COORDINATES
 from impostor_jax.fit.request import MIN_READINGS
 from impostor_jax.fit.result import FitResult
 from impostor_jax.geometry.so3 import tangent_basis
-from impostor_jax.io.dataset import LabeledImage
+from impostor_jax.io.dataset_shard import LabeledImage
 from impostor_jax.primitives.cylinder import Cylinder
 from impostor_jax.sensor.base import AbstractDepthNoise
 

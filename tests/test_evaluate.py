@@ -101,7 +101,7 @@ def test_the_command_prints_a_table_and_writes_every_outcome(
 
 @SMALL_IMAGES
 def test_eroded_masks_leave_out_their_edges(cans, outcomes):
-    images = [next(read_dataset(cans))]
+    images = [read_dataset(cans)[0]]
     (some,) = evaluate(images, CANS.sensor, erode_px=2)
     assert 0 < some[0].num_readings < outcomes[0].num_readings
 

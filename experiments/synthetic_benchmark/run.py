@@ -285,7 +285,7 @@ def killed(home: Path, config: Config) -> Iterator[Metric]:
         made = _command("generate", *words, "--output", str(whole), config=config)
         assert made.wait() == 0
         seconds = time.perf_counter() - started
-    equal, done, shards = 0, [], len(_checksums(whole))
+    equal, done, shards = 0, [], _num_shards(whole)
     for trial in range(config.kills):
         words_there = [*words, "--output", str(folder)]
         process = _command("generate", *words_there, config=config)
@@ -296,7 +296,7 @@ def killed(home: Path, config: Config) -> Iterator[Metric]:
             os.killpg(process.pid, signal.SIGKILL)
         process.wait()
         _wait_for_group(process.pid)
-        done.append(len(_checksums(folder)) / shards)
+        done.append(_num_shards(folder) / shards)
         # Killed before the manifest: nothing was begun, nothing is there to resume.
         begun = (folder / "manifest.json").exists()
         again = ["resume", str(folder)] if begun else ["generate", *words_there]
@@ -335,6 +335,10 @@ def _wait_for_group(group: int) -> None:
 
 def _checksums(folder: Path) -> dict[str, str]:
     return {path.name: path.read_text() for path in folder.glob("checksums/*")}
+
+
+def _num_shards(folder: Path) -> int:
+    return len(list(folder.glob("checksums/[0-9]*")))
 
 
 def fitted(whole: Path, config: Config) -> Iterator[Metric]:

@@ -10,7 +10,7 @@ from jax.typing import DTypeLike
 from jaxtyping import Array, Bool, Float, Int
 from typing_extensions import override
 
-from impostor_jax.arguments import positive_int, real_number
+from impostor_jax.arguments import image_size, real_number
 from impostor_jax.camera.base import AbstractCamera
 from impostor_jax.camera.pixels import PixelBox, linear_pixel_box, strided_intrinsics
 from impostor_jax.geometry.frames import RigidTransform
@@ -62,8 +62,7 @@ class OrthographicCamera(AbstractCamera):
         self.fy = real_number("fy", fy, positive=True, unit="pixels per meter")
         self.cx = real_number("cx", cx, unit="pixels")
         self.cy = real_number("cy", cy, unit="pixels")
-        self.width = positive_int("width", width, "pixels")
-        self.height = positive_int("height", height, "pixels")
+        self.width, self.height = image_size(width, height)
         self.camera_from_world = RigidTransform.of(camera_from_world)
 
     @property

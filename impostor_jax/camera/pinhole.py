@@ -13,8 +13,8 @@ from typing_extensions import override
 
 from impostor_jax.arguments import (
     float_array,
+    image_size,
     is_concrete,
-    positive_int,
     real_number,
 )
 from impostor_jax.camera.base import AbstractCamera
@@ -80,8 +80,7 @@ class PinholeCamera(AbstractCamera):
         self.fy = real_number("fy", fy, positive=True, unit="pixels")
         self.cx = real_number("cx", cx, unit="pixels")
         self.cy = real_number("cy", cy, unit="pixels")
-        self.width = positive_int("width", width, "pixels")
-        self.height = positive_int("height", height, "pixels")
+        self.width, self.height = image_size(width, height)
         self.fisheye = bool(fisheye)
         self.camera_from_world = RigidTransform.of(camera_from_world)
         self.distortion, self.ray_field = None, None

@@ -13,6 +13,7 @@ if TYPE_CHECKING:
 
 SIGMA = 0.001
 WALL_DEPTH = 1.2
+FILES = ("depth.png", "camera.json", "fit.json", "overlay.png")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -34,7 +35,7 @@ class Demo:
 
         from impostor_jax.camera.pinhole import PinholeCamera
         from impostor_jax.fit.cylinder import fit_cylinder
-        from impostor_jax.io.atomic import write_json
+        from impostor_jax.io.atomic import check_output_folder, write_json
         from impostor_jax.io.camera_file import write_camera
         from impostor_jax.io.depth_image import fitting_scale, write_depth_png
         from impostor_jax.io.record import fit_record
@@ -43,6 +44,7 @@ class Demo:
         from impostor_jax.sensor.gaussian import ConstantNoise
         from impostor_jax.viewer.figure import write_overlay
 
+        check_output_folder(self.output, FILES)
         camera = PinholeCamera(525.0, 525.0, 319.5, 239.5, width=640, height=480)
         can = Cylinder((0.02, 0.01, 0.8), (0.3, 0.8, 0.52), radius=0.04, height=0.12)
         maps = render(can, camera)

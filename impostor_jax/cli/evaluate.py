@@ -27,7 +27,7 @@ class Evaluate:
     """How many pixels deep to leave out the edges of masks, where a sensor may mix
     readings with those behind."""
     json: Path | None = None
-    """File for the outcome of every cylinder."""
+    """File for the outcome of every cylinder; "-" is the standard output."""
     effort: Preset = "balanced"
     """How much work each fit takes; each dial may be set apart from it."""
     dials: Dials = dataclasses.field(default_factory=Dials)
@@ -39,14 +39,17 @@ class Evaluate:
         from tqdm import tqdm
 
         from impostor_jax.arguments import whole_number
+        from impostor_jax.cli.ending import stream_beside
         from impostor_jax.evaluate import evaluate, table
-        from impostor_jax.io.atomic import write_json
+        from impostor_jax.io.atomic import check_output_file, write_json
         from impostor_jax.io.dataset import read_dataset, read_manifest, sensor_of
 
         effort = chosen_effort(self.effort, self.dials)
         if self.limit is not None:
             whole_number("limit", self.limit, 1)
         whole_number("erode_px", self.erode_px, 0)
+        if self.json is not None:
+            check_output_file(self.json, "json")
         manifest = read_manifest(self.dataset)
         sensor = sensor_of(manifest)
         images = itertools.islice(read_dataset(self.dataset), self.limit)
@@ -63,5 +66,5 @@ class Evaluate:
             raise ValueError(f"dataset {str(self.dataset)!r} has no cylinder to fit")
         if self.json is not None:
             write_json(self.json, [dataclasses.asdict(o) for o in outcomes])
-        print(table(outcomes))
+        print(table(outcomes), file=stream_beside(self.json))
         return 0

@@ -5,6 +5,7 @@ __all__ = ["Fit"]
 import dataclasses
 import time
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -71,13 +72,16 @@ class Fit:
     output: Path = Path(".")
     """Folder that the files are written to."""
     json: Path | None = None
-    """File for the record of a single fit, instead of fit.json in the output folder."""
+    """File for the record of a single fit, instead of fit.json in the output folder;
+    "-" is the standard output."""
     effort: Preset = "balanced"
     """How much work it takes; each dial may be set apart from it."""
     dials: Dials = dataclasses.field(default_factory=Dials)
 
     def run(self) -> int:
         """Run the command; returns the exit code."""
+        from impostor_jax.cli.ending import stream_beside
+        from impostor_jax.io.atomic import check_output_file, check_output_folder
         from impostor_jax.io.camera_file import read_camera
         from impostor_jax.io.depth_image import read_depth
 
@@ -94,18 +98,29 @@ class Fit:
         effort = chosen_effort(self.effort, self.dials)
         camera, depth_scale_m = read_camera(self.camera)
         asked = self._asked(camera) | {"effort": effort}
+        for place in places:
+            check_output_folder(place, () if labels else ("fit.json", "overlay.png"))
+        if self.json is not None:
+            check_output_file(self.json, "json")
+        # Lines for a reader go elsewhere if the record is printed.
+        tell = partial(print, file=stream_beside(self.json))
         succeeded = []
         for index, place in enumerate(places):
-            depth = read_depth(self.depth[index], depth_scale_m)
+            size = camera.height, camera.width
+            depth = read_depth(self.depth[index], depth_scale_m, size)
             if len(places) > 1:
-                print(f"{self.depth[index]}:")
+                tell(f"{self.depth[index]}:")
             if labels:
                 fits = self._fits_of_labels(labels[index], depth, camera, asked)
             else:
                 mask = masks[index] if masks else None
                 fits = self._fit(mask, depth, camera, asked)
             for fit, seconds, name in fits:
-                print(fit.summary(seconds))
+                if labels:
+                    tell(f"{name.replace('_', ' ')}:")
+                elif not masks:
+                    tell(_region_taken(fit))
+                tell(fit.summary(seconds))
                 folder = place / name
                 self._write(fit, seconds, folder, depth, camera)
                 succeeded.append(bool(fit.success))
@@ -136,14 +151,13 @@ class Fit:
         """The fit of an image, written to its folder."""
         from impostor_jax.io.label_image import read_one_mask
 
-        mask = None if mask_file is None else read_one_mask(mask_file)
+        size = camera.height, camera.width
+        mask = None if mask_file is None else read_one_mask(mask_file, size)
         start = time.perf_counter()
         with hints_on_stderr():
             fit = self._function()(depth, camera, mask=mask, **asked)
         fit.rms.block_until_ready()
         seconds = time.perf_counter() - start
-        if mask is None:
-            print(_region_taken(fit))
         yield fit, seconds, ""
 
     def _fits_of_labels(
@@ -157,13 +171,12 @@ class Fit:
         from impostor_jax.fit.labels import fit_labels
         from impostor_jax.io.label_image import read_labels
 
-        labels = read_labels(label_file)
+        labels = read_labels(label_file, (camera.height, camera.width))
         start = time.perf_counter()
         with hints_on_stderr():
             fits = fit_labels(depth, camera, labels, self._function(), **asked)
         seconds = time.perf_counter() - start
         for label, fit in fits.items():
-            print(f"label {label}:")
             yield fit, seconds, f"label_{label}"
 
     def _function(self) -> Any:

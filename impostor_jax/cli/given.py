@@ -31,7 +31,7 @@ def chosen_noise(sigma: float | None, sensor: str | None, focal_length: float) -
         return PLAIN_SIGMA if sigma is None else sigma
     if sigma is not None:
         raise ValueError("--sigma must not be given together with --sensor")
-    from impostor_jax.io.camera_file import read_json_object
+    from impostor_jax.io.json_file import read_json_object
     from impostor_jax.io.sensor_record import sensor_from_record
 
     record, what = {"type": sensor}, f"sensor {sensor!r}"

@@ -34,7 +34,9 @@ class Parity:
             select,
             write_parity,
         )
+        from impostor_jax.io.atomic import check_output_folder
 
+        check_output_folder(self.output, ("parity.json", "parity.md"))
         chosen, done = select(self.camera, self.cases), []
         with open_renderer(self.driver, self.as_published) as renderer:
             print(f"{renderer.name}, {len(chosen)} cases")

@@ -5,6 +5,7 @@ __all__ = ["parse", "parse_with"]
 import contextlib
 import importlib.metadata
 import io
+import itertools
 import re
 import sys
 from collections.abc import Sequence
@@ -52,6 +53,10 @@ def parse_with(
     if list(arguments) == ["--version"]:
         print(f"{program} {importlib.metadata.version('impostor-jax')}")
         raise SystemExit(0)
+    if (flag := _empty(arguments)) is not None:
+        # An empty path would else be the current folder.
+        print(f"{program}: error: {flag} must not be empty", file=sys.stderr)
+        raise SystemExit(2)
     errors = io.StringIO()
     try:
         with contextlib.redirect_stderr(errors):
@@ -68,6 +73,16 @@ def parse_with(
         message = _one_line(errors.getvalue())
         print(f"{program}: error: {message}", file=sys.stderr)
         raise SystemExit(2) from None
+
+
+def _empty(arguments: Sequence[str]) -> str | None:
+    """What is given an empty value; None where nothing is."""
+    for before, argument in itertools.pairwise(["", *arguments]):
+        if argument == "":
+            return before if before.startswith("--") else "an argument"
+        if argument.startswith("--") and argument.endswith("="):
+            return argument[:-1]
+    return None
 
 
 def _one_line(box: str) -> str:

@@ -9,6 +9,11 @@ import tyro
 
 from impostor_jax.cli.dials import Dials, Preset, chosen_effort
 
+FILES = (
+    "depth.png", "depth.tiff", "normal.png", "mask.png", "index.png", "camera.json",
+)  # fmt: skip
+"""What it writes."""
+
 
 @dataclasses.dataclass(frozen=True)
 class Render:
@@ -42,6 +47,7 @@ class Render:
         import numpy as np
 
         from impostor_jax.io import depth_image
+        from impostor_jax.io.atomic import check_output_folder
         from impostor_jax.io.camera_file import read_camera, write_camera
         from impostor_jax.rendering.render import render
         from impostor_jax.rendering.scene import Scene
@@ -55,6 +61,7 @@ class Render:
             raise ValueError(
                 "camera must be given: a camera file, or in the scene file"
             )
+        check_output_folder(self.output, FILES)
         outputs = ("depth", "normal", "mask", "index")
         seen = Scene(shapes) if len(shapes) > 1 else shapes[0]
         maps = render(seen, camera, outputs, effort=effort)

@@ -137,6 +137,11 @@ def checked_prior(
     initial: AbstractPrimitive | None,
 ) -> Prior:
     """Prior with arrays for values."""
+    if prior is not None and not isinstance(prior, Mapping):
+        raise ValueError(
+            "prior must map names to a value and a standard deviation, as in "
+            f"{{'radius': (0.04, 0.001)}}, got {prior!r}"
+        )
     beliefs = {}
     for name, belief in ({} if prior is None else prior).items():
         one_of("prior", name, parameters)
@@ -213,13 +218,21 @@ def checked_depth(depth: Any, camera: PinholeCamera) -> DepthImage:
         values = np.asarray(depth)
         # A sum is finite only where all are, and takes a third of asking each.
         with np.errstate(over="ignore", invalid="ignore"):
-            is_clean = np.isfinite(values.sum())
-        if not is_clean:
-            values = np.where(np.isfinite(values), values, 0)
+            total = values.sum()
+            if not np.isfinite(total):
+                values = np.where(np.isfinite(values), values, 0)
+                total = values.sum()
         if values.size and values.min() < 0:
             raise ValueError(
                 f"depth must not be negative, got {values.min()} meters; missing "
                 "readings are 0, NaN or infinity"
+            )
+        largest = float(np.finfo(jnp.result_type(float)).max) ** 0.5
+        # None is above a sum of depths that are not negative.
+        if not float(total) <= largest and float(values.max()) > largest:
+            raise ValueError(
+                f"depth must be at most {largest:.3g} meters, got {values.max():.6g}; "
+                "missing readings are 0, NaN or infinity"
             )
         return values.astype(jnp.result_type(float))
     return jnp.where(jnp.isfinite(depth), depth, 0).astype(jnp.result_type(float))

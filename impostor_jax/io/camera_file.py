@@ -5,12 +5,9 @@ __all__ = [
     "camera_from_record",
     "camera_record",
     "read_camera",
-    "read_json_object",
     "write_camera",
 ]
 
-import json
-import math
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -18,8 +15,12 @@ import numpy as np
 
 from impostor_jax.camera.pinhole import PinholeCamera
 from impostor_jax.io.atomic import write_json
+from impostor_jax.io.json_file import read_json_object
 
 REQUIRED = ("fx", "fy", "cx", "cy", "width", "height")
+LARGEST_SCALE_M = 1e6
+"""Meters a unit: a thousand kilometers."""
+
 OPTIONAL = ("depth_scale_m", "distortion", "fisheye")
 
 
@@ -49,23 +50,6 @@ def read_camera(path: Path) -> CameraFile:
     return camera_from_record(read_json_object(path, what), what)
 
 
-def read_json_object(path: Path, what: str) -> dict[str, Any]:
-    """Read a JSON file that holds one object; `what` names it in errors.
-
-    Raises:
-        ValueError: The file is missing or broken, or holds something else.
-    """
-    if not path.is_file():
-        raise ValueError(f"{what} does not exist")
-    try:
-        record = json.loads(path.read_text())
-    except (ValueError, OSError) as error:
-        raise ValueError(f"{what} is not readable JSON") from error
-    if not isinstance(record, dict):
-        raise ValueError(f"{what} must hold one JSON object")
-    return record
-
-
 def camera_from_record(record: dict[str, Any], what: str) -> CameraFile:
     """Make a camera from the keys of a camera file; `what` names it in errors.
 
@@ -80,16 +64,25 @@ def camera_from_record(record: dict[str, Any], what: str) -> CameraFile:
         raise ValueError(f"{what} holds unknown keys: {', '.join(unknown)}")
     values = dict(record)
     scale = values.pop("depth_scale_m", None)
-    if scale is not None and not (
-        isinstance(scale, int | float) and math.isfinite(scale) and scale > 0
-    ):
-        raise ValueError(
-            f"depth_scale_m must be a positive number of meters a unit, got {scale!r}"
-        )
-    fisheye = values.get("fisheye", False)
-    if not isinstance(fisheye, bool):
-        raise ValueError(f"fisheye must be true or false, got {fisheye!r}")
-    return CameraFile(PinholeCamera(**values), scale)
+    try:
+        if scale is not None and not _is_scale(scale):
+            raise ValueError(
+                "depth_scale_m must be a positive number of meters a unit, got "
+                f"{scale!r}"
+            )
+        fisheye = values.get("fisheye", False)
+        if not isinstance(fisheye, bool):
+            raise ValueError(f"fisheye must be true or false, got {fisheye!r}")
+        return CameraFile(PinholeCamera(**values), scale)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"{what}: {error}") from error
+
+
+def _is_scale(scale: Any) -> bool:
+    """Whether a value of JSON's is a scale, with which 16 bits stay in range."""
+    # True is a whole number to Python, and a mistake in a file.
+    is_number = isinstance(scale, int | float) and not isinstance(scale, bool)
+    return is_number and 0 < scale <= LARGEST_SCALE_M
 
 
 def write_camera(

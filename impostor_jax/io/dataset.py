@@ -14,31 +14,28 @@ References:
 __all__ = [
     "CHECKSUMS",
     "MANIFEST",
+    "MAX_IMAGES",
+    "MAX_SHARDS",
     "SPLIT",
-    "LabeledImage",
-    "mask_of_rle",
+    "Dataset",
     "read_dataset",
     "read_manifest",
-    "rle_of_mask",
     "sensor_of",
 ]
 
-import functools
-import json
-import tarfile
-from collections.abc import Iterator
+import bisect
+import itertools
+import os
+from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, overload
 
-import cv2
-import numpy as np
-from jaxtyping import Bool, Float
+from typing_extensions import override
 
-from impostor_jax.camera.pinhole import PinholeCamera
-from impostor_jax.io.camera_file import camera_from_record, read_json_object
-from impostor_jax.io.depth_image import read_depth, read_mask
+from impostor_jax.arguments import one_of, whole_number
+from impostor_jax.io.dataset_shard import Archive, LabeledImage, Scene
+from impostor_jax.io.json_file import read_json_object
 from impostor_jax.io.sensor_record import sensor_from_record
-from impostor_jax.primitives.cylinder import Cylinder
 from impostor_jax.sensor.base import AbstractDepthNoise
 
 MANIFEST = "manifest.json"
@@ -46,26 +43,11 @@ SPLIT = "train"
 CHECKSUMS = "checksums"
 """Folder of a file for each shard, as `sha256sum --check` reads them."""
 
+MAX_IMAGES = 10**8
+"""Most images of a dataset, each of which has a line in one file of an archive's."""
 
-class LabeledImage(NamedTuple):
-    """One image of a dataset, and what it shows.
-
-    Attributes:
-        depth: Readings in meters; 0 where there is none.
-        mask: Pixels of each of n cylinders that nothing hides.
-        camera: The camera, whose frame is the cylinders'.
-        cylinders: A batch (n,).
-        visible_fraction: Of each cylinder's silhouette in an image with a margin of its
-            own size on every side, the part that is seen.
-        key: Number of the scene and of the image in it, as `000000_000012`.
-    """
-
-    depth: Float[np.ndarray, "h w"]
-    mask: Bool[np.ndarray, "n h w"]
-    camera: PinholeCamera
-    cylinders: Cylinder
-    visible_fraction: Float[np.ndarray, " n"]
-    key: str
+MAX_SHARDS = 10**6
+"""Most shards, and images of one: their names have six digits."""
 
 
 def read_manifest(folder: Path) -> dict[str, Any]:
@@ -74,7 +56,15 @@ def read_manifest(folder: Path) -> dict[str, Any]:
     Raises:
         ValueError: There is none, or it is broken.
     """
-    return read_json_object(folder / MANIFEST, f"manifest of dataset {str(folder)!r}")
+    what = f"manifest of dataset {str(folder)!r}"
+    record = read_json_object(folder / MANIFEST, what)
+    try:
+        whole_number("count", record.get("count"), 1, MAX_IMAGES)
+        whole_number("shard_size", record.get("shard_size"), 1, MAX_SHARDS)
+        one_of("layout", record.get("layout"), ("bop", "webdataset"))
+    except ValueError as error:
+        raise ValueError(f"{what} is broken: {error}") from error
+    return record
 
 
 def sensor_of(manifest: dict[str, Any]) -> AbstractDepthNoise:
@@ -87,127 +77,112 @@ def sensor_of(manifest: dict[str, Any]) -> AbstractDepthNoise:
     return sensor_from_record(record, "sensor of the manifest")
 
 
-def read_dataset(path: str | Path) -> Iterator[LabeledImage]:
-    """Iterate over the images of a dataset, in the order of their keys.
+def read_dataset(path: str | Path, *, allow_partial: bool = False) -> "Dataset":
+    """Read the images of a dataset, in the order of their keys.
 
     Args:
         path: Folder of a dataset, or one of its archives.
+        allow_partial: Whether shards that are not there yet are left out. Else a
+            dataset that lacks one is refused.
+
+    Returns:
+        A sequence of images, which are read when they are asked for: `len()`, an
+        index, and as many iterations as one likes.
 
     Raises:
-        ValueError: There is no dataset, or a file of it is missing or broken.
+        ValueError: There is no dataset, or a part of it is missing. A file that is
+            missing or broken raises it when its image is read.
     """
     home = Path(path)
     if home.is_file():
-        return _read_archive(home)
-    read_manifest(home)
-    return _read_all(home / SPLIT)
+        return Dataset([_Part(home, None)])
+    manifest = read_manifest(home)
+    count, size = manifest["count"], manifest["shard_size"]
+    is_archive = manifest["layout"] == "webdataset"
+    split = home / SPLIT
+    # A name that begins with a point is of a shard that is not whole.
+    there = set(os.listdir(split)) if split.is_dir() else set()
+    parts = []
+    for shard in range(-(-count // size)):
+        name = f"shard-{shard:06d}.tar" if is_archive else f"{shard:06d}"
+        if name in there:
+            parts.append(_Part(split / name, min(size, count - shard * size)))
+        elif not allow_partial:
+            raise ValueError(
+                f"dataset {str(home)!r} must have {count} images, but "
+                f"{str(split / name)!r} is missing; impostor-synth resume makes it"
+            )
+    return Dataset(parts)
 
 
-def _read_all(split: Path) -> Iterator[LabeledImage]:
-    # Names that begin with a point are of shards that are not whole.
-    for shard in sorted(split.glob("[!.]*")):
-        if shard.is_dir():
-            yield from _read_scene(shard)
-        elif shard.suffix == ".tar":
-            yield from _read_archive(shard)
+class _Part(NamedTuple):
+    """A scene's folder or archive, and how many images it has; None if any number."""
+
+    path: Path
+    num_images: int | None
+
+    def opened(self) -> "Scene | Archive":
+        """Its labels, or its table of contents.
+
+        Raises:
+            ValueError: It is broken, or has another number of images.
+        """
+        shard = (Scene if self.path.is_dir() else Archive)(self.path)
+        if self.num_images not in (None, len(shard)):
+            raise ValueError(
+                f"{str(self.path)!r} must have {self.num_images} images, got "
+                f"{len(shard)}"
+            )
+        return shard
 
 
-def _read_scene(folder: Path) -> Iterator[LabeledImage]:
-    names = "scene_camera", "scene_gt_info", "scene_cylinders"
-    camera, info, cylinders = (
-        read_json_object(folder / f"{name}.json", f"{name} of scene {str(folder)!r}")
-        for name in names
-    )
-    for number, label in cylinders.items():
-        name = f"{int(number):06d}"
-        scale_m = 1e-3 * camera[number]["depth_scale"]
-        masks = [
-            read_mask(folder / "mask_visib" / f"{name}_{k:06d}.png")
-            for k in range(len(label["cylinders"]))
-        ]
-        yield _labeled(
-            read_depth(folder / "depth" / f"{name}.png", scale_m),
-            masks,
-            label,
-            info[number],
-            f"{folder.name}_{name}",
+class Dataset(Sequence[LabeledImage]):
+    """The images of a dataset, each of which is read when it is asked for.
+
+    Args:
+        parts: Its scenes.
+    """
+
+    def __init__(self, parts: Sequence[_Part]):
+        self._parts = tuple(parts)
+        # Opened to count where nothing says how many there are.
+        counts = (
+            len(part.opened()) if part.num_images is None else part.num_images
+            for part in parts
         )
+        self._ends = list(itertools.accumulate(counts))
+        self._last: tuple[int, Scene | Archive] | None = None
 
+    @override
+    def __len__(self) -> int:
+        return self._ends[-1] if self._ends else 0
 
-def _read_archive(path: Path) -> Iterator[LabeledImage]:
-    try:
-        with tarfile.open(path) as archive:
-            parts: dict[str, bytes] = {}
-            last = None
-            for member in archive:
-                key, _, part = member.name.partition(".")
-                if last is not None and key != last:
-                    yield _unpacked(last, parts)
-                    parts = {}
-                file = archive.extractfile(member)
-                assert file is not None
-                parts[part], last = file.read(), key
-            if last is not None:
-                yield _unpacked(last, parts)
-    except (tarfile.TarError, KeyError) as error:
-        raise ValueError(
-            f"dataset archive {str(path)!r} is broken: {error!r}"
-        ) from error
+    @overload
+    def __getitem__(self, index: int) -> LabeledImage: ...
 
+    @overload
+    def __getitem__(self, index: slice) -> list[LabeledImage]: ...
 
-def _unpacked(key: str, parts: dict[str, bytes]) -> LabeledImage:
-    """An image of the files of an archive that have one key."""
-    names = ("camera", "gt_info", "cylinders", "mask_visib")
-    camera, info, label, masks = (json.loads(parts[f"{name}.json"]) for name in names)
-    buffer = np.frombuffer(parts["depth.png"], np.uint8)
-    units = cv2.imdecode(buffer, cv2.IMREAD_UNCHANGED)
-    if units is None:
-        raise ValueError(f"depth image of {key} is not a readable image")
-    decoded = [mask_of_rle(masks[str(k)]) for k in range(len(label["cylinders"]))]
-    depth = units * (1e-3 * camera["depth_scale"])
-    return _labeled(depth, decoded, label, info, key)
+    @override
+    def __getitem__(self, index: int | slice) -> LabeledImage | list[LabeledImage]:
+        if isinstance(index, slice):
+            return [self[k] for k in range(len(self))[index]]
+        try:
+            number = range(len(self))[index]
+        except IndexError:
+            raise IndexError(
+                f"index must be below {len(self)}, the number of images, got {index}"
+            ) from None
+        part = bisect.bisect_right(self._ends, number)
+        # Images are mostly read one after the other.
+        if self._last is None or self._last[0] != part:
+            self._last = part, self._parts[part].opened()
+        first = self._ends[part - 1] if part else 0
+        return self._last[1].image(number - first)
 
-
-def _labeled(
-    depth: Float[np.ndarray, "h w"],
-    masks: list[Bool[np.ndarray, "h w"]],
-    label: dict[str, Any],
-    info: list[dict[str, Any]],
-    key: str,
-) -> LabeledImage:
-    parts = {
-        name: np.array([one[name] for one in label["cylinders"]], np.float32)
-        for name in ("center_m", "axis", "radius_m", "height_m")
-    }
-    cylinders = Cylinder(
-        parts["center_m"], parts["axis"], parts["radius_m"], parts["height_m"]
-    )
-    visible = np.array([one["visib_fract"] for one in info])
-    camera = _camera(json.dumps(label["camera"]))
-    return LabeledImage(depth, np.stack(masks), camera, cylinders, visible, key)
-
-
-@functools.lru_cache(maxsize=16)
-def _camera(text: str) -> PinholeCamera:
-    """A dataset has few cameras, and those with a lens take long to make."""
-    return camera_from_record(json.loads(text), "camera of the dataset").camera
-
-
-def rle_of_mask(mask: Bool[np.ndarray, "h w"]) -> dict[str, Any]:
-    """Run lengths of a mask, column by column, as COCO's uncompressed form has them."""
-    flat = np.concatenate([[False], mask.ravel(order="F"), [False]])
-    change = np.flatnonzero(flat[1:] != flat[:-1])
-    ends = np.concatenate([[0], change, [mask.size]])
-    counts = np.diff(ends).tolist()
-    # The last run is of zeros, and may be empty.
-    return {
-        "size": list(mask.shape),
-        "counts": counts[:-1] if not counts[-1] else counts,
-    }
-
-
-def mask_of_rle(record: dict[str, Any]) -> Bool[np.ndarray, "h w"]:
-    """The mask of run lengths."""
-    counts = np.asarray(record["counts"])
-    values = np.arange(len(counts)) % 2 == 1
-    return np.repeat(values, counts).reshape(record["size"], order="F")
+    @override
+    def __iter__(self) -> Iterator[LabeledImage]:
+        for part in self._parts:
+            shard = part.opened()
+            for number in range(len(shard)):
+                yield shard.image(number)

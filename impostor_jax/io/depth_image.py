@@ -6,6 +6,8 @@ floating-point numbers. A reading that is missing is written as 0.
 
 __all__ = [
     "MAX_UINT16",
+    "check_image_name",
+    "depth_of_png",
     "fitting_scale",
     "normal_colors",
     "png_bytes",
@@ -18,6 +20,7 @@ __all__ = [
     "write_normals",
 ]
 
+import io
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +29,13 @@ import numpy as np
 from jaxtyping import Bool, Float, UInt8
 
 from impostor_jax.io.atomic import write_atomically
+from impostor_jax.io.image_file import (
+    Size,
+    decoded_image,
+    read_image,
+    read_integers,
+    read_npy,
+)
 
 DEFAULT_DEPTH_SCALE_M = 0.0001
 """Meters a unit of the PNG files that are written: 0.1 mm, up to 6.5 m."""
@@ -33,62 +43,79 @@ DEFAULT_DEPTH_SCALE_M = 0.0001
 MAX_UINT16 = 65535
 
 
-def read_depth(path: Path, depth_scale_m: float | None) -> Float[np.ndarray, "h w"]:
+def read_depth(
+    path: Path, depth_scale_m: float | None, size: Size | None = None
+) -> Float[np.ndarray, "h w"]:
     """Read a depth image in meters.
 
     Args:
         path: A 16-bit PNG, a floating-point TIFF or an NPY file.
         depth_scale_m: Meters a unit of integer readings; not used for floats.
+        size: Rows and columns that it must have; known from the header, before
+            anything is read. Any if None.
 
     Returns:
         Planar depth in meters; 0, NaN and infinity mean no reading, as in the file.
 
     Raises:
-        ValueError: The file is missing, broken or of another kind, or integer readings
-            come without a positive scale.
+        ValueError: The file is missing, broken or of another kind or size, or integer
+            readings come without a positive scale.
     """
     suffix = path.suffix.lower()
     if suffix not in (".png", ".tif", ".tiff", ".npy"):
         raise ValueError(
             f"depth image must be a .png, .tiff or .npy file, got {str(path)!r}"
         )
-    values = _read_npy(path) if suffix == ".npy" else _read_image(path, "depth image")
-    if values.ndim != 2:
-        raise ValueError(
-            f"depth image {str(path)!r} must have one channel, got shape {values.shape}"
-        )
+    what = f"depth image {str(path)!r}"
+    read = read_npy if suffix == ".npy" else read_image
+    return _in_meters(read(path, what, size), depth_scale_m, what)
+
+
+def depth_of_png(
+    data: bytes, depth_scale_m: float, what: str, size: Size
+) -> Float[np.ndarray, "h w"]:
+    """The depth image of a PNG's bytes, as `read_depth` reads it from a file.
+
+    Args:
+        data: Of the file.
+        depth_scale_m: Meters a unit.
+        what: Names it in errors.
+        size: Rows and columns that it must have.
+    """
+    values = decoded_image(io.BytesIO(data), len(data), what, size)
+    return _in_meters(values, depth_scale_m, what)
+
+
+def _in_meters(
+    values: np.ndarray, depth_scale_m: float | None, what: str
+) -> Float[np.ndarray, "h w"]:
     if np.issubdtype(values.dtype, np.floating):
         return values
     if not np.issubdtype(values.dtype, np.integer):
-        raise ValueError(
-            f"depth image {str(path)!r} must hold integers or floats, "
-            f"got {values.dtype}"
-        )
+        raise ValueError(f"{what} must hold integers or floats, got {values.dtype}")
     if values.dtype == np.uint8:
         raise ValueError(
-            f"depth image {str(path)!r} must have 16 bits a pixel, got 8: it looks "
-            "like a picture"
+            f"{what} must have 16 bits a pixel, got 8: it looks like a picture"
         )
     if depth_scale_m is None:
         raise ValueError(
-            f"depth_scale_m must be given in the camera file: {str(path)!r} holds "
+            f"depth_scale_m must be given in the camera file: {what} holds "
             f"{values.dtype} readings"
         )
     return values * float(depth_scale_m)
 
 
-def read_mask(path: Path) -> Bool[np.ndarray, "h w"]:
-    """Read a mask: a one-channel image, True where it is not 0.
+def read_mask(path: Path, size: Size | None = None) -> Bool[np.ndarray, "h w"]:
+    """Read a mask: a one-channel image of integers, True where it is not 0.
+
+    Args:
+        path: A PNG or a TIFF; a JPEG is refused, since it is not 0 around the object.
+        size: Rows and columns that it must have; any if None.
 
     Raises:
-        ValueError: The file is missing, broken or of another kind.
+        ValueError: The file is missing, broken or of another kind or size.
     """
-    values = _read_image(path, "mask")
-    if values.ndim != 2:
-        raise ValueError(
-            f"mask {str(path)!r} must have one channel, got shape {values.shape}"
-        )
-    return values != 0
+    return read_integers(path, f"mask {str(path)!r}", size) != 0
 
 
 def fitting_scale(depth: Any, given: float | None) -> float:
@@ -194,39 +221,22 @@ def _finite(depth: Any) -> Float[np.ndarray, "h w"]:
     return np.where(np.isfinite(values), values, 0)
 
 
-def _read_npy(path: Path) -> np.ndarray:
-    _require_file(path, "depth image")
-    try:
-        return np.load(path, allow_pickle=False)
-    except (ValueError, EOFError, OSError) as error:
+def check_image_name(path: Path, name: str = "output") -> None:
+    """Raise unless the suffix of a file is of a format that can be written.
+
+    Args:
+        path: Of the file.
+        name: Of the argument, for the error.
+    """
+    if not cv2.haveImageWriter(path.name):
         raise ValueError(
-            f"depth image {str(path)!r} is not a readable NPY file"
-        ) from error
-
-
-def _read_image(path: Path, what: str) -> np.ndarray:
-    _require_file(path, what)
-    # OpenCV prints a warning of its own for a broken file; the error below says it.
-    level = cv2.utils.logging.getLogLevel()
-    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
-    try:
-        values = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
-    except cv2.error:
-        values = None
-    finally:
-        cv2.utils.logging.setLogLevel(level)
-    if values is None:
-        raise ValueError(f"{what} {str(path)!r} is not a readable image")
-    return values
-
-
-def _require_file(path: Path, what: str) -> None:
-    if not path.is_file():
-        raise ValueError(f"{what} {str(path)!r} does not exist")
+            f"{name} must have the suffix of a picture, such as .png, got {str(path)!r}"
+        )
 
 
 def write_image(path: Path, values: np.ndarray) -> None:
     """Write an image as it is, in the format of the file's suffix."""
+    check_image_name(path)
 
     def write(partial: Path) -> None:
         if not cv2.imwrite(str(partial), values):

@@ -28,11 +28,8 @@ import numpy as np
 from impostor_jax.camera.pinhole import PinholeCamera
 from impostor_jax.geometry.frames import RigidTransform
 from impostor_jax.io.atomic import write_json
-from impostor_jax.io.camera_file import (
-    camera_from_record,
-    camera_record,
-    read_json_object,
-)
+from impostor_jax.io.camera_file import camera_from_record, camera_record
+from impostor_jax.io.json_file import read_json_object
 from impostor_jax.primitives import PRIMITIVES
 from impostor_jax.primitives.base import AbstractPrimitive
 
@@ -71,7 +68,10 @@ def read_scene(path: Path) -> SceneFile:
     entries = record["shapes"]
     if not isinstance(entries, list) or not entries:
         raise ValueError(f"shapes of {what} must be a list that is not empty")
-    shapes = [_read_shape(entry, f"shapes[{k}]") for k, entry in enumerate(entries)]
+    try:
+        shapes = [_read_shape(entry, f"shapes[{k}]") for k, entry in enumerate(entries)]
+    except ValueError as error:
+        raise ValueError(f"{what}: {error}") from error
     camera = record.get("camera")
     return SceneFile(shapes, None if camera is None else _read_camera(camera, what))
 
@@ -114,7 +114,10 @@ def _read_camera(record: Any, what: str) -> PinholeCamera:
     if not isinstance(record, dict):
         raise ValueError(f"camera of {what} must be a JSON object")
     values = dict(record)
-    pose = RigidTransform.of(values.pop("camera_from_world", None))
+    try:
+        pose = RigidTransform.of(values.pop("camera_from_world", None))
+    except ValueError as error:
+        raise ValueError(f"camera of {what}: {error}") from error
     camera = camera_from_record(values, f"camera of {what}").camera
     if pose is None:
         return camera

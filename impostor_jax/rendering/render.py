@@ -88,6 +88,16 @@ def render(
         raise ValueError(f"outputs must be a sequence of names, got {outputs!r}")
     for name in outputs:
         one_of("outputs", name, OUTPUTS)
+    if not isinstance(primitive, AbstractPrimitive | Scene):
+        raise ValueError(
+            "primitive must be a shape, or an ij.Scene of a list of shapes, got "
+            f"{type(primitive).__name__}"
+        )
+    if not isinstance(camera, AbstractCamera):
+        raise ValueError(
+            "camera must be a PinholeCamera or an OrthographicCamera, got "
+            f"{type(camera).__name__}"
+        )
     if isinstance(primitive, AbstractPrimitive) and primitive.batch_shape:
         raise ValueError(
             f"primitive must be a single one, got a batch of shape "

@@ -94,14 +94,28 @@ def test_render_writes_what_fit_reads(rendered, tmp_path, call, capfd):
 
 @SMALL_IMAGES
 def test_record_goes_where_it_is_told(rendered, tmp_path, call, capfd):
+    (tmp_path / "records").mkdir()
     code = call(
         "fit", rendered / "depth.tiff", "--camera", rendered / "camera.json",
-        "--output", tmp_path, "--json", tmp_path / "deep" / "can.json",
+        "--output", tmp_path / "deep" / "out",
+        "--json", tmp_path / "records" / "can.json",
     )  # fmt: skip
     assert code == 0
     assert "no mask: took the nearest object" in capfd.readouterr().out
-    assert (tmp_path / "deep" / "can.json").is_file()
-    assert not (tmp_path / "fit.json").exists()
+    assert (tmp_path / "records" / "can.json").is_file()
+    assert [p.name for p in (tmp_path / "deep" / "out").iterdir()] == ["overlay.png"]
+
+
+@SMALL_IMAGES
+def test_record_is_printed_alone(rendered, tmp_path, call, capfd):
+    code = call(
+        "fit", rendered / "depth.tiff", "--camera", rendered / "camera.json",
+        "--mask", rendered / "mask.png", "--output", tmp_path, "--json", "-",
+    )  # fmt: skip
+    assert code == 0
+    found = capfd.readouterr()
+    assert set(json.loads(found.out)) == RECORD_KEYS
+    assert found.err.startswith("converged")
 
 
 @SMALL_IMAGES
@@ -212,6 +226,9 @@ FIT = ("fit", "{depth}", "--camera", "{camera}")
         (("fit", "{png}", "--camera", "{folder}/given.json"), "depth_scale_m must be"),
         (("fit", "{depth}", "--camera", "{folder}/none.json"), "does not exist"),
         ((*FIT, "--output", "{depth}"), "File exists"),
+        ((*FIT, "--output", ""), "--output must not be empty"),
+        ((*FIT, "--json="), "--json must not be empty"),
+        (("fit", "", "--camera", "{camera}"), "an argument must not be empty"),
         (
             ("render", "--camera", "{camera}", "--center", "0", "0", "1", "--axis", "0",
              "1", "0", "--radius", "0", "--height", "1", "--output", "{folder}/r"),

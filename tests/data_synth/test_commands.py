@@ -1,5 +1,6 @@
 """The commands, as a user types them."""
 
+import hashlib
 import json
 import shutil
 import sys
@@ -8,6 +9,7 @@ import cv2
 import pytest
 
 from data_synth.__main__ import main
+from data_synth.checksums import seal
 from data_synth.preview import preview
 from data_synth.validate import validate
 from tests.data_synth.small import COUNT, HEIGHT, SMALL, WIDTH, small_dataset
@@ -69,9 +71,7 @@ def test_validate_names_what_is_wrong(call, capsys, bop, tmp_path):
 
 
 def test_validate_reads_the_labels_too(bop, tmp_path):
-    """Labels that were changed with their checksum are found by what they say."""
-    import hashlib
-
+    """Labels that were changed with all checksums are found by what they say."""
     folder = tmp_path / "out"
     shutil.copytree(bop, folder)
     path = folder / "train" / "000000" / "scene_gt_info.json"
@@ -82,6 +82,10 @@ def test_validate_reads_the_labels_too(bop, tmp_path):
     path.write_text(json.dumps(record))
     digests = [hashlib.sha256(data).hexdigest() for data in (before, path.read_bytes())]
     sums.write_text(sums.read_text().replace(*digests))
+    assert validate(folder) == [
+        "checksums/000000.sha256 has changed since it was written"
+    ]
+    seal(folder, {"checksums/000000.sha256"})
     assert validate(folder) == ["000000_000000: visible fractions and masks disagree"]
 
 
@@ -98,7 +102,7 @@ def test_preview_draws_a_sheet_of_the_first_images(call, bop, tmp_path):
 def test_resume_says_what_was_made(call, capsys, bop, tmp_path):
     shutil.copytree(bop, tmp_path / "out")
     assert call("resume", tmp_path / "out") == 0
-    assert "nothing was missing" in capsys.readouterr().out
+    assert "nothing was missing; --repair" in capsys.readouterr().out
 
 
 def error_of(call, capsys, *arguments):
@@ -116,7 +120,9 @@ def error_of(call, capsys, *arguments):
     [
         ({"--preset": "shelf"}, "preset must be one of bench"),
         ({"--preset": "shelf.json"}, "'shelf.json' does not exist"),
-        ({"--count": "-3"}, "count must be a whole number from 0"),
+        ({"--output": ""}, "--output must not be empty"),
+        ({"--count": "0"}, "count must be a whole number from 1"),
+        ({"--count": "-3"}, "count must be a whole number from 1"),
         ({"--seed": "-1"}, "seed must be a whole number from 0"),
         ({"--shard-size": "0"}, "shard_size must be a whole number from 1"),
         ({"--workers": "0"}, "workers must be at least 1"),
@@ -133,6 +139,42 @@ def test_bad_arguments_are_one_line_and_exit_with_2(
     given = {"--preset": "bench", "--count": "1", "--output": str(tmp_path / "out")}
     words = [word for pair in (given | changes).items() for word in pair]
     assert message in error_of(call, capsys, "generate", *words)
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_missing_dask_leaves_no_folder(call, capsys, tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "dask.distributed", None)
+    words = ("--preset", "bench", "--count", 1, "--output", tmp_path / "out")
+    line = error_of(call, capsys, "generate", *words, "--dask", "tcp://none")
+    assert "dask needs the extra scale" in line
+    assert not (tmp_path / "out").exists()
+
+
+def test_an_interrupt_says_how_to_go_on(call, capsys, tmp_path, monkeypatch):
+    import data_synth.generate
+
+    def interrupt(*arguments, **options):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(data_synth.generate, "ProcessPoolExecutor", interrupt)
+    words = ("--preset", "bench", "--count", 1, "--output", tmp_path / "out")
+    assert call("generate", *words) == 130
+    assert capsys.readouterr().err == (
+        "impostor-synth: error: interrupted; resume makes what is missing\n"
+    )
+
+
+@pytest.mark.parametrize("name", ["sheet.txt", "sheet", "none/sheet.png"])
+def test_a_sheet_that_cannot_be_written_is_refused(call, capsys, bop, tmp_path, name):
+    line = error_of(call, capsys, "preview", bop, "--output", tmp_path / name)
+    assert "output must" in line
+    assert not list(tmp_path.iterdir())
+
+
+def test_resume_repairs(call, capsys, bop, tmp_path):
+    shutil.copytree(bop, tmp_path / "out")
+    assert call("resume", tmp_path / "out", "--repair") == 0
+    assert "nothing was missing or changed" in capsys.readouterr().out
 
 
 def test_a_folder_that_is_not_empty_is_refused(call, capsys, bop, tmp_path):
@@ -167,7 +209,7 @@ def test_a_manifest_of_another_version_is_refused(call, capsys, bop, tmp_path):
 
 
 def test_a_preview_needs_images(tmp_path):
-    small_dataset(tmp_path, count=0)
+    small_dataset(tmp_path, count=1, shard=1, num_shards=2)
     with pytest.raises(ValueError, match="has no images yet"):
         preview(tmp_path, tmp_path / "sheet.png")
 

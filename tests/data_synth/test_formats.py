@@ -5,6 +5,7 @@ import hashlib
 import io
 import itertools
 import json
+import subprocess
 import tarfile
 
 import cv2
@@ -13,7 +14,8 @@ import pytest
 
 import impostor_jax as ij
 from data_synth.preset import Preset
-from impostor_jax.io.dataset import mask_of_rle, read_dataset, rle_of_mask
+from impostor_jax.io.dataset import read_dataset
+from impostor_jax.io.run_lengths import mask_of_rle, rle_of_mask
 from tests.data_synth.small import (
     COUNT,
     HEIGHT,
@@ -159,7 +161,7 @@ def test_meshes_are_closed_and_look_outwards(bop):
 
 
 def test_the_sidecar_renders_the_clean_depth(bop):
-    image = next(read_dataset(bop))
+    image = read_dataset(bop)[0]
     scene = scenes(bop)[0]
     label = labels(scene, "scene_cylinders")["0"]
     planes = [ij.Plane(p["point_m"], p["normal"]) for p in label["planes"]]
@@ -231,13 +233,21 @@ def test_webdataset_reads_archives(archives):
 def test_checksums_are_those_of_the_files(bop, archives):
     for folder in (bop, archives):
         sums = checksums(folder)
-        files = [p for p in (folder / "train").rglob("*") if p.is_file()]
-        made = {
-            str(p.relative_to(folder)) for p in files if p.name != "key_to_shard.json"
-        }
-        assert set(sums) == made
+        last = "checksums/checksums.sha256"
+        made = {str(p.relative_to(folder)) for p in folder.rglob("*") if p.is_file()}
+        assert set(sums) == made - {"manifest.json", last}
         for name, digest in sums.items():
             assert hashlib.sha256((folder / name).read_bytes()).hexdigest() == digest
+        manifest = json.loads((folder / "manifest.json").read_text())
+        digest = hashlib.sha256((folder / last).read_bytes()).hexdigest()
+        assert manifest["checksums_sha256"] == digest
+
+
+def test_the_system_checks_all_checksums(bop):
+    done = subprocess.run(
+        "sha256sum --check --strict --quiet checksums/*", cwd=bop, shell=True
+    )
+    assert done.returncode == 0
 
 
 def test_archives_hold_no_time_and_no_owner(archives):
@@ -266,4 +276,21 @@ def test_the_manifest_holds_the_preset_and_its_maker(bop):
 def test_run_lengths_give_the_mask_back(mask):
     record = rle_of_mask(mask)
     assert sum(record["counts"]) == mask.size
-    np.testing.assert_array_equal(mask_of_rle(record), mask)
+    np.testing.assert_array_equal(mask_of_rle(record, mask.shape), mask)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"size": [4, 3]}, r"size of a mask must be \[3, 4\], got \[4, 3\]"),
+        ({"counts": [10**12]}, "counts of a mask must be runs of 12 pixels"),
+        ({"counts": [2**62] * 4}, "runs of 12 pixels"),
+        ({"counts": [-1, 13]}, "runs of 12 pixels"),
+        ({"counts": [1.5, 10.5]}, "runs of 12 pixels"),
+        ({"counts": [11]}, "runs of 12 pixels"),
+    ],
+)
+def test_run_lengths_of_another_size_are_refused(change, message):
+    record = rle_of_mask(np.eye(3, 4, dtype=bool)) | change
+    with pytest.raises(ValueError, match=message):
+        mask_of_rle(record, (3, 4))

@@ -36,9 +36,24 @@ def preset_file(tmp_path):
     return path
 
 
+def sealed(folder):
+    """What the manifest says of the checksums; None where there is none, or not yet."""
+    path = folder / "manifest.json"
+    return (
+        json.loads(path.read_text()).get("checksums_sha256") if path.exists() else None
+    )
+
+
 def test_two_runs_give_equal_bytes(tmp_path, bop):
     small_dataset(tmp_path, normals=True)
     assert checksums(tmp_path) == checksums(bop)
+    names = ("manifest.json", "checksums/checksums.sha256")
+    for path, other in ((tmp_path / name, bop / name) for name in names):
+        assert (
+            path.read_bytes().partition(b"made_by")[0]
+            == other.read_bytes().partition(b"made_by")[0]
+        )
+    assert sealed(tmp_path) == sealed(bop) is not None
 
 
 def test_another_seed_gives_other_bytes(tmp_path, bop):
@@ -58,8 +73,14 @@ def test_images_do_not_depend_on_the_shards(tmp_path, bop):
 
 def test_parts_together_are_the_whole(tmp_path, bop):
     for part in (2, 0, 1):
+        assert sealed(tmp_path) is None
         small_dataset(tmp_path, normals=True, shard=part, num_shards=3)
     assert checksums(tmp_path) == checksums(bop)
+    assert sealed(tmp_path) == sealed(bop)
+    # A part that begins once more changes nothing.
+    before = (tmp_path / "manifest.json").read_bytes()
+    assert small_dataset(tmp_path, normals=True, shard=1, num_shards=3) == []
+    assert (tmp_path / "manifest.json").read_bytes() == before
 
 
 def test_a_part_that_is_done_is_not_made_again(tmp_path):
@@ -116,8 +137,52 @@ def test_killed_and_resumed_gives_equal_bytes(tmp_path, bop, preset_file):
     assert validate(folder)
     resume(folder, executor=Here())
     assert checksums(folder) == checksums(bop)
+    assert sealed(folder) == sealed(bop)
     assert validate(folder) == []
     assert not list(train.glob(".*"))
+
+
+@pytest.mark.parametrize("seconds", [0.0, 0.5])
+def test_an_interrupt_is_one_line_and_the_rest_can_be_made(
+    tmp_path, preset_file, seconds
+):
+    program = (
+        "import signal, sys; signal.signal(signal.SIGINT, signal.default_int_handler)\n"
+        "from data_synth.__main__ import main; sys.exit(main())"
+    )
+    folder = tmp_path / "out"
+    process = subprocess.Popen(
+        [
+            *(sys.executable, "-c", program, "generate", "--normals"),
+            *("--preset", preset_file, "--count", "400", "--seed", str(SEED)),
+            *("--shard-size", "40", "--output", folder, "--workers", "1"),
+        ],
+        start_new_session=True,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    while not (folder / "models" / "models_info.json").exists():
+        assert process.poll() is None
+        time.sleep(0.02)
+    # The worker begins, or it is at work.
+    time.sleep(seconds)
+    os.killpg(process.pid, signal.SIGINT)
+    _, error = process.communicate(timeout=120)
+    assert process.returncode == 130
+    (line,) = error.splitlines()
+    assert line == "impostor-synth: error: interrupted; resume makes what is missing"
+    assert sealed(folder) is None
+
+
+def test_what_ended_before_the_last_line_is_sealed_by_resume(tmp_path, bop):
+    folder = tmp_path / "out"
+    shutil.copytree(bop, folder)
+    record = json.loads((folder / "manifest.json").read_text())
+    del record["checksums_sha256"]
+    (folder / "manifest.json").write_text(json.dumps(record))
+    assert resume(folder, executor=Here()) == []
+    assert sealed(folder) == sealed(bop)
+    assert validate(folder) == []
 
 
 @pytest.mark.parametrize("layout", ["bop", "webdataset"])
@@ -148,7 +213,7 @@ def test_a_full_disk_leaves_no_half_shard(tmp_path, monkeypatch):
     with pytest.raises(OSError, match="No space left"):
         small_dataset(tmp_path)
     assert list((tmp_path / "train").iterdir()) == []
-    assert not (tmp_path / "checksums").exists()
+    assert [p.name for p in (tmp_path / "checksums").iterdir()] == ["models.sha256"]
 
 
 def test_a_limit_on_files_is_an_error_of_the_command(tmp_path, preset_file):
@@ -169,9 +234,27 @@ def test_a_limit_on_files_is_an_error_of_the_command(tmp_path, preset_file):
     assert not list((tmp_path / "out").glob("train/*"))
 
 
-def test_a_dataset_of_no_images_is_a_manifest(tmp_path):
-    assert small_dataset(tmp_path, count=0) == []
-    assert validate(tmp_path) == []
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"count": 0}, "count must be a whole number from 1"),
+        ({"count": 10**9}, "count must be a whole number from 1 to 100000000"),
+        ({"count": 10**7, "shard_size": 1}, "at most 1000000 shards of 1 images"),
+        ({"workers": 0}, "workers must be at least 1"),
+        ({"shard": 2, "num_shards": 2}, "shard must be from 0 to 1"),
+    ],
+)
+def test_what_is_refused_leaves_no_folder(tmp_path, options, message):
+    with pytest.raises(ValueError, match=message):
+        small_dataset(tmp_path / "out", **options)
+    assert not (tmp_path / "out").exists()
+
+
+def test_an_empty_path_is_refused(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(ValueError, match="output must be the path of a folder"):
+        small_dataset("")
+    assert not list(tmp_path.iterdir())
 
 
 def test_resume_refuses_another_maker(tmp_path, bop):

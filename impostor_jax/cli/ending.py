@@ -1,0 +1,77 @@
+"""How a command ends: with its exit code, or with one line that says why not."""
+
+__all__ = ["BAD_INPUT", "INTERRUPTED", "end_of", "stream_beside"]
+
+import os
+import signal
+import sys
+import threading
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from impostor_jax.io.atomic import is_standard_output
+
+BAD_INPUT = 2
+"""Exit code where an argument or a file is bad, or a file cannot be written."""
+
+INTERRUPTED = 130
+"""Exit code after Ctrl-C, as shells have it: 128 and the number of the signal."""
+
+
+def end_of(program: str, run: Callable[[], int]) -> int:
+    """Run a command; returns the exit code.
+
+    Args:
+        program: Its name, for the line on stderr.
+        run: Returns the exit code; a `ValueError` or an `OSError` is `BAD_INPUT`.
+    """
+    hook, sys.unraisablehook = sys.unraisablehook, _interrupted_again
+    try:
+        code = run()
+        # Else a full disk would be found when Python ends, which has no exit code.
+        if sys.stdout is not None:
+            sys.stdout.flush()
+        return code
+    except (ValueError, OSError) as error:
+        message, code = " ".join(str(error).split()), BAD_INPUT
+    except MemoryError:
+        message, code = "there is not enough memory", BAD_INPUT
+    except KeyboardInterrupt as interrupt:
+        message, code = str(interrupt) or "interrupted", INTERRUPTED
+    finally:
+        sys.unraisablehook = hook
+    _forget_output()
+    print(f"{program}: error: {message}", file=sys.stderr)
+    return code
+
+
+def _interrupted_again(found: Any) -> None:
+    """Interrupt once more where the first time was lost.
+
+    It came while Python ran what must not raise, as JAX's callback of the garbage
+    collector; there Python prints the exception and goes on.
+    """
+    if issubclass(found.exc_type, KeyboardInterrupt):
+        # From a thread, and later: here it would be lost again.
+        main = threading.main_thread().ident or 0
+        threading.Timer(0.02, signal.pthread_kill, (main, signal.SIGINT)).start()
+    else:
+        sys.__unraisablehook__(found)
+
+
+def stream_beside(record: Path | None) -> Any:
+    """Where lines for a reader go: to stderr if the record is printed on stdout."""
+    is_printed = record is not None and is_standard_output(record)
+    return sys.stderr if is_printed else sys.stdout
+
+
+def _forget_output() -> None:
+    """Drop what was printed and cannot be written; Python would try once more."""
+    if sys.stdout is None:
+        return
+    try:
+        sys.stdout.flush()
+    except OSError:
+        with open(os.devnull, "w") as nowhere:
+            os.dup2(nowhere.fileno(), sys.stdout.fileno())

@@ -1,0 +1,211 @@
+"""A scene of a dataset, of which an image is read when it is asked for.
+
+That is a folder with its labels, or an archive with its table of contents.
+"""
+
+__all__ = ["Archive", "LabeledImage", "Scene"]
+
+import contextlib
+import functools
+import json
+import tarfile
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from impostor_jax.arguments import real_number
+from impostor_jax.camera.pinhole import PinholeCamera
+from impostor_jax.io.camera_file import camera_from_record
+from impostor_jax.io.depth_image import depth_of_png, read_depth, read_mask
+from impostor_jax.io.input_file import require_file
+from impostor_jax.io.json_file import json_value, read_json_object
+from impostor_jax.io.run_lengths import mask_of_rle
+from impostor_jax.primitives.cylinder import Cylinder
+
+
+class LabeledImage(NamedTuple):
+    """One image of a dataset, and what it shows.
+
+    Attributes:
+        depth: Readings in meters; 0 where there is none.
+        mask: Pixels of each of n cylinders that nothing hides.
+        camera: The camera, whose frame is the cylinders'.
+        cylinders: A batch (n,).
+        visible_fraction: Of each cylinder's silhouette in an image with a margin of its
+            own size on every side, the part that is seen.
+        key: Number of the scene and of the image in it, as `000000_000012`.
+    """
+
+    depth: Float[np.ndarray, "h w"]
+    mask: Bool[np.ndarray, "n h w"]
+    camera: PinholeCamera
+    cylinders: Cylinder
+    visible_fraction: Float[np.ndarray, " n"]
+    key: str
+
+
+class Scene:
+    """A scene's folder, with its labels."""
+
+    def __init__(self, folder: Path):
+        self._folder = folder
+        self._labels = {
+            name: read_json_object(folder / f"{name}.json", self._what(name))
+            for name in ("scene_camera", "scene_gt_info", "scene_cylinders")
+        }
+        for number in range(len(self)):
+            for name, labels in self._labels.items():
+                _entry(labels, str(number), self._what(name))
+
+    def __len__(self) -> int:
+        return max(len(labels) for labels in self._labels.values())
+
+    def _what(self, name: str) -> str:
+        return f"{name} of scene {str(self._folder)!r}"
+
+    def image(self, number: int) -> LabeledImage:
+        """One of its images."""
+        name, folder = f"{number:06d}", self._folder
+        camera, info, cylinders = (
+            labels[str(number)] for labels in self._labels.values()
+        )
+        with _named(f"labels of image {number} of scene {str(folder)!r}"):
+            label = _Label.of(camera, info, cylinders)
+        size = (label.camera.height, label.camera.width)
+        depth = read_depth(folder / "depth" / f"{name}.png", label.scale_m, size)
+        masks = [
+            read_mask(folder / "mask_visib" / f"{name}_{k:06d}.png", size)
+            for k in range(label.num_cylinders)
+        ]
+        return label.image(depth, masks, f"{folder.name}_{name}")
+
+
+class Archive:
+    """An archive of a scene, with its table of contents."""
+
+    def __init__(self, path: Path):
+        self._path = path
+        self._what = f"dataset archive {str(path)!r}"
+        require_file(path, self._what)
+        self._images: dict[str, dict[str, tuple[int, int]]] = {}
+        try:
+            with tarfile.open(path, "r:") as archive:
+                for member in archive:
+                    key, _, part = member.name.partition(".")
+                    place = member.offset_data, member.size
+                    if sum(place) > path.stat().st_size:
+                        raise ValueError(f"{member.name} is cut off")
+                    self._images.setdefault(key, {})[part] = place
+        except (tarfile.TarError, OSError, ValueError) as error:
+            raise ValueError(f"{self._what} is broken: {error!r}") from error
+        self._keys = list(self._images)
+
+    def __len__(self) -> int:
+        return len(self._keys)
+
+    def image(self, number: int) -> LabeledImage:
+        """One of its images."""
+        key = self._keys[number]
+        what = f"{self._what} at {key}"
+        camera, info, cylinders, masks = (
+            json_value(self._read(key, f"{name}.json"), f"{name} of {what}")
+            for name in ("camera", "gt_info", "cylinders", "mask_visib")
+        )
+        with _named(f"labels of {what}"):
+            label = _Label.of(camera, info, cylinders)
+            size = (label.camera.height, label.camera.width)
+            runs = [
+                _entry(masks, str(k), "mask_visib") for k in range(label.num_cylinders)
+            ]
+            decoded = [mask_of_rle(run, size) for run in runs]
+        depth = depth_of_png(
+            self._read(key, "depth.png"), label.scale_m, f"depth image of {what}", size
+        )
+        return label.image(depth, decoded, key)
+
+    def _read(self, key: str, part: str) -> bytes:
+        try:
+            start, size = self._images[key][part]
+        except KeyError:
+            raise ValueError(f"{self._what} is broken: it lacks {key}.{part}") from None
+        with self._path.open("rb") as file:
+            file.seek(start)
+            data = file.read(size)
+        if len(data) != size:
+            raise ValueError(f"{self._what} is broken: {key}.{part} is cut off")
+        return data
+
+
+@contextlib.contextmanager
+def _named(what: str) -> Iterator[None]:
+    """Turn what a label that is not as it should be raises into a `ValueError`."""
+    try:
+        yield
+    except KeyError as error:
+        raise ValueError(f"{what} lack {error}") from error
+    except (AttributeError, TypeError, ValueError, IndexError) as error:
+        raise ValueError(f"{what} are broken: {error}") from error
+
+
+def _entry(labels: Any, key: str, what: str) -> Any:
+    """What labels have under a key."""
+    if not isinstance(labels, dict) or key not in labels:
+        raise ValueError(f"{what} lacks {key!r}")
+    return labels[key]
+
+
+class _Label(NamedTuple):
+    """Labels of one image, as they are used."""
+
+    camera: PinholeCamera
+    cylinders: Cylinder
+    visible_fraction: Float[np.ndarray, " n"]
+    scale_m: float
+    num_cylinders: int
+
+    @staticmethod
+    def of(camera: Any, info: Any, cylinders: Any) -> "_Label":
+        """The labels of records; what is wrong with them raises something."""
+        parts = {
+            name: np.array([one[name] for one in cylinders["cylinders"]], np.float32)
+            for name in ("center_m", "axis", "radius_m", "height_m")
+        }
+        count = len(cylinders["cylinders"])
+        if len(info) != count:
+            raise ValueError(f"gt_info must have {count} cylinders, got {len(info)}")
+        shapes = Cylinder(
+            parts["center_m"], parts["axis"], parts["radius_m"], parts["height_m"]
+        )
+        scale = real_number("depth_scale", camera["depth_scale"], positive=True)
+        return _Label(
+            camera=_camera(json.dumps(cylinders["camera"])),
+            cylinders=shapes,
+            visible_fraction=np.array([float(one["visib_fract"]) for one in info]),
+            scale_m=1e-3 * scale,
+            num_cylinders=count,
+        )
+
+    def image(
+        self,
+        depth: Float[np.ndarray, "h w"],
+        masks: list[Bool[np.ndarray, "h w"]],
+        key: str,
+    ) -> LabeledImage:
+        """The image with these labels."""
+        return LabeledImage(
+            depth,
+            np.array(masks, bool).reshape(self.num_cylinders, *depth.shape),
+            self.camera,
+            self.cylinders,
+            self.visible_fraction,
+            key,
+        )
+
+
+@functools.lru_cache(maxsize=16)
+def _camera(text: str) -> PinholeCamera:
+    """A dataset has few cameras, and those with a lens take long to make."""
+    return camera_from_record(json.loads(text), "camera of the dataset").camera

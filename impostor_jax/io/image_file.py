@@ -1,0 +1,180 @@
+"""Images of one channel, read within the bounds that their headers set.
+
+What a header promises is checked, with the size that is wanted, before memory of that
+size is taken; and no library prints anything.
+"""
+
+__all__ = ["Size", "decoded_image", "read_image", "read_integers", "read_npy"]
+
+import contextlib
+import io
+import math
+import warnings
+from collections.abc import Iterator
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from impostor_jax.arguments import image_size
+from impostor_jax.io.image_header import PNG, TIFF, plain_png, read_header
+from impostor_jax.io.input_file import require_file
+
+MOST_EXTRA_BYTES = 2**26
+"""Of a file beyond twice its pixels: profiles, previews and what else there is."""
+
+Size = tuple[int, int]
+"""Rows and columns."""
+
+
+def read_npy(path: Path, what: str, size: Size | None) -> np.ndarray:
+    """Read an NPY file of numbers; the arguments are those of `read_image`.
+
+    Raises:
+        ValueError: The file is missing, broken, or of another kind or size.
+    """
+    require_file(path, what)
+    with _opened(path, what) as file:
+        try:
+            shape, dtype = _npy_header(file)
+        except Exception as error:
+            # NumPy reads the header as Python, of which anything can go wrong.
+            raise ValueError(f"{what} is not a readable NPY file") from error
+        _check_one_channel(shape, what)
+        _check_size((shape[0], shape[1]), what, size)
+        if dtype.kind not in "fiu":
+            raise ValueError(f"{what} must hold integers or floats, got {dtype}")
+        num_bytes = math.prod(shape) * dtype.itemsize
+        there = path.stat().st_size - file.tell()
+        if there != num_bytes:
+            raise ValueError(
+                f"{what} is not a readable NPY file: it must hold {num_bytes} bytes "
+                f"of numbers, got {there}"
+            )
+        file.seek(0)
+        return np.load(file, allow_pickle=False)
+
+
+def read_integers(path: Path, what: str, size: Size | None) -> np.ndarray:
+    """Read an image of integers; the arguments are those of `read_image`.
+
+    Raises:
+        ValueError: The file is missing, broken, or of another kind or size.
+    """
+    values = read_image(path, what, size)
+    if not np.issubdtype(values.dtype, np.integer):
+        raise ValueError(
+            f"{what} must hold integers, got {values.dtype}: it looks like a depth "
+            "image"
+        )
+    return values
+
+
+def _npy_header(file: io.BufferedIOBase) -> tuple[tuple[int, ...], np.dtype]:
+    """Shape and type of the array in a file, which need no pickle."""
+    version = np.lib.format.read_magic(file)
+    read = {
+        (1, 0): np.lib.format.read_array_header_1_0,
+        (2, 0): np.lib.format.read_array_header_2_0,
+    }
+    with warnings.catch_warnings():
+        # NumPy warns of headers that other versions wrote.
+        warnings.simplefilter("ignore")
+        shape, _, dtype = read[version](file)
+    if dtype.hasobject:
+        raise ValueError("objects are not read")
+    return shape, dtype
+
+
+@contextlib.contextmanager
+def _opened(path: Path, what: str) -> Iterator[io.BufferedIOBase]:
+    try:
+        file = path.open("rb")
+    except OSError as error:
+        raise ValueError(f"{what} cannot be read: {error.strerror}") from error
+    with file:
+        yield file
+
+
+def _check_one_channel(shape: tuple[int, ...], what: str) -> None:
+    """Raise unless the shape is of rows and columns alone."""
+    if len(shape) != 2:
+        raise ValueError(f"{what} must have one channel, got shape {shape}")
+
+
+def _check_size(found: Size, what: str, size: Size | None) -> None:
+    """Raise unless an image has the camera's size, or any where there is none."""
+    kind, _, name = what.partition(" '")
+    if size is not None and found != size:
+        raise ValueError(
+            f"{kind} must have the camera's shape {size}, got {found} in '{name}"
+        )
+    try:
+        image_size(found[1], found[0])
+    except ValueError as error:
+        raise ValueError(f"{what}: {error}") from error
+
+
+def read_image(path: Path, what: str, size: Size | None) -> np.ndarray:
+    """Read a PNG or a TIFF.
+
+    Args:
+        path: Of the file.
+        what: Names it in errors, with its path in quotes.
+        size: Rows and columns that it must have; any if None.
+
+    Raises:
+        ValueError: The file is missing, broken, or of another kind or size.
+    """
+    require_file(path, what)
+    with _opened(path, what) as file:
+        return decoded_image(file, path.stat().st_size, what, size)
+
+
+def decoded_image(
+    file: io.BufferedIOBase, num_bytes: int, what: str, size: Size | None
+) -> np.ndarray:
+    """Pixels of a PNG or a TIFF of one channel, as `read_image` reads them.
+
+    Args:
+        file: Open at its beginning.
+        num_bytes: Of all of it.
+        what: Names it in errors.
+        size: Rows and columns that it must have; any if None.
+    """
+    try:
+        header = read_header(file)
+        if header.format not in (PNG, TIFF):
+            kind = f"a {header.format} file" if header.format else "something else"
+            raise ValueError(f"it must be a PNG or a TIFF, got {kind}")
+    except ValueError as error:
+        raise ValueError(f"{what} is not a readable image: {error}") from error
+    found = header.height, header.width
+    if header.channels != 1:
+        _check_one_channel((*found, header.channels), what)
+    _check_size(found, what, size)
+    if num_bytes > 2 * header.num_bytes + MOST_EXTRA_BYTES:
+        raise ValueError(
+            f"{what} is not a readable image: it has {num_bytes} bytes, and its header "
+            f"promises {header.num_bytes}"
+        )
+    file.seek(0)
+    data = file.read()
+    try:
+        if header.format == PNG:
+            data = plain_png(data, header)
+    except ValueError as error:
+        raise ValueError(f"{what} is not a readable image: {error}") from error
+    # OpenCV prints a warning of its own for a broken file; the error below says it.
+    level = cv2.utils.logging.getLogLevel()
+    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
+    try:
+        values = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
+    except cv2.error:
+        values = None
+    finally:
+        cv2.utils.logging.setLogLevel(level)
+    if values is None:
+        raise ValueError(f"{what} is not a readable image")
+    _check_one_channel(values.shape, what)
+    return values

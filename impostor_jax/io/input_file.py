@@ -1,0 +1,34 @@
+"""What is read must be a regular file: all else could block, or never end."""
+
+__all__ = ["require_file"]
+
+import stat
+from pathlib import Path
+
+KINDS = (
+    (stat.S_ISDIR, "a folder"),
+    (stat.S_ISFIFO, "a pipe"),
+    (stat.S_ISSOCK, "a socket"),
+    (stat.S_ISCHR, "a device"),
+    (stat.S_ISBLK, "a device"),
+)
+"""What is no regular file, and how it is called."""
+
+
+def require_file(path: Path, what: str) -> None:
+    """Raise unless a path leads to a regular file; `what` names it in errors.
+
+    Raises:
+        ValueError: There is nothing, or something else.
+    """
+    try:
+        mode = path.stat().st_mode
+    except (FileNotFoundError, NotADirectoryError) as error:
+        raise ValueError(f"{what} does not exist") from error
+    except OSError as error:
+        raise ValueError(f"{what} cannot be read: {error.strerror}") from error
+    except ValueError as error:
+        raise ValueError(f"{what} cannot be read: {error}") from error
+    for is_kind, name in KINDS:
+        if is_kind(mode):
+            raise ValueError(f"{what} must be a file, got {name}")
