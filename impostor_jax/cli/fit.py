@@ -50,8 +50,8 @@ class Fit:
     shape: Literal["cylinder", "sphere", "frustum"] = "cylinder"
     """What is fitted."""
     sigma: float | None = None
-    """Standard deviation of a depth reading, in meters; 0.001 if neither this nor a
-    sensor is given."""
+    """Standard deviation of a depth reading, in meters. If neither this nor a sensor is
+    given, 0.001 is assumed, and not held against the readings."""
     sensor: str | None = None
     """Noise model of the sensor: structured_light or stereo (with the camera's focal
     length), or a JSON file with its type and numbers."""

@@ -12,12 +12,9 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from impostor_jax.primitives.base import AbstractPrimitive
 
-PLAIN_SIGMA = 0.001
-"""Deviation in meters where neither a number nor a sensor is given."""
-
 
 def chosen_noise(sigma: float | None, sensor: str | None, focal_length: float) -> Any:
-    """What a fit takes for sigma: a number, or a noise model.
+    """What a fit takes for sigma: a number, a noise model, or None for neither.
 
     Args:
         sigma: Of `--sigma`.
@@ -28,7 +25,7 @@ def chosen_noise(sigma: float | None, sensor: str | None, focal_length: float) -
         ValueError: Both are given, or the sensor is unknown.
     """
     if sensor is None:
-        return PLAIN_SIGMA if sigma is None else sigma
+        return sigma
     if sigma is not None:
         raise ValueError("--sigma must not be given together with --sensor")
     from impostor_jax.io.json_file import read_json_object

@@ -1,6 +1,13 @@
 """What a solution shows: its ends, its deviations, and whether it can be believed."""
 
-__all__ = ["Solution", "Start", "assess", "deviations_of", "result_of"]
+__all__ = [
+    "DISAGREEING",
+    "Solution",
+    "Start",
+    "assess",
+    "deviations_of",
+    "result_of",
+]
 
 from functools import partial
 from typing import Any
@@ -8,6 +15,7 @@ from typing import Any
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from impostor_jax.camera.pinhole import PinholeCamera
@@ -17,7 +25,7 @@ from impostor_jax.fit.evidence import Pixels
 from impostor_jax.fit.parameterization import Chart
 from impostor_jax.fit.prior import Prior, prior_residuals
 from impostor_jax.fit.request import Request
-from impostor_jax.fit.residuals import residuals
+from impostor_jax.fit.residuals import is_missed, residuals
 from impostor_jax.fit.result import (
     STATUSES,
     AbstractFit,
@@ -49,6 +57,22 @@ of them may have been left out."""
 MOST_STRAY = 0.05
 """Share of the border's readings that may lie elsewhere, beside twice that of the other
 readings: the outermost pixels of a mask are a quarter of its border."""
+
+WITHIN_THREE = 0.9733
+"""Variance of normal errors within three deviations, in that of all."""
+
+MOST_CHI2 = 9.0
+"""Reduced chi-squared up to which readings may be of the shape, where their noise is
+known: residuals of three deviations. The bands of a structured-light sensor, 1.5 mm and
+more where single readings scatter by one, stay below; a can of half the radius that is
+held does not."""
+
+DISAGREEING = 50.0
+"""Contradiction between border and rest, of 7 degrees of freedom in a cylinder, from
+which something else is taken to lie at the border: by chance once in 1e8 fits."""
+
+MOST_MISSED = 0.02
+"""Share of the inliers whose rays may miss the shape."""
 
 FEWEST_WITHIN = 50
 """Readings away from the border with which it is compared."""
@@ -120,8 +144,8 @@ def assess(
     request: Request,
     always: Bool[Array, ""],
     mask: Bool[Array, "h w"],
-) -> tuple[AbstractFit, Float[Array, ""]]:
-    """Result of a fit in the world frame; and how its border contradicts the rest.
+) -> AbstractFit:
+    """Result of a fit in the world frame.
 
     Args:
         start: Where the solution began.
@@ -195,18 +219,37 @@ def assess(
         edges = jacobian[:, num:]
         of_edges = jnp.matmul(edges, edges.T, precision="highest")
         meat = meat / widening**2 + of_edges + of_prior
+        independent = jnp.diagonal(covariance)
         covariance = covariance @ meat @ covariance
+        # Errors that neighbors share let a part pull harder by as much as they widen
+        # the deviations.
+        wider = safe_divide(jnp.diagonal(covariance), independent)
+        statistic = statistic / jnp.maximum(jnp.mean(wider), 1)
     world = in_world_frame(body, camera)
     change = _changes(body, camera, chart, ends_seen)
     std, covariance, observed, is_known = deviations_of(
         world, change, covariance, directions, free
     )
     statistic = jnp.where(_stray(inlier, used, on_border), jnp.inf, statistic)
+    chi2 = squares / (num_inliers * WITHIN_THREE)
+    within = {
+        # More readings than not, on a shape that their rays meet.
+        "enough": 2 * num_inliers >= count.astype(meters.dtype),
+        "met": jnp.sum(inlier & is_missed(seen)) <= MOST_MISSED * num_inliers,
+    }
+    if request.trusts_sigma:
+        within["noise"] = chi2 < MOST_CHI2
+    else:
+        finest = jnp.max(rows.weight[:num])
+        within["noise"] = (wide < 5) | (wide < body.radius * finest / 50)
+    if request.is_traced:
+        # A fit that is not traced goes on with what agrees.
+        within["border"] = statistic < DISAGREEING
+    fits = jnp.stack([*within.values()]).all()
     code = _status_code(
         converged=solution.converged,
         finite=jnp.isfinite(body.radius) & jnp.all(jnp.isfinite(body.center)),
-        fits=(2 * num_inliers >= count.astype(meters.dtype))
-        & ((wide < 5) | (wide < body.radius * jnp.max(rows.weight[:num]) / 50)),
+        fits=fits,
         determined=~_is_as_flat(pixels, rows.weight[:num], inlier, squares) & is_known,
     )
     success = code == STATUSES.index(FitStatus.CONVERGED)
@@ -231,8 +274,25 @@ def assess(
         region=image_of(used),
         num_pixels=count,
         rms=rms,
+        chi2=chi2,
+        p_value=_tail(chi2, num_inliers - chart.size)
+        if request.trusts_sigma
+        else jnp.full_like(chi2, jnp.nan),
+        border_chi2=statistic,
     )
-    return fit, statistic
+    return fit
+
+
+def _tail(chi2: Float[Array, ""], freedom: Float[Array, ""]) -> Float[Array, ""]:
+    """Probability of a larger reduced chi-squared, of hundreds of degrees of freedom.
+
+    References:
+        Wilson and Hilferty, The distribution of chi-square, PNAS 1931: its cube root is
+        normal.
+    """
+    variance = 2 / (9 * jnp.maximum(freedom, 1))
+    normal = (jnp.cbrt(chi2) - 1 + variance) * jax.lax.rsqrt(variance)
+    return jax.scipy.special.erfc(normal * np.sqrt(0.5)) / 2
 
 
 def _on_border(

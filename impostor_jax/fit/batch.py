@@ -31,7 +31,7 @@ def fit_cylinders(
     depths: Any,
     camera: PinholeCamera | Sequence[PinholeCamera],
     masks: Any = None,
-    sigma: Any = 0.001,
+    sigma: Any = None,
     initial: Cylinder | None = None,
     fixed: Sequence[str] = (),
     prior: Mapping[str, Any] | None = None,

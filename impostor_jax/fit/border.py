@@ -18,14 +18,16 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from impostor_jax.camera.pinhole import PinholeCamera
+from impostor_jax.fit.assess import DISAGREEING
 from impostor_jax.fit.body import AbstractBody
 from impostor_jax.fit.evidence import deviation, gather_pixels
+from impostor_jax.fit.regions import pixel_indices
 from impostor_jax.fit.residuals import surface_seen
-from impostor_jax.fit.result import AbstractFit
+from impostor_jax.fit.result import AbstractFit, FitStatus
 from impostor_jax.primitives.base import in_camera_frame
 from impostor_jax.sensor.base import AbstractDepthNoise
 
-NARROWER = (2, 4, 6, 8)
+NARROWER = (2, 4, 6)
 """Pixels by which a region is made narrower, one after the other, until the readings
 beside its border agree with the others."""
 
@@ -38,20 +40,27 @@ OFF = 5.0
 FAR = 50.0
 """Deviations from which one is of a surface that does not touch the body's there."""
 
+MOST_LEFT = 0.5
+"""Readings of a region that may lie off the body and not far from it, over those on it:
+of a can of 50 pixels whose mask is 4 pixels too large, 0.4, were all around it near."""
+
+MOST_NEAR = 0.05
+"""Those that may where the others do not scatter as their noise says."""
+
+LEAST_P_VALUE = 1e-6
+"""Of their scatter; NaN where the noise is not known, which refutes nothing."""
+
 MARGIN = 3
 """Pixels beside a surface that does, whose readings may be of that and look like the
 body's."""
 
-DISAGREEING = 50.0
-"""Contradiction between border and rest, of 7 degrees of freedom in a cylinder, from
-which something else is taken to lie at the border: by chance once in 1e8 fits."""
-
 AGREEING = 20.0
-"""That below which it is not, once it has been found: by chance one in 200 is larger,
-and costs no more than some readings."""
+"""Contradiction between border and rest below which nothing else lies there, once it
+has been found to: by chance one in 200 is larger, and costs no more than some readings.
+"""
 
-Fitted = Callable[[Bool[np.ndarray, "h w"]], tuple[AbstractFit, float]]
-"""A fit of a region's pixels, and how its border contradicts the rest."""
+Fitted = Callable[[Bool[np.ndarray, "h w"], bool], AbstractFit]
+"""Fit of a region's pixels, with errors that are correlated or not."""
 
 
 def fit_of_one_surface(
@@ -61,6 +70,7 @@ def fit_of_one_surface(
     region: Bool[np.ndarray, "h w"],
     camera: PinholeCamera,
     noise: AbstractDepthNoise,
+    correlated: bool,
 ) -> AbstractFit:
     """Fit to a region, or to what of it is of one surface.
 
@@ -71,22 +81,37 @@ def fit_of_one_surface(
         region: Pixels of the object, or more.
         camera: The camera.
         noise: Of the readings.
+        correlated: Whether their errors are taken for correlated. They are in any case
+            where a core, too, contradicts itself: so does a sensor's bias, and
+            independent errors do not.
     """
-    fit, chi2 = fitted(region)
-    if chi2 < DISAGREEING:
-        return fit
+    whole = fitted(region, correlated)
+    if whole.border_chi2 < DISAGREEING:
+        return whole
+    core = whole
     for width in NARROWER:
-        core = _narrowed(region, width)
-        if np.count_nonzero(image[core]) < FEWEST_READINGS:
+        narrow = _narrowed(region, width)
+        if np.count_nonzero(image[narrow]) < FEWEST_READINGS:
             break
-        fit, chi2 = fitted(core)
-        if chi2 < AGREEING:
+        core = fitted(narrow, correlated)
+        if core.border_chi2 < AGREEING:
             break
-    if chi2 >= AGREEING or not bool(fit.success):
-        return fit
-    own = _own_pixels(image, region, kind.of(fit.shape), camera, noise)
-    whole, chi2 = fitted(own)
-    return whole if bool(whole.success) and chi2 < AGREEING else fit
+    if not core.border_chi2 < AGREEING:
+        if correlated:
+            return core.failed(FitStatus.POOR_FIT)
+        return fit_of_one_surface(fitted, kind, image, region, camera, noise, True)
+    if not bool(core.success):
+        return core
+    away = _deviations(image, region, kind.of(core.shape), camera, noise)
+    larger = fitted(_own_pixels(away, region), correlated)
+    is_better = bool(larger.success) and larger.border_chi2 < AGREEING
+    best = larger if is_better else core
+    # Beside a mask's object are its surroundings. Of another shape a part looks like
+    # this one, but not to the noise, and leaves the rest.
+    near = np.count_nonzero(region & (away > OFF) & (away < FAR))
+    share = near / max(np.count_nonzero(best.inliers), 1)
+    is_part = share > MOST_NEAR and best.p_value < LEAST_P_VALUE
+    return best.failed(FitStatus.POOR_FIT) if is_part or share > MOST_LEFT else best
 
 
 def _narrowed(region: Bool[np.ndarray, "h w"], width: int) -> Bool[np.ndarray, "h w"]:
@@ -96,20 +121,13 @@ def _narrowed(region: Bool[np.ndarray, "h w"], width: int) -> Bool[np.ndarray, "
 
 
 def _own_pixels(
-    image: Float[np.ndarray, "h w"],
-    region: Bool[np.ndarray, "h w"],
-    body: AbstractBody,
-    camera: PinholeCamera,
-    noise: AbstractDepthNoise,
+    away: Float[np.ndarray, "h w"], region: Bool[np.ndarray, "h w"]
 ) -> Bool[np.ndarray, "h w"]:
     """Pixels of a region that are a body's own beyond doubt.
 
     Only what is connected with the region's border by readings off the body is not its
     own: an outlier within is no border.
     """
-    row, col = np.nonzero(region)
-    away = np.zeros_like(image)
-    away[row, col] = _deviations(image, row, col, body, camera, noise)
     off = away > OFF
     # A margin outside, which all that lies beside the image is connected by.
     other = np.pad(off | ~region, 1, constant_values=True).astype(np.uint8)
@@ -121,20 +139,32 @@ def _own_pixels(
     return region & ~beside & ~doubtful
 
 
-@jax.jit
 def _deviations(
+    image: Float[np.ndarray, "h w"],
+    region: Bool[np.ndarray, "h w"],
+    body: AbstractBody,
+    camera: PinholeCamera,
+    noise: AbstractDepthNoise,
+) -> Float[np.ndarray, "h w"]:
+    """How far readings lie off a body, in deviations; 0 where there is none.
+
+    A reading near a wall that its ray misses is not the body's: the core tells radius
+    and place to a small part of a pixel.
+    """
+    row, col = pixel_indices(region)
+    away = _deviations_at(image, row, col, body, camera, noise)
+    return np.asarray(away)
+
+
+@jax.jit
+def _deviations_at(
     image: Float[Array, "h w"],
     row: Int[Array, " n"],
     col: Int[Array, " n"],
     body: AbstractBody,
     camera: PinholeCamera,
     noise: AbstractDepthNoise,
-) -> Float[Array, " n"]:
-    """How far readings lie off a body, in deviations; 0 where there is none.
-
-    A reading near a wall that its ray misses is not the body's: the core tells radius
-    and place to a small part of a pixel.
-    """
+) -> Float[Array, "h w"]:
     pixels = gather_pixels(image, camera, row, col)
     body = in_camera_frame(body, camera)
     seen = surface_seen(pixels.direction, body, body.radius / 100)
@@ -142,4 +172,5 @@ def _deviations(
     sigma = deviation(noise, jnp.where(read, pixels.depth, 1), seen.cos_incidence)
     away = jnp.abs(pixels.depth - seen.depth) / sigma
     away = jnp.where(seen.square < 0, jnp.maximum(away, 2 * OFF), away)
-    return jnp.where(read, away, 0)
+    found = jnp.where(read, away, 0)
+    return jnp.zeros_like(image).at[row, col].set(found, mode="drop")

@@ -19,7 +19,7 @@ def fit_cylinder(
     depth: Any,
     camera: PinholeCamera,
     mask: Any = None,
-    sigma: Any = 0.001,
+    sigma: Any = None,
     initial: Cylinder | None = None,
     fixed: Sequence[str] = (),
     prior: Mapping[str, Any] | None = None,
@@ -43,7 +43,9 @@ def fit_cylinder(
             If None, the nearest large component that stands in front of its
             surroundings is taken, and reported as `region`.
         sigma: Standard deviation of a reading in meters, or a noise model of the
-            sensor, which weighs each reading by its depth and incidence.
+            sensor, which weighs each reading by its depth and incidence. Readings that
+            scatter three times as much make it a `poor_fit`. If None, 1 mm weighs
+            against priors and outlines, and is not held against the readings.
         initial: Start of the fit, in the world frame; found from the image if None.
         fixed: Names among center, axis, radius and height that keep the value they
             have in `initial`.

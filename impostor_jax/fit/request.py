@@ -59,6 +59,7 @@ class Request:
         keep_ends: Whether a frustum's ends keep their names; otherwise its axis is
             signed.
         is_traced: Whether a caller may differentiate the fit.
+        trusts_sigma: Whether the noise is what the caller says, and not a guess.
     """
 
     fixed: tuple[str, ...] = ()
@@ -71,7 +72,11 @@ class Request:
     correlated: bool = False
     keep_ends: bool = False
     is_traced: bool = False
+    trusts_sigma: bool = True
 
+
+USUAL_SIGMA = 0.001
+"""Deviation in meters that is taken where a caller names none."""
 
 DepthImage = Float[np.ndarray, "h w"] | Float[Array, "h w"]
 Mask = Bool[np.ndarray, "h w"] | Bool[Array, "h w"]
@@ -93,6 +98,7 @@ def checked_request(
     scale: str,
     errors: str,
     effort: Effort,
+    sigma: Any,
 ) -> Request:
     """What is asked for, with the held parameters in their order in `parameters`."""
     if isinstance(fixed, str):
@@ -119,11 +125,14 @@ def checked_request(
         estimate_scale=scale == "estimated",
         correlated=errors == "correlated",
         keep_ends=shape is Frustum and initial is not None,
+        trusts_sigma=sigma is not None,
     )
 
 
 def checked_noise(sigma: Any) -> AbstractDepthNoise:
-    """Noise model of the sensor; a number is that of all readings."""
+    """Noise model of the sensor; a number is that of all readings, None a guess."""
+    if sigma is None:
+        sigma = USUAL_SIGMA
     if isinstance(sigma, AbstractDepthNoise):
         return sigma
     sigma = real_number("sigma", sigma, positive=True, unit="meters")

@@ -16,8 +16,11 @@ __all__ = [
 import abc
 import enum
 from collections import Counter
+from typing import Any, Self
 
 import equinox as eqx
+import jax
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 from typing_extensions import override
@@ -59,6 +62,12 @@ _MEANINGS = {
     FitStatus.UNDETERMINED: "The readings do not determine radius and place.",
     FitStatus.NOT_FINITE: "The solver met a number that is not finite.",
 }
+
+NOTED_TIMES = 2.0
+"""Noises from which the size of residuals is the reason of a poor fit."""
+
+NOTED_BORDER = 20.0
+"""Contradiction from which a region's border is."""
 
 STATUSES = tuple(FitStatus)
 """Order of the integer codes in which a compiled fit carries its status."""
@@ -153,6 +162,8 @@ class AbstractFit(eqx.Module):
     """What every fit says; read `success` and `status` first.
 
     Attributes:
+        std: One standard deviation of each parameter, from `covariance`; all `inf`
+            where the fit failed.
         covariance: Of the shape's coordinates, in meters and radians; widened where the
             residuals are larger than `sigma` says. `inf` on the diagonal where
             undetermined, and 0 beside it; 0 where held.
@@ -169,8 +180,18 @@ class AbstractFit(eqx.Module):
             where no mask was given.
         num_pixels: Number of pixels that were used.
         rms: Root mean square of the inliers' residuals, in meters.
+        chi2: Mean square of the inliers' residuals, in deviations of the noise: 1 where
+            that is right.
+        p_value: Probability of a larger `chi2` if the noise is what `sigma` says and no
+            two readings share an error; NaN where no `sigma` was given. Of thousands of
+            readings it tells a noise that is 5 percent too large, so the status goes by
+            `chi2`.
+        border_chi2: Chi-squared, of as many degrees of freedom as there are
+            coordinates, by which readings beside the region's border contradict the
+            others; `inf` where many of them lie elsewhere.
     """
 
+    std: eqx.AbstractVar[Any]
     covariance: Float[Array, "*batch m m"]
     observed: Directions
     success: Bool[Array, "*batch"]
@@ -183,11 +204,46 @@ class AbstractFit(eqx.Module):
     region: Bool[Array, "*batch h w"]
     num_pixels: Int[Array, "*batch"]
     rms: Float[Array, "*batch"]
+    chi2: Float[Array, "*batch"]
+    p_value: Float[Array, "*batch"]
+    border_chi2: Float[Array, "*batch"]
 
     @property
     def status(self) -> FitStatus:
         """How the fit ended; needs a single, concrete result."""
         return STATUSES[int(self.status_code)]
+
+    @property
+    def reason(self) -> str:
+        """What is behind `status`, in words; needs a single, concrete result."""
+        if self.status is not FitStatus.POOR_FIT:
+            return self.status.meaning
+        times = float(np.sqrt(self.chi2))
+        if times >= NOTED_TIMES:
+            return (
+                f"The residuals are {times:.1f} times the noise given: the shape or "
+                "sigma is wrong."
+            )
+        if 2 * int(np.count_nonzero(self.inliers)) < int(self.num_pixels):
+            return "Most readings lie off the shape."
+        if self.border_chi2 >= NOTED_BORDER:
+            return (
+                "Readings beside the region's border contradict the others: the mask "
+                "is too large, or errors are correlated."
+            )
+        return "The rays of some readings on the shape miss it."
+
+    def failed(self, status: FitStatus) -> Self:
+        """The same estimate as a failure, with infinite deviations."""
+        return eqx.tree_at(
+            lambda fit: (fit.success, fit.status_code, fit.std),
+            self,
+            (
+                jnp.zeros_like(self.success),
+                jnp.full_like(self.status_code, STATUSES.index(status)),
+                jax.tree.map(lambda x: jnp.full_like(x, jnp.inf), self.std),
+            ),
+        )
 
     @property
     @abc.abstractmethod
@@ -212,7 +268,7 @@ class AbstractFit(eqx.Module):
         """
         time = "" if seconds is None else f", {seconds:.2f} s"
         head = (
-            f"{self.status}: {self.status.meaning} {int(self.num_steps)} steps, "
+            f"{self.status}: {self.reason} {int(self.num_steps)} steps, "
             f"{int(self.num_agreeing)} of {int(self.num_starts)} starts agree, "
             f"{int(self.num_pixels)} pixels{time}"
         )
@@ -220,7 +276,8 @@ class AbstractFit(eqx.Module):
             return head
         rms = (
             f"  rms     {millimeters(self.rms)} mm over "
-            f"{int(np.count_nonzero(self.inliers))} inliers"
+            f"{int(np.count_nonzero(self.inliers))} inliers, chi-squared "
+            f"{float(self.chi2):.2f}"
         )
         return "\n".join([head, *self.rows, rms, *self.notes])
 

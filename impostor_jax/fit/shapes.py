@@ -24,7 +24,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Array, Bool, Float
 
 from impostor_jax.arguments import is_concrete, working_precision
 from impostor_jax.camera.pinhole import PinholeCamera
@@ -63,7 +63,6 @@ from impostor_jax.fit.round_body import CylinderBody, FrustumBody, RoundBody
 from impostor_jax.fit.solve import (
     NUM_KEPT,
     STAGE_TOLERANCE,
-    Verdict,
     best_start,
     solve,
 )
@@ -189,6 +188,7 @@ def fit_shape(
         scale,
         errors,
         effort,
+        sigma,
     )
     given = (depth, mask, camera, sigma, initial, prior)
     with working_precision(effort.precision, given) as converted:
@@ -224,13 +224,15 @@ def _fit_concrete(
     region = object_region(image, given, camera, noise)
     warn_of_units(image, region, noise)
 
-    def fitted(region: Bool[np.ndarray, "h w"]) -> tuple[AbstractFit, float]:
+    def fitted(region: Bool[np.ndarray, "h w"], correlated: bool) -> AbstractFit:
         start = None if initial is None else kind.body.of(initial)
         shown = pixels_shown(image, region, camera, noise, effort.stride)
-        fit, verdict = _fit_pixels(kind, shown, start, prior, request, effort)
-        return fit, float(verdict.border_chi2)
+        asked = dataclasses.replace(request, correlated=correlated)
+        return _fit_pixels(kind, shown, start, prior, asked, effort)
 
-    return fit_of_one_surface(fitted, kind.body, image, region, camera, noise)
+    return fit_of_one_surface(
+        fitted, kind.body, image, region, camera, noise, request.correlated
+    )
 
 
 def _fit_pixels(
@@ -240,7 +242,7 @@ def _fit_pixels(
     prior: Prior,
     request: Request,
     effort: Effort,
-) -> tuple[AbstractFit, Verdict]:
+) -> AbstractFit:
     """Fit from the start that is given, or from guesses.
 
     Args:
@@ -256,21 +258,21 @@ def _fit_pixels(
     tolerance = jnp.asarray(tolerance, jnp.result_type(float))
     solved = quickly_compiled(solve, static_argnames="request")
 
-    def from_one(body: AbstractBody) -> tuple[AbstractFit, Verdict]:
+    def from_one(body: AbstractBody) -> tuple[AbstractFit, Bool[Array, ""]]:
         start = Start.at(body, NUM_KEPT)
         return solved(*shown, start, prior, request, tolerance, is_far=True)
 
     if initial is not None:
-        return from_one(initial)
+        return from_one(initial)[0]
     if not effort.all_starts:
         starts = _starts_of(kind, image, region, camera, noise, 1)
         if starts is not None:
-            fit, verdict = from_one(jax.tree.map(lambda a: a[0], starts))
-            if effort.starts == 1 or bool(verdict.is_done):
-                return fit, verdict
+            fit, is_done = from_one(jax.tree.map(lambda a: a[0], starts))
+            if effort.starts == 1 or bool(is_done):
+                return fit
     starts = _starts_of(kind, image, region, camera, noise, effort.starts)
     if starts is None:
-        return no_guess(kind, region), Verdict(jnp.array(True), jnp.array(0.0))
+        return no_guess(kind, region)
     best = quickly_compiled(best_start, static_argnames="estimate_scale")(
         image,
         *some_pixels(region),
@@ -281,7 +283,7 @@ def _fit_pixels(
         prior,
         request.estimate_scale,
     )
-    return solved(*shown, best, prior, request, tolerance, is_far=False)
+    return solved(*shown, best, prior, request, tolerance, is_far=False)[0]
 
 
 def pixels_shown(
@@ -350,6 +352,9 @@ def no_guess(kind: Fittable, region: Bool[np.ndarray, "h w"]) -> AbstractFit:
         region=jnp.asarray(region),
         num_pixels=jnp.array(np.count_nonzero(region)),
         rms=jnp.full_like(zero, jnp.inf),
+        chi2=jnp.full_like(zero, jnp.inf),
+        p_value=zero,
+        border_chi2=zero,
     )
 
 

@@ -10,7 +10,6 @@ __all__ = [
     "LAST_STAGES",
     "NUM_KEPT",
     "STAGE_TOLERANCE",
-    "Verdict",
     "always_true",
     "best_start",
     "evaluate",
@@ -21,7 +20,7 @@ __all__ = [
 from collections.abc import Callable
 from functools import partial
 from itertools import pairwise
-from typing import Any, NamedTuple
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -127,19 +126,6 @@ SPREAD = 64
 
 MAX_FIRST_STEPS = 12
 """Step limit for the starts: all wait for the slowest, and a good one is done."""
-
-
-class Verdict(NamedTuple):
-    """What is left to do after a fit.
-
-    Attributes:
-        is_done: Whether it explains the image so well that no other start could do
-            better; or cannot, since some of it is of something else.
-        border_chi2: How readings beside the mask's border contradict the others.
-    """
-
-    is_done: Bool[Array, ""]
-    border_chi2: Float[Array, ""]
 
 
 _Tried = tuple[AbstractBody, Float[Array, "*k"], Int[Array, "*k"]]
@@ -261,7 +247,7 @@ def solve(
     request: Request,
     tolerance: Float[Array, ""],
     is_far: Bool[Array, ""],
-) -> tuple[AbstractFit, Verdict]:
+) -> tuple[AbstractFit, Bool[Array, ""]]:
     """Fit to the given pixels; the others only show where the object stops.
 
     Args:
@@ -279,7 +265,7 @@ def solve(
         is_far: Whether the start is a guess and not the best of several solutions.
 
     Returns:
-        The fit, and what it leaves to do.
+        The fit, and whether no other start could do better.
     """
     depth = depth.astype(start.body.radius.dtype)
     pixels = gather_pixels(depth, camera, row, col)
@@ -338,7 +324,7 @@ def solve(
     worst = infinite, infinite, first, blank
     best, _ = jax.lax.scan(unless_explained, worst, start)
     _, hidden, start, solution = best
-    fit, border_chi2 = assess(
+    fit = assess(
         start,
         solution,
         pixels,
@@ -357,8 +343,8 @@ def solve(
     if isinstance(body, RoundBody):
         is_clear |= body.height > SHORT * body.radius
     is_clear &= fit.success & (hidden <= MOST_HIDDEN)
-    explains = is_clear & _explains(pixels, solution)
-    return fit, Verdict(explains | jnp.isinf(border_chi2), border_chi2)
+    # What lies elsewhere at the border is found there by no other start.
+    return fit, jnp.isinf(fit.border_chi2) | (is_clear & _explains(pixels, solution))
 
 
 def always_true(camera: PinholeCamera) -> Bool[Array, ""]:

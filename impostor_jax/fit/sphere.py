@@ -16,7 +16,7 @@ def fit_sphere(
     depth: Any,
     camera: PinholeCamera,
     mask: Any = None,
-    sigma: Any = 0.001,
+    sigma: Any = None,
     initial: Sphere | None = None,
     fixed: Sequence[str] = (),
     prior: Mapping[str, Any] | None = None,

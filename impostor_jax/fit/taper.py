@@ -84,6 +84,7 @@ def taper_test(
         asked["scale"],
         asked["errors"],
         effort,
+        asked["sigma"],
     )
     with working_precision(effort.precision, (depth, camera, mask, asked)) as converted:
         noise, camera = converted((checked_noise(asked["sigma"]), camera))
