@@ -118,8 +118,8 @@ class Solution(eqx.Module):
         scale: Robust standard deviation of the whitened residuals, at least 1.
         converged: Whether the solver did.
         num_steps: Steps that it took.
-        moved: Root mean square of the coordinates by which the last stage moved it.
-        left: By which further stages like the last ones would still move it.
+        moved: Coordinates by which the last stage moved it.
+        left: Root mean square of those by which more stages like it still would.
     """
 
     body: AbstractBody
@@ -128,7 +128,7 @@ class Solution(eqx.Module):
     scale: Float[Array, ""]
     converged: Bool[Array, ""]
     num_steps: Int[Array, ""]
-    moved: Float[Array, ""]
+    moved: Float[Array, " n"]
     left: Float[Array, ""]
 
 
@@ -232,10 +232,11 @@ def assess(
     )
     statistic = jnp.where(_stray(inlier, used, on_border), jnp.inf, statistic)
     chi2 = squares / (num_inliers * WITHIN_THREE)
+    num_missed = jnp.sum(inlier & is_missed(seen), dtype=meters.dtype)
     within = {
         # More readings than not, on a shape that their rays meet.
         "enough": 2 * num_inliers >= count.astype(meters.dtype),
-        "met": jnp.sum(inlier & is_missed(seen)) <= MOST_MISSED * num_inliers,
+        "met": num_missed <= MOST_MISSED * num_inliers,
     }
     if request.trusts_sigma:
         within["noise"] = chi2 < MOST_CHI2

@@ -82,12 +82,15 @@ def fit_of_one_surface(
         camera: The camera.
         noise: Of the readings.
         correlated: Whether their errors are taken for correlated. They are in any case
-            where a core, too, contradicts itself: so does a sensor's bias, and
-            independent errors do not.
+            where border and rest disagree and no mask is to blame: so they do by a
+            sensor's bias, and independent errors do not.
     """
     whole = fitted(region, correlated)
     if whole.border_chi2 < DISAGREEING:
         return whole
+    if not correlated and np.isfinite(whole.border_chi2):
+        # No more of the border's readings lie elsewhere than of the others.
+        return fit_of_one_surface(fitted, kind, image, region, camera, noise, True)
     core = whole
     for width in NARROWER:
         narrow = _narrowed(region, width)

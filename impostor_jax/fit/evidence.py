@@ -272,7 +272,8 @@ def crossing_rows(
     # Where most neighbors beyond an end are no background, the object goes on, and the
     # few that are err. A neighbor on the body itself says so by more than a majority:
     # at the edge of a region that stops short, half may be mixed with what is behind.
-    reads = pick(jnp.where(is_own, OWN_VOTES, jnp.where(has, 1, 0))[None, 1:])
+    says = jnp.where(is_own, OWN_VOTES, jnp.where(has, 1.0, 0.0)).astype(r.dtype)
+    reads = pick(says[None, 1:])
     votes = jnp.where(shows > 0, shows, -reads)
     ends = jnp.array([-1, 1], r.dtype)[:, None]
     total = jnp.sum(jnp.where(end[None] == ends, votes[None], 0), axis=1)

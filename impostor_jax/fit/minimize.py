@@ -31,6 +31,9 @@ SQUARE_WIDTH = 4.0
 FIRST_END_WIDTH = 20.0
 """The same for ends that may still be pixels off."""
 
+LAST_REACH = 1e3
+"""Steps that are next to undamped, in scaled units, once the end is near."""
+
 RIDGE = 3e-3
 """Inverse width of the prior that keeps free coordinates in place, in scaled units."""
 
@@ -164,14 +167,18 @@ class _Search(optx.AbstractSearch):
     Attributes:
         region: Decides on all steps but those that end the search.
         tolerance: Step, and change of the residuals, in root mean square, that end it.
+        reach: Size of the region to begin with. Damped to one, the step along what a
+            prior alone tells is smaller than a tolerance, and the search ends there.
     """
 
     region: optx.ClassicalTrustRegion
     tolerance: Float[Array, ""]
+    reach: Float[Array, ""]
 
     @override
     def init(self, y: Any, f_info_struct: Any) -> Any:
-        return self.region.init(y, f_info_struct)
+        state = self.region.init(y, f_info_struct)
+        return jax.tree.map(lambda size: size * self.reach, state)
 
     @override
     def step(
@@ -226,7 +233,8 @@ def minimize(
         ),
     )
     if isinstance(solver.search, optx.ClassicalTrustRegion):
-        search = _Search(solver.search, tolerance)
+        reach = jnp.where(is_first, 1, LAST_REACH).astype(width.dtype)
+        search = _Search(solver.search, tolerance, reach)
         solver = eqx.tree_at(lambda s: s.search, solver, search)
     # On a GPU the default precision of a product is that of 10-bit mantissas.
     with jax.default_matmul_precision("highest"):

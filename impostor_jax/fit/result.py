@@ -231,9 +231,9 @@ class AbstractFit(eqx.Module):
                 "Readings beside the region's border contradict the others: the mask "
                 "is too large, or errors are correlated."
             )
-        return "The rays of some readings on the shape miss it."
+        return "Part of the region lies off the shape: it, or the mask, is wrong."
 
-    def failed(self, status: FitStatus) -> Self:
+    def failed(self, status: FitStatus) -> "AbstractFit":
         """The same estimate as a failure, with infinite deviations."""
         return eqx.tree_at(
             lambda fit: (fit.success, fit.status_code, fit.std),

@@ -344,7 +344,9 @@ def solve(
         is_clear |= body.height > SHORT * body.radius
     is_clear &= fit.success & (hidden <= MOST_HIDDEN)
     # What lies elsewhere at the border is found there by no other start.
-    return fit, jnp.isinf(fit.border_chi2) | (is_clear & _explains(pixels, solution))
+    return fit, (fit.success & jnp.isinf(fit.border_chi2)) | (
+        is_clear & _explains(pixels, solution)
+    )
 
 
 def always_true(camera: PinholeCamera) -> Bool[Array, ""]:
@@ -418,10 +420,12 @@ def _refine(
             always,
             blocks,
         )
-        moved = jnp.sqrt(jnp.mean(vector**2))
-        # Steps that shrink by a ratio add up to more than the last of them.
-        ratio = jnp.minimum(safe_divide(moved, carry.moved), MOST_RATIO)
-        left = moved * jnp.maximum(ratio / (1 - ratio), 1)
+        # Steps that shrink by a ratio add up to more than the last of them; those that
+        # go to and fro do not.
+        along = jnp.sum(vector * carry.moved)
+        ratio = safe_divide(along, jnp.sum(carry.moved**2))
+        ratio = jnp.clip(ratio, 0, MOST_RATIO)
+        left = jnp.sqrt(jnp.mean(vector**2)) * jnp.maximum(ratio / (1 - ratio), 1)
         has_settled = carry.left < UNSETTLED * SETTLED * step
         return Solution(
             body=chart.body(jnp.where(only, 0, vector)),
@@ -430,7 +434,7 @@ def _refine(
             scale=scale,
             converged=jnp.where(only, carry.converged & has_settled, converged),
             num_steps=carry.num_steps + steps,
-            moved=jnp.where(only, 0, moved),
+            moved=vector,
             left=jnp.where(only, 0, left),
         )
 
@@ -447,7 +451,7 @@ def _refine(
         scale=scale,
         converged=jnp.zeros((), bool),
         num_steps=jnp.zeros((), int),
-        moved=jnp.full_like(scale, jnp.inf),
+        moved=jnp.zeros(Chart.around(start, *units, request.fixed).size, dtype),
         left=jnp.full_like(scale, jnp.inf),
     )
     repeats = np.array([stage == last for last, stage in pairwise((None, *stages))])
