@@ -16,7 +16,7 @@ __all__ = [
 import abc
 import enum
 from collections import Counter
-from typing import Any, Self
+from typing import Any
 
 import equinox as eqx
 import jax
