@@ -1,0 +1,208 @@
+"""Masks that are not the object's pixels, and shapes that are not the readings'."""
+
+import functools
+
+import cv2
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import impostor_jax as ij
+from impostor_jax.fit.evidence import crossing_rows, gather_edge
+from impostor_jax.fit.regions import pixel_indices, without_edges
+from impostor_jax.fit.round_body import CylinderBody
+from tests.checks import angle_between
+from tests.fit.scenes import CAMERA, SIGMA, can, image, image_of
+from tests.groups import SMALL_IMAGES
+
+pytestmark = SMALL_IMAGES
+
+# Of a camera that looks down on a table.
+UP = np.array([0.0, -np.cos(0.6), -np.sin(0.6)])
+STANDING = ij.Cylinder((0.01, 0.005, 0.35), UP, radius=0.04, height=0.12)
+
+
+@functools.cache
+def on_table(seed=0):
+    """Depth image of a can that stands on a table, and its mask."""
+    table = ij.Plane(np.asarray(STANDING.center) - 0.06 * UP, UP)
+    maps = ij.render(ij.Scene([STANDING, table]), CAMERA, outputs=("depth", "index"))
+    depth, mask = np.asarray(maps.depth), np.asarray(maps.index) == 0
+    noise = np.random.default_rng(seed).normal(0, SIGMA, depth.shape)
+    return np.where(np.isfinite(depth), depth + noise, 0).astype(np.float32), mask
+
+
+def grown(mask, pixels):
+    """A mask made larger, or smaller, by some pixels on each side."""
+    change = cv2.dilate if pixels > 0 else cv2.erode
+    kernel = np.ones((3, 3), np.uint8)
+    return change(mask.astype(np.uint8), kernel, iterations=abs(pixels)) > 0
+
+
+def errors(fit, truth):
+    """Errors of radius and height, where that is seen, in deviations."""
+    found = [(fit.cylinder.radius - truth.radius) / fit.std.radius]
+    if fit.height_observed:
+        found.append((fit.cylinder.height - truth.height) / fit.std.height)
+    return np.abs(np.asarray(found))
+
+
+@pytest.mark.parametrize("pixels", [1, 2, 4])
+@pytest.mark.parametrize("scene", ["table", "wall"])
+def test_an_eroded_mask_is_a_part_of_the_object(scene, pixels):
+    # Its own far half, beyond its edge, was taken for background: up to 20 deviations.
+    depth, mask = on_table() if scene == "table" else image()
+    truth = STANDING if scene == "table" else can()
+    fit = ij.fit_cylinder(depth, CAMERA, mask=grown(mask, -pixels), sigma=SIGMA)
+    assert fit.success
+    assert errors(fit, truth).max() < 3.5
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+@pytest.mark.parametrize("pixels", [1, 2, 3, 4])
+def test_a_mask_that_is_too_large_shows_its_surroundings(pixels, seed):
+    # On a table they pulled the radius off by a hundred deviations.
+    depth, mask = on_table(seed)
+    fit = ij.fit_cylinder(depth, CAMERA, mask=grown(mask, pixels), sigma=SIGMA)
+    assert not fit.success or errors(fit, STANDING).max() < 3.5
+
+
+def test_a_mask_that_is_too_large_before_a_wall_costs_nothing():
+    depth, mask = image()
+    exact = ij.fit_cylinder(depth, CAMERA, mask=mask, sigma=SIGMA)
+    fit = ij.fit_cylinder(depth, CAMERA, mask=grown(mask, 3), sigma=SIGMA)
+    assert fit.success
+    assert fit.height_observed
+    assert errors(fit, can()).max() < 3.5
+    assert float(fit.std.radius) < 1.5 * float(exact.std.radius)
+
+
+@pytest.mark.parametrize("part", ["holes", "left half", "upper half"])
+def test_any_part_of_the_object_will_do(part):
+    depth, mask = on_table()
+    rows, cols = np.nonzero(mask)
+    kept = np.zeros_like(mask)
+    if part == "holes":
+        kept = np.random.default_rng(0).random(mask.shape) < 0.7
+    elif part == "left half":
+        kept[:, : int(cols.mean())] = True
+    else:
+        kept[: int(rows.mean())] = True
+    fit = ij.fit_cylinder(depth, CAMERA, mask=mask & kept, sigma=SIGMA)
+    assert fit.success
+    assert errors(fit, STANDING).max() < 3.5
+
+
+def test_a_held_radius_that_is_wrong_is_no_success():
+    depth, mask = image()
+    truth = can()
+    start = ij.Cylinder(truth.center, truth.axis, radius=0.08, height=0.12)
+    fit = ij.fit_cylinder(
+        depth, CAMERA, mask=mask, sigma=SIGMA, initial=start, fixed=("radius",)
+    )
+    assert fit.status is ij.FitStatus.POOR_FIT
+    assert np.isposinf(np.asarray(fit.std.center)).all()
+
+
+def test_noise_that_is_larger_than_given_says_so():
+    depth, mask = image()
+    right = ij.fit_cylinder(depth, CAMERA, mask=mask, sigma=SIGMA)
+    assert float(right.chi2) == pytest.approx(1, abs=0.1)
+    assert 1e-3 < float(right.p_value) < 1 - 1e-3
+    wrong = ij.fit_cylinder(depth, CAMERA, mask=mask, sigma=SIGMA / 4)
+    assert wrong.status is ij.FitStatus.POOR_FIT
+    assert wrong.reason == (
+        "The residuals are 3.9 times the noise given: the shape or sigma is wrong."
+    )
+    # Twice the noise, as of the bands of a real sensor, widens the deviations.
+    doubled = ij.fit_cylinder(depth, CAMERA, mask=mask, sigma=SIGMA / 2)
+    assert doubled.success
+    assert float(doubled.chi2) == pytest.approx(4, rel=0.1)
+    assert float(doubled.p_value) < 1e-6
+    assert float(doubled.std.radius) == pytest.approx(float(right.std.radius), rel=0.2)
+
+
+def test_noise_that_is_not_given_is_not_held_against_the_readings():
+    depth, mask = image()
+    noise = np.random.default_rng(1).normal(0, 4 * SIGMA, depth.shape)
+    loud = (depth + noise).astype(np.float32)
+    assert not ij.fit_cylinder(loud, CAMERA, mask=mask, sigma=SIGMA).success
+    fit = ij.fit_cylinder(loud, CAMERA, mask=mask)
+    assert fit.success
+    assert np.isnan(float(fit.p_value))
+
+
+def test_a_cone_is_no_can():
+    truth = can()
+    half = np.asarray(truth.axis) * 0.06
+    cone = ij.Frustum(truth.center - half, truth.center + half, 0.05, 0.02)
+    depth, mask = image_of(cone)
+    fit = ij.fit_cylinder(depth, CAMERA, mask=mask, sigma=SIGMA)
+    assert not fit.success
+    assert fit.status.meaning
+    assert fit.reason
+
+
+def test_a_guess_and_the_truth_lead_to_one_place():
+    # The stages ended before they had settled: here 60 deviations apart.
+    depth, mask = image(10.0, seed=5)
+    rng = np.random.default_rng(105)
+    wrong = rng.random(depth.shape) < 0.1
+    depth = np.where(wrong, rng.uniform(0.2, 1.0, depth.shape), depth)
+    asked = {"mask": mask, "sigma": SIGMA}
+    guess = ij.fit_cylinder(depth.astype(np.float32), CAMERA, **asked)
+    true = ij.fit_cylinder(depth.astype(np.float32), CAMERA, initial=can(10.0), **asked)
+    assert guess.success
+    assert true.success
+    apart = angle_between(guess.cylinder.axis, true.cylinder.axis)
+    assert apart < np.degrees(float(true.std.axis.max()))
+    assert abs(guess.cylinder.radius - true.cylinder.radius) < true.std.radius
+
+
+def test_no_crossing_is_lost_to_rounding():
+    # The gaps of opposite neighbors were compared to the last digit.
+    depth, mask = image(90.0)
+    row, col = map(jnp.asarray, pixel_indices(mask))
+    edge = gather_edge(jnp.asarray(depth), jnp.asarray(mask), CAMERA, row, col)
+    body = CylinderBody.of(can(90.0))
+    noise = ij.ConstantNoise(SIGMA)
+    rows = crossing_rows(edge, body, noise, True, jnp.float32(0.02))
+    at_edge = np.asarray(edge[0].exists[0]).sum()
+    assert np.count_nonzero(np.asarray(rows.weight)) > 0.95 * at_edge
+
+
+def test_a_sensor_that_mixes_readings_at_edges_is_not_believed_there():
+    depth, mask = image()
+    plain, mixing = ij.ConstantNoise(SIGMA), ij.FlyingPixels(SIGMA_NOISE)
+    assert without_edges(depth, mask, plain) is depth
+    left = np.asarray(without_edges(depth, mask, mixing))
+    cross = cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3))
+    inner = cv2.erode(mask.astype(np.uint8), cross) > 0
+    np.testing.assert_array_equal(left[mask] > 0, inner[mask])
+    np.testing.assert_array_equal(left[~mask], depth[~mask])
+
+
+SIGMA_NOISE = ij.ConstantNoise(SIGMA)
+
+
+@pytest.mark.parametrize(
+    ("sensor", "reach"),
+    [
+        (SIGMA_NOISE, 0),
+        (ij.StructuredLight(), 0),
+        (ij.StereoDisparity(500.0), 0),
+        (ij.Dropout(ij.FlyingPixels(SIGMA_NOISE)), 1),
+        # Of shifts of 0.8 pixels one in a hundred is larger than 2, of 0.5 than 1.
+        (ij.LateralNoise(SIGMA_NOISE), 2),
+        (ij.FlyingPixels(ij.LateralNoise(SIGMA_NOISE, floor=0.5)), 2),
+    ],
+)
+def test_a_sensor_says_how_far_from_a_jump_it_errs(sensor, reach):
+    assert int(sensor.edge_reach) == reach
+
+
+def test_enough_readings_of_a_thin_object_are_left():
+    mask = np.zeros((20, 60), bool)
+    mask[10:12, 2:58] = True
+    left = without_edges(np.where(mask, 0.5, 0.6), mask, ij.FlyingPixels(SIGMA_NOISE))
+    assert np.asarray(left).all()
