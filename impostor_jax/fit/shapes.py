@@ -224,10 +224,15 @@ def _fit_concrete(
     region = object_region(image, given, camera, noise)
     warn_of_units(image, region, noise)
 
-    def fitted(region: Bool[np.ndarray, "h w"], correlated: bool) -> AbstractFit:
+    def fitted(part: Bool[np.ndarray, "h w"], correlated: bool) -> AbstractFit:
         start = None if initial is None else kind.body.of(initial)
-        shown = pixels_shown(image, region, camera, noise, effort.stride)
-        asked = dataclasses.replace(request, correlated=correlated)
+        shown = pixels_shown(image, part, camera, noise, effort.stride)
+        asked = dataclasses.replace(
+            request,
+            correlated=correlated,
+            # Only of the whole region the caller says that its edge is the silhouette.
+            is_outline=request.is_outline and part is region,
+        )
         return _fit_pixels(kind, shown, start, prior, asked, effort)
 
     return fit_of_one_surface(
