@@ -202,11 +202,13 @@ def assess(
     information = jnp.matmul(jacobian, jacobian.T, precision="highest")
     covariance, directions, free = free_covariance(information / widening + of_prior)
     on_border = _on_border(mask, row, col)
+    normal = jax.lax.rsqrt(widening)
     statistic = contradiction(
-        jacobian[:, :num],
-        jnp.where(inlier, whitened[:num], 0) * jax.lax.rsqrt(widening),
-        inlier & on_border,
+        jacobian * normal,
+        jnp.where(believed, whitened, 0) * normal,
+        believed & jnp.concatenate([on_border, jnp.zeros_like(crossing)]),
         covariance,
+        jnp.matmul(known.T, prior_residuals(prior, body), precision="highest"),
     )
     if request.correlated:
         meat = score_covariance(

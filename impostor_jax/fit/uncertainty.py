@@ -95,12 +95,14 @@ def contradiction(
     residual: Float[Array, " n"],
     is_part: Bool[Array, " n"],
     covariance: Float[Array, "k k"],
+    other_pull: Float[Array, " k"],
 ) -> Float[Array, ""]:
     """Chi-squared by which a part of the rows pulls away from what all agree on.
 
-    At the minimum the pulls of all rows, gradient times residual, add up to 0. Those of
-    a part with the information P vary about 0 by P - P C P, with the covariance C of
-    all: its own error less what the estimate took of it.
+    At the minimum the pulls of all rows, gradient times residual, add up to 0; what an
+    estimate leaves of that, within its tolerance, is taken to there. The pulls of a
+    part with the information P vary about 0 by P - P C P, with the covariance C of all:
+    its own error less what the estimate took of it.
 
     Args:
         jacobian: Of the whitened residuals, in scaled coordinates; 0 for rows that do
@@ -108,6 +110,7 @@ def contradiction(
         residual: Whitened, to a variance of 1.
         is_part: Rows of the part.
         covariance: Of the coordinates.
+        other_pull: Pull of what is no row.
 
     Returns:
         The statistic, of as many degrees of freedom as there are coordinates, or less.
@@ -115,6 +118,9 @@ def contradiction(
     part = jnp.where(is_part[None], jacobian, 0)
     information = jnp.matmul(part, part.T, precision="highest")
     pull = jnp.matmul(part, residual, precision="highest")
+    left = jnp.matmul(jacobian, residual, precision="highest") + other_pull
+    rest = jnp.matmul(covariance, left, precision="highest")
+    pull = pull - jnp.matmul(information, rest, precision="highest")
     taken = jnp.matmul(
         jnp.matmul(information, covariance, precision="highest"),
         information,
