@@ -123,7 +123,7 @@ def draw(folder: Path) -> None:
         grid[0, column].set_title(f"noise {noise}")
         grid[0, column].axhline(0.95, color="black", linewidth=0.8)
         grid[0, column].set_ylim(0, 1.02)
-        grid[1, column].set_yscale("log")
+        grid[1, column].set_ylim(bottom=0)
         grid[1, column].tick_params("x", rotation=45)
     grid[0, 0].set_ylabel("95 % intervals that hold")
     grid[1, 0].set_ylabel("largest error in deviations")
