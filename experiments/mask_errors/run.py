@@ -1,0 +1,218 @@
+"""Fit cans with masks that are not theirs, and the cylinders of all presets."""
+
+__all__ = ["Config", "run"]
+
+import dataclasses
+import sys
+import tempfile
+import time
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import jax
+import numpy as np
+import tyro
+
+from data_synth.generate import generate
+from data_synth.presets import PRESETS
+from experiments.mask_errors.report import draw, tables
+from experiments.mask_errors.scenes import (
+    CAMERA,
+    MASKS,
+    SCENES,
+    TRUE_MASK,
+    Scene,
+    clean_view,
+)
+from experiments.recording import Metric, result_folder, save_run
+from impostor_jax.evaluate import (
+    CylinderOutcome,
+    coverage,
+    evaluate,
+    summarize,
+)
+from impostor_jax.fit.parameterization import COORDINATES
+from impostor_jax.io.dataset import read_dataset
+from impostor_jax.io.dataset_shard import LabeledImage
+from impostor_jax.sensor.base import AbstractDepthNoise
+from impostor_jax.sensor.gaussian import ConstantNoise
+
+HERE = Path(__file__).parent
+
+NOISE = {"1mm": 1e-3, "3mm": 3e-3}
+
+COMPARED = tuple(name for name in COORDINATES if name != "center_along")
+"""Of the cans: the place along the axis tells no more than the height."""
+
+FAR = 5.0
+"""Deviations beyond which a fit that is called a success is counted."""
+
+COSTLY = "inside_pipe"
+"""Preset whose fits have the most readings, and fewer images."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Config:
+    """Measure how far off fits are whose masks are not the object's."""
+
+    seeds: int = 5
+    """Images of each can and noise."""
+    images: int = 30
+    """Of each preset."""
+    images_inside: int = 12
+    """Of the preset with the camera in a pipe, whose fits take longest."""
+    seed: int = 0
+    """Of all draws."""
+    quick: bool = False
+    """Two masks of one can and an image of one preset: a trial of the code, no
+    measurement."""
+    output: Path | None = None
+    """Folder for the results; that of the experiment if None, a temporary one with
+    --quick."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Fitted:
+    """A fit, and what it was of.
+
+    Attributes:
+        group: Of its scene.
+        outcome: How it went.
+        milliseconds: What it took.
+    """
+
+    group: str
+    outcome: CylinderOutcome
+    milliseconds: float
+
+
+def run(config: Config) -> int:
+    """Fit, count and write; returns the exit code.
+
+    Raises:
+        ValueError: A count is not positive, or the code is not committed.
+    """
+    for name in ("seeds", "images", "images_inside"):
+        if getattr(config, name) < 1:
+            raise ValueError(f"{name} must be at least 1, got {getattr(config, name)}")
+    started = time.perf_counter()
+    folder = result_folder(config.output, HERE, quick=config.quick)
+    noises, scenes, presets = list(NOISE), list(SCENES), list(PRESETS)
+    masks = list(MASKS)
+    if config.quick:
+        config = dataclasses.replace(config, seeds=1, images=1, images_inside=1)
+        noises, scenes, presets = noises[:1], ["table.30deg"], ["bench"]
+        masks = [TRUE_MASK, "+2 px"]
+    metrics: list[Metric] = []
+    for noise in noises:
+        for mask in masks:
+            fits: list[Fitted] = []
+            for scene in scenes:
+                fits += masked(SCENES[scene], NOISE[noise], mask, config)
+            metrics += of_mask(f"{noise}.{mask}", fits)
+            print(noise, mask, f"{time.perf_counter() - started:.0f} s", flush=True)
+    for preset in presets:
+        metrics += counted(f"preset.{preset}", of_preset(preset, config), COORDINATES)
+        print(preset, f"{time.perf_counter() - started:.0f} s", flush=True)
+    save_run(
+        folder,
+        metrics,
+        config,
+        seed=config.seed,
+        dtype="float32",
+        seconds=time.perf_counter() - started,
+        quick=config.quick,
+    )
+    draw(folder)
+    print(tables(folder))
+    return 0
+
+
+def masked(scene: Scene, sigma: float, mask: str, config: Config) -> Iterator[Fitted]:
+    """Fits of a can with one kind of mask; other masks get the same readings."""
+    clean, own = clean_view(scene)
+    for seed in range(config.seed, config.seed + config.seeds):
+        rng = np.random.default_rng(seed)
+        depth = np.where(clean > 0, clean + rng.normal(0, sigma, clean.shape), 0)
+        image = LabeledImage(
+            depth=depth.astype(np.float32),
+            mask=MASKS[mask](own, rng)[None],
+            camera=CAMERA,
+            cylinders=jax.tree.map(lambda x: x[None], scene.can),
+            visible_fraction=np.ones(1),
+            key=str(seed),
+        )
+        yield from _fits(scene.group, image, ConstantNoise(sigma))
+
+
+def of_preset(name: str, config: Config) -> list[Fitted]:
+    """Fits of the cylinders of a dataset, each with the mask of its visible part."""
+    count = config.images_inside if name == COSTLY else config.images
+    fits: list[Fitted] = []
+    with tempfile.TemporaryDirectory() as home:
+        generate(name, count, home, config.seed, clean=False, workers=1)
+        for image in read_dataset(home):
+            fits += _fits(name, image, PRESETS[name].sensor)
+    return fits
+
+
+def _fits(
+    group: str, image: LabeledImage, sensor: AbstractDepthNoise
+) -> Iterator[Fitted]:
+    started = time.perf_counter()
+    (outcomes,) = evaluate([image], sensor)
+    seconds = time.perf_counter() - started
+    for outcome in outcomes:
+        yield Fitted(group, outcome, 1e3 * seconds / len(outcomes))
+
+
+def of_mask(label: str, fits: Sequence[Fitted]) -> Iterator[Metric]:
+    """What fits with one kind of mask have in common, and those of each group."""
+    yield from counted(f"{label}.all", fits, COMPARED)
+    for group in dict.fromkeys(fit.group for fit in fits):
+        own = [fit for fit in fits if fit.group == group]
+        yield from counted(f"{label}.{group}", own, COMPARED)
+
+
+def counted(
+    label: str, fits: Sequence[Fitted], names: Sequence[str]
+) -> Iterator[Metric]:
+    """Coverage and largest error of some coordinates, failures, and times.
+
+    The spread of a time is the range of its middle half, that of a share its standard
+    error if all errors were independent.
+    """
+    outcomes = [fit.outcome for fit in fits]
+    off = [
+        [o.errors[name] / o.deviations[name] for name in names if name in o.errors]
+        for o in outcomes
+        if o.success
+    ]
+    largest = np.array([np.max(np.abs(each)) for each in off])
+    scaled = np.concatenate([*off, []])
+    n = len(outcomes)
+    yield Metric(f"{label}.number", n, None, "fits", "higher", n)
+    yield Metric(f"{label}.failures", n - len(off), None, "fits", "lower", n)
+    for status, number in Counter(o.status for o in outcomes if not o.success).items():
+        yield Metric(f"{label}.status.{status}", number, None, "fits", "lower", n)
+    part = coverage(scaled)["95 %"] if scaled.size else None
+    spread = None if part is None else float(np.sqrt(part * (1 - part) / scaled.size))
+    yield Metric(f"{label}.coverage_95", part, spread, "1", "higher", scaled.size)
+    most = float(largest.max()) if off else None
+    yield Metric(f"{label}.largest", most, None, "deviations", "lower", len(off))
+    far = int(np.sum(largest > FAR))
+    yield Metric(f"{label}.far", far, None, "fits", "lower", len(off))
+    wrong = summarize(outcomes).wrong
+    yield Metric(f"{label}.wrong", wrong, None, "fits", "lower", len(off))
+    low, middle, high = np.percentile([f.milliseconds for f in fits], (25, 50, 75))
+    each, range_ = float(middle), float(high - low)
+    yield Metric(f"{label}.time", each, range_, "ms", "lower", n)
+
+
+if __name__ == "__main__":
+    try:
+        code = run(tyro.cli(Config))
+    except ValueError as problem:
+        sys.exit(str(problem))
+    sys.exit(code)
