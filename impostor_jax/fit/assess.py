@@ -1,7 +1,6 @@
 """What a solution shows: its ends, its deviations, and whether it can be believed."""
 
 __all__ = [
-    "DISAGREEING",
     "Solution",
     "Start",
     "assess",
@@ -27,6 +26,7 @@ from impostor_jax.fit.prior import Prior, prior_residuals
 from impostor_jax.fit.request import Request
 from impostor_jax.fit.residuals import is_missed, residuals
 from impostor_jax.fit.result import (
+    DISAGREEING,
     STATUSES,
     AbstractFit,
     Deviations,
@@ -67,11 +67,7 @@ known: residuals of three deviations. The bands of a structured-light sensor, 1.
 more where single readings scatter by one, stay below; a can of half the radius that is
 held does not."""
 
-DISAGREEING = 50.0
-"""Contradiction between border and rest, of 7 degrees of freedom in a cylinder, from
-which something else is taken to lie at the border: by chance once in 1e8 fits."""
-
-MOST_MISSED = 0.02
+MOST_UNMET = 0.02
 """Share of the inliers whose rays may miss the shape."""
 
 FEWEST_WITHIN = 50
@@ -238,7 +234,7 @@ def assess(
     within = {
         # More readings than not, on a shape that their rays meet.
         "enough": 2 * num_inliers >= count.astype(meters.dtype),
-        "met": num_missed <= MOST_MISSED * num_inliers,
+        "met": num_missed <= MOST_UNMET * num_inliers,
     }
     if request.trusts_sigma:
         within["noise"] = chi2 < MOST_CHI2
@@ -246,8 +242,10 @@ def assess(
         finest = jnp.max(rows.weight[:num])
         within["noise"] = (wide < 5) | (wide < body.radius * finest / 50)
     if request.is_traced:
-        # A fit that is not traced goes on with what agrees.
-        within["border"] = statistic < DISAGREEING
+        # A fit that is not traced goes on with what agrees, and takes errors that do
+        # not for correlated.
+        most = DISAGREEING if request.correlated else np.inf
+        within["border"] = statistic < most
     fits = jnp.stack([*within.values()]).all()
     code = _status_code(
         converged=solution.converged,
@@ -318,8 +316,8 @@ def _stray(
     """Whether readings at the border lie elsewhere far more often than within."""
 
     def counts(where: Bool[Array, " n"]) -> tuple[Array, Array]:
-        total = jnp.sum(where, dtype=jnp.float32)
-        return jnp.sum(where & ~inlier, dtype=jnp.float32), jnp.maximum(total, 1)
+        total, off = jnp.sum(where), jnp.sum(where & ~inlier)
+        return off.astype(float), jnp.maximum(total, 1).astype(float)
 
     (off, border), (stray, inner) = counts(used & on_border), counts(used & ~on_border)
     is_more = off / border > MOST_STRAY + 2 * stray / inner

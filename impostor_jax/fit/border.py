@@ -18,12 +18,16 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from impostor_jax.camera.pinhole import PinholeCamera
-from impostor_jax.fit.assess import DISAGREEING
 from impostor_jax.fit.body import AbstractBody
 from impostor_jax.fit.evidence import deviation, gather_pixels
 from impostor_jax.fit.regions import pixel_indices
-from impostor_jax.fit.residuals import surface_seen
-from impostor_jax.fit.result import AbstractFit, FitStatus
+from impostor_jax.fit.residuals import is_missed, surface_seen
+from impostor_jax.fit.result import (
+    AGREEING,
+    DISAGREEING,
+    AbstractFit,
+    FitStatus,
+)
 from impostor_jax.primitives.base import in_camera_frame
 from impostor_jax.sensor.base import AbstractDepthNoise
 
@@ -54,11 +58,6 @@ MARGIN = 3
 """Pixels beside a surface that does, whose readings may be of that and look like the
 body's."""
 
-AGREEING = 20.0
-"""Contradiction between border and rest below which nothing else lies there, once it
-has been found to: by chance one in 200 is larger, and costs no more than some readings.
-"""
-
 Fitted = Callable[[Bool[np.ndarray, "h w"], bool], AbstractFit]
 """Fit of a region's pixels, with errors that are correlated or not."""
 
@@ -86,7 +85,8 @@ def fit_of_one_surface(
             sensor's bias, and independent errors do not.
     """
     whole = fitted(region, correlated)
-    if whole.border_chi2 < DISAGREEING:
+    # Without a guess, or without numbers, nothing disagrees.
+    if not whole.border_chi2 >= DISAGREEING:
         return whole
     if not correlated and np.isfinite(whole.border_chi2):
         # No more of the border's readings lie elsewhere than of the others.
@@ -101,20 +101,27 @@ def fit_of_one_surface(
             break
     if not core.border_chi2 < AGREEING:
         if correlated:
-            return core.failed(FitStatus.POOR_FIT)
+            return _refuted(core)
         return fit_of_one_surface(fitted, kind, image, region, camera, noise, True)
     if not bool(core.success):
-        return core
+        return _refuted(whole)
     away = _deviations(image, region, kind.of(core.shape), camera, noise)
+    away = away / np.sqrt(max(float(core.chi2), 1.0))
     larger = fitted(_own_pixels(away, region), correlated)
     is_better = bool(larger.success) and larger.border_chi2 < AGREEING
     best = larger if is_better else core
     # Beside a mask's object are its surroundings. Of another shape a part looks like
     # this one, but not to the noise, and leaves the rest.
     near = np.count_nonzero(region & (away > OFF) & (away < FAR))
-    share = near / max(np.count_nonzero(best.inliers), 1)
+    on_body = np.count_nonzero(region & (image > 0) & (away <= OFF))
+    share = near / max(on_body, 1)
     is_part = share > MOST_NEAR and best.p_value < LEAST_P_VALUE
-    return best.failed(FitStatus.POOR_FIT) if is_part or share > MOST_LEFT else best
+    return _refuted(best) if is_part or share > MOST_LEFT else best
+
+
+def _refuted(fit: AbstractFit) -> AbstractFit:
+    """A fit as a failure; the status of one stays."""
+    return fit.failed(FitStatus.POOR_FIT) if bool(fit.success) else fit
 
 
 def _narrowed(region: Bool[np.ndarray, "h w"], width: int) -> Bool[np.ndarray, "h w"]:
@@ -151,7 +158,7 @@ def _deviations(
 ) -> Float[np.ndarray, "h w"]:
     """How far readings lie off a body, in deviations; 0 where there is none.
 
-    A reading near a wall that its ray misses is not the body's: the core tells radius
+    A reading near a body that its ray misses is not the body's: the core tells radius
     and place to a small part of a pixel.
     """
     row, col = pixel_indices(region)
@@ -174,6 +181,6 @@ def _deviations_at(
     read = pixels.depth > 0
     sigma = deviation(noise, jnp.where(read, pixels.depth, 1), seen.cos_incidence)
     away = jnp.abs(pixels.depth - seen.depth) / sigma
-    away = jnp.where(seen.square < 0, jnp.maximum(away, 2 * OFF), away)
+    away = jnp.where(is_missed(seen), jnp.maximum(away, 2 * OFF), away)
     found = jnp.where(read, away, 0)
     return jnp.zeros_like(image).at[row, col].set(found, mode="drop")

@@ -82,6 +82,19 @@ def without_edges(
     return _without_edges(depth, region, reach)
 
 
+def _closed(region: Bool[Array, "h w"]) -> Bool[Array, "h w"]:
+    """A region and the holes in it that are less than three pixels wide."""
+
+    def largest(image: Bool[Array, "h w"]) -> Bool[Array, "h w"]:
+        padded = jnp.pad(image, 1)
+        rows = padded[:-2] | padded[1:-1] | padded[2:]
+        return rows[:, :-2] | rows[:, 1:-1] | rows[:, 2:]
+
+    # Beyond the border it is as it is at the border.
+    grown = jnp.pad(largest(region), 1, mode="edge")
+    return region | ~largest(~grown)[1:-1, 1:-1]
+
+
 @jax.jit
 def _without_edges(
     depth: Float[Array, "h w"], region: Bool[Array, "h w"], reach: Reach
@@ -93,7 +106,8 @@ def _without_edges(
         less = inner & rows & padded[1:-1, :-2] & padded[1:-1, 2:]
         return jnp.where(jnp.sum(less & (depth > 0)) >= MIN_READINGS, less, inner)
 
-    inner = jax.lax.fori_loop(0, reach, narrowed, region)
+    # A hole of a pixel or two is no edge: there the mask just says less.
+    inner = jax.lax.fori_loop(0, reach, narrowed, _closed(region))
     return jnp.where(region & ~inner, 0, depth)
 
 

@@ -41,6 +41,7 @@ from impostor_jax.primitives.cylinder import Cylinder
 from impostor_jax.primitives.frustum import Frustum
 from impostor_jax.sensor.base import AbstractDepthNoise
 from impostor_jax.sensor.gaussian import ConstantNoise
+from impostor_jax.sensor.lateral import LateralNoise
 
 
 @dataclasses.dataclass(frozen=True)
@@ -125,8 +126,14 @@ def checked_request(
         estimate_scale=scale == "estimated",
         correlated=errors == "correlated",
         keep_ends=shape is Frustum and initial is not None,
-        trusts_sigma=sigma is not None,
+        trusts_sigma=sigma is not None and not _leaves_out_slopes(sigma),
     )
+
+
+def _leaves_out_slopes(sigma: Any) -> bool:
+    """Whether a noise model is, or wraps, one that errs by more than it says."""
+    parts = jax.tree.leaves(sigma, is_leaf=lambda part: isinstance(part, LateralNoise))
+    return any(isinstance(part, LateralNoise) for part in parts)
 
 
 def checked_noise(sigma: Any) -> AbstractDepthNoise:

@@ -63,11 +63,17 @@ _MEANINGS = {
     FitStatus.NOT_FINITE: "The solver met a number that is not finite.",
 }
 
-NOTED_TIMES = 2.0
+NOTED_TIMES = 3.0
 """Noises from which the size of residuals is the reason of a poor fit."""
 
-NOTED_BORDER = 20.0
-"""Contradiction from which a region's border is."""
+DISAGREEING = 50.0
+"""Contradiction between border and rest, of 7 degrees of freedom in a cylinder, from
+which something else is taken to lie at the border: by chance once in 1e8 fits."""
+
+AGREEING = 20.0
+"""Contradiction between border and rest below which nothing else lies there, once it
+has been found to: by chance one in 200 is larger, and costs no more than some readings.
+"""
 
 STATUSES = tuple(FitStatus)
 """Order of the integer codes in which a compiled fit carries its status."""
@@ -187,8 +193,8 @@ class AbstractFit(eqx.Module):
             readings it tells a noise that is 5 percent too large, so the status goes by
             `chi2`.
         border_chi2: Chi-squared, of as many degrees of freedom as there are
-            coordinates, by which readings beside the region's border contradict the
-            others; `inf` where many of them lie elsewhere.
+            coordinates or less, by which readings beside the region's border contradict
+            the others; `inf` where many of them lie elsewhere.
     """
 
     std: eqx.AbstractVar[Any]
@@ -219,14 +225,14 @@ class AbstractFit(eqx.Module):
         if self.status is not FitStatus.POOR_FIT:
             return self.status.meaning
         times = float(np.sqrt(self.chi2))
-        if times >= NOTED_TIMES:
+        if times >= NOTED_TIMES and not np.isnan(self.p_value):
             return (
                 f"The residuals are {times:.1f} times the noise given: the shape or "
                 "sigma is wrong."
             )
         if 2 * int(np.count_nonzero(self.inliers)) < int(self.num_pixels):
             return "Most readings lie off the shape."
-        if self.border_chi2 >= NOTED_BORDER:
+        if self.border_chi2 >= AGREEING:
             return (
                 "Readings beside the region's border contradict the others: the mask "
                 "is too large, or errors are correlated."

@@ -175,8 +175,13 @@ def fit_shape(
     scale: str,
     errors: str,
     effort: Effort | str,
+    is_whole: bool = False,
 ) -> AbstractFit:
-    """Fit a shape; the arguments are those of `fit_cylinder`."""
+    """Fit a shape; the arguments are those of `fit_cylinder`.
+
+    With `is_whole` the mask is known to be of one surface, and the errors are what they
+    are said to be.
+    """
     effort = effort_of(effort)
     check_types(kind.shape, camera, initial)
     request = checked_request(
@@ -199,7 +204,7 @@ def fit_shape(
         asked = (camera, noise, beliefs, request, effort)
         mask = checked_mask(mask, camera)
         if is_concrete((image, mask, initial, *asked[:3])):
-            return _fit_concrete(kind, image, mask, initial, *asked)
+            return _fit_concrete(kind, image, mask, initial, *asked, is_whole)
         if initial is None:
             raise ValueError(
                 "initial must be given to a traced fit: the first guess runs outside "
@@ -218,6 +223,7 @@ def _fit_concrete(
     prior: Prior,
     request: Request,
     effort: Effort,
+    is_whole: bool,
 ) -> AbstractFit:
     """Fit to a region, or to what of it is of one surface."""
     image, given = np.asarray(depth), None if mask is None else np.asarray(mask)
@@ -235,6 +241,8 @@ def _fit_concrete(
         )
         return _fit_pixels(kind, shown, start, prior, asked, effort)
 
+    if is_whole:
+        return fitted(region, request.correlated)
     return fit_of_one_surface(
         fitted, kind.body, image, region, camera, noise, request.correlated
     )
@@ -358,8 +366,8 @@ def no_guess(kind: Fittable, region: Bool[np.ndarray, "h w"]) -> AbstractFit:
         num_pixels=jnp.array(np.count_nonzero(region)),
         rms=jnp.full_like(zero, jnp.inf),
         chi2=jnp.full_like(zero, jnp.inf),
-        p_value=zero,
-        border_chi2=zero,
+        p_value=jnp.full_like(zero, jnp.nan),
+        border_chi2=jnp.full_like(zero, jnp.nan),
     )
 
 

@@ -90,11 +90,9 @@ def taper_test(
         noise, camera = converted((checked_noise(asked["sigma"]), camera))
         image = np.asarray(checked_depth(depth, camera))
         # What of a mask the fit has taken; an outline is all of it.
-        region = np.asarray(
-            frustum.region
-            if asked["mask_meaning"] == "region"
-            else checked_mask(mask, camera)
-        )
+        is_part = asked["mask_meaning"] == "region" and effort.stride == 1
+        region = frustum.region if is_part else checked_mask(mask, camera)
+        region = np.asarray(region)
         shown = pixels_shown(image, region, camera, noise, effort.stride)
         prior = checked_prior(asked["prior"], FRUSTUM.parameters, initial)
         compared = quickly_compiled(_statistic, static_argnames="request")
@@ -103,7 +101,13 @@ def taper_test(
         # As much larger as the radii's difference varies: the ratio is Wald's square.
         plain: dict[str, Any] = asked | {"errors": "independent"}
         other = fit_shape(
-            FRUSTUM, depth, camera, mask, initial=frustum.frustum, **plain
+            FRUSTUM,
+            depth,
+            camera,
+            region,
+            initial=frustum.frustum,
+            is_whole=True,
+            **plain,
         )
         statistic = statistic * _of_difference(other) / _of_difference(frustum)
     p_value = jax.scipy.special.erfc(jnp.sqrt(statistic / 2))
