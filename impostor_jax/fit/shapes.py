@@ -280,8 +280,8 @@ def _fit_pixels(
     if not effort.all_starts:
         starts = _starts_of(kind, image, region, camera, noise, 1)
         if starts is not None:
-            fit, is_done = from_one(jax.tree.map(lambda a: a[0], starts))
-            if effort.starts == 1 or bool(is_done):
+            fit, explained = from_one(jax.tree.map(lambda a: a[0], starts))
+            if effort.starts == 1 or bool(explained):
                 return fit
     starts = _starts_of(kind, image, region, camera, noise, effort.starts)
     if starts is None:

@@ -265,7 +265,8 @@ def solve(
         is_far: Whether the start is a guess and not the best of several solutions.
 
     Returns:
-        The fit, and whether no other start could do better.
+        The fit, and whether it explains the image so well that no other start could do
+        better.
     """
     depth = depth.astype(start.body.radius.dtype)
     pixels = gather_pixels(depth, camera, row, col)
@@ -343,10 +344,7 @@ def solve(
     if isinstance(body, RoundBody):
         is_clear |= body.height > SHORT * body.radius
     is_clear &= fit.success & (hidden <= MOST_HIDDEN)
-    # What lies elsewhere at the border is found there by no other start.
-    return fit, (fit.success & jnp.isinf(fit.border_chi2)) | (
-        is_clear & _explains(pixels, solution)
-    )
+    return fit, is_clear & _explains(pixels, solution)
 
 
 def always_true(camera: PinholeCamera) -> Bool[Array, ""]:

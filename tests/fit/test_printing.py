@@ -63,7 +63,7 @@ def test_a_fit_prints_as_its_summary():
     assert center.startswith("  center  ")
     assert axis.endswith(" degrees)")
     assert " mm  (std " in height
-    assert rms.endswith(" inliers")
+    assert rms.endswith(f" inliers, chi-squared {float(fit.chi2):.2f}")
     assert str(fit.std).startswith("Deviations: center (")
 
 
