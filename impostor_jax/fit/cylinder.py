@@ -39,7 +39,10 @@ def fit_cylinder(
         depth: (H, W), planar depth in meters; 0, NaN and infinity mean no reading.
         camera: The camera that took it.
         mask: (H, W), True on pixels of the object, wall and caps together; or one
-            integer there and 0 elsewhere. A label image is for `fit_labels`.
+            integer there and 0 elsewhere. A label image is for `fit_labels`. Where
+            the readings beside its border disagree with the others, it is cut down to
+            what is of one surface; not so in a traced fit, which fails where many of
+            them lie elsewhere.
             If None, the nearest large component that stands in front of its
             surroundings is taken, and reported as `region`.
         sigma: Standard deviation of a reading in meters, or a noise model of the
@@ -58,7 +61,8 @@ def fit_cylinder(
             sensor or grows with the "estimated" spread of the residuals.
         errors: Whether readings err "independent" of each other, or "correlated"
             between neighboring pixels as those of real sensors do; decides which
-            covariance is reported.
+            covariance is reported. Where the readings contradict independence, they
+            are taken for correlated; in a traced fit only if that is said.
         effort: How much work it takes: "fast", "balanced" or "exact", or an `Effort`
             with a setting of each dial.
         test_taper: Whether to test, by the likelihood ratio, if a frustum is needed;
