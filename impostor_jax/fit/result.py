@@ -182,16 +182,16 @@ class AbstractFit(eqx.Module):
         residual: Reading less depth of the surface in meters, for each pixel that was
             used; 0 elsewhere.
         inliers: Pixels that were used and lie on the fitted shape.
-        region: Pixels that were used: of the mask, or of the object that was taken where
-            none was given, those with a reading that is of the shape's surface.
+        region: Pixels that were used: of the mask, or of the object that was taken
+            where none was given, those with a reading that is of the shape's surface.
         num_pixels: Number of pixels that were used.
         rms: Root mean square of the inliers' residuals, in meters.
         chi2: Mean square of the inliers' residuals, in deviations of the noise: 1 where
             that is right.
         p_value: Probability of a larger `chi2` if the noise is what `sigma` says and no
-            two readings share an error, to a normal approximation; NaN where no `sigma` was given. Of thousands of
-            readings it tells a noise that is 5 percent too large, so the status goes by
-            `chi2`.
+            two readings share an error, to a normal approximation; NaN where no `sigma`
+            was given. Of thousands of readings it tells a noise that is 5 percent too
+            large, so the status goes by `chi2`.
         border_chi2: Chi-squared, of as many degrees of freedom as there are
             coordinates or less, by which readings beside the region's border contradict
             the others; `inf` where many of them lie elsewhere.
