@@ -100,6 +100,7 @@ ORDER = {
         "text",
         "result",
         "uncertainty",
+        "agreement",
         "assess",
         "minimize",
         "solve",

@@ -18,6 +18,13 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from impostor_jax.camera.pinhole import PinholeCamera
+from impostor_jax.fit.agreement import (
+    contradiction,
+    on_border,
+    reduced_chi2,
+    strays,
+    tail,
+)
 from impostor_jax.fit.ball import Ball
 from impostor_jax.fit.body import AbstractBody, SurfaceSeen
 from impostor_jax.fit.evidence import Pixels
@@ -40,26 +47,10 @@ from impostor_jax.fit.result import (
 )
 from impostor_jax.fit.round_body import CylinderBody, FrustumBody, RoundBody
 from impostor_jax.fit.rows import Rows
-from impostor_jax.fit.uncertainty import (
-    contradiction,
-    free_covariance,
-    score_covariance,
-    spread,
-)
+from impostor_jax.fit.uncertainty import free_covariance, score_covariance, spread
 from impostor_jax.geometry.so3 import tangent_basis
 from impostor_jax.numerics import safe_divide, safe_sqrt
 from impostor_jax.primitives.base import in_world_frame
-
-BORDER = 4
-"""Pixels along rows and columns within which a reading lies beside a mask's border; two
-of them may have been left out."""
-
-MOST_STRAY = 0.05
-"""Share of the border's readings that may lie elsewhere, beside twice that of the other
-readings: the outermost pixels of a mask are a quarter of its border."""
-
-WITHIN_THREE = 0.9733
-"""Variance of normal errors within three deviations, in that of all."""
 
 MOST_CHI2 = 9.0
 """Reduced chi-squared up to which readings may be of the shape, where their noise is
@@ -69,9 +60,6 @@ held does not."""
 
 MOST_UNMET = 0.02
 """Share of the inliers whose rays may miss the shape."""
-
-FEWEST_WITHIN = 50
-"""Readings away from the border with which it is compared."""
 
 MIN_END_ROWS = 5
 """Fewest inlying readings of a cap, or crossings, that show an end."""
@@ -197,12 +185,12 @@ def assess(
     of_prior = jnp.matmul(known.T, known, precision="highest")
     information = jnp.matmul(jacobian, jacobian.T, precision="highest")
     covariance, directions, free = free_covariance(information / widening + of_prior)
-    on_border = _on_border(mask, row, col)
+    beside = on_border(mask, row, col)
     normal = jax.lax.rsqrt(widening)
     statistic = contradiction(
         jacobian * normal,
         jnp.where(believed, whitened, 0) * normal,
-        believed & jnp.concatenate([on_border, jnp.zeros_like(crossing)]),
+        believed & jnp.concatenate([beside, jnp.zeros_like(crossing)]),
         covariance,
         jnp.matmul(known.T, prior_residuals(prior, body), precision="highest"),
     )
@@ -228,29 +216,27 @@ def assess(
     std, covariance, observed, is_known = deviations_of(
         world, change, covariance, directions, free
     )
-    statistic = jnp.where(_stray(inlier, used, on_border), jnp.inf, statistic)
-    chi2 = squares / (num_inliers * WITHIN_THREE)
+    statistic = jnp.where(strays(inlier, used, beside), jnp.inf, statistic)
+    chi2 = reduced_chi2(squares, num_inliers)
     num_missed = jnp.sum(inlier & is_missed(seen), dtype=meters.dtype)
-    within = {
-        # More readings than not, on a shape that their rays meet.
-        "enough": 2 * num_inliers >= count.astype(meters.dtype),
-        "met": num_missed <= MOST_UNMET * num_inliers,
-    }
+    # More readings than not, on a shape that their rays meet.
+    agrees = [
+        2 * num_inliers >= count.astype(meters.dtype),
+        num_missed <= MOST_UNMET * num_inliers,
+    ]
     if request.trusts_sigma:
-        within["noise"] = chi2 < MOST_CHI2
+        agrees.append(chi2 < MOST_CHI2)
     else:
         finest = jnp.max(rows.weight[:num])
-        within["noise"] = (wide < 5) | (wide < body.radius * finest / 50)
+        agrees.append((wide < 5) | (wide < body.radius * finest / 50))
     if request.is_traced:
         # A fit that is not traced goes on with what agrees, and takes errors that do
         # not for correlated.
-        most = DISAGREEING if request.correlated else np.inf
-        within["border"] = statistic < most
-    fits = jnp.stack([*within.values()]).all()
+        agrees.append(statistic < (DISAGREEING if request.correlated else np.inf))
     code = _status_code(
         converged=solution.converged,
         finite=jnp.isfinite(body.radius) & jnp.all(jnp.isfinite(body.center)),
-        fits=fits,
+        fits=jnp.stack(agrees).all(),
         determined=~_is_as_flat(pixels, rows.weight[:num], inlier, squares) & is_known,
     )
     success = code == STATUSES.index(FitStatus.CONVERGED)
@@ -259,7 +245,7 @@ def assess(
         blank = jnp.zeros((camera.height, camera.width), values.dtype)
         return blank.at[row, col].set(values, mode="drop")
 
-    fit = result_of(
+    return result_of(
         world,
         std=jax.tree.map(lambda value: jnp.where(success, value, jnp.inf), std),
         ends_seen=ends_seen,
@@ -276,52 +262,11 @@ def assess(
         num_pixels=count,
         rms=rms,
         chi2=chi2,
-        p_value=_tail(chi2, num_inliers - chart.size)
+        p_value=tail(chi2, num_inliers - chart.size)
         if request.trusts_sigma
         else jnp.full_like(chi2, jnp.nan),
         border_chi2=statistic,
     )
-    return fit
-
-
-def _tail(chi2: Float[Array, ""], freedom: Float[Array, ""]) -> Float[Array, ""]:
-    """Probability of a larger reduced chi-squared, of hundreds of degrees of freedom.
-
-    References:
-        Wilson and Hilferty, The distribution of chi-square, PNAS 1931: its cube root is
-        normal.
-    """
-    variance = 2 / (9 * jnp.maximum(freedom, 1))
-    normal = (jnp.cbrt(chi2) - 1 + variance) * jax.lax.rsqrt(variance)
-    return jax.scipy.special.erfc(normal * np.sqrt(0.5)) / 2
-
-
-def _on_border(
-    mask: Bool[Array, "h w"], row: Int[Array, " n"], col: Int[Array, " n"]
-) -> Bool[Array, " n"]:
-    """Which pixels of a mask lie beside its border, along a row or a column."""
-    inner = jnp.ones(row.shape, bool)
-    for step in range(1, BORDER + 1):
-        for down, right in ((step, 0), (-step, 0), (0, step), (0, -step)):
-            # Beyond the image's border nothing is known to lie.
-            near_row = jnp.clip(row + down, 0, mask.shape[0] - 1)
-            near_col = jnp.clip(col + right, 0, mask.shape[1] - 1)
-            inner &= mask[near_row, near_col]
-    return ~inner
-
-
-def _stray(
-    inlier: Bool[Array, " n"], used: Bool[Array, " n"], on_border: Bool[Array, " n"]
-) -> Bool[Array, ""]:
-    """Whether readings at the border lie elsewhere far more often than within."""
-
-    def counts(where: Bool[Array, " n"]) -> tuple[Array, Array]:
-        total, off = jnp.sum(where), jnp.sum(where & ~inlier)
-        return off.astype(float), jnp.maximum(total, 1).astype(float)
-
-    (off, border), (stray, inner) = counts(used & on_border), counts(used & ~on_border)
-    is_more = off / border > MOST_STRAY + 2 * stray / inner
-    return is_more & (inner >= FEWEST_WITHIN)
 
 
 def result_of(

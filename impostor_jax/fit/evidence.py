@@ -49,6 +49,9 @@ FOLD = 3.0
 """Deviations by which a grazing reading may lie behind the nearest approach by chance;
 one that lies farther back says that its ray misses the wall."""
 
+SETTLED_PLACE = 0.05
+"""Softness, in pixels, up to which an estimate tells which readings are the body's."""
+
 OWN_VOTES = 4.0
 """Neighbors with background that one on the body itself outweighs at an end."""
 
@@ -238,7 +241,9 @@ def crossing_rows(
     occluder = has & (away < -jnp.sqrt(jnp.maximum(seen.square, r * r)) - reach)
     outside = edge.exists & ~in_region
     shown = outside & (~occluder if is_outline else behind)
-    inside = edge.exists[None, :1] & seen.outside[None, :1] & (is_own | ~has)[None, :1]
+    # An estimate that is still off does not tell.
+    is_body = is_own | ~has | (place > SETTLED_PLACE)
+    inside = edge.exists[None, :1] & seen.outside[None, :1] & is_body[None, :1]
     # The steeper direction, whose two neighbors differ by rounding.
     steepest = gap >= (1 - 1e-3) * across[:, None]
     valid = outside[None, 1:] & inside & steepest & (gap > 0)

@@ -7,7 +7,7 @@ the correlation of residuals at their distance in the image, which is measured o
 fit's own residuals.
 """
 
-__all__ = ["contradiction", "free_covariance", "score_covariance", "spread"]
+__all__ = ["free_covariance", "score_covariance", "spread"]
 
 import jax
 import jax.numpy as jnp
@@ -29,11 +29,6 @@ not, as with a triangle of eight pixels, 0.62."""
 MOST_TAKEN = 0.5
 """Most of the correlation that a fit may have taken from its residuals; on fewer pixels
 than that makes, deviations are too small."""
-
-
-LEAST_TESTED = 1e-2
-"""Part of a direction's information, in what a part of the rows tells of it, that must
-come from the others for the two to be compared."""
 
 
 def free_covariance(
@@ -88,56 +83,6 @@ def spread(
     )
     both = observed[:, None] & observed[None, :]
     return jnp.where(both, of_quantities, 0), observed
-
-
-def contradiction(
-    jacobian: Float[Array, "k n"],
-    residual: Float[Array, " n"],
-    is_part: Bool[Array, " n"],
-    covariance: Float[Array, "k k"],
-    other_pull: Float[Array, " k"],
-) -> Float[Array, ""]:
-    """Chi-squared by which a part of the rows pulls away from what all agree on.
-
-    At the minimum the pulls of all rows, gradient times residual, add up to 0; what an
-    estimate leaves of that, within its tolerance, is taken to there. The pulls of a
-    part with the information P vary about 0 by P - P C P, with the covariance C of all:
-    its own error less what the estimate took of it.
-
-    Args:
-        jacobian: Of the whitened residuals, in scaled coordinates; 0 for rows that do
-            not count.
-        residual: Whitened, to a variance of 1.
-        is_part: Rows of the part.
-        covariance: Of the coordinates.
-        other_pull: Pull of what is no row.
-
-    Returns:
-        The statistic, of as many degrees of freedom as there are coordinates, or less.
-    """
-    part = jnp.where(is_part[None], jacobian, 0)
-    information = jnp.matmul(part, part.T, precision="highest")
-    pull = jnp.matmul(part, residual, precision="highest")
-    left = jnp.matmul(jacobian, residual, precision="highest") + other_pull
-    rest = jnp.matmul(covariance, left, precision="highest")
-    pull = pull - jnp.matmul(information, rest, precision="highest")
-    taken = jnp.matmul(
-        jnp.matmul(information, covariance, precision="highest"),
-        information,
-        precision="highest",
-    )
-    diagonal = jnp.diagonal(information)
-    size = jnp.where(
-        diagonal > 0, jax.lax.rsqrt(jnp.where(diagonal > 0, diagonal, 1)), 0
-    )
-    values, vectors = jnp.linalg.eigh(
-        (information - taken) * size[:, None] * size[None, :]
-    )
-    # What the part alone tells leaves no residual to test.
-    tested = values > LEAST_TESTED
-    along = jnp.matmul(vectors.T, pull * size, precision="highest")
-    squares = along**2 / jnp.where(tested, values, 1)
-    return jnp.sum(jnp.where(tested, squares, 0))
 
 
 def score_covariance(

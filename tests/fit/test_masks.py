@@ -3,6 +3,7 @@
 import functools
 
 import cv2
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -199,6 +200,32 @@ SIGMA_NOISE = ij.ConstantNoise(SIGMA)
 )
 def test_a_sensor_says_how_far_from_a_jump_it_errs(sensor, reach):
     assert int(sensor.edge_reach) == reach
+
+
+def test_holes_of_a_mask_are_no_edges():
+    depth, mask = image()
+    kept = mask & (np.random.default_rng(0).random(mask.shape) < 0.7)
+    left = np.asarray(without_edges(depth, kept, ij.FlyingPixels(SIGMA_NOISE)))
+    # The outline's pixels go, and what is at a larger hole.
+    assert np.count_nonzero(left[kept]) > 0.7 * np.count_nonzero(kept)
+
+
+def test_a_quick_fit_takes_the_same_mask_for_too_large():
+    depth, mask = image()
+    fit = ij.fit_cylinder(
+        depth, CAMERA, mask=grown(mask, 3), sigma=SIGMA, effort="fast"
+    )
+    assert fit.success
+    assert errors(fit, can()).max() < 3.5
+
+
+def test_a_sensor_is_not_blamed_for_what_its_sigma_leaves_out():
+    maps = ij.render(can(), CAMERA, outputs=("depth", "normal", "mask"))
+    sensor = ij.LateralNoise(SIGMA_NOISE, floor=0.5)
+    depth = sensor.sample(jax.random.key(0), maps.depth, maps.normal, CAMERA)
+    fit = ij.fit_cylinder(depth, CAMERA, mask=maps.mask, sigma=sensor)
+    assert fit.status is not ij.FitStatus.POOR_FIT
+    assert np.isnan(float(fit.p_value))
 
 
 def test_enough_readings_of_a_thin_object_are_left():
