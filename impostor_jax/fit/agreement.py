@@ -1,0 +1,128 @@
+"""Whether readings agree with an estimate: their scatter, and those at a border.
+
+The noise that is given tells how readings scatter about the right shape. And readings
+beside the border of a region pull the estimate where the others do, unless they are of
+something else: of a table that touches the object, say, or mixed at its edge.
+"""
+
+__all__ = ["contradiction", "on_border", "reduced_chi2", "strays", "tail"]
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int
+
+BORDER = 4
+"""Pixels along rows and columns within which a reading lies beside a mask's border; two
+of them may have been left out."""
+
+MOST_STRAY = 0.05
+"""Share of the border's readings that may lie elsewhere, beside twice that of the other
+readings: the outermost pixels of a mask are a quarter of its border."""
+
+WITHIN_THREE = 0.9733
+"""Variance of normal errors within three deviations, in that of all."""
+
+FEWEST_WITHIN = 50
+"""Readings away from the border with which it is compared."""
+
+LEAST_TESTED = 1e-2
+"""Part of a direction's information, in what a part of the rows tells of it, that must
+come from the others for the two to be compared."""
+
+
+def reduced_chi2(
+    squares: Float[Array, ""], count: Float[Array, ""]
+) -> Float[Array, ""]:
+    """Mean square of residuals in deviations, of those within three; 1 if normal."""
+    return squares / (count * WITHIN_THREE)
+
+
+def tail(chi2: Float[Array, ""], freedom: Float[Array, ""]) -> Float[Array, ""]:
+    """Probability of a larger reduced chi-squared, of hundreds of degrees of freedom.
+
+    References:
+        Wilson and Hilferty, The distribution of chi-square, PNAS 1931: its cube root is
+        normal.
+    """
+    variance = 2 / (9 * jnp.maximum(freedom, 1))
+    normal = (jnp.cbrt(chi2) - 1 + variance) * jax.lax.rsqrt(variance)
+    return jax.scipy.special.erfc(normal * np.sqrt(0.5)) / 2
+
+
+def contradiction(
+    jacobian: Float[Array, "k n"],
+    residual: Float[Array, " n"],
+    is_part: Bool[Array, " n"],
+    covariance: Float[Array, "k k"],
+    other_pull: Float[Array, " k"],
+) -> Float[Array, ""]:
+    """Chi-squared by which a part of the rows pulls away from what all agree on.
+
+    At the minimum the pulls of all rows, gradient times residual, add up to 0; what an
+    estimate leaves of that, within its tolerance, is taken to there. The pulls of a
+    part with the information P vary about 0 by P - P C P, with the covariance C of all:
+    its own error less what the estimate took of it.
+
+    Args:
+        jacobian: Of the whitened residuals, in scaled coordinates; 0 for rows that do
+            not count.
+        residual: Whitened, to a variance of 1.
+        is_part: Rows of the part.
+        covariance: Of the coordinates.
+        other_pull: Pull of what is no row.
+
+    Returns:
+        The statistic, of as many degrees of freedom as there are coordinates, or less.
+    """
+    part = jnp.where(is_part[None], jacobian, 0)
+    information = jnp.matmul(part, part.T, precision="highest")
+    pull = jnp.matmul(part, residual, precision="highest")
+    left = jnp.matmul(jacobian, residual, precision="highest") + other_pull
+    rest = jnp.matmul(covariance, left, precision="highest")
+    pull = pull - jnp.matmul(information, rest, precision="highest")
+    taken = jnp.matmul(
+        jnp.matmul(information, covariance, precision="highest"),
+        information,
+        precision="highest",
+    )
+    diagonal = jnp.diagonal(information)
+    size = jnp.where(
+        diagonal > 0, jax.lax.rsqrt(jnp.where(diagonal > 0, diagonal, 1)), 0
+    )
+    values, vectors = jnp.linalg.eigh(
+        (information - taken) * size[:, None] * size[None, :]
+    )
+    # What the part alone tells leaves no residual to test.
+    tested = values > LEAST_TESTED
+    along = jnp.matmul(vectors.T, pull * size, precision="highest")
+    squares = along**2 / jnp.where(tested, values, 1)
+    return jnp.sum(jnp.where(tested, squares, 0))
+
+
+def on_border(
+    mask: Bool[Array, "h w"], row: Int[Array, " n"], col: Int[Array, " n"]
+) -> Bool[Array, " n"]:
+    """Which pixels of a mask lie beside its border, along a row or a column."""
+    inner = jnp.ones(row.shape, bool)
+    for step in range(1, BORDER + 1):
+        for down, right in ((step, 0), (-step, 0), (0, step), (0, -step)):
+            # Beyond the image's border nothing is known to lie.
+            near_row = jnp.clip(row + down, 0, mask.shape[0] - 1)
+            near_col = jnp.clip(col + right, 0, mask.shape[1] - 1)
+            inner &= mask[near_row, near_col]
+    return ~inner
+
+
+def strays(
+    inlier: Bool[Array, " n"], used: Bool[Array, " n"], beside: Bool[Array, " n"]
+) -> Bool[Array, ""]:
+    """Whether readings at the border lie elsewhere far more often than within."""
+
+    def counts(where: Bool[Array, " n"]) -> tuple[Array, Array]:
+        total, off = jnp.sum(where), jnp.sum(where & ~inlier)
+        return off.astype(float), jnp.maximum(total, 1).astype(float)
+
+    (off, border), (stray, inner) = counts(used & beside), counts(used & ~beside)
+    is_more = off / border > MOST_STRAY + 2 * stray / inner
+    return is_more & (inner >= FEWEST_WITHIN)
