@@ -66,6 +66,13 @@ KNOWN_DIFFERENCES = (
         "perspective/distance 1.2", "depth_relative.p999", 5e-6, _NEAR_SURFACE
     ),
     KnownDifference(
+        "perspective/distance 2",
+        "depth_relative.p999",
+        1.5e-6,
+        _NEAR_SURFACE,
+        ("llvmpipe",),
+    ),
+    KnownDifference(
         "perspective/near, reaching behind", "depth_ulp.p99", 12.0, _NEAR_SURFACE
     ),
     KnownDifference(
