@@ -162,8 +162,7 @@ def _deviations(
     and place to a small part of a pixel.
     """
     row, col = pixel_indices(region)
-    away = _deviations_at(image, row, col, body, camera, noise)
-    return np.asarray(away)
+    return np.asarray(_deviations_at(image, row, col, body, camera, noise))
 
 
 @jax.jit

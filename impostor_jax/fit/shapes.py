@@ -60,12 +60,7 @@ from impostor_jax.fit.request import (
 )
 from impostor_jax.fit.result import STATUSES, AbstractFit, FitStatus
 from impostor_jax.fit.round_body import CylinderBody, FrustumBody, RoundBody
-from impostor_jax.fit.solve import (
-    NUM_KEPT,
-    STAGE_TOLERANCE,
-    best_start,
-    solve,
-)
+from impostor_jax.fit.solve import NUM_KEPT, STAGE_TOLERANCE, best_start, solve
 from impostor_jax.primitives.base import (
     AbstractPrimitive,
     in_camera_frame,

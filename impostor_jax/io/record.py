@@ -1,6 +1,6 @@
 """The record of a fit, as JSON."""
 
-__all__ = ["fit_record"]
+__all__ = ["fit_record", "numbers"]
 
 from typing import Any
 
@@ -21,25 +21,25 @@ def fit_record(fit: FitResult, seconds: float) -> dict[str, Any]:
     return {
         "success": bool(fit.success),
         "status": str(fit.status),
-        "center_m": _numbers(cylinder.center),
-        "axis": _numbers(cylinder.axis),
-        "radius_m": _numbers(cylinder.radius),
-        "height_m": _numbers(cylinder.height),
+        "center_m": numbers(cylinder.center),
+        "axis": numbers(cylinder.axis),
+        "radius_m": numbers(cylinder.radius),
+        "height_m": numbers(cylinder.height),
         "height_observed": fit.height_observed,
         "std": {
-            "center_m": _numbers(std.center),
-            "axis_rad": _numbers(std.axis),
-            "radius_m": _numbers(std.radius),
-            "height_m": _numbers(std.height),
+            "center_m": numbers(std.center),
+            "axis_rad": numbers(std.axis),
+            "radius_m": numbers(std.radius),
+            "height_m": numbers(std.height),
         },
         "covariance": {
             "coordinates": list(COORDINATES),
-            "values": _numbers(fit.covariance),
+            "values": numbers(fit.covariance),
         },
         "num_starts": int(fit.num_starts),
         "num_agreeing": int(fit.num_agreeing),
         "num_pixels": int(fit.num_pixels),
-        "rms_m": _numbers(fit.rms),
+        "rms_m": numbers(fit.rms),
         "taper": None if fit.taper is None else _taper(fit.taper),
         "seconds": seconds,
     }
@@ -49,25 +49,25 @@ def _taper(taper: TaperTest) -> dict[str, Any]:
     frustum, std = taper.frustum.frustum, taper.frustum.std
     return {
         "needed": bool(taper.is_needed()),
-        "statistic": _numbers(taper.statistic),
-        "p_value": _numbers(taper.p_value),
+        "statistic": numbers(taper.statistic),
+        "p_value": numbers(taper.p_value),
         "frustum_status": str(taper.frustum.status),
-        "p1_m": _numbers(frustum.p1),
-        "p2_m": _numbers(frustum.p2),
-        "radius1_m": _numbers(frustum.radius1),
-        "radius2_m": _numbers(frustum.radius2),
+        "p1_m": numbers(frustum.p1),
+        "p2_m": numbers(frustum.p2),
+        "radius1_m": numbers(frustum.radius1),
+        "radius2_m": numbers(frustum.radius2),
         "std": {
-            "p1_m": _numbers(std.p1),
-            "p2_m": _numbers(std.p2),
-            "radius1_m": _numbers(std.radius1),
-            "radius2_m": _numbers(std.radius2),
+            "p1_m": numbers(std.p1),
+            "p2_m": numbers(std.p2),
+            "radius1_m": numbers(std.radius1),
+            "radius2_m": numbers(std.radius2),
         },
     }
 
 
-def _numbers(values: Any) -> Any:
+def numbers(values: Any) -> Any:
     """Numbers as (lists of) Python floats, null where not finite."""
     array = np.asarray(values, dtype=float)
     if array.ndim:
-        return [_numbers(value) for value in array]
+        return [numbers(value) for value in array]
     return float(array) if np.isfinite(array) else None

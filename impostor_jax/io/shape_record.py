@@ -6,7 +6,7 @@ from typing import Any
 
 from impostor_jax.fit.parameterization import FRUSTUM_COORDINATES, SPHERE_COORDINATES
 from impostor_jax.fit.result import AbstractFit, FitResult, FrustumFit, SphereFit
-from impostor_jax.io.record import _numbers, fit_record
+from impostor_jax.io.record import fit_record, numbers
 
 
 def shape_record(fit: AbstractFit, seconds: float) -> dict[str, Any]:
@@ -30,18 +30,16 @@ def shape_record(fit: AbstractFit, seconds: float) -> dict[str, Any]:
         "success": bool(fit.success),
         "status": str(fit.status),
         "shape": name,
-        **{f"{length}_m": _numbers(getattr(fit.shape, length)) for length in lengths},
+        **{f"{length}_m": numbers(getattr(fit.shape, length)) for length in lengths},
         **ends,
-        "std": {
-            f"{length}_m": _numbers(getattr(fit.std, length)) for length in lengths
-        },
+        "std": {f"{length}_m": numbers(getattr(fit.std, length)) for length in lengths},
         "covariance": {
             "coordinates": list(coordinates),
-            "values": _numbers(fit.covariance),
+            "values": numbers(fit.covariance),
         },
         "num_starts": int(fit.num_starts),
         "num_agreeing": int(fit.num_agreeing),
         "num_pixels": int(fit.num_pixels),
-        "rms_m": _numbers(fit.rms),
+        "rms_m": numbers(fit.rms),
         "seconds": seconds,
     }
