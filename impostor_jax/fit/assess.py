@@ -1,15 +1,8 @@
 """What a solution shows: its ends, its deviations, and whether it can be believed."""
 
-__all__ = [
-    "Solution",
-    "Start",
-    "assess",
-    "deviations_of",
-    "result_of",
-]
+__all__ = ["Solution", "Start", "assess"]
 
 from functools import partial
-from typing import Any
 
 import equinox as eqx
 import jax
@@ -25,30 +18,21 @@ from impostor_jax.fit.agreement import (
     strays,
     tail,
 )
-from impostor_jax.fit.ball import Ball
-from impostor_jax.fit.body import AbstractBody, SurfaceSeen
+from impostor_jax.fit.body import (
+    AbstractBody,
+    Readout,
+    SurfaceSeen,
+    coordinates_of,
+)
+from impostor_jax.fit.deviations import deviations_of
 from impostor_jax.fit.evidence import Pixels
 from impostor_jax.fit.parameterization import Chart
 from impostor_jax.fit.prior import Prior, prior_residuals
 from impostor_jax.fit.request import Request
 from impostor_jax.fit.residuals import is_missed, residuals
-from impostor_jax.fit.result import (
-    DISAGREEING,
-    STATUSES,
-    AbstractFit,
-    Deviations,
-    Directions,
-    FitResult,
-    FitStatus,
-    FrustumDeviations,
-    FrustumFit,
-    SphereDeviations,
-    SphereFit,
-)
-from impostor_jax.fit.round_body import CylinderBody, FrustumBody, RoundBody
+from impostor_jax.fit.result import DISAGREEING, STATUSES, Fit, FitStatus
 from impostor_jax.fit.rows import Rows
-from impostor_jax.fit.uncertainty import free_covariance, score_covariance, spread
-from impostor_jax.geometry.so3 import tangent_basis
+from impostor_jax.fit.uncertainty import free_covariance, score_covariance
 from impostor_jax.numerics import safe_divide, safe_sqrt
 from impostor_jax.primitives.base import in_world_frame
 
@@ -128,7 +112,7 @@ def assess(
     request: Request,
     always: Bool[Array, ""],
     mask: Bool[Array, "h w"],
-) -> AbstractFit:
+) -> Fit:
     """Result of a fit in the world frame.
 
     Args:
@@ -158,12 +142,10 @@ def assess(
     inlier &= ~(seen.on_cap & (seen.cap_distance > 1.05))
     crossing = (rows.weight[num:] > 0) & (jnp.abs(whitened[num:]) < 6)
     believed = jnp.concatenate([inlier, crossing])
-    ends_seen = jnp.ones(2, bool)
-    if isinstance(body, RoundBody):
-        ends_seen, extent = _seen_extent(body, rows, seen, believed, pixels.depth, wide)
-        held = {*request.fixed, *(n for n in ("center", "height") if getattr(prior, n))}
-        if not {"center", "height"} & held:
-            body = extent
+    ends_seen, extent = _seen_extent(body, rows, seen, believed, pixels.depth, wide)
+    held = {*request.fixed, *(n for n in ("center", "height") if getattr(prior, n))}
+    if not {"center", "height"} & held:
+        body = extent
     num_inliers = jnp.maximum(jnp.sum(inlier), 1).astype(meters.dtype)
     rms = jnp.sqrt(jnp.sum(jnp.where(inlier, meters, 0) ** 2) / num_inliers)
     squares = jnp.sum(jnp.where(inlier, whitened[:num], 0) ** 2)
@@ -172,15 +154,23 @@ def assess(
     # Coordinates first: rows side by side are what vectors of a processor take.
     natural = jnp.matmul(chart.natural().T, gradient, precision="highest")
     natural = jnp.where(believed[None], natural, 0)
-    if isinstance(body, RoundBody):
-        # An end that is not seen is free, though some readings beyond it may lean on
-        # it. The ends are the last coordinates.
-        leans = jnp.concatenate([jnp.ones(natural.shape[0] - 2, bool), ends_seen])
-        natural = jnp.where(leans[:, None], natural, 0)
+    # An end that is not seen is free, though some readings beyond it may lean on it.
+    # The ends are the last coordinates.
+    others = jnp.ones(natural.shape[0] - ends_seen.size, bool)
+    leans = jnp.concatenate([others, ends_seen])
+    natural = jnp.where(leans[:, None], natural, 0)
     jacobian = jnp.matmul(chart.scale.T, natural, precision="highest")
-    known = jax.jacfwd(lambda v: prior_residuals(prior, chart.body(v)))(
-        jnp.zeros(chart.size, unit.dtype)
-    )
+    world = in_world_frame(body, camera)
+
+    def read(free: Float[Array, " c"]) -> tuple[Readout, Float[Array, " p"]]:
+        moved = chart.body(free)
+        told = in_world_frame(moved, camera).readout(world, ends_seen)
+        return told, prior_residuals(prior, moved)
+
+    change, known = jax.jacfwd(read)(jnp.zeros(chart.size, unit.dtype))
+    # What is held stays, whatever moves the place at which it is read.
+    for name in {*request.fixed} & {*change}:
+        change[name] = jnp.zeros_like(change[name])
     widening = jnp.maximum(squares / num_inliers, 1)
     of_prior = jnp.matmul(known.T, known, precision="highest")
     information = jnp.matmul(jacobian, jacobian.T, precision="highest")
@@ -211,8 +201,6 @@ def assess(
         # the deviations.
         wider = safe_divide(jnp.diagonal(covariance), independent)
         statistic = statistic / jnp.maximum(jnp.mean(wider), 1)
-    world = in_world_frame(body, camera)
-    change = _changes(body, camera, chart, ends_seen)
     std, covariance, observed, is_known = deviations_of(
         world, change, covariance, directions, free
     )
@@ -245,9 +233,10 @@ def assess(
         blank = jnp.zeros((camera.height, camera.width), values.dtype)
         return blank.at[row, col].set(values, mode="drop")
 
-    return result_of(
-        world,
+    return Fit(
+        shape=world.shape,
         std=jax.tree.map(lambda value: jnp.where(success, value, jnp.inf), std),
+        coordinates=coordinates_of(world),
         ends_seen=ends_seen,
         covariance=covariance,
         observed=observed,
@@ -269,27 +258,10 @@ def assess(
     )
 
 
-def result_of(
-    body: AbstractBody, ends_seen: Bool[Array, "2"], **fields: Any
-) -> AbstractFit:
-    """Result of the kind that belongs to a body of the world."""
-    if isinstance(body, CylinderBody):
-        return FitResult(cylinder=body.shape, ends_seen=ends_seen, **fields)
-    if isinstance(body, FrustumBody):
-        return FrustumFit(frustum=body.shape, ends_seen=ends_seen, **fields)
-    assert isinstance(body, Ball)
-    return SphereFit(sphere=body.shape, **fields)
-
-
 def _signed(solution: Solution, camera: PinholeCamera) -> Solution:
     """Turn the axis so that its largest component in the world is positive."""
     body = solution.body
-    if not isinstance(body, RoundBody):
-        return solution
-    axis = body.axis
-    if camera.camera_from_world is not None:
-        axis = camera.camera_from_world.inverse().rotate(axis)
-    sign = jnp.where(axis[jnp.argmax(jnp.abs(axis))] < 0, -1, 1).astype(axis.dtype)
+    sign = in_world_frame(body, camera).sign
     return eqx.tree_at(
         lambda s: (s.body, s.rows.end, s.seen.slope, s.seen.along),
         solution,
@@ -303,13 +275,13 @@ def _signed(solution: Solution, camera: PinholeCamera) -> Solution:
 
 
 def _seen_extent(
-    body: RoundBody,
+    body: AbstractBody,
     rows: Rows,
     seen: SurfaceSeen,
     believed: Bool[Array, " n"],
     depth: Float[Array, " m"],
     wide: Float[Array, ""],
-) -> tuple[Bool[Array, "2"], RoundBody]:
+) -> tuple[Bool[Array, " e"], AbstractBody]:
     """Tell which ends are seen, and draw an unseen one in to the last inlier.
 
     An end is seen through readings of its cap, or where the wall gives way to
@@ -331,108 +303,12 @@ def _seen_extent(
     on_cap = seen.on_cap & (seen.cap_distance < 1) & ~is_wall
     facing = sign * jnp.sign(seen.slope)
     shown = jnp.concatenate([jnp.where(on_cap, facing, 0), rows.end[num:]])
-    ends = jnp.array([-1, 1], shown.dtype)[:, None]
+    ends = jnp.array(body.ends, shown.dtype)[:, None]
     counts = jnp.sum(believed[None] & (shown[None] == ends), axis=1)
     ends_seen = counts >= MIN_END_ROWS
     on_wall = believed[:num] & ~seen.on_cap
     outward = jnp.where(on_wall[None], seen.along[None] * ends, -jnp.inf)
-    half = body.height / 2
-    # How far the lower and the upper end lie from the center, each on its own side.
-    reach = jnp.where(ends_seen, half, jnp.max(outward, axis=1))
-    # Without a wall there is no extent to draw in to.
-    height = jnp.sum(reach)
-    reach = jnp.where(jnp.isfinite(height) & (height > 0), reach, half)
-    return ends_seen, body.between(-reach[0], reach[1])
-
-
-def _changes(
-    body: AbstractBody,
-    camera: PinholeCamera,
-    chart: Chart,
-    ends_seen: Bool[Array, "2"],
-) -> Float[Array, "m n"]:
-    """Derivative of the world's coordinates in free coordinates of the camera frame."""
-    if not isinstance(body, RoundBody):
-        moved = chart.scale[:3]
-        if camera.camera_from_world is not None:
-            moved = camera.camera_from_world.inverse().rotate(moved.T).T
-        return jnp.concatenate([moved, body.radius * chart.scale[3:]])
-    change = body.changes(chart.scale, chart.fixed, ends_seen)
-    if camera.camera_from_world is None:
-        return change
-    # Each frame has tangent vectors of its own.
-    back = camera.camera_from_world.inverse()
-    turned = back.rotate(tangent_basis(body.axis))
-    own = tangent_basis(back.rotate(body.axis))
-    turn = jnp.matmul(own, turned.T, precision="highest")
-    return jnp.concatenate([turn @ change[:2], turn @ change[2:4], change[4:]])
-
-
-def deviations_of(
-    body: AbstractBody,
-    change: Float[Array, "m n"],
-    covariance: Float[Array, "n n"],
-    directions: Float[Array, "n n"],
-    free: Bool[Array, " n"],
-) -> tuple[eqx.Module, Float[Array, "m m"], Directions, Bool[Array, ""]]:
-    """Deviations of a body of the world; and whether they leave its place known."""
-    num = change.shape[0]
-    quantities = change
-    if isinstance(body, RoundBody):
-        basis = tangent_basis(body.axis)
-        frame = jnp.concatenate([basis.T, body.axis[:, None]], axis=1)
-        points = jnp.matmul(frame, change[2:5], precision="highest")
-        if isinstance(body, FrustumBody):
-            way = jnp.matmul(basis.T, change[:2], precision="highest") * body.height
-            way = (way + body.axis[:, None] * change[-1][None]) / 2
-            points = jnp.concatenate([points - way, points + way])
-        quantities = jnp.concatenate([change, points])
-    full, is_observed = spread(quantities, covariance, directions, free)
-    variance = jnp.where(is_observed, jnp.diagonal(full), jnp.inf)
-    std = jnp.sqrt(variance)
-    # Motions of the surface: an angle moves the ends by half the size.
-    lengths = jnp.ones(num, full.dtype)
-    if isinstance(body, RoundBody):
-        lengths = lengths.at[:2].set(body.size)
-        is_known = jnp.all(std[5 : num - 1] < body.radius / 2)
-        is_known &= jnp.all(std[2:4] < body.radius / 2) & jnp.all(std[:2] < 0.5)
-    else:
-        is_known = jnp.all(std < body.radius / 2)
-    if isinstance(body, CylinderBody):
-        deviations = Deviations(
-            center=std[7:],
-            across_axis=std[2:4],
-            axis=std[:2],
-            radius=std[5],
-            height=std[6],
-        )
-    elif isinstance(body, FrustumBody):
-        deviations = FrustumDeviations(
-            p1=std[8:11],
-            p2=std[11:],
-            across_axis=std[2:4],
-            axis=std[:2],
-            radius1=std[5],
-            radius2=std[6],
-            height=std[7],
-        )
-    else:
-        deviations = SphereDeviations(center=std[:3], radius=std[3])
-    size = body.size
-    surface = full[:num, :num] * (lengths[:, None] * lengths[None])
-    values, vectors = jnp.linalg.eigh(
-        surface + jnp.diag(jnp.where(is_observed[:num], 0, 1e6 * size**2))
-    )
-    deviation = jnp.sqrt(jnp.maximum(values[::-1], 0))
-    public = jnp.where(
-        jnp.eye(num, dtype=bool), variance[:num][:, None], full[:num, :num]
-    )
-    observed = Directions(
-        coordinates=is_observed[:num],
-        vector=vectors.T[::-1],
-        deviation=jnp.where(deviation > 500 * size, jnp.inf, deviation),
-    )
-    return deviations, public, observed, is_known
+    return ends_seen, body.drawn_in(ends_seen, jnp.max(outward, axis=1))
 
 
 def _status_code(

@@ -2,7 +2,8 @@
 
 __all__ = ["Ball"]
 
-from typing import Any
+from collections import OrderedDict
+from typing import Any, ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -10,7 +11,13 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 from typing_extensions import override
 
-from impostor_jax.fit.body import AbstractBody, Passing, SurfaceSeen, blunted_root
+from impostor_jax.fit.body import (
+    AbstractBody,
+    Passing,
+    Readout,
+    SurfaceSeen,
+    blunted_root,
+)
 from impostor_jax.fit.rows import Rows
 from impostor_jax.geometry.frames import RigidTransform
 from impostor_jax.geometry.rays import Ray
@@ -23,6 +30,11 @@ Numbers = Float[Array, "*batch"]
 class Ball(AbstractBody):
     """Sphere. It moves by its center and the logarithm of its radius."""
 
+    coordinates: ClassVar[dict[str, tuple[str, ...]]] = {
+        "center": ("center_x", "center_y", "center_z"),
+        "radius": ("radius",),
+    }
+    ends: ClassVar[tuple[int, ...]] = ()
     center: Float[Array, "*batch 3"]
     radius: Numbers
 
@@ -44,6 +56,11 @@ class Ball(AbstractBody):
     @override
     def size(self) -> Numbers:
         return self.radius
+
+    @property
+    @override
+    def sign(self) -> Numbers:
+        return jnp.ones_like(self.radius)
 
     @property
     @override
@@ -154,6 +171,20 @@ class Ball(AbstractBody):
     @override
     def transformed(self, target_from_source: RigidTransform) -> "Ball":
         return Ball(target_from_source.apply(self.center), self.radius)
+
+    @override
+    def readout(self, near: "Ball", ends_seen: Bool[Array, " e"]) -> Readout:
+        return OrderedDict(center=self.center, radius=self.radius)
+
+    @override
+    def reversed(self, sign: Float[Array, ""]) -> "Ball":
+        return self
+
+    @override
+    def drawn_in(
+        self, ends_seen: Bool[Array, " e"], reach: Float[Array, " e"]
+    ) -> "Ball":
+        return self
 
     @override
     def mirrored(self) -> "Ball":

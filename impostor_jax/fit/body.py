@@ -5,10 +5,18 @@ passes it nearest at n = B / A, and cuts it half a chord before and behind, whos
 is q = n^2 - C / A. Both are smooth where the ray grazes the wall and beyond.
 """
 
-__all__ = ["AbstractBody", "Passing", "SurfaceSeen", "blunted_root"]
+__all__ = [
+    "AbstractBody",
+    "Passing",
+    "Readout",
+    "SurfaceSeen",
+    "blunted_root",
+    "coordinates_of",
+]
 
 import abc
-from typing import Any
+from collections import OrderedDict
+from typing import Any, ClassVar
 
 import equinox as eqx
 import jax
@@ -23,6 +31,9 @@ from impostor_jax.geometry.vec3 import Vec3
 from impostor_jax.primitives.base import AbstractPrimitive
 
 Numbers = Float[Array, "*batch"]
+
+Readout = OrderedDict[str, Array]
+"""What a user reads of a shape, by name, in an order that JAX keeps."""
 
 
 class Passing(eqx.Module):
@@ -133,10 +144,15 @@ class AbstractBody(eqx.Module):
     differ from shape to shape.
 
     Attributes:
+        coordinates: Names of the covariance's coordinates, in its order, for each name
+            of `readout` that they belong to.
+        ends: The ends that it has, -1 and 1 along its axis.
         center: Center.
         radius: Radius, at the center.
     """
 
+    coordinates: ClassVar[dict[str, tuple[str, ...]]]
+    ends: ClassVar[tuple[int, ...]]
     center: eqx.AbstractVar[Float[Array, "*batch 3"]]
     radius: eqx.AbstractVar[Numbers]
 
@@ -154,6 +170,11 @@ class AbstractBody(eqx.Module):
     @abc.abstractmethod
     def size(self) -> Numbers:
         """Half the size: what an angle of one radian moves the surface by."""
+
+    @property
+    @abc.abstractmethod
+    def sign(self) -> Numbers:
+        """-1 where the largest component of its axis is negative, otherwise 1."""
 
     @property
     @abc.abstractmethod
@@ -235,6 +256,35 @@ class AbstractBody(eqx.Module):
         """Express the same body in another frame."""
 
     @abc.abstractmethod
+    def readout(self, near: Any, ends_seen: Bool[Array, " e"]) -> Readout:
+        """What a user reads of a body of the world, in meters and radians.
+
+        Of the axis, turned to that of a body nearby, it is what lies across that and
+        along it, in the vectors of its `tangent_basis`.
+
+        Args:
+            near: A body of the same kind, with which this one is compared.
+            ends_seen: Whether each of its `ends` is seen. Of one that is not, a radius
+                is that of the wall beside the end of `near`.
+        """
+
+    @abc.abstractmethod
+    def reversed(self, sign: Float[Array, ""]) -> "AbstractBody":
+        """The same body with its axis turned round where the sign is -1."""
+
+    @abc.abstractmethod
+    def drawn_in(
+        self, ends_seen: Bool[Array, " e"], reach: Float[Array, " e"]
+    ) -> "AbstractBody":
+        """The same wall, up to where it reaches at an end that is not seen.
+
+        Args:
+            ends_seen: Whether each of its `ends` is seen.
+            reach: How far the wall is seen towards each, from the center; `-inf` where
+                it is not.
+        """
+
+    @abc.abstractmethod
     def mirrored(self) -> "AbstractBody":
         """Tilt the other way, which looks the same from afar but for its depth."""
 
@@ -245,3 +295,8 @@ class AbstractBody(eqx.Module):
         Args:
             others: A batch (k,) of the same kind.
         """
+
+
+def coordinates_of(body: AbstractBody | type[AbstractBody]) -> tuple[str, ...]:
+    """Coordinates of the covariance, in radians and meters."""
+    return tuple(name for names in body.coordinates.values() for name in names)

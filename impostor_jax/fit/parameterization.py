@@ -4,7 +4,7 @@ An axis moves on the sphere in two tangent coordinates, a center moves across th
 in two, radii are logarithms, so they stay positive, and ends move along the axis.
 """
 
-__all__ = ["COORDINATES", "FRUSTUM_COORDINATES", "SPHERE_COORDINATES", "Chart"]
+__all__ = ["Chart"]
 
 import equinox as eqx
 import jax
@@ -13,26 +13,6 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from impostor_jax.fit.body import AbstractBody
-
-COORDINATES = (
-    "axis_first",
-    "axis_second",
-    "center_first",
-    "center_second",
-    "center_along",
-    "radius",
-    "height",
-)
-"""Tangent coordinates of a cylinder's covariance, in radians and meters.
-
-Those called first and second are along the two vectors of `tangent_basis(axis)`.
-"""
-
-FRUSTUM_COORDINATES = (*COORDINATES[:5], "radius1", "radius2", "height")
-"""The same of a frustum's covariance."""
-
-SPHERE_COORDINATES = ("center_x", "center_y", "center_z", "radius")
-"""Coordinates of a sphere's covariance, in meters."""
 
 
 class Chart(eqx.Module):

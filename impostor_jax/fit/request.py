@@ -17,7 +17,7 @@ __all__ = [
 ]
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 import jax
@@ -33,7 +33,7 @@ from impostor_jax.arguments import (
     real_number,
 )
 from impostor_jax.camera.pinhole import PinholeCamera
-from impostor_jax.effort import Effort
+from impostor_jax.fit.options import Options
 from impostor_jax.fit.prior import Prior
 from impostor_jax.numerics import safe_normalize
 from impostor_jax.primitives.base import AbstractPrimitive
@@ -93,17 +93,12 @@ class TooFewReadingsError(ValueError):
 def checked_request(
     shape: type[AbstractPrimitive],
     parameters: tuple[str, ...],
-    fixed: Sequence[str],
+    options: Options,
     initial: AbstractPrimitive | None,
-    mask_meaning: str,
-    scale: str,
-    errors: str,
-    effort: Effort,
     sigma: Any,
 ) -> Request:
     """What is asked for, with the held parameters in their order in `parameters`."""
-    if isinstance(fixed, str):
-        raise ValueError(f"fixed must be a sequence of names, got {fixed!r}")
+    fixed, effort = options.fixed, options.effort
     for name in fixed:
         one_of("fixed", name, parameters)
     if len(set(fixed)) == len(parameters):
@@ -113,18 +108,15 @@ def checked_request(
             f"initial must be given with fixed={tuple(fixed)}: held parameters keep "
             "their value in it"
         )
-    one_of("mask_meaning", mask_meaning, ("region", "outline"))
-    one_of("scale", scale, ("estimated", "fixed"))
-    one_of("errors", errors, ("independent", "correlated"))
     return Request(
         fixed=tuple(name for name in parameters if name in fixed),
-        is_outline=mask_meaning == "outline",
+        is_outline=options.mask_meaning == "outline",
         kernel=effort.kernel,
         solver=effort.solver,
         linear_solver=effort.linear_solver,
         max_steps=effort.max_steps,
-        estimate_scale=scale == "estimated",
-        correlated=errors == "correlated",
+        estimate_scale=options.scale == "estimated",
+        correlated=options.errors == "correlated",
         keep_ends=shape is Frustum and initial is not None,
         trusts_sigma=sigma is not None and not _leaves_out_slopes(sigma),
     )

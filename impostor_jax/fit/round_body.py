@@ -3,8 +3,9 @@
 __all__ = ["CylinderBody", "FrustumBody", "RoundBody"]
 
 import abc
+from collections import OrderedDict
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import equinox as eqx
 import jax
@@ -13,7 +14,13 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 from typing_extensions import override
 
-from impostor_jax.fit.body import AbstractBody, Passing, SurfaceSeen, blunted_root
+from impostor_jax.fit.body import (
+    AbstractBody,
+    Passing,
+    Readout,
+    SurfaceSeen,
+    blunted_root,
+)
 from impostor_jax.fit.rows import Kind, Rows
 from impostor_jax.geometry.frames import RigidTransform
 from impostor_jax.geometry.rays import Ray, slab_interval
@@ -34,6 +41,15 @@ FARTHEST = 1e3
 
 LEAST_END = 1e-4
 """Radius of a frustum's end, in radii at its center, below which none can be told."""
+
+
+AXIAL = {
+    "axis": ("axis_first", "axis_second"),
+    "across_axis": ("center_first", "center_second"),
+    "along_axis": ("center_along",),
+}
+"""Coordinates of an axis; first and second are along the two vectors of
+`tangent_basis(axis)`."""
 
 
 class Wall(NamedTuple):
@@ -58,6 +74,7 @@ class RoundBody(AbstractBody):
         height: Distance of the ends.
     """
 
+    ends: ClassVar[tuple[int, ...]] = (-1, 1)
     axis: eqx.AbstractVar[Float[Array, "*batch 3"]]
     height: eqx.AbstractVar[Numbers]
 
@@ -72,9 +89,9 @@ class RoundBody(AbstractBody):
         """How many of center, axis, radius, height and slope are fitted."""
 
     @property
-    @abc.abstractmethod
     def names_of_radii(self) -> tuple[str, ...]:
         """Names of the radii that are fitted."""
+        return tuple(name for name in self.coordinates if name.startswith("radius"))
 
     @abc.abstractmethod
     def wall(self, ray: Ray, m: Vec3, chord: float | Float[Array, "*#batch"]) -> Wall:
@@ -90,6 +107,7 @@ class RoundBody(AbstractBody):
     def end_radius(self, end: Numbers) -> Numbers:
         """Radius of the ends, -1 and 1, of some rows."""
 
+    @override
     @abc.abstractmethod
     def reversed(self, sign: Float[Array, ""]) -> "RoundBody":
         """The same body with its axis turned round where the sign is -1."""
@@ -99,21 +117,56 @@ class RoundBody(AbstractBody):
         """The same wall between other ends, along the axis from the center."""
 
     @abc.abstractmethod
-    def changes(
-        self,
-        scale: Float[Array, "c n"],
-        fixed: tuple[str, ...],
-        ends_seen: Bool[Array, "2"],
-    ) -> Float[Array, "m n"]:
-        """Derivative of what a user reads in free coordinates.
-
-        Of an end that is not seen, the radius is that of the wall at a fixed place.
+    def radii_beside(
+        self, ends: Float[Array, "2"], ends_seen: Bool[Array, "2"]
+    ) -> dict[str, Numbers]:
+        """The radii that are fitted; of an end that is not seen, the wall's at a place.
 
         Args:
-            scale: Natural coordinates that each free coordinate moves.
-            fixed: Names of the parameters that do not move.
+            ends: These places, along the axis from the center.
             ends_seen: Whether the ends are seen.
         """
+
+    @abc.abstractmethod
+    def places(self) -> dict[str, Float[Array, "3"]]:
+        """The points of the axis that a user reads."""
+
+    @override
+    def readout(self, near: "RoundBody", ends_seen: Bool[Array, " e"]) -> Readout:
+        way = jnp.sum(self.axis * near.axis)
+        body = self.reversed(jnp.where(way < 0, -1, 1).astype(way.dtype))
+        basis = tangent_basis(near.axis)
+        away = body.center - near.center
+        along, half = jnp.sum(body.axis * away), near.height / 2
+        # To the point of this axis that lies beside the other's center.
+        beside = away - body.axis * along
+        # Where the other's ends are along this axis.
+        ends = jnp.stack([-half, half]) - along
+        return OrderedDict(
+            **body.places(),
+            across_axis=jnp.matmul(basis, beside, precision="highest"),
+            along_axis=jnp.sum(near.axis * away),
+            axis=jnp.matmul(basis, body.axis, precision="highest"),
+            **body.radii_beside(ends, ends_seen),
+            height=body.height,
+        )
+
+    @override
+    def drawn_in(
+        self, ends_seen: Bool[Array, " e"], reach: Float[Array, " e"]
+    ) -> "RoundBody":
+        half = self.height / 2
+        reach = jnp.where(ends_seen, half, reach)
+        # Without a wall there is no extent to draw in to.
+        height = jnp.sum(reach)
+        reach = jnp.where(jnp.isfinite(height) & (height > 0), reach, half)
+        return self.between(-reach[0], reach[1])
+
+    @property
+    @override
+    def sign(self) -> Numbers:
+        largest = self.axis[jnp.argmax(jnp.abs(self.axis))]
+        return jnp.where(largest < 0, -1, 1).astype(largest.dtype)
 
     @property
     @override
@@ -400,6 +453,9 @@ class CylinderBody(RoundBody):
     one coordinate has no effect on the residuals.
     """
 
+    coordinates: ClassVar[dict[str, tuple[str, ...]]] = {
+        **AXIAL, "radius": ("radius",), "height": ("height",),
+    }  # fmt: skip
     center: Float[Array, "*batch 3"]
     axis: Float[Array, "*batch 3"]
     radius: Numbers
@@ -414,11 +470,6 @@ class CylinderBody(RoundBody):
     @override
     def num_numbers(self) -> int:
         return 8
-
-    @property
-    @override
-    def names_of_radii(self) -> tuple[str, ...]:
-        return ("radius",)
 
     @staticmethod
     @override
@@ -483,19 +534,14 @@ class CylinderBody(RoundBody):
         return _common_steps(self, unit, end_unit, [self.radius])
 
     @override
-    def changes(
-        self,
-        scale: Float[Array, "7 n"],
-        fixed: tuple[str, ...],
-        ends_seen: Bool[Array, "2"],
-    ) -> Float[Array, "7 n"]:
-        lower, upper = scale[5], scale[6]
-        return jnp.concatenate(
-            [
-                scale[:4],
-                jnp.stack([(lower + upper) / 2, self.radius * scale[4], upper - lower]),
-            ]
-        )
+    def radii_beside(
+        self, ends: Float[Array, "2"], ends_seen: Bool[Array, "2"]
+    ) -> dict[str, Numbers]:
+        return {"radius": self.radius}
+
+    @override
+    def places(self) -> dict[str, Float[Array, "3"]]:
+        return {"center": self.center}
 
     @override
     def reversed(self, sign: Float[Array, ""]) -> "CylinderBody":
@@ -519,6 +565,12 @@ class FrustumBody(RoundBody):
         growth: Half the difference of the end radii.
     """
 
+    coordinates: ClassVar[dict[str, tuple[str, ...]]] = {
+        **AXIAL,
+        "radius1": ("radius1",),
+        "radius2": ("radius2",),
+        "height": ("height",),
+    }
     center: Float[Array, "*batch 3"]
     axis: Float[Array, "*batch 3"]
     radius: Numbers
@@ -565,11 +617,6 @@ class FrustumBody(RoundBody):
     @override
     def num_numbers(self) -> int:
         return 9
-
-    @property
-    @override
-    def names_of_radii(self) -> tuple[str, ...]:
-        return "radius1", "radius2"
 
     @property
     @override
@@ -635,20 +682,17 @@ class FrustumBody(RoundBody):
         return _common_steps(self, unit, end_unit, radii)
 
     @override
-    def changes(
-        self,
-        scale: Float[Array, "8 n"],
-        fixed: tuple[str, ...],
-        ends_seen: Bool[Array, "2"],
-    ) -> Float[Array, "8 n"]:
-        ends = scale[6:8]
-        radii = jnp.stack([self.radius1, self.radius2])[:, None] * scale[4:6]
-        # A radius follows the wall to where its end is, unless it is held.
-        follows = np.array([name not in fixed for name in self.names_of_radii])
-        follows = (ends_seen & follows)[:, None]
-        radii = radii + jnp.where(follows, self.slope * ends, 0)
-        middle, length = (ends[0] + ends[1]) / 2, ends[1] - ends[0]
-        return jnp.concatenate([scale[:4], middle[None], radii, length[None]])
+    def radii_beside(
+        self, ends: Float[Array, "2"], ends_seen: Bool[Array, "2"]
+    ) -> dict[str, Numbers]:
+        own = jnp.stack([self.radius1, self.radius2])
+        radii = jnp.where(ends_seen, own, self.radius + self.slope * ends)
+        return dict(zip(self.names_of_radii, radii, strict=True))
+
+    @override
+    def places(self) -> dict[str, Float[Array, "3"]]:
+        half = self.axis * (self.height / 2)
+        return {"p1": self.center - half, "p2": self.center + half}
 
     @override
     def reversed(self, sign: Float[Array, ""]) -> "FrustumBody":

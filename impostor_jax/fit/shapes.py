@@ -9,6 +9,7 @@ where one is not, or where the caller asks for it, the others are tried, too.
 __all__ = [
     "CYLINDER",
     "FRUSTUM",
+    "KINDS",
     "SPHERE",
     "Fittable",
     "fit_shape",
@@ -17,10 +18,9 @@ __all__ = [
 ]
 
 import dataclasses
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable
 from typing import Any
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -29,13 +29,14 @@ from jaxtyping import Array, Bool, Float
 from impostor_jax.arguments import is_concrete, working_precision
 from impostor_jax.camera.pinhole import PinholeCamera
 from impostor_jax.compiling import quickly_compiled
-from impostor_jax.effort import Effort, effort_of
-from impostor_jax.fit.assess import Start, deviations_of, result_of
+from impostor_jax.effort import Effort
+from impostor_jax.fit.assess import Start
 from impostor_jax.fit.ball import Ball
-from impostor_jax.fit.body import AbstractBody
+from impostor_jax.fit.body import AbstractBody, coordinates_of
 from impostor_jax.fit.border import fit_of_one_surface
 from impostor_jax.fit.guess_sphere import guess_spheres
 from impostor_jax.fit.initialize import first_guesses
+from impostor_jax.fit.options import Options
 from impostor_jax.fit.prior import Prior
 from impostor_jax.fit.regions import (
     bucket,
@@ -58,8 +59,15 @@ from impostor_jax.fit.request import (
     checked_prior,
     checked_request,
 )
-from impostor_jax.fit.result import STATUSES, AbstractFit, FitStatus
-from impostor_jax.fit.round_body import CylinderBody, FrustumBody, RoundBody
+from impostor_jax.fit.result import (
+    STATUSES,
+    Asked,
+    Deviations,
+    Directions,
+    Fit,
+    FitStatus,
+)
+from impostor_jax.fit.round_body import CylinderBody, FrustumBody
 from impostor_jax.fit.solve import NUM_KEPT, STAGE_TOLERANCE, best_start, solve
 from impostor_jax.primitives.base import (
     AbstractPrimitive,
@@ -86,7 +94,7 @@ class Fittable:
             typical deviation of a reading and whether one will do: the fields of a
             body, the likeliest first.
         parameters: Names of what a caller may hold or expect.
-        example: Fields of a body of one meter.
+        nothing: Fields of a body without a size.
         most_tolerance: Largest tolerance of an `Effort` that ends its fits.
     """
 
@@ -94,8 +102,13 @@ class Fittable:
     body: type[AbstractBody]
     guesses: Callable[..., list[dict[str, Any]]]
     parameters: tuple[str, ...]
-    example: dict[str, Any]
+    nothing: dict[str, Any]
     most_tolerance: float = np.inf
+
+    @property
+    def coordinates(self) -> tuple[str, ...]:
+        """Of its covariance."""
+        return coordinates_of(self.body)
 
     def body_at(self, fields: dict[str, Any]) -> AbstractBody:
         """A body, or a batch, from NumPy's or Python's numbers."""
@@ -136,14 +149,14 @@ CYLINDER = Fittable(
     body=CylinderBody,
     guesses=_cylinders,
     parameters=("center", "axis", "radius", "height"),
-    example={"center": (0, 0, 1), "axis": (0, 0, 1), "radius": 1, "height": 1},
+    nothing={"center": (0, 0, 0), "axis": (0, 0, 1), "radius": 0, "height": 0},
 )
 FRUSTUM = Fittable(
     shape=Frustum,
     body=FrustumBody,
     guesses=_frusta,
     parameters=("center", "axis", "radius1", "radius2", "height"),
-    example=CYLINDER.example | {"growth": 0},
+    nothing=CYLINDER.nothing | {"growth": 0},
     # A taper settles slowly: with five times it 1 of 200 cups at 3 mm of noise ended 20
     # deviations away.
     most_tolerance=STAGE_TOLERANCE,
@@ -153,8 +166,10 @@ SPHERE = Fittable(
     body=Ball,
     guesses=_spheres,
     parameters=("center", "radius"),
-    example={"center": (0, 0, 1), "radius": 1},
+    nothing={"center": (0, 0, 0), "radius": 0},
 )
+KINDS = {kind.shape: kind for kind in (CYLINDER, FRUSTUM, SPHERE)}
+"""What can be fitted, by its primitive."""
 
 
 def fit_shape(
@@ -164,32 +179,18 @@ def fit_shape(
     mask: Any,
     sigma: Any,
     initial: AbstractPrimitive | None,
-    fixed: Sequence[str],
-    prior: Mapping[str, Any] | None,
-    mask_meaning: str,
-    scale: str,
-    errors: str,
-    effort: Effort | str,
+    options: Options,
     is_whole: bool = False,
-) -> AbstractFit:
+) -> Fit:
     """Fit a shape; the arguments are those of `fit_cylinder`.
 
     With `is_whole` the mask is known to be of one surface, and the errors are what they
     are said to be.
     """
-    effort = effort_of(effort)
+    effort, prior = options.effort, options.prior
     check_types(kind.shape, camera, initial)
-    request = checked_request(
-        kind.shape,
-        kind.parameters,
-        fixed,
-        initial,
-        mask_meaning,
-        scale,
-        errors,
-        effort,
-        sigma,
-    )
+    request = checked_request(kind.shape, kind.parameters, options, initial, sigma)
+    about = {"camera": camera, "sigma": sigma, "initial": initial, "options": options}
     given = (depth, mask, camera, sigma, initial, prior)
     with working_precision(effort.precision, given) as converted:
         noise = checked_noise(sigma)
@@ -199,7 +200,12 @@ def fit_shape(
         asked = (camera, noise, beliefs, request, effort)
         mask = checked_mask(mask, camera)
         if is_concrete((image, mask, initial, *asked[:3])):
-            return _fit_concrete(kind, image, mask, initial, *asked, is_whole)
+            shown = np.asarray(image), None if mask is None else np.asarray(mask)
+            region = object_region(*shown, camera, noise)
+            fit = _fit_concrete(kind, shown[0], region, initial, *asked, is_whole)
+            # A caller may write other pixels to a mask, and the depth is a copy.
+            about = {**about, "depth": shown[0], "mask": np.array(region)}
+            return dataclasses.replace(fit, asked=Asked(about))
         if initial is None:
             raise ValueError(
                 "initial must be given to a traced fit: the first guess runs outside "
@@ -210,8 +216,8 @@ def fit_shape(
 
 def _fit_concrete(
     kind: Fittable,
-    depth: DepthImage,
-    mask: Mask | None,
+    image: Float[np.ndarray, "h w"],
+    region: Bool[np.ndarray, "h w"],
     initial: AbstractPrimitive | None,
     camera: PinholeCamera,
     noise: AbstractDepthNoise,
@@ -219,13 +225,11 @@ def _fit_concrete(
     request: Request,
     effort: Effort,
     is_whole: bool,
-) -> AbstractFit:
+) -> Fit:
     """Fit to a region, or to what of it is of one surface."""
-    image, given = np.asarray(depth), None if mask is None else np.asarray(mask)
-    region = object_region(image, given, camera, noise)
     warn_of_units(image, region, noise)
 
-    def fitted(part: Bool[np.ndarray, "h w"], correlated: bool) -> AbstractFit:
+    def fitted(part: Bool[np.ndarray, "h w"], correlated: bool) -> Fit:
         start = None if initial is None else kind.body.of(initial)
         shown = pixels_shown(image, part, camera, noise, effort.stride)
         asked = dataclasses.replace(
@@ -250,7 +254,7 @@ def _fit_pixels(
     prior: Prior,
     request: Request,
     effort: Effort,
-) -> AbstractFit:
+) -> Fit:
     """Fit from the start that is given, or from guesses.
 
     Args:
@@ -266,7 +270,7 @@ def _fit_pixels(
     tolerance = jnp.asarray(tolerance, jnp.result_type(float))
     solved = quickly_compiled(solve, static_argnames="request")
 
-    def from_one(body: AbstractBody) -> tuple[AbstractFit, Bool[Array, ""]]:
+    def from_one(body: AbstractBody) -> tuple[Fit, Bool[Array, ""]]:
         start = Start.at(body, NUM_KEPT)
         return solved(*shown, start, prior, request, tolerance, is_far=True)
 
@@ -333,23 +337,26 @@ def _starts_of(
     return in_world_frame(kind.body_at(fields), camera)
 
 
-def no_guess(kind: Fittable, region: Bool[np.ndarray, "h w"]) -> AbstractFit:
+def no_guess(kind: Fittable, region: Bool[np.ndarray, "h w"]) -> Fit:
     """Result of a fit that could not start; its shape has no meaning."""
-    example = kind.body_at(kind.example)
-    nothing = jax.tree.map(jnp.zeros_like, example)
-    if isinstance(example, RoundBody):
-        nothing = eqx.tree_at(lambda b: b.axis, nothing, example.axis)
-    one = jnp.eye(example.free_directions(()).shape[1], dtype=nothing.radius.dtype)
-    std, covariance, observed, _ = deviations_of(
-        example, one, jnp.zeros_like(one), one, jnp.ones(len(one), bool)
-    )
-    zero = nothing.radius
-    return result_of(
-        nothing,
-        std=std,
-        ends_seen=jnp.zeros(2, bool),
-        covariance=covariance,
-        observed=observed,
+    nothing = kind.body_at(kind.nothing)
+    names, zero = kind.coordinates, nothing.radius
+    seen = jnp.zeros(len(nothing.ends), bool)
+    read = jax.eval_shape(nothing.readout, nothing, seen)
+    infinite = np.diag(np.full(len(names), np.inf, zero.dtype))
+    return Fit(
+        shape=nothing.shape,
+        std=Deviations(
+            jax.tree.map(lambda part: jnp.full(part.shape, jnp.inf, part.dtype), read)
+        ),
+        covariance=jnp.asarray(infinite),
+        coordinates=names,
+        ends_seen=seen,
+        observed=Directions(
+            coordinates=jnp.zeros(len(names), bool),
+            vector=jnp.asarray(np.eye(len(names), dtype=zero.dtype)),
+            deviation=jnp.asarray(np.diagonal(infinite)),
+        ),
         success=jnp.array(False),
         status_code=jnp.array(STATUSES.index(FitStatus.NO_FIRST_GUESS)),
         num_steps=jnp.array(0),
@@ -375,7 +382,7 @@ def _fit_traced(
     prior: Prior,
     request: Request,
     effort: Effort,
-) -> AbstractFit:
+) -> Fit:
     """Fit with sizes that do not depend on any value."""
     row, col = camera.frame.pixels()
     if mask is None:

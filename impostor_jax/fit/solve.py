@@ -46,7 +46,7 @@ from impostor_jax.fit.parameterization import Chart
 from impostor_jax.fit.prior import Prior
 from impostor_jax.fit.request import Request
 from impostor_jax.fit.residuals import held, is_missed, surface_seen
-from impostor_jax.fit.result import AbstractFit
+from impostor_jax.fit.result import Fit
 from impostor_jax.fit.robust import KERNELS
 from impostor_jax.fit.round_body import RoundBody
 from impostor_jax.fit.rows import BLOCK, Kind, Rows
@@ -247,7 +247,7 @@ def solve(
     request: Request,
     tolerance: Float[Array, ""],
     is_far: Bool[Array, ""],
-) -> tuple[AbstractFit, Bool[Array, ""]]:
+) -> tuple[Fit, Bool[Array, ""]]:
     """Fit to the given pixels; the others only show where the object stops.
 
     Args:

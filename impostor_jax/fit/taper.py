@@ -6,8 +6,9 @@ of the ratio of their likelihoods, the difference of their losses, is chi-square
 one degree of freedom where there is none (Wilks).
 """
 
-__all__ = ["taper_test"]
+__all__ = ["test_taper"]
 
+import dataclasses
 from typing import Any
 
 import jax
@@ -18,20 +19,19 @@ from jaxtyping import Array, Bool, Float, Int
 from impostor_jax.arguments import working_precision
 from impostor_jax.camera.pinhole import PinholeCamera
 from impostor_jax.compiling import quickly_compiled
-from impostor_jax.effort import effort_of
 from impostor_jax.fit.evidence import gather_edge, gather_pixels
 from impostor_jax.fit.minimize import lowest_loss
-from impostor_jax.fit.parameterization import FRUSTUM_COORDINATES, Chart
+from impostor_jax.fit.options import Options
+from impostor_jax.fit.parameterization import Chart
 from impostor_jax.fit.prior import Prior
 from impostor_jax.fit.request import (
     Request,
     checked_depth,
-    checked_mask,
     checked_noise,
     checked_prior,
     checked_request,
 )
-from impostor_jax.fit.result import AbstractFit, FrustumFit, TaperTest
+from impostor_jax.fit.result import Fit, TaperTest
 from impostor_jax.fit.robust import KERNELS
 from impostor_jax.fit.round_body import CylinderBody, FrustumBody
 from impostor_jax.fit.shapes import FRUSTUM, fit_shape, pixels_shown
@@ -51,64 +51,69 @@ INLYING = 3.0
 """Robust deviations within which a reading tells how readings scatter."""
 
 
-def taper_test(
-    depth: Any,
-    camera: PinholeCamera,
-    mask: Any,
-    begin: Cylinder | None,
-    asked: dict[str, Any],
-) -> TaperTest:
-    """Fit a frustum, and compare a cylinder with it.
+def test_taper(fit: Fit) -> TaperTest:
+    """Fit a frustum where a cylinder was fitted, and compare the two.
+
+        fit = ij.fit_cylinder(depth, camera)
+        if ij.test_taper(fit).is_needed(): ...
 
     Args:
-        depth: As in `fit_cylinder`.
-        camera: As in `fit_cylinder`.
-        mask: As in `fit_cylinder`.
-        begin: Cylinder to begin with; None to begin with guesses.
-        asked: The other arguments of `fit_cylinder`; none is a cylinder's alone.
+        fit: As `fit_cylinder` returned it.
+
+    Raises:
+        ValueError: It is of another shape, or of a traced call, or it was stacked or
+            made anew since; or its radius was fixed or expected.
     """
+    if not isinstance(fit.shape, Cylinder):
+        found = type(fit.shape).__name__.lower()
+        raise ValueError(
+            f"fit must be of a cylinder to test its taper, got a {found}'s"
+        )
+    held = fit.asked.arguments
+    if held is None:
+        raise ValueError(
+            "fit must be as fit_cylinder returned it to test its taper: one that was "
+            "traced or stacked does not hold its image, nor one of too few readings"
+        )
+    options: Options = held["options"]
+    if "radius" in {*options.fixed, *(options.prior or {})}:
+        raise ValueError(
+            "fit must leave the radius open to test its taper, got one in which it is "
+            "fixed or expected: a frustum has two"
+        )
+    begin = fit.cylinder if fit.success else held["initial"]
     initial = None
     if begin is not None:
         half = unit(begin.axis) * (begin.height / 2)
         ends = begin.center - half, begin.center + half
         initial = Frustum(*ends, begin.radius, begin.radius)
-    frustum = fit_shape(FRUSTUM, depth, camera, mask, initial=initial, **asked)
-    assert isinstance(frustum, FrustumFit)
-    effort = effort_of(asked["effort"])
-    request = checked_request(
-        Frustum,
-        FRUSTUM.parameters,
-        asked["fixed"],
-        initial,
-        asked["mask_meaning"],
-        asked["scale"],
-        asked["errors"],
-        effort,
-        asked["sigma"],
+    asked: dict[str, Any] = held | {"initial": initial}
+    frustum = fit_shape(FRUSTUM, **asked)
+    depth, camera, region, sigma = (
+        asked[name] for name in ("depth", "camera", "mask", "sigma")
     )
-    with working_precision(effort.precision, (depth, camera, mask, asked)) as converted:
-        noise, camera = converted((checked_noise(asked["sigma"]), camera))
+    effort = options.effort
+    request = checked_request(Frustum, FRUSTUM.parameters, options, initial, sigma)
+    given = (depth, camera, region, sigma, options)
+    with working_precision(effort.precision, given) as converted:
+        noise, camera = converted((checked_noise(sigma), camera))
         image = np.asarray(checked_depth(depth, camera))
         # What of a mask the fit has taken; an outline is all of it.
-        is_part = asked["mask_meaning"] == "region" and effort.stride == 1
-        region = frustum.region if is_part else checked_mask(mask, camera)
-        region = np.asarray(region)
+        if options.mask_meaning == "region" and effort.stride == 1:
+            region = np.asarray(frustum.region)
         shown = pixels_shown(image, region, camera, noise, effort.stride)
-        prior = checked_prior(asked["prior"], FRUSTUM.parameters, initial)
+        prior = checked_prior(options.prior, FRUSTUM.parameters, initial)
         compared = quickly_compiled(_statistic, static_argnames="request")
         statistic = compared(*shown, frustum.frustum, converted(prior), request)
-    if asked["errors"] == "correlated":
+    if options.errors == "correlated":
         # As much larger as the radii's difference varies: the ratio is Wald's square.
-        plain: dict[str, Any] = asked | {"errors": "independent"}
-        other = fit_shape(
-            FRUSTUM,
-            depth,
-            camera,
-            region,
-            initial=frustum.frustum,
-            is_whole=True,
-            **plain,
-        )
+        plain = dataclasses.replace(options, errors="independent")
+        anew: dict[str, Any] = {
+            "mask": region,
+            "initial": frustum.frustum,
+            "options": plain,
+        }
+        other = fit_shape(FRUSTUM, **asked | anew, is_whole=True)
         statistic = statistic * _of_difference(other) / _of_difference(frustum)
     p_value = jax.scipy.special.erfc(jnp.sqrt(statistic / 2))
     return TaperTest(
@@ -118,9 +123,9 @@ def taper_test(
     )
 
 
-def _of_difference(fit: AbstractFit) -> Float[Array, ""]:
+def _of_difference(fit: Fit) -> Float[Array, ""]:
     """Variance of the difference of a frustum's radii."""
-    first = FRUSTUM_COORDINATES.index("radius1")
+    first = fit.coordinates.index("radius1")
     (one, both), (_, two) = fit.covariance[first : first + 2, first : first + 2]
     return one + two - 2 * both
 
