@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from impostor_jax.fit.result import TaperTest
 
     Named = tuple[Fitted, TaperTest | None, float, str]
-    """A fit, a test of it, the seconds they took, and the folder they are written to."""
+    """A fit, a test of it, the seconds that took, and the folder for them."""
 
 
 @dataclasses.dataclass(frozen=True)

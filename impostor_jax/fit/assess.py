@@ -95,9 +95,7 @@ def assess(problem: Problem, solution: Solution, correlated: bool) -> Assessment
     sign = in_world_frame(solution.body, camera).sign
     body = solution.body.reversed(jnp.where(settings.keep_ends, 1, sign))
     # Kept in memory for all that reads them.
-    readings = jax.lax.optimization_barrier(
-        reading_terms(pixels, body, problem.noise)
-    )
+    readings = jax.lax.optimization_barrier(reading_terms(pixels, body, problem.noise))
     terms, seen = readings.terms, readings.passing
     last = STAGES[-1]
     edges = crossing_terms(
@@ -116,7 +114,9 @@ def assess(problem: Problem, solution: Solution, correlated: bool) -> Assessment
     counts = jnp.sum(inlier[None] & (shown[None] == ends), axis=1)
     counts += jnp.sum(crossing[None] & (edges.end[None] == ends), axis=1)
     ends_seen = counts >= MIN_END_ROWS
-    outward = jnp.where((inlier & ~seen.on_cap)[None], seen.along[None] * ends, -jnp.inf)
+    outward = jnp.where(
+        (inlier & ~seen.on_cap)[None], seen.along[None] * ends, -jnp.inf
+    )
     reach = jnp.max(outward, axis=1)
     body, carried = body.drawn_in(ends_seen | ~jnp.asarray(settings.draws_in), reach)
     num_inliers = jnp.maximum(jnp.sum(inlier), 1).astype(meters.dtype)
@@ -258,9 +258,7 @@ def _cap_shown(
     return jnp.where(on_cap, seen.sign * jnp.sign(seen.local.direction.z), 0)
 
 
-def _cost(
-    problem: Problem, body: AbstractBody, readings: Readings
-) -> Float[Array, ""]:
+def _cost(problem: Problem, body: AbstractBody, readings: Readings) -> Float[Array, ""]:
     """How badly a body explains the readings: mean log loss of their residuals.
 
     Its logarithm compares good with better and counts a gross error like any other. As

@@ -137,9 +137,7 @@ class Ball(AbstractBody):
         return zero, [zero] * 4
 
     @override
-    def moved(
-        self, natural: Float[Array, "4"], free: FreeDirections
-    ) -> "Ball":
+    def moved(self, natural: Float[Array, "4"], free: FreeDirections) -> "Ball":
         return Ball(self.center + natural[:3], self.radius * jnp.exp(natural[3]))
 
     @override

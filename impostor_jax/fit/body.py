@@ -34,7 +34,7 @@ from impostor_jax.primitives.base import AbstractPrimitive
 Numbers = Float[Array, "*batch"]
 
 Readout = OrderedDict[str, Array]
-"""What a user reads of a shape, by name; JAX keeps its order, and sorts that of a dict."""
+"""What a user reads of a shape, by name, in an order that JAX keeps."""
 
 FreeDirections = Float[Array, "c c"] | Float[np.ndarray, "c c"]
 """As `AbstractBody.free_directions` returns them; a trace may know their values."""

@@ -1,10 +1,9 @@
-"""How sure a fit is of what a user reads, from how that changes with its coordinates."""
+"""How sure a fit is of what a user reads, from how its coordinates change that."""
 
 __all__ = ["deviations_of"]
 
 from collections import OrderedDict
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
@@ -54,12 +53,10 @@ def deviations_of(
     size = body.size
     lengths = jnp.where(names[own] == "axis", size, 1)
     surface = full * (lengths[:, None] * lengths[None])
-    # What is free stands apart from the rest, and comes first: no variance of that is
+    # What is free stands apart from the rest and comes first: no variance of that is
     # more than their sum. A larger number would round the others away.
-    beyond = 2 * jnp.trace(surface) + size**2
-    values, vectors = jnp.linalg.eigh(
-        surface + jnp.diag(jnp.where(is_observed, 0, beyond))
-    )
+    apart = jnp.where(is_observed, 0, 2 * jnp.trace(surface))
+    values, vectors = jnp.linalg.eigh(surface + jnp.diag(apart))
     deviation = jnp.sqrt(jnp.maximum(values[::-1], 0))
     is_free = np.arange(len(own)) < jnp.sum(~is_observed)
     observed = Directions(

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any, TypedDict
 
 from impostor_jax.arguments import one_of
-from impostor_jax.effort import Effort, effort_of
+from impostor_jax.effort import EFFORTS, Effort, effort_of
 
 
 class FitOptions(TypedDict, total=False):
@@ -48,7 +48,7 @@ class Options:
     mask_meaning: str = "region"
     scale: str = "estimated"
     errors: str = "independent"
-    effort: Effort = effort_of("balanced")
+    effort: Effort = EFFORTS["balanced"][1]
 
     @staticmethod
     def of(given: Mapping[str, Any]) -> "Options":

@@ -43,7 +43,6 @@ from impostor_jax.sensor.base import AbstractDepthNoise
 from impostor_jax.sensor.gaussian import ConstantNoise
 from impostor_jax.sensor.lateral import LateralNoise
 
-
 USUAL_SIGMA = 0.001
 """Deviation in meters that is taken where a caller names none."""
 

@@ -318,7 +318,7 @@ class RoundBody(AbstractBody):
     def _of_wall(
         self, passing: Passing, alpha: Numbers, beta: Numbers
     ) -> tuple[list[Numbers], list[Numbers], list[Numbers]]:
-        """alpha dn + beta dq for tilts, motions across the axis, and radii.
+        """Alpha dn + beta dq for tilts, motions across the axis, and radii.
 
         With x the point of the nearest approach, l its coordinate along the axis,
         R = r + k l the wall's radius beside it, and e the ray's direction d across the
@@ -334,17 +334,17 @@ class RoundBody(AbstractBody):
         (o1, o2, o_a), (e1, e2, d_a) = _in_frame(passing)
         alpha, beta = alpha * passing.inverse, beta * (2 * passing.inverse)
         n, q = passing.nearest, passing.square
-        x1, x2, l = o1 + n * e1, o2 + n * e2, o_a + n * d_a
+        x1, x2, along = o1 + n * e1, o2 + n * e2, o_a + n * d_a
         if self.growth is None:
-            lever, tilt, r = l, d_a, self.radius
+            lever, tilt, r = along, d_a, self.radius
             radii = [r * r * beta]
         else:
             k = self.slope
-            wide = self.radius + k * l
-            lever, tilt = l + k * wide, (1 + k * k) * d_a
+            wide = self.radius + k * along
+            lever, tilt = along + k * wide, (1 + k * k) * d_a
             in_radius = (k * d_a * alpha + wide * beta) / 2
-            in_slope = (wide + k * l) * d_a * alpha
-            in_slope = in_slope + (wide * l + q * k * d_a * d_a) * beta
+            in_slope = (wide + k * along) * d_a * alpha
+            in_slope = in_slope + (wide * along + q * k * d_a * d_a) * beta
             in_slope = in_slope / self.height
             radii = [
                 self.radius1 * (in_radius - in_slope),
@@ -384,9 +384,7 @@ class RoundBody(AbstractBody):
         ]
 
     @override
-    def moved(
-        self, natural: Float[Array, " c"], free: FreeDirections
-    ) -> "RoundBody":
+    def moved(self, natural: Float[Array, " c"], free: FreeDirections) -> "RoundBody":
         """The body at natural coordinates.
 
         The height stays positive: the ends move so to first order.
@@ -451,6 +449,7 @@ class RoundBody(AbstractBody):
         # To the point of this axis that lies beside the other's center.
         along = jnp.sum(self.axis * away)
         half = self.axis * (self.height / 2)
+        across = away - self.axis * along
         places = OrderedDict(center=self.center)
         radii = OrderedDict(radius=self.radius)
         if self.growth is not None:
@@ -462,7 +461,9 @@ class RoundBody(AbstractBody):
             radii = OrderedDict(zip(self.names_of_radii, own, strict=True))
         return OrderedDict(
             **places,
-            across_axis=jnp.matmul(basis, away - self.axis * along, precision="highest"),
+            across_axis=jnp.matmul(
+                basis, away - self.axis * along, precision="highest"
+            ),
             along_axis=jnp.sum(near.axis * away),
             axis=jnp.matmul(basis, self.axis, precision="highest"),
             **radii,
@@ -493,9 +494,7 @@ class RoundBody(AbstractBody):
         if self.growth is None:
             return RoundBody(center, self.axis, self.radius, height), carried
         radius = self.radius + self.slope * shift
-        body = RoundBody(
-            center, self.axis, radius, height, self.slope * height / 2
-        )
+        body = RoundBody(center, self.axis, radius, height, self.slope * height / 2)
         # A radius at one of the other's ends grows the wall in proportion to the
         # distance from its other end.
         low, high = self.height / 2 - lower, upper - self.height / 2

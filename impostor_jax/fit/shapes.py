@@ -9,8 +9,8 @@ where one is not, or where the caller asks for it, the others are tried, too.
 __all__ = [
     "CYLINDER",
     "FRUSTUM",
-    "SPHERE",
     "KINDS",
+    "SPHERE",
     "Fittable",
     "fit_shape",
     "no_guess",
@@ -21,7 +21,6 @@ import dataclasses
 from collections.abc import Callable
 from typing import Any
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -77,6 +76,7 @@ from impostor_jax.primitives.frustum import Frustum
 from impostor_jax.primitives.sphere import Sphere
 from impostor_jax.sensor.base import AbstractDepthNoise
 
+
 @dataclasses.dataclass(frozen=True)
 class Fittable:
     """A shape that can be fitted.
@@ -98,6 +98,12 @@ class Fittable:
     parameters: tuple[str, ...]
     nothing: dict[str, Any]
     most_tolerance: float = np.inf
+
+    @property
+    def coordinates(self) -> tuple[str, ...]:
+        """Of its covariance."""
+        # Known without a device.
+        return coordinates_of(jax.eval_shape(lambda: self.body_at(self.nothing)))
 
     def body_at(self, fields: dict[str, Any]) -> AbstractBody:
         """A body, or a batch, from NumPy's or Python's numbers."""
@@ -276,8 +282,7 @@ def _fit_pixels(
     found = []
     if not effort.all_starts:
         found = [
-            fitted(start)
-            for start in _starts_of(kind, image, region, camera, noise, 1)
+            fitted(start) for start in _starts_of(kind, image, region, camera, noise, 1)
         ]
         if found and (effort.starts == 1 or bool(found[0].is_clear)):
             return found[0].fit

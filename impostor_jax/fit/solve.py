@@ -116,7 +116,8 @@ def solve(problem: Problem, start: AbstractBody) -> Solution:
 def _through_stages(problem: Problem, start: AbstractBody) -> Solution:
     dtype = problem.unit.dtype
     stages = jax.tree.map(lambda *a: jnp.array(a), *STAGES)
-    limits = jnp.asarray(stages.limit, dtype) * (problem.settings.tolerance / STAGE_TOLERANCE)
+    coarseness = problem.settings.tolerance / STAGE_TOLERANCE
+    limits = jnp.asarray(stages.limit, dtype) * coarseness
     last = len(STAGES) - 1
     still = jnp.zeros(problem.settings.free.shape[0], dtype)
     begin = _State(
@@ -145,7 +146,8 @@ def _through_stages(problem: Problem, start: AbstractBody) -> Solution:
         # Through the weights it converges but linearly: by the secant of two steps.
         change = wanted - state.wanted
         share = safe_divide(jnp.sum(wanted * change), jnp.sum(change**2))
-        share = jnp.where(is_last & (state.in_stage > 0), jnp.clip(share, -MOST_SUM, 0), 0)
+        has_two = is_last & (state.in_stage > 0)
+        share = jnp.where(has_two, jnp.clip(share, -MOST_SUM, 0), 0)
         moved = wanted - share * (state.moved + change)
         size = jnp.sqrt(jnp.mean(moved**2))
         natural = jnp.matmul(scaled, moved, precision="highest")
@@ -190,8 +192,9 @@ def followed(problem: Problem, solution: Solution) -> Solution:
 
     still = jnp.zeros(scaled.shape[1], scaled.dtype)
     slope = jax.jacfwd(pull)(still, jax.lax.stop_gradient(problem))
-    held = jnp.all(slope == 0, axis=0)
-    slope = jax.lax.stop_gradient(slope + jnp.diag(jnp.where(held, 1, 0).astype(slope.dtype)))
+    is_held = jnp.all(slope == 0, axis=0)
+    one = jnp.diag(jnp.where(is_held, 1, 0).astype(slope.dtype))
+    slope = jax.lax.stop_gradient(slope + one)
     moved = -jnp.linalg.solve(slope, pull(still, problem))
     # From where a fit ended it is a step of Newton's, too.
     is_near = jnp.sqrt(jnp.mean(moved**2)) < 1

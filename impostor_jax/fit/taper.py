@@ -7,6 +7,8 @@ freedom where there is none.
 
 __all__ = ["test_taper"]
 
+from typing import Any
+
 import jax
 import jax.numpy as jnp
 
@@ -36,25 +38,25 @@ def test_taper(fit: Fit) -> TaperTest:
         raise ValueError(
             f"fit must be of a cylinder to test its taper, got a {found}'s"
         )
-    asked = fit.asked.arguments
-    if asked is None:
+    held = fit.asked.arguments
+    if held is None:
         raise ValueError(
             "fit must be as fit_cylinder returned it to test its taper: one that was "
-            "traced, stacked or mapped does not hold its image, nor one without a guess"
+            "traced or stacked does not hold its image, nor one of too few readings"
         )
-    options: Options = asked["options"]
+    options: Options = held["options"]
     if "radius" in {*options.fixed, *(options.prior or {})}:
         raise ValueError(
             "fit must leave the radius open to test its taper, got one in which it is "
             "fixed or expected: a frustum has two"
         )
-    begin = fit.cylinder if fit.success else asked["initial"]
+    begin = fit.cylinder if fit.success else held["initial"]
     initial = None
     if begin is not None:
         half = unit(begin.axis) * (begin.height / 2)
         ends = begin.center - half, begin.center + half
         initial = Frustum(*ends, begin.radius, begin.radius)
-    asked = asked | {"initial": initial}
+    asked: dict[str, Any] = held | {"initial": initial}
     frustum = fit_shape(FRUSTUM, **asked)
     first = frustum.coordinates.index("radius1")
     (one, both), (_, two) = frustum.covariance[first : first + 2, first : first + 2]
