@@ -461,9 +461,7 @@ class RoundBody(AbstractBody):
             radii = OrderedDict(zip(self.names_of_radii, own, strict=True))
         return OrderedDict(
             **places,
-            across_axis=jnp.matmul(
-                basis, away - self.axis * along, precision="highest"
-            ),
+            across_axis=jnp.matmul(basis, across, precision="highest"),
             along_axis=jnp.sum(near.axis * away),
             axis=jnp.matmul(basis, self.axis, precision="highest"),
             **radii,
