@@ -59,6 +59,12 @@ UNSETTLED = 10.0
 MOST_SUM = 20.0
 """Steps that one is stretched to at most, where they shrink by a ratio."""
 
+MOST_BACK = 0.5
+"""Part of a step that is taken back at most, where steps go to and fro."""
+
+MOST_COARSE = 10
+"""Steps of a stage but the last: on few readings some go to and fro for ever."""
+
 RIDGE = 3e-3
 """Inverse width of the prior that keeps free coordinates in place, in scaled units."""
 
@@ -147,11 +153,11 @@ def _through_stages(problem: Problem, start: AbstractBody) -> Solution:
         change = wanted - state.wanted
         share = safe_divide(jnp.sum(wanted * change), jnp.sum(change**2))
         has_two = is_last & (state.in_stage > 0)
-        share = jnp.where(has_two, jnp.clip(share, -MOST_SUM, 0), 0)
+        share = jnp.where(has_two, jnp.clip(share, -MOST_SUM, MOST_BACK), 0)
         moved = wanted - share * (state.moved + change)
         size = jnp.sqrt(jnp.mean(moved**2))
         natural = jnp.matmul(scaled, moved, precision="highest")
-        ends = size < limits[state.stage]
+        ends = (size < limits[state.stage]) | (state.in_stage >= MOST_COARSE - 1)
         goes_further = ends & ~is_last
         return _State(
             body=state.body.moved(natural, problem.settings.free),
