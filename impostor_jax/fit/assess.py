@@ -169,7 +169,7 @@ def assess(
 
     change, known = jax.jacfwd(read)(jnp.zeros(chart.size, unit.dtype))
     # What is held stays, whatever moves the place at which it is read.
-    for name in {*request.fixed} & {*change}:
+    for name in filter(change.__contains__, request.fixed):
         change[name] = jnp.zeros_like(change[name])
     widening = jnp.maximum(squares / num_inliers, 1)
     of_prior = jnp.matmul(known.T, known, precision="highest")
