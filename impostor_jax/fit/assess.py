@@ -142,7 +142,7 @@ def assess(problem: Problem, solution: Solution, correlated: bool) -> Assessment
 
     change, known = jax.jacfwd(read)(jnp.zeros(scaled.shape[1], scaled.dtype))
     # What is held stays, whatever moves the place at which it is read.
-    for name in {*settings.held} & {*change}:
+    for name in filter(change.__contains__, settings.held):
         change[name] = jnp.where(settings.held[name], 0, change[name])
     widening = jnp.maximum(squares / num_inliers, 1)
     of_prior = jnp.matmul(known.T, known, precision="highest")

@@ -142,13 +142,13 @@ class Directions(eqx.Module):
 
 
 @jax.tree_util.register_pytree_node_class
-@dataclasses.dataclass(frozen=True)
+@dataclasses.dataclass
 class Asked:
     """What a fit was asked; no part of its tree, so that any change of that forgets it.
 
     Attributes:
-        arguments: Of `fit_shape`, by name; None where the fit was traced, stacked, or
-            made from another.
+        arguments: Of `fit_shape`, by name, once that has ended; None where the fit was
+            traced, stacked, or made from another.
     """
 
     arguments: dict[str, Any] | None = None
@@ -226,7 +226,7 @@ class Fit(eqx.Module):
     chi2: Float[Array, "*batch"]
     p_value: Float[Array, "*batch"]
     border_chi2: Float[Array, "*batch"]
-    asked: Asked = dataclasses.field(default=Asked(), repr=False)
+    asked: Asked = dataclasses.field(default_factory=Asked, repr=False)
 
     @property
     def cylinder(self) -> Cylinder:

@@ -59,7 +59,6 @@ from impostor_jax.fit.request import (
 )
 from impostor_jax.fit.result import (
     STATUSES,
-    Asked,
     Deviations,
     Directions,
     Fit,
@@ -204,8 +203,9 @@ def fit_shape(
             region = object_region(*shown, camera, noise)
             fit = _fit_concrete(kind, shown[0], region, initial, *asked, is_whole)
             # A caller may write other pixels to a mask, and the depth is a copy.
-            about = {**about, "depth": shown[0], "mask": np.array(region)}
-            return dataclasses.replace(fit, asked=Asked(about))
+            own = {"depth": shown[0], "mask": np.array(region)}
+            fit.asked.arguments = about | own
+            return fit
         if initial is None:
             raise ValueError(
                 "initial must be given to a traced fit: the first guess runs outside "

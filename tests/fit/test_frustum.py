@@ -103,7 +103,7 @@ def test_held_and_expected_radii_count():
 
 def test_a_can_needs_no_taper_and_a_cup_does():
     for shape, is_needed in ((can(), False), (cup(0.05), True)):
-        depth, mask = image_of(shape)
+        depth, mask = map(np.array, image_of(shape))
         fit = ij.fit_cylinder(depth, CAMERA, mask=mask, sigma=SIGMA)
         # Of what was fitted, whatever becomes of the caller's arrays.
         mask[:] = False
