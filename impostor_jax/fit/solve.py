@@ -41,7 +41,6 @@ from impostor_jax.fit.evidence import (
     joined,
     reading_rows,
 )
-from impostor_jax.fit.minimize import minimize
 from impostor_jax.fit.parameterization import Chart
 from impostor_jax.fit.prior import Prior
 from impostor_jax.fit.request import Request
@@ -389,6 +388,9 @@ def _refine(
     num_blocks: Int[Array, ""] | None,
 ) -> Solution:
     """Go through the stages, from the first one, beginning at one start."""
+    # Here, since optimistix takes 0.1 s to import, and a loaded program does without.
+    from impostor_jax.fit.minimize import minimize
+
     unit = units[0]
     dtype = unit.dtype
     _, width = KERNELS[request.kernel]

@@ -20,7 +20,6 @@ from impostor_jax.camera.pinhole import PinholeCamera
 from impostor_jax.compiling import quickly_compiled
 from impostor_jax.effort import effort_of
 from impostor_jax.fit.evidence import gather_edge, gather_pixels
-from impostor_jax.fit.minimize import lowest_loss
 from impostor_jax.fit.parameterization import FRUSTUM_COORDINATES, Chart
 from impostor_jax.fit.prior import Prior
 from impostor_jax.fit.request import (
@@ -151,6 +150,9 @@ def _statistic(
         prior: Of the cylinder, in the world frame.
         request: What was asked of the fits.
     """
+    # Here, as in `solve`: optimistix takes long to import.
+    from impostor_jax.fit.minimize import lowest_loss
+
     depth = depth.astype(frustum.radius1.dtype)
     pixels = gather_pixels(depth, camera, row, col)
     edge = gather_edge(depth, mask, camera, row, col)
