@@ -6,7 +6,7 @@ import os
 import sys
 
 from data_synth.cli import parse
-from impostor_jax.cli.compiled import keep_compiled
+from impostor_jax.caching import keep_compiled
 from impostor_jax.cli.ending import end_of
 
 

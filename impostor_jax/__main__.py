@@ -4,7 +4,7 @@ __all__ = ["main"]
 
 import sys
 
-from impostor_jax.cli.compiled import keep_compiled
+from impostor_jax.caching import keep_compiled
 from impostor_jax.cli.ending import end_of
 from impostor_jax.cli.parse import parse
 

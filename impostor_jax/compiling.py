@@ -1,30 +1,150 @@
-"""How programs are compiled that take longer to compile than to run."""
+"""How the package's own programs are compiled: quickly, and once on a machine."""
 
-__all__ = ["quickly_compiled"]
+__all__ = ["kept", "quickly_compiled"]
 
+import contextlib
 import functools
+import inspect
+import threading
 from collections.abc import Callable
 from typing import Any
 
 import jax
+import jax.core
+
+from impostor_jax import program_store
 
 OLDER_GENERATOR = {"xla_cpu_use_fusion_emitters": False}
 """XLA's older code generator for processors. The hundreds of loops of a fit take it
 half the time of the newer one, and run as fast."""
+
+SETTINGS = ("jax_enable_x64", "jax_default_matmul_precision")
+"""Of JAX, that decide what is compiled."""
+
+LEFT_TO_JAX = (
+    "jax_debug_nans",
+    "jax_debug_infs",
+    "jax_disable_jit",
+    "jax_default_device",
+)
+"""Settings of JAX, each unset by default, with which `jax.jit` itself is called."""
 
 
 @functools.cache
 def quickly_compiled(
     function: Callable[..., Any], **options: Any
 ) -> Callable[..., Any]:
-    """`jax.jit` of a function, in half the time where XLA can.
+    """`kept` of a function, compiled in half the time where XLA can.
 
     Args:
         function: Called with concrete arguments alone: JAX takes no options for a part
             of a program.
         options: Of `jax.jit`.
     """
-    return jax.jit(function, **options, compiler_options=_known_options())
+    return _Kept(function, options, _known_options)
+
+
+@functools.cache
+def kept(function: Callable[..., Any], **options: Any) -> Callable[..., Any]:
+    """`jax.jit` of a function of this package, kept on disk for the next process.
+
+    Args:
+        function: Its source, and what it calls, is in this package.
+        options: Of `jax.jit`.
+    """
+    return _Kept(function, options, lambda: None)
+
+
+class _Kept:
+    """A function with its compiled programs.
+
+    Attributes:
+        programs: Compiled or loaded in this process, by what they were compiled for.
+    """
+
+    def __init__(
+        self,
+        function: Callable[..., Any],
+        options: dict[str, Any],
+        compiler_options: Callable[[], dict[str, bool] | None],
+    ):
+        self._function = function
+        self._options = options
+        self._compiler_options = compiler_options
+        self._name = f"{function.__module__}.{function.__qualname__}"
+        self._signature = inspect.signature(function)
+        names = options.get("static_argnames", ())
+        self._static_names = (names,) if isinstance(names, str) else tuple(names)
+        self.programs: dict[Any, Callable[..., Any]] = {}
+        self._lock = threading.RLock()
+
+    @functools.cached_property
+    def _jitted(self) -> Any:
+        asked = {"compiler_options": self._compiler_options(), **self._options}
+        return jax.jit(self._function, **asked)
+
+    def __call__(self, *args: Any, **kwargs: Any) -> Any:
+        given = self._signature.bind(*args, **kwargs).arguments
+        static = {name: given.pop(name) for name in self._static_names if name in given}
+        leaves, tree = jax.tree.flatten(dict(given))
+        if not _can_be_kept(leaves):
+            return self._jitted(**given, **static)
+        key = (
+            tree,
+            tuple(static.items()),
+            tuple(map(jax.typeof, leaves)),
+            tuple(getattr(jax.config, name) for name in SETTINGS),
+        )
+        program = self.programs.get(key)
+        if program is None:
+            # Of threads that need the same, one compiles.
+            with self._lock:
+                program = self.programs.get(key)
+                if program is None:
+                    program = self._load_or_compile(key, given, static)
+                    self.programs[key] = program
+        return program(**given)
+
+    def _load_or_compile(
+        self, key: tuple[Any, ...], given: dict[str, Any], static: dict[str, Any]
+    ) -> Callable[..., Any]:
+        place = None
+        if _is_of_this_package(key[0]):
+            place = program_store.place_of((self._name, *key))
+        if place is not None:
+            program = program_store.load(place)
+            # Whether it runs here, its first call tells.
+            with contextlib.suppress(Exception):
+                if program is not None:
+                    jax.block_until_ready(program(**given))
+                    return program
+        program = self._jitted.lower(**given, **static).compile()
+        if place is not None:
+            program_store.save(program, place)
+        return program
+
+
+def _can_be_kept(leaves: list[Any]) -> bool:
+    """Whether numbers, where they lie and JAX's settings are those of a kept program.
+
+    That is of processors alone. Anything else `jax.jit` does itself.
+    """
+    if any(getattr(jax.config, name) for name in LEFT_TO_JAX):
+        return False
+    device = jax.devices()[0]
+    return device.platform == "cpu" and all(
+        not isinstance(leaf, jax.core.Tracer)
+        and (not isinstance(leaf, jax.Array) or leaf.devices() == {device})
+        for leaf in leaves
+    )
+
+
+def _is_of_this_package(tree: Any) -> bool:
+    """Whether no user's class, which may change, decides what is compiled."""
+    data = tree.node_data()
+    package = __name__.split(".")[0]
+    own = data is None or data[0].__module__.split(".")[0] in (package, "builtins")
+    return own and all(map(_is_of_this_package, tree.children()))
 
 
 @functools.cache

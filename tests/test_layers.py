@@ -11,6 +11,8 @@ PACKAGE = Path(impostor_jax.__file__).parent
 # From the lowest layer to the highest.
 LAYERS = (
     "numerics",
+    "caching",
+    "program_store",
     "compiling",
     "effort",
     "arguments",
@@ -157,7 +159,6 @@ ORDER = {
         "parity",
     ),
     "cli": (
-        "compiled",
         "ending",
         "dials",
         "given",

@@ -77,7 +77,7 @@ class OrthographicCamera(AbstractCamera):
         x = (col.astype(dtype) - self.cx) / self.fx
         y = (row.astype(dtype) - self.cy) / self.fy
         zero, one = jnp.zeros_like(x), jnp.ones_like(x)
-        return Ray(origin=Vec3(x, y, zero), direction=Vec3(zero, zero, one))
+        return Ray(Vec3(x, y, zero), Vec3(zero, zero, one), is_forward=True)
 
     @override
     def shifted(

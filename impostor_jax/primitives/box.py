@@ -181,9 +181,7 @@ def _first_hit(
         hit = (lower <= upper) & (leave > 0) & is_solid
         return jnp.where(hit, jnp.where(enters, enter, leave), jnp.inf), face
 
-    shape = jnp.broadcast_shapes(ray.direction.x.shape, box.batch_shape)
-    start = jnp.zeros(shape, box.dtype), jnp.zeros(shape, int)
-    return computed_apart(trace, start, box.size)
+    return computed_apart(trace, box.size)
 
 
 @_first_hit.defjvp

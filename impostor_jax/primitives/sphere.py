@@ -110,9 +110,7 @@ def _first_hit(ray: Ray, sphere: Sphere) -> Float[Array, "*batch"]:
         hit = (enter <= leave) & (leave > 0) & has_square(r)
         return jnp.where(hit, jnp.where(enter > 0, enter, leave), jnp.inf)
 
-    shape = jnp.broadcast_shapes(ray.direction.x.shape, sphere.radius.shape)
-    start = jnp.zeros(shape, sphere.radius.dtype)
-    return computed_apart(trace, start, sphere.radius)
+    return computed_apart(trace, sphere.radius)
 
 
 @_first_hit.defjvp

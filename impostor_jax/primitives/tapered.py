@@ -149,9 +149,7 @@ def _first_hit(
             part = jnp.where(nearer, crossing.part, part)
         return t, part
 
-    shape = jnp.broadcast_shapes(ray.direction.x.shape, body.low.shape)
-    start = jnp.zeros(shape, body.low.dtype), jnp.zeros(shape, int)
-    return computed_apart(trace, start, body.radius)
+    return computed_apart(trace, body.radius)
 
 
 def _crossings(near: Ray, body: Tapered) -> list[_Crossing]:

@@ -291,9 +291,7 @@ def _cast_lists(
                 ),
                 group.primitives,
             )
-            hit = computed_apart(
-                lambda: shape.intersect(ray), _no_hit(t), ray.direction.z
-            )
+            hit = computed_apart(lambda: shape.intersect(ray), ray.direction.z)
             nearer = (hit.t < t) & (slot < count)[:, None]
             piece = 2 * hit.part.astype(jnp.int32) + hit.on_cap.astype(jnp.int32)
             own = PARTS * (first + number)[:, None] + piece
@@ -309,8 +307,3 @@ def _cast_lists(
 
     used = jnp.sum(lengths[:, 0] > 0)
     return jax.lax.fori_loop(0, used, at_chunk, nearest)
-
-
-def _no_hit(t: Array) -> Hit:
-    blank = jnp.zeros(t.shape, int)
-    return Hit(jnp.full_like(t, jnp.inf), blank > 0, blank)

@@ -21,6 +21,7 @@ from jaxtyping import Array, Float, Int
 from impostor_jax.arguments import is_concrete, one_of, real_number, working_precision
 from impostor_jax.camera.base import AbstractCamera
 from impostor_jax.camera.pixels import Tile
+from impostor_jax.compiling import kept
 from impostor_jax.effort import Effort, effort_of
 from impostor_jax.primitives.base import AbstractPrimitive
 from impostor_jax.rendering.bounds import is_bounded
@@ -111,7 +112,7 @@ def render(
         primitive, camera = converted((primitive, camera))
         stride = effort.stride
         samples = _samples(primitive, effort) if "coverage" in outputs else 0
-        asked = (frozenset(outputs), stride, samples)
+        asked = (tuple(sorted(set(outputs))), stride, samples)
         if effort.extent == "tile" and tile is None and _has_tile(primitive, camera):
             assert isinstance(primitive, AbstractPrimitive)
             small = outline_tile(primitive, camera, margin=int("coverage" in outputs))
@@ -166,12 +167,12 @@ def _on_grid(tile: Tile, camera: AbstractCamera, stride: int) -> Tile:
     return Tile(row, col, height, width)
 
 
-@partial(jax.jit, static_argnames=("outputs", "stride", "samples"))
+@partial(kept, static_argnames=("outputs", "stride", "samples"))
 def _render(
     primitive: Seen,
     camera: AbstractCamera,
     tile: Tile | None,
-    outputs: frozenset[str],
+    outputs: tuple[str, ...],
     stride: int,
     samples: int,
 ) -> GeometryMaps:
@@ -181,15 +182,15 @@ def _render(
         primitive: As in `render`.
         camera: As in `render`.
         tile: As in `render`.
-        outputs: As in `render`.
+        outputs: As in `render`, in the order of their names.
         stride: Of an `Effort`.
         samples: Rays along each side of a pixel for the coverage; 0 for the exact area.
     """
     tile = camera.frame if tile is None else tile
     row, col = (pixel[::stride, ::stride] for pixel in tile.pixels())
+    others = frozenset(outputs) - {"coverage"}
     if "coverage" not in outputs:
-        return raycast(primitive, camera, row, col, outputs)
-    others = outputs - {"coverage"}
+        return raycast(primitive, camera, row, col, others)
     if samples == 1:
         # What the centers see is cast once, for the mask and for this.
         maps = raycast(primitive, camera, row, col, others | {"mask"})
@@ -228,12 +229,12 @@ def _sampled_coverage(
     return total / samples**2
 
 
-@partial(jax.jit, static_argnames=("outputs", "stride", "samples"))
+@partial(kept, static_argnames=("outputs", "stride", "samples"))
 def _render_in_frame(
     primitive: AbstractPrimitive,
     camera: AbstractCamera,
     tile: Tile,
-    outputs: frozenset[str],
+    outputs: tuple[str, ...],
     stride: int,
     samples: int,
 ) -> GeometryMaps:

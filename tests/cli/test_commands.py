@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from impostor_jax.__main__ import main
-from impostor_jax.cli.compiled import keep_compiled
+from impostor_jax.caching import keep_compiled
 from tests.groups import LARGE_IMAGES, SMALL_IMAGES
 
 CAMERA = {"fx": 150.0, "fy": 150.0, "cx": 79.5, "cy": 59.5, "width": 160, "height": 120}
