@@ -71,6 +71,7 @@ class Assessment(NamedTuple):
         is_clear: Whether it explains the image so well that no other start could do
             better.
         hides_tilt: Whether the noise may hide which of two tilts is the true one.
+        nominal: Typical deviation of a reading, in meters.
     """
 
     fit: Fit
@@ -78,9 +79,9 @@ class Assessment(NamedTuple):
     cost: Float[Array, ""]
     is_clear: Bool[Array, ""]
     hides_tilt: Bool[Array, ""]
+    nominal: Float[Array, ""]
 
 
-@jax.jit(static_argnames="correlated")
 def assess(problem: Problem, solution: Solution, correlated: bool) -> Assessment:
     """Result of a fit in the world frame.
 
@@ -235,7 +236,7 @@ def assess(problem: Problem, solution: Solution, correlated: bool) -> Assessment
     hides_tilt = problem.nominal > HIDES_TILT * body.radius
     is_clear = success & (hidden <= MOST_HIDDEN) & (~hides_tilt | body.is_long)
     is_clear &= _explains(pixels, readings, wide)
-    return Assessment(fit, body, cost, is_clear, hides_tilt)
+    return Assessment(fit, body, cost, is_clear, hides_tilt, problem.nominal)
 
 
 def _products(

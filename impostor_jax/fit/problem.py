@@ -152,7 +152,6 @@ class Problem(eqx.Module):
         return jax.lax.cond(self.nominal > 0, function, never)
 
 
-@jax.jit(static_argnames="kernel")
 def posed(
     depth: Float[Array, "h w"],
     mask: Bool[Array, "h w"],
