@@ -8,9 +8,11 @@ from .fit.cylinder import fit_cylinder
 from .fit.depth_loss import depth_loss
 from .fit.frustum import fit_frustum
 from .fit.labels import fit_labels
+from .fit.options import FitOptions
 from .fit.result import (
     Deviations,
     Directions,
+    Fit,
     FitResult,
     FitStatus,
     FrustumDeviations,
@@ -20,6 +22,7 @@ from .fit.result import (
     TaperTest,
 )
 from .fit.sphere import fit_sphere
+from .fit.taper import test_taper
 from .geometry.frames import RigidTransform
 from .io.dataset import read_dataset
 from .io.dataset_shard import LabeledImage
@@ -64,6 +67,8 @@ __all__ = [
     "Directions",
     "Dropout",
     "Effort",
+    "Fit",
+    "FitOptions",
     "FitResult",
     "FitStatus",
     "FlyingPixels",
@@ -108,4 +113,5 @@ __all__ = [
     "shade",
     "signed_distance",
     "silhouettes",
+    "test_taper",
 ]

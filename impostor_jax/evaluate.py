@@ -1,4 +1,4 @@
-"""Fitting the cylinders of a dataset, and comparing the fits with what is there.
+"""Fitting the shapes of a dataset, and comparing the fits with what is there.
 
 Renderer, sensor and fit in one loop: errors say how far a fit is off, errors over their
 deviations whether it says so itself.
@@ -7,7 +7,7 @@ deviations whether it says so itself.
 __all__ = [
     "BINS",
     "LEVELS",
-    "CylinderOutcome",
+    "Outcome",
     "Summary",
     "by_visibility",
     "coverage",
@@ -23,17 +23,18 @@ from collections.abc import Iterable, Iterator, Sequence
 
 import cv2
 import jax
+import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Array, Bool, Float
 
 from impostor_jax.effort import Effort
-from impostor_jax.fit.cylinder import fit_cylinder
-from impostor_jax.fit.parameterization import COORDINATES
+from impostor_jax.fit.body import AbstractBody
+from impostor_jax.fit.options import Options
 from impostor_jax.fit.request import MIN_READINGS
-from impostor_jax.fit.result import FitResult
-from impostor_jax.geometry.so3 import tangent_basis
+from impostor_jax.fit.result import Fit
+from impostor_jax.fit.shapes import KINDS, fit_shape
 from impostor_jax.io.dataset_shard import LabeledImage
-from impostor_jax.primitives.cylinder import Cylinder
+from impostor_jax.primitives.base import AbstractPrimitive
 from impostor_jax.sensor.base import AbstractDepthNoise
 
 BINS = (0.0, 0.2, 0.4, 0.6, 0.8, 0.95, 1.0)
@@ -42,14 +43,19 @@ BINS = (0.0, 0.2, 0.4, 0.6, 0.8, 0.95, 1.0)
 LEVELS = {"68 %": 1.0, "95 %": 1.959964}
 """Intervals whose coverage is counted, by their half widths in deviations."""
 
+NAMES = tuple(
+    dict.fromkeys(name for kind in KINDS.values() for name in kind.coordinates)
+)
+"""Coordinates of all shapes."""
+
 
 @dataclasses.dataclass(frozen=True)
-class CylinderOutcome:
-    """How the fit of one cylinder went.
+class Outcome:
+    """How the fit of one shape went.
 
     Attributes:
         key: Of its image.
-        number: Of the cylinder in it.
+        number: Of the shape in it.
         visible_fraction: Part of its silhouette that is seen.
         num_readings: In the part that is seen.
         status: How the fit ended.
@@ -57,7 +63,7 @@ class CylinderOutcome:
         errors: Fitted less true, by the name of the coordinate, in meters and radians;
             of those that the image determines. The axes' ends are matched.
         deviations: What the fit says they are off by.
-        radius_m: The true one.
+        radius_m: The true one, halfway between the ends.
     """
 
     key: str
@@ -76,10 +82,10 @@ def evaluate(
     sensor: AbstractDepthNoise,
     erode_px: int = 0,
     effort: Effort | str = "balanced",
-) -> Iterator[list[CylinderOutcome]]:
-    """Fit every cylinder that is seen, each with the mask of its visible part.
+) -> Iterator[list[Outcome]]:
+    """Fit every shape that is seen, each with the mask of its visible part.
 
-    Cylinders of too few readings for a fit are left out.
+    Shapes of too few readings for a fit are left out.
 
     Args:
         images: Of a dataset.
@@ -89,21 +95,23 @@ def evaluate(
         effort: Of the fits, as in `fit_cylinder`.
 
     Returns:
-        For each image, the outcomes of its cylinders.
+        For each image, the outcomes of its shapes.
     """
+    options = Options.of({"effort": effort})
     for image in images:
         outcomes = []
+        kind = KINDS[type(image.shapes)]
         for number, visible in enumerate(image.mask):
             mask = _eroded(visible, erode_px)
             num_readings = int(np.count_nonzero(mask & (image.depth > 0)))
             if num_readings < MIN_READINGS:
                 continue
-            fit = fit_cylinder(
-                image.depth, image.camera, mask=mask, sigma=sensor, effort=effort
+            fit = fit_shape(
+                kind, image.depth, image.camera, mask, sensor, None, options
             )
-            truth = jax.tree.map(lambda x, k=number: np.asarray(x)[k], image.cylinders)
+            truth = jax.tree.map(lambda x, k=number: jnp.asarray(x)[k], image.shapes)
             errors, deviations = _errors(fit, truth) if fit.success else ({}, {})
-            outcome = CylinderOutcome(
+            outcome = Outcome(
                 key=image.key,
                 number=number,
                 visible_fraction=float(image.visible_fraction[number]),
@@ -112,7 +120,7 @@ def evaluate(
                 success=bool(fit.success),
                 errors=errors,
                 deviations=deviations,
-                radius_m=float(truth.radius),
+                radius_m=float(kind.body.of(truth).radius),
             )
             outcomes.append(outcome)
         yield outcomes
@@ -125,49 +133,59 @@ def _eroded(mask: Bool[np.ndarray, "h w"], depth_px: int) -> Bool[np.ndarray, "h
 
 
 def _errors(
-    fit: FitResult, truth: Cylinder
+    fit: Fit, truth: AbstractPrimitive
 ) -> tuple[dict[str, float], dict[str, float]]:
     """Errors and deviations of the coordinates that the image determines."""
-    found = jax.tree.map(lambda x: np.asarray(x, np.float64), fit.cylinder)
-    first, second = np.asarray(tangent_basis(fit.cylinder.axis), np.float64)
-    axis = np.asarray(truth.axis, np.float64)
-    axis = axis / np.linalg.norm(axis)
-    sign = 1.0 if axis @ found.axis >= 0 else -1.0
-    offset = found.center - truth.center
-    # Centers that lie apart along the axis, where an end is not seen, are not compared
-    # across it: what is beside the fitted center is another point of the true axis.
-    across = offset - (offset @ axis) * axis
-    values = {
-        # From the true axis to the fitted one.
-        "axis_first": -sign * (axis @ first),
-        "axis_second": -sign * (axis @ second),
-        "center_first": across @ first,
-        "center_second": across @ second,
-        "center_along": offset @ found.axis,
-        "radius": found.radius - truth.radius,
-        "height": found.height - truth.height,
-    }
+    kind = KINDS[type(truth)]
+    with jax.enable_x64(True):
+        found, true = (
+            kind.body.of(jax.tree.map(lambda x: jnp.asarray(x, np.float64), shape))
+            for shape in (fit.shape, truth)
+        )
+        values = np.asarray(_off(found, true, fit.ends_seen))
     variances = np.diag(np.asarray(fit.covariance, np.float64))
-    known = [k for k, v in enumerate(variances) if np.isfinite(v) and v > 0]
-    if not bool(fit.ends_seen.all()):
-        known = [k for k in known if COORDINATES[k] not in ("center_along", "height")]
-    names = [COORDINATES[k] for k in known]
-    deviations = {COORDINATES[k]: float(np.sqrt(variances[k])) for k in known}
-    return {name: float(values[name]) for name in names}, deviations
+    known = np.isfinite(variances) & (variances > 0)
+    if not fit.height_observed:
+        known &= ~np.isin(fit.coordinates, ("center_along", "height"))
+    errors, deviations = (
+        {
+            name: float(number)
+            for name, number, told in zip(fit.coordinates, numbers, known, strict=True)
+            if told
+        }
+        for numbers in (values, np.sqrt(variances))
+    )
+    return errors, deviations
+
+
+@jax.jit
+def _off(
+    found: AbstractBody, true: AbstractBody, ends_seen: Bool[Array, " e"]
+) -> Float[Array, " m"]:
+    """Coordinates of a body that was found, less those of the true one.
+
+    Centers that lie apart along the axis, where an end is not seen, are not compared
+    across it: what is beside the fitted center is another point of the true axis.
+    """
+    one, other = (body.readout(found, ends_seen) for body in (found, true))
+    return jnp.concatenate(
+        [jnp.atleast_1d(one[name] - other[name]) for name in found.coordinates]
+    )
 
 
 @dataclasses.dataclass(frozen=True)
 class Summary:
-    """What the outcomes of some cylinders have in common; NaN where there are none.
+    """What the outcomes of some shapes have in common; NaN where there are none.
 
     Attributes:
-        count: Number of cylinders.
+        count: Number of shapes.
         failures: How many fits failed, and say so.
         wrong: How many of those that succeeded are off by more than a fifth of the
             radius.
         radius_mm: Median of the absolute error.
         axis_deg: Median angle between the axes.
-        center_mm: Median distance of the center from the true axis.
+        center_mm: Median distance of the center from the true axis, or of a sphere's
+            from the true one.
         height_mm: Median of the absolute error, where both ends are seen.
         spread: Of errors over deviations: 1.4826 times the median of their absolute
             values, 1 of normal ones.
@@ -185,30 +203,39 @@ class Summary:
     coverage: dict[str, float]
 
 
-def summarize(outcomes: Sequence[CylinderOutcome]) -> Summary:
-    """Sum up the outcomes of some cylinders."""
+def summarize(outcomes: Sequence[Outcome]) -> Summary:
+    """Sum up the outcomes of some shapes."""
     good = [outcome for outcome in outcomes if outcome.success]
     scaled = standardized(good)
 
-    def median(*names: str) -> float:
+    def median(start: str) -> float:
         lengths = [
-            np.linalg.norm([outcome.errors[name] for name in names])
-            for outcome in good
-            if all(name in outcome.errors for name in names)
+            np.linalg.norm(some) for outcome in good if (some := _those(outcome, start))
         ]
         return float(np.median(lengths)) if lengths else float("nan")
 
     return Summary(
         count=len(outcomes),
         failures=len(outcomes) - len(good),
-        wrong=sum(abs(o.errors.get("radius", 0.0)) > o.radius_m / 5 for o in good),
+        wrong=sum(
+            max(map(abs, _those(o, "radius")), default=0) > o.radius_m / 5 for o in good
+        ),
         radius_mm=1e3 * median("radius"),
-        axis_deg=float(np.degrees(median("axis_first", "axis_second"))),
-        center_mm=1e3 * median("center_first", "center_second"),
+        axis_deg=float(np.degrees(median("axis"))),
+        center_mm=1e3 * median("center"),
         height_mm=1e3 * median("height"),
         spread=_spread(scaled),
         coverage=coverage(scaled),
     )
+
+
+def _those(outcome: Outcome, start: str) -> list[float]:
+    """Errors of coordinates whose names begin so, but of the place along an axis."""
+    return [
+        error
+        for name, error in outcome.errors.items()
+        if name.startswith(start) and name != "center_along"
+    ]
 
 
 def coverage(scaled: Float[np.ndarray, " n"]) -> dict[str, float]:
@@ -224,7 +251,7 @@ def _spread(scaled: Float[np.ndarray, " n"]) -> float:
 
 
 def standardized(
-    outcomes: Sequence[CylinderOutcome], name: str | None = None
+    outcomes: Sequence[Outcome], name: str | None = None
 ) -> Float[np.ndarray, " n"]:
     """Errors over deviations, of one coordinate or of all."""
     return np.array(
@@ -238,10 +265,10 @@ def standardized(
 
 
 def by_visibility(
-    outcomes: Sequence[CylinderOutcome],
-) -> dict[str, list[CylinderOutcome]]:
-    """Outcomes by the visible fraction of their cylinders, in the bins of `BINS`."""
-    bins: dict[str, list[CylinderOutcome]] = {
+    outcomes: Sequence[Outcome],
+) -> dict[str, list[Outcome]]:
+    """Outcomes by the visible fraction of their shapes, in the bins of `BINS`."""
+    bins: dict[str, list[Outcome]] = {
         f"{low:.0%}-{high:.0%}": [] for low, high in itertools.pairwise(BINS)
     }
     labels = list(bins)
@@ -251,7 +278,7 @@ def by_visibility(
     return bins
 
 
-def table(outcomes: Sequence[CylinderOutcome]) -> str:
+def table(outcomes: Sequence[Outcome]) -> str:
     """Table of the outcomes by visibility, and of the coverage by coordinate."""
     titles = ("visible", "number", "failed", "wrong", "radius mm", "axis deg")
     titles += ("center mm", "height mm", "spread", *LEVELS)
@@ -266,7 +293,7 @@ def table(outcomes: Sequence[CylinderOutcome]) -> str:
         line += f"{s.spread:>10.2f}"
         lines.append(line + "".join(f"{part:>10.1%}" for part in s.coverage.values()))
     good = [outcome for outcome in outcomes if outcome.success]
-    for name in COORDINATES:
+    for name in NAMES:
         scaled = standardized(good, name)
         if scaled.size:
             line = f"{name:>20}{scaled.size:>10}{'':50}{_spread(scaled):>10.2f}"

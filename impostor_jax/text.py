@@ -26,19 +26,25 @@ def text_or_repr(module: eqx.Module, text: Callable[[], str]) -> str:
         return repr(module)
 
 
-def described(module: Any, units: Mapping[str, str]) -> str:
+def described(
+    module: Any, units: Mapping[str, str], values: Mapping[str, Any] | None = None
+) -> str:
     """Name of a class and its fields, with their units, on one line.
 
     Left out is what is None, and a flag that is True, as it is by default.
 
     Args:
-        module: A dataclass of arrays, strings and flags.
+        module: A dataclass of arrays, strings and flags, or the class of `values`.
         units: Of the fields that are not in meters.
+        values: What is told in place of the fields.
     """
+    if values is None:
+        names = [field.name for field in dataclasses.fields(module)]
+        values = {name: getattr(module, name) for name in names}
     parts = [
-        f"{field.name} {_value(value, units.get(field.name, 'm'))}"
-        for field in dataclasses.fields(module)
-        if (value := getattr(module, field.name)) is not None and value is not True
+        f"{name} {_value(value, units.get(name, 'm'))}"
+        for name, value in values.items()
+        if value is not None and value is not True
     ]
     return f"{type(module).__name__}: {', '.join(parts)}"
 

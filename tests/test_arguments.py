@@ -82,7 +82,7 @@ for call in (
     lambda: ij.render(can, "kinect"),
     lambda: ij.fit_cylinder(depth, camera, prior=[("radius", 0.04, 0.001)]),
     lambda: ij.fit_cylinders(depth[None], camera, prior=["radius"]),
-    lambda: ij.fit_cylinder(depth, camera, prior="radius", test_taper=True),
+    lambda: ij.fit_cylinder(depth, camera, prior="radius"),
 ):
     try:
         call()

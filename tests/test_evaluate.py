@@ -4,6 +4,8 @@ import dataclasses
 import json
 import sys
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -12,15 +14,18 @@ from data_synth.distribution import Fixed, Uniform
 from data_synth.preset import CameraDraw, Preset, Rules
 from impostor_jax.__main__ import main
 from impostor_jax.evaluate import (
-    CylinderOutcome,
+    Outcome,
     evaluate,
     standardized,
     summarize,
     table,
 )
-from impostor_jax.fit.parameterization import COORDINATES
+from impostor_jax.fit.shapes import CYLINDER, KINDS
 from impostor_jax.io.dataset import read_dataset, read_manifest, sensor_of
 from tests.data_synth.small import small_dataset
+from tests.fit.scenes import CAMERA, SIGMA, image_of
+from tests.fit.test_frustum import cup
+from tests.fit.test_sphere import ball
 from tests.groups import SMALL_IMAGES
 
 COUNT = 12
@@ -80,7 +85,9 @@ def test_heights_are_compared_where_both_ends_are_seen(outcomes):
     assert any(seen)
     assert not all(seen)
     for outcome in outcomes:
-        assert set(outcome.errors) == set(outcome.deviations) <= set(COORDINATES)
+        assert (
+            set(outcome.errors) == set(outcome.deviations) <= set(CYLINDER.coordinates)
+        )
         assert ("height" in outcome.errors) == ("center_along" in outcome.errors)
 
 
@@ -106,11 +113,30 @@ def test_eroded_masks_leave_out_their_edges(cans, outcomes):
     assert 0 < some[0].num_readings < outcomes[0].num_readings
 
 
+@SMALL_IMAGES
+@pytest.mark.parametrize("shape", [cup(), ball()], ids=["frustum", "sphere"])
+def test_other_shapes_are_compared_with_the_truth(shape):
+    depth, mask = image_of(shape)
+    several = jax.tree.map(lambda leaf: jnp.asarray(leaf)[None], shape)
+    seen = ij.LabeledImage(depth, mask[None], CAMERA, several, np.ones(1), "0_0")
+    ((found,),) = evaluate([seen], ij.ConstantNoise(SIGMA))
+    assert found.success
+    assert list(found.errors) == list(KINDS[type(shape)].coordinates)
+    scaled = standardized([found])
+    assert 0 < np.abs(scaled).max() < 4
+    text = table([found])
+    assert all(f" {name} " in text for name in found.errors)
+    summary = summarize([found])
+    assert summary.wrong == 0
+    assert 0 < summary.radius_mm < 1
+    assert 0 < summary.center_mm < 1
+
+
 def outcome(error, deviation, visible=1.0, success=True):
     errors = {"radius": error} if success else {}
     deviations = {"radius": deviation} if success else {}
     status = "converged" if success else "poor_fit"
-    return CylinderOutcome(
+    return Outcome(
         "000000_000000", 0, visible, 100, status, success, errors, deviations, 0.04
     )
 

@@ -12,7 +12,7 @@ from impostor_jax.geometry.so3 import tangent_basis
 
 
 def error(estimate: ij.Cylinder, truth: ij.Cylinder) -> Float[np.ndarray, "7"]:
-    """Estimate less truth, in the coordinates of `FitResult.covariance`."""
+    """Estimate less truth, in the coordinates of `Fit.covariance`."""
     a = np.asarray(truth.axis, float)
     basis = np.asarray(tangent_basis(truth.axis), float)
     axis = np.asarray(estimate.axis, float)

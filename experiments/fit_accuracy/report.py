@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from experiments.recording import read_spreads
-from impostor_jax.fit.parameterization import COORDINATES
+from impostor_jax.fit.shapes import CYLINDER
 from impostor_jax.io.atomic import write_atomically
 
 PROGRAMS = ("impostor_jax", "scipy", "cylfit", "scikit-spatial", "pyransac3d")
@@ -43,10 +43,16 @@ def tables(folder: Path) -> str:
         )
     if compared := _compared(values):
         lines += _comparison(values, compared)
-    lines += ["", f"| coverage of 95 % intervals | {' | '.join(COORDINATES)} |"]
+    lines += [
+        "",
+        f"| coverage of 95 % intervals | {' | '.join(CYLINDER.coordinates)} |",
+    ]
     lines += [f"|---|{'--:|' * 7}"]
     for noise in _noises(values):
-        held = [_get(values, f"interval.{noise}.{c}.coverage_95") for c in COORDINATES]
+        held = [
+            _get(values, f"interval.{noise}.{c}.coverage_95")
+            for c in CYLINDER.coordinates
+        ]
         lines.append(f"| {noise} | {' | '.join(f'{part:.3f}' for part in held)} |")
     return "\n".join(lines)
 
@@ -103,14 +109,14 @@ def _draw_errors(axes: Axes, values: Values) -> None:
 
 def _draw_intervals(axes: Axes, values: Values) -> None:
     for noise, marker in zip(_noises(values), "os", strict=False):
-        keys = [f"interval.{noise}.{name}.coverage_95" for name in COORDINATES]
+        keys = [f"interval.{noise}.{name}.coverage_95" for name in CYLINDER.coordinates]
         found = np.array([values[key] for key in keys], float)
         axes.errorbar(
             range(7), found[:, 0], yerr=2 * found[:, 1], fmt=marker, label=noise
         )
     axes.axhspan(0.93, 0.97, alpha=0.2)
     axes.axhline(0.95, color="black", linewidth=1)
-    axes.set_xticks(range(7), COORDINATES, rotation=45, ha="right")
+    axes.set_xticks(range(7), CYLINDER.coordinates, rotation=45, ha="right")
     axes.set_ylabel("part of 95 % intervals that hold the truth")
     axes.legend(fontsize=8)
 

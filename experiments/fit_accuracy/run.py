@@ -22,7 +22,7 @@ from experiments.fit_accuracy.report import draw as draw_figures
 from experiments.fit_accuracy.report import tables
 from experiments.fit_accuracy.scenes import SENSOR, random_scene
 from experiments.recording import Metric, result_folder, save_run
-from impostor_jax.fit.parameterization import COORDINATES
+from impostor_jax.fit.shapes import CYLINDER
 
 T = TypeVar("T")
 
@@ -71,7 +71,7 @@ class Fits:
     """Fits of many views by one program, those that failed left out.
 
     Attributes:
-        errors: In the coordinates of `FitResult.covariance`.
+        errors: In the coordinates of `Fit.covariance`.
         deviations: That were reported; None where a program reports none.
         bounds: Cramér-Rao bound of all the mask's pixels.
         bounds_facing: The same without those seen at a cosine below 0.3.
@@ -92,7 +92,7 @@ def fit_views(
 ) -> Fits:
     """Fit each view as a user would, with no start."""
 
-    def fit(view: View) -> ij.FitResult:
+    def fit(view: View) -> ij.Fit:
         done = ij.fit_cylinder(
             view.depth, CAMERA, mask=view.mask, sigma=sigma, **options
         )
@@ -177,7 +177,7 @@ def case_metrics(name: str, fits: Fits) -> list[Metric]:
         return metrics
     rms, spread = _rms(fits.errors), np.std(fits.errors, axis=0)
     for k in DETERMINED:
-        label, unit = f"{name}.{COORDINATES[k]}", "rad" if k < 2 else "m"
+        label, unit = f"{name}.{CYLINDER.coordinates[k]}", "rad" if k < 2 else "m"
         relative = 1 / np.sqrt(2 * n)
         ratio = rms[k] / _rms(fits.bounds)[k]
         bias = np.mean(fits.errors[:, k]) / spread[k]
@@ -233,7 +233,7 @@ def interval_metrics(name: str, count: int) -> list[Metric]:
     found, reported = np.concatenate([p.errors for p in parts]), np.vstack(deviations)
     return [
         _coverage(f"interval.{name}.{coordinate}", found[:, k], reported[:, k])
-        for k, coordinate in enumerate(COORDINATES)
+        for k, coordinate in enumerate(CYLINDER.coordinates)
     ]
 
 

@@ -133,12 +133,10 @@ def tested(taper: float, config: Config) -> Iterator[Metric]:
     statistics, needed = [], []
     for _ in range(config.tested):
         view = draw_cup(taper, TESTED, NOISE["1mm"], rng)
-        fit = ij.fit_cylinder(
-            view.depth, CAMERA, mask=view.mask, sigma=NOISE["1mm"], test_taper=True
-        )
-        assert fit.taper is not None
-        statistics.append(float(fit.taper.statistic))
-        needed.append(bool(fit.taper.is_needed(LEVEL)))
+        fit = ij.fit_cylinder(view.depth, CAMERA, mask=view.mask, sigma=NOISE["1mm"])
+        test = ij.test_taper(fit)
+        statistics.append(float(test.statistic))
+        needed.append(bool(test.is_needed(LEVEL)))
     n, known = len(needed), np.array(statistics)[np.isfinite(statistics)]
     share = float(np.mean(needed))
     spread = float(np.sqrt(share * (1 - share) / n))

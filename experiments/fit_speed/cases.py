@@ -28,7 +28,7 @@ from impostor_jax.effort import EFFORTS
 VMAPPED = 8
 """Images of a batch inside `jax.vmap`, where all wait for the slowest."""
 
-Calls = dict[str, Callable[[], ij.FitResult]]
+Calls = dict[str, Callable[[], ij.Fit]]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -69,13 +69,13 @@ def see_can(scale: float, count: int) -> View:
     return View(can, camera, np.asarray(maps.mask), depths)
 
 
-def fit_one(view: View, is_masked: bool = True, **options: Any) -> ij.FitResult:
+def fit_one(view: View, is_masked: bool = True, **options: Any) -> ij.Fit:
     """Fit the first image."""
     mask = view.mask if is_masked else None
     return ij.fit_cylinder(view.depths[0], view.camera, mask, SIGMA, **options)
 
 
-def fit_several(view: View, is_masked: bool = True, **options: Any) -> ij.FitResult:
+def fit_several(view: View, is_masked: bool = True, **options: Any) -> ij.Fit:
     """Fit all images, side by side."""
     masks = [view.mask] * len(view.depths) if is_masked else None
     return ij.fit_cylinders(view.depths, view.camera, masks, SIGMA, **options)
@@ -110,7 +110,7 @@ def batch_cases(view: View) -> Calls:
 
 
 def time_fits(
-    calls: Mapping[str, Callable[[], ij.FitResult]],
+    calls: Mapping[str, Callable[[], ij.Fit]],
     repeats: int,
     warm_up: int = WARM_UP,
 ) -> dict[str, Timing]:

@@ -72,7 +72,7 @@ def scaling_metrics(view: View, sizes: Sizes, repeats: int) -> Iterator[Metric]:
 
 
 def curve_metrics(
-    name: str, calls: Mapping[int, Callable[[], ij.FitResult]], repeats: int
+    name: str, calls: Mapping[int, Callable[[], ij.Fit]], repeats: int
 ) -> Iterator[Metric]:
     """Time of a call at each size, all in turns, and the exponent of their medians."""
     named = {str(size): call for size, call in calls.items()}

@@ -75,7 +75,7 @@ class Fitted:
     kind: str
     shape: ij.AbstractPrimitive
     radii: tuple[Radius, ...]
-    fit: ij.FitResult | ij.FrustumFit | ij.SphereFit
+    fit: ij.Fit
     p_value: float | None = None
     """Probability that noise makes a cylinder look as tapered."""
 
@@ -145,17 +145,15 @@ def draw(seed: int) -> tuple[Figure, list[Metric]]:
 
     fits = []
     for name in ("can", "cup"):
-        fit = ij.fit_cylinder(
-            readings, view, mask=masks[name], sigma=SIGMA, test_taper=True
-        )
-        assert fit.taper is not None
+        fit = ij.fit_cylinder(readings, view, mask=masks[name], sigma=SIGMA)
+        test = ij.test_taper(fit)
         true = RADIUS if name == "can" else None
         found = fit.cylinder.radius, fit.std.radius
         radii = (_radius("radius", *found, true),)
-        p_value = float(fit.taper.p_value)
+        p_value = float(test.p_value)
         fits.append(Fitted(name, "cylinder", fit.cylinder, radii, fit, p_value))
         if name == "cup":
-            fit = fit.taper.frustum
+            fit = test.frustum
             fits.append(Fitted(name, "frustum", fit.frustum, _ends(fit), fit))
     fit = ij.fit_sphere(readings, view, mask=masks["ball"], sigma=SIGMA)
     radii = (_radius("radius", fit.sphere.radius, fit.std.radius, RADIUS),)
@@ -167,7 +165,7 @@ def _radius(name: str, found: object, std: object, true: float | None) -> Radius
     return Radius(name, float(np.asarray(found)), float(np.asarray(std)), true)
 
 
-def _ends(fit: ij.FrustumFit) -> tuple[Radius, ...]:
+def _ends(fit: ij.Fit) -> tuple[Radius, ...]:
     """Radii of the cup, the narrow one first: the fit decides which end is p1."""
     cup, std = fit.frustum, fit.std
     pairs = [(cup.radius1, std.radius1), (cup.radius2, std.radius2)]

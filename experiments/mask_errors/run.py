@@ -27,12 +27,12 @@ from experiments.mask_errors.scenes import (
 )
 from experiments.recording import Metric, result_folder, save_run
 from impostor_jax.evaluate import (
-    CylinderOutcome,
+    Outcome,
     coverage,
     evaluate,
     summarize,
 )
-from impostor_jax.fit.parameterization import COORDINATES
+from impostor_jax.fit.shapes import CYLINDER
 from impostor_jax.io.dataset import read_dataset
 from impostor_jax.io.dataset_shard import LabeledImage
 from impostor_jax.sensor.base import AbstractDepthNoise
@@ -42,7 +42,7 @@ HERE = Path(__file__).parent
 
 NOISE = {"1mm": 1e-3, "3mm": 3e-3}
 
-COMPARED = tuple(name for name in COORDINATES if name != "center_along")
+COMPARED = tuple(name for name in CYLINDER.coordinates if name != "center_along")
 """Of the cans: the place along the axis tells no more than the height."""
 
 FAR = 5.0
@@ -83,7 +83,7 @@ class Fitted:
     """
 
     group: str
-    outcome: CylinderOutcome
+    outcome: Outcome
     milliseconds: float
 
 
@@ -113,7 +113,9 @@ def run(config: Config) -> int:
             metrics += of_mask(f"{noise}.{mask}", fits)
             print(noise, mask, f"{time.perf_counter() - started:.0f} s", flush=True)
     for preset in presets:
-        metrics += counted(f"preset.{preset}", of_preset(preset, config), COORDINATES)
+        metrics += counted(
+            f"preset.{preset}", of_preset(preset, config), CYLINDER.coordinates
+        )
         print(preset, f"{time.perf_counter() - started:.0f} s", flush=True)
     save_run(
         folder,
@@ -139,7 +141,7 @@ def masked(scene: Scene, sigma: float, mask: str, config: Config) -> Iterator[Fi
             depth=depth.astype(np.float32),
             mask=MASKS[mask](own, rng)[None],
             camera=CAMERA,
-            cylinders=jax.tree.map(lambda x: x[None], scene.can),
+            shapes=jax.tree.map(lambda x: x[None], scene.can),
             visible_fraction=np.ones(1),
             key=str(seed),
         )

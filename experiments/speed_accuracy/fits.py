@@ -76,7 +76,7 @@ def timing(name: str, loaded: Any, effort: Effort, count: int) -> dict[str, Any]
     return ms
 
 
-def one_fit(name: str, depth: Any, mask: Any, effort: Effort) -> ij.FitResult:
+def one_fit(name: str, depth: Any, mask: Any, effort: Effort) -> ij.Fit:
     """Fit one image with no start given."""
     sigma = DIFFICULTIES[name][1]
     fit = ij.fit_cylinder(depth, CAMERA, mask, sigma, effort=effort)

@@ -40,7 +40,7 @@ WRONG = 10.0
 it is counted, and left out of the errors."""
 
 QUANTITIES = {"axis": (0, 1), "center": (2, 3), "radius": (5,)}
-"""Coordinates of `FitResult.covariance`; of the center those across the axis."""
+"""Coordinates of `Fit.covariance`; of the center those across the axis."""
 
 
 @dataclasses.dataclass(frozen=True)

@@ -40,7 +40,7 @@ class Images:
         depth: What was read, in meters.
         mask: Pixels of the cylinder.
         truth: Center, axis, radius and height of each.
-        bounds: Cramér-Rao bound, in the coordinates of `FitResult.covariance`.
+        bounds: Cramér-Rao bound, in the coordinates of `Fit.covariance`.
     """
 
     depth: Float[np.ndarray, "n h w"]

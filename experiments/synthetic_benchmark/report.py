@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 
 from experiments.recording import read_spreads, read_values
 from impostor_jax.evaluate import LEVELS, by_visibility
-from impostor_jax.fit.parameterization import COORDINATES
+from impostor_jax.fit.shapes import CYLINDER
 from impostor_jax.io.atomic import write_atomically
 
 RUNS = {"fit": "visible masks", "eroded": "masks without their edge pixels"}
@@ -65,11 +65,13 @@ def tables(folder: Path) -> str:
             cells += [_cell(values[f"{label}.coverage.{n}"], ".1%") for n in LEVELS]
             if values[f"{label}.number"]:
                 lines.append(f"| {row} | {' | '.join(cells)} |")
-        head = [name.replace("_", " ") for name in COORDINATES]
+        head = [name.replace("_", " ") for name in CYLINDER.coordinates]
         lines += ["", f"| interval | {' | '.join(head)} |"]
-        lines.append("|---|" + "--:|" * len(COORDINATES))
+        lines.append("|---|" + "--:|" * len(CYLINDER.coordinates))
         for level in LEVELS:
-            labels = [f"{name}.{coordinate}.{level}" for coordinate in COORDINATES]
+            labels = [
+                f"{name}.{coordinate}.{level}" for coordinate in CYLINDER.coordinates
+            ]
             cells = [_cell(values[label], ".1%") for label in labels]
             lines.append(f"| {level} | {' | '.join(cells)} |")
     return "\n".join(lines)

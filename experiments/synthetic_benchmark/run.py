@@ -35,14 +35,14 @@ from data_synth.preview import preview
 from experiments.recording import Metric, result_folder, save_run
 from experiments.synthetic_benchmark.report import draw, tables
 from impostor_jax.evaluate import (
-    CylinderOutcome,
+    Outcome,
     by_visibility,
     coverage,
     evaluate,
     standardized,
     summarize,
 )
-from impostor_jax.fit.parameterization import COORDINATES
+from impostor_jax.fit.shapes import CYLINDER
 from impostor_jax.io.atomic import write_json
 from impostor_jax.io.dataset import read_dataset, read_manifest, sensor_of
 from impostor_jax.io.depth_image import png_bytes, write_image
@@ -357,7 +357,7 @@ def fitted(whole: Path, config: Config) -> Iterator[Metric]:
             for label, some in [("all", outcomes), *by_visibility(outcomes).items()]:
                 yield from _summary(f"{name}.{label}", some)
             good = [outcome for outcome in outcomes if outcome.success]
-            for coordinate in COORDINATES:
+            for coordinate in CYLINDER.coordinates:
                 scaled = standardized(good, coordinate)
                 label = f"{name}.{coordinate}"
                 yield from _coverage(label, coverage(scaled), scaled.size)
@@ -365,12 +365,12 @@ def fitted(whole: Path, config: Config) -> Iterator[Metric]:
 
 def _fitted_part(
     part: tuple[Path, int, int, int, int],
-) -> tuple[list[CylinderOutcome], list[float]]:
+) -> tuple[list[Outcome], list[float]]:
     """Outcomes of every so many of a dataset's images, and milliseconds a fit."""
     whole, erode_px, most, first, step = part
     sensor = sensor_of(read_manifest(whole))
     images = itertools.islice(read_dataset(whole), first, most, step)
-    outcomes: list[CylinderOutcome] = []
+    outcomes: list[Outcome] = []
     times, started = [], time.perf_counter()
     for some in evaluate(images, sensor, erode_px):
         outcomes += some
@@ -380,7 +380,7 @@ def _fitted_part(
     return outcomes, times
 
 
-def _summary(label: str, outcomes: Sequence[CylinderOutcome]) -> Iterator[Metric]:
+def _summary(label: str, outcomes: Sequence[Outcome]) -> Iterator[Metric]:
     s, n = summarize(outcomes), len(outcomes)
     yield Metric(f"{label}.number", n, None, "fits", "higher", n)
     yield Metric(f"{label}.failures", s.failures, None, "fits", "lower", n)

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from impostor_jax.fit.result import FitResult
+    from impostor_jax.fit.result import Fit
     from impostor_jax.primitives.cylinder import Cylinder
 
 SIGMA = 0.001
@@ -71,7 +71,7 @@ class Demo:
         return 0 if bool(fit.success) else 1
 
 
-def _table(truth: "Cylinder", fit: "FitResult") -> str:
+def _table(truth: "Cylinder", fit: "Fit") -> str:
     """True value, fitted value and standard deviation of each parameter."""
     import numpy as np
 

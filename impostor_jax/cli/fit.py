@@ -22,10 +22,11 @@ from impostor_jax.cli.given import (
 
 if TYPE_CHECKING:
     from impostor_jax.camera.pinhole import PinholeCamera
-    from impostor_jax.fit.result import AbstractFit
+    from impostor_jax.fit.result import Fit as Fitted
+    from impostor_jax.fit.result import TaperTest
 
-    Fitted = tuple[AbstractFit, float, str]
-    """A fit, the seconds that it took, and the folder it is written to."""
+    Named = tuple[Fitted, TaperTest | None, float, str]
+    """A fit, a test of it, the seconds that took, and the folder for them."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -81,9 +82,15 @@ class Fit:
     def run(self) -> int:
         """Run the command; returns the exit code."""
         from impostor_jax.cli.ending import stream_beside
-        from impostor_jax.io.atomic import check_output_file, check_output_folder
+        from impostor_jax.io.atomic import (
+            check_output_file,
+            check_output_folder,
+            write_json,
+        )
         from impostor_jax.io.camera_file import read_camera
         from impostor_jax.io.depth_image import read_depth
+        from impostor_jax.io.record import fit_record
+        from impostor_jax.viewer.figure import write_overlay
 
         places = places_of(self.depth, self.output)
         masks = files_of("--mask", self.mask, self.depth)
@@ -115,21 +122,29 @@ class Fit:
             else:
                 mask = masks[index] if masks else None
                 fits = self._fit(mask, depth, camera, asked)
-            for fit, seconds, name in fits:
+            for fit, taper, seconds, name in fits:
                 if labels:
                     tell(f"{name.replace('_', ' ')}:")
                 elif not masks:
                     tell(_region_taken(fit))
                 tell(fit.summary(seconds))
+                if taper is not None:
+                    tell(taper)
                 folder = place / name
-                self._write(fit, seconds, folder, depth, camera)
+                write_json(
+                    folder / "fit.json" if self.json is None else self.json,
+                    fit_record(fit, seconds, taper),
+                )
+                write_overlay(folder / "overlay.png", fit, depth, camera)
                 succeeded.append(bool(fit.success))
         return 0 if all(succeeded) else 1
 
     def _asked(self, camera: "PinholeCamera") -> dict[str, Any]:
         """What a fit takes by name, but the mask and the effort."""
         priors = {"radius": self.prior_radius, "height": self.prior_height}
-        asked: dict[str, Any] = {
+        if self.test_taper and self.shape != "cylinder":
+            raise ValueError(f"--test-taper must not be given for a {self.shape}")
+        return {
             "sigma": chosen_noise(self.sigma, self.sensor, float(camera.fx)),
             "initial": start_of(self.initial, self.shape),
             "fixed": self.fixed,
@@ -137,9 +152,6 @@ class Fit:
             "mask_meaning": self.mask_meaning,
             "errors": self.errors,
         }
-        if self.test_taper and self.shape != "cylinder":
-            raise ValueError(f"--test-taper must not be given for a {self.shape}")
-        return asked | ({"test_taper": True} if self.test_taper else {})
 
     def _fit(
         self,
@@ -147,7 +159,7 @@ class Fit:
         depth: Any,
         camera: "PinholeCamera",
         asked: dict[str, Any],
-    ) -> "Iterator[Fitted]":
+    ) -> "Iterator[Named]":
         """The fit of an image, written to its folder."""
         from impostor_jax.io.label_image import read_one_mask
 
@@ -156,9 +168,10 @@ class Fit:
         start = time.perf_counter()
         with hints_on_stderr():
             fit = self._function()(depth, camera, mask=mask, **asked)
+            taper = self._taper(fit)
         fit.rms.block_until_ready()
         seconds = time.perf_counter() - start
-        yield fit, seconds, ""
+        yield fit, taper, seconds, ""
 
     def _fits_of_labels(
         self,
@@ -166,7 +179,7 @@ class Fit:
         depth: Any,
         camera: "PinholeCamera",
         asked: dict[str, Any],
-    ) -> "Iterator[Fitted]":
+    ) -> "Iterator[Named]":
         """Fits of all objects; the seconds are those of all, side by side."""
         from impostor_jax.fit.labels import fit_labels
         from impostor_jax.io.label_image import read_labels
@@ -175,9 +188,10 @@ class Fit:
         start = time.perf_counter()
         with hints_on_stderr():
             fits = fit_labels(depth, camera, labels, self._function(), **asked)
+            tests = [self._taper(fit) for fit in fits.values()]
         seconds = time.perf_counter() - start
-        for label, fit in fits.items():
-            yield fit, seconds, f"label_{label}"
+        for (label, fit), taper in zip(fits.items(), tests, strict=True):
+            yield fit, taper, seconds, f"label_{label}"
 
     def _function(self) -> Any:
         """What fits the shape."""
@@ -189,24 +203,15 @@ class Fit:
             "cylinder": fit_cylinder, "sphere": fit_sphere, "frustum": fit_frustum,
         }[self.shape]  # fmt: skip
 
-    def _write(
-        self,
-        fit: "AbstractFit",
-        seconds: float,
-        folder: Path,
-        depth: Any,
-        camera: "PinholeCamera",
-    ) -> None:
-        from impostor_jax.io.atomic import write_json
-        from impostor_jax.io.shape_record import shape_record
-        from impostor_jax.viewer.figure import write_overlay
+    def _taper(self, fit: "Fitted") -> "TaperTest | None":
+        """Whether a frustum is needed, where that is asked and an object was seen."""
+        from impostor_jax.fit.taper import test_taper
 
-        record = folder / "fit.json" if self.json is None else self.json
-        write_json(record, shape_record(fit, seconds))
-        write_overlay(folder / "overlay.png", fit, depth, camera)
+        is_tested = self.test_taper and fit.asked.arguments is not None
+        return test_taper(fit) if is_tested else None
 
 
-def _region_taken(fit: "AbstractFit") -> str:
+def _region_taken(fit: "Fitted") -> str:
     import numpy as np
 
     rows, cols = np.nonzero(np.asarray(fit.region))

@@ -51,11 +51,9 @@ def tail(chi2: Float[Array, ""], freedom: Float[Array, ""]) -> Float[Array, ""]:
 
 
 def contradiction(
-    jacobian: Float[Array, "k n"],
-    residual: Float[Array, " n"],
-    is_part: Bool[Array, " n"],
+    part: Float[Array, "m m"],
+    pull_of_all: Float[Array, " k"],
     covariance: Float[Array, "k k"],
-    other_pull: Float[Array, " k"],
 ) -> Float[Array, ""]:
     """Chi-squared by which a part of the rows pulls away from what all agree on.
 
@@ -65,21 +63,16 @@ def contradiction(
     its own error less what the estimate took of it.
 
     Args:
-        jacobian: Of the whitened residuals, in scaled coordinates; 0 for rows that do
-            not count.
-        residual: Whitened, to a variance of 1.
-        is_part: Rows of the part.
+        part: Products of the part's rows of Jacobian and residual, whitened to a
+            variance of 1, in scaled coordinates.
+        pull_of_all: Of all rows, and of what is no row.
         covariance: Of the coordinates.
-        other_pull: Pull of what is no row.
 
     Returns:
         The statistic, of as many degrees of freedom as there are coordinates, or less.
     """
-    part = jnp.where(is_part[None], jacobian, 0)
-    information = jnp.matmul(part, part.T, precision="highest")
-    pull = jnp.matmul(part, residual, precision="highest")
-    left = jnp.matmul(jacobian, residual, precision="highest") + other_pull
-    rest = jnp.matmul(covariance, left, precision="highest")
+    information, pull = part[:-1, :-1], part[:-1, -1]
+    rest = jnp.matmul(covariance, pull_of_all, precision="highest")
     pull = pull - jnp.matmul(information, rest, precision="highest")
     taken = jnp.matmul(
         jnp.matmul(information, covariance, precision="highest"),

@@ -2,6 +2,7 @@
 
 __all__ = ["Ball"]
 
+from collections import OrderedDict
 from typing import Any
 
 import equinox as eqx
@@ -10,10 +11,15 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 from typing_extensions import override
 
-from impostor_jax.fit.body import AbstractBody, Passing, SurfaceSeen, blunted_root
-from impostor_jax.fit.rows import Rows
+from impostor_jax.fit.body import (
+    AbstractBody,
+    FreeDirections,
+    Passing,
+    Readout,
+    blunted_root,
+    local_ray,
+)
 from impostor_jax.geometry.frames import RigidTransform
-from impostor_jax.geometry.rays import Ray
 from impostor_jax.geometry.vec3 import Vec3
 from impostor_jax.primitives.sphere import Sphere
 
@@ -47,119 +53,131 @@ class Ball(AbstractBody):
 
     @property
     @override
-    def numbers(self) -> Float[Array, "4"]:
-        return jnp.concatenate([self.center, self.radius[None]])
+    def coordinates(self) -> dict[str, tuple[str, ...]]:
+        return {"center": ("center_x", "center_y", "center_z"), "radius": ("radius",)}
+
+    @property
+    @override
+    def ends(self) -> tuple[int, ...]:
+        return ()
+
+    @property
+    @override
+    def sign(self) -> Numbers:
+        return jnp.ones_like(self.radius)
+
+    @property
+    @override
+    def is_long(self) -> Bool[Array, "*batch"]:
+        return jnp.zeros(self.radius.shape, bool)
 
     @override
     def passing(
-        self, direction: Vec3, chord: float | Float[Array, "*#batch"]
+        self, direction: Vec3, chord: float | Float[Array, "*#batch"] = 0.0
     ) -> Passing:
-        center, r = Vec3.from_array(self.center), self.radius
-        zero = jnp.zeros_like(direction.x)
-        ray = Ray(Vec3(zero, zero, zero), direction)
-        local, foot = ray.brought_near(center, center, r)
+        r = self.radius
+        local, foot = local_ray(direction, self.center, jnp.eye(3, dtype=r.dtype))
         o, d = local.origin, local.direction
-        inverse = 1 / d.dot(d)
+        d_d = d.dot(d)
+        inverse = 1 / d_d
         aside = o.cross(d)
         square = (r * r - aside.dot(aside) * inverse) * inverse
         nearest = -o.dot(d) * inverse
         half, bend = blunted_root(square, chord)
+        # |n.d| / |d| = h |d| / r, with the unit normal n.
+        facing = jnp.maximum(half, 0) * jnp.sqrt(d_d) / r
+        zero = jnp.zeros_like(square)
         return Passing(
             local=local,
             foot=foot,
             inverse=inverse,
-            # Of the nearest approach, from the center: exactly across the ray.
-            m=d.cross(aside) * inverse,
             nearest=nearest,
             square=square,
             half=half,
             bend=bend,
             outside=nearest - half + foot > 0,
-            cap=zero,
-            on_cap=jnp.zeros(zero.shape, bool),
-            rim=zero,
-            wide=zero,
-            falls=zero,
-            keep=zero,
-        )
-
-    @override
-    def seen(self, passing: Passing) -> SurfaceSeen:
-        d, zero = passing.local.direction, jnp.zeros_like(passing.half)
-        # |n.d| / |d| = h |d| / r, with the unit normal n.
-        facing = jnp.maximum(passing.half, 0) * jnp.sqrt(d.dot(d)) / self.radius
-        return SurfaceSeen(
-            depth=passing.depth,
             cos_incidence=jnp.minimum(facing, 1),
-            outside=passing.outside,
-            on_cap=passing.on_cap,
-            nearest=passing.nearest + passing.foot,
-            square=passing.square,
-            along=zero,
-            enter_along=zero,
-            leave_along=zero,
-            slope=zero,
-            cap_distance=zero,
-        )
+            on_cap=jnp.zeros(zero.shape, bool),
+            **dict.fromkeys(
+                ("cap", "rim", "wide", "falls", "keep", "along", "enter_along",
+                 "leave_along"), zero
+            ),
+        )  # fmt: skip
 
     @override
-    def compared(
-        self,
-        rows: Rows,
-        passing: Passing,
-        error: Numbers,
-        alpha: Numbers,
-        beta: Numbers,
-    ) -> tuple[Numbers, list[Numbers]]:
-        """Error of each row, as it is, and its derivative.
+    def covers(self, passing: Passing) -> Bool[Array, "*batch"]:
+        return (passing.square > 0) & passing.outside
+
+    @override
+    def of_reading(
+        self, passing: Passing, alpha: Numbers, beta: Numbers, on_cap: Bool[Array, "*b"]
+    ) -> list[Numbers]:
+        """Derivative of what is compared.
 
         With x the point of the nearest approach, from the center, and d the ray's
         direction, |d|^2 dn = d.dc and |d|^2 dq = 2 x.dc + 2 r dr.
         """
+        o, d = passing.local.origin, passing.local.direction
         outward = beta * (2 * passing.inverse)
-        by_center = passing.local.direction * (alpha * passing.inverse)
-        by_center = by_center + passing.m * outward
-        return error, [by_center.x, by_center.y, by_center.z, self.radius * outward]
+        by_center = d * (alpha * passing.inverse) + (o + d * passing.nearest) * outward
+        return [
+            *(by_center.x, by_center.y, by_center.z),
+            self.radius * self.radius * outward,
+        ]
 
     @override
-    def margins(self, seen: SurfaceSeen) -> Float[Array, "k n m"]:
-        return -seen.square[None]
+    def margins(self, passing: Passing) -> Float[Array, "k n m"]:
+        return -passing.square[None]
 
     @override
-    def covers(self, seen: SurfaceSeen) -> Bool[Array, "*batch"]:
-        return (seen.square > 0) & seen.outside
+    def of_end(
+        self, passing: Passing, end: Numbers, side: Numbers
+    ) -> tuple[Numbers, list[Numbers]]:
+        zero = jnp.zeros_like(end)
+        return zero, [zero] * 4
 
     @override
-    def moved(self, natural: Float[Array, "4"], fixed: tuple[str, ...]) -> "Ball":
+    def moved(self, natural: Float[Array, "4"], free: FreeDirections) -> "Ball":
         return Ball(self.center + natural[:3], self.radius * jnp.exp(natural[3]))
 
     @override
-    def steps(
-        self, unit: Float[Array, ""], end_unit: Float[Array, ""]
-    ) -> Float[Array, "4"]:
-        return jnp.stack([unit, unit, unit, unit / self.radius])
+    def scaled(
+        self,
+        free: FreeDirections,
+        unit: Float[Array, ""],
+        end_unit: Float[Array, ""],
+    ) -> Float[Array, "4 4"]:
+        steps = jnp.stack([unit, unit, unit, unit / self.radius])
+        return free * steps[:, None]
 
     @override
-    def free_directions(self, fixed: tuple[str, ...]) -> Float[np.ndarray, "c n"]:
-        free = np.eye(4)
-        if "center" in fixed:
-            return free[:, 3:]
-        return free[:, :3] if "radius" in fixed else free
-
-    @override
-    def moving(self, fixed: tuple[str, ...]) -> tuple[int, ...]:
-        center = () if "center" in fixed else (0, 1, 2)
-        return center if "radius" in fixed else (*center, 3)
+    def free_directions(self, fixed: tuple[str, ...]) -> Float[np.ndarray, "4 4"]:
+        is_free = [*["center" not in fixed] * 3, "radius" not in fixed]
+        return np.diag(np.array(is_free, float))
 
     @override
     def transformed(self, target_from_source: RigidTransform) -> "Ball":
         return Ball(target_from_source.apply(self.center), self.radius)
 
     @override
+    def readout(self, near: "Ball", ends_seen: Bool[Array, " e"]) -> Readout:
+        return OrderedDict(center=self.center, radius=self.radius)
+
+    @override
+    def reversed(self, sign: Float[Array, ""]) -> "Ball":
+        return self
+
+    @override
+    def drawn_in(
+        self, ends_seen: Bool[Array, " e"], reach: Float[Array, " e"]
+    ) -> tuple["Ball", Float[Array, "4 4"]]:
+        return self, jnp.eye(4, dtype=self.radius.dtype)
+
+    @override
     def mirrored(self) -> "Ball":
         return self
 
     @override
-    def distance(self, others: Any) -> Float[Array, " k"]:
-        apart = jnp.sum((others.center - self.center[None]) ** 2, axis=1)
-        return jnp.sqrt(apart + (others.radius - self.radius) ** 2)
+    def distance(self, other: Any) -> Float[Array, ""]:
+        apart = jnp.sum((other.center - self.center) ** 2)
+        return jnp.sqrt(apart + (other.radius - self.radius) ** 2)

@@ -2,9 +2,9 @@
 
 __all__ = ["fit_cylinders", "fit_or_failure", "side_by_side"]
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from typing import Any, TypeVar
+from typing import Any, Unpack
 
 import jax
 import jax.numpy as jnp
@@ -12,19 +12,16 @@ import numpy as np
 
 from impostor_jax.arguments import is_concrete, working_precision
 from impostor_jax.camera.pinhole import PinholeCamera
-from impostor_jax.effort import Effort, effort_of
-from impostor_jax.fit.cylinder import fit_cylinder
+from impostor_jax.fit.options import FitOptions, Options
 from impostor_jax.fit.request import (
     TooFewReadingsError,
     check_types,
     checked_depth,
     checked_mask,
 )
-from impostor_jax.fit.result import AbstractFit, FitResult
-from impostor_jax.fit.shapes import CYLINDER, Fittable, no_guess
+from impostor_jax.fit.result import Fit
+from impostor_jax.fit.shapes import CYLINDER, Fittable, fit_shape, no_guess
 from impostor_jax.primitives.cylinder import Cylinder
-
-Fitted = TypeVar("Fitted", bound=AbstractFit)
 
 
 def fit_cylinders(
@@ -33,13 +30,8 @@ def fit_cylinders(
     masks: Any = None,
     sigma: Any = None,
     initial: Cylinder | None = None,
-    fixed: Sequence[str] = (),
-    prior: Mapping[str, Any] | None = None,
-    mask_meaning: str = "region",
-    scale: str = "estimated",
-    errors: str = "independent",
-    effort: Effort | str = "balanced",
-) -> FitResult:
+    **options: Unpack[FitOptions],
+) -> Fit:
     """Fit one cylinder to each of several depth images, in as many threads as cores.
 
     Each fit is that of `fit_cylinder`, with a status of its own: an image that cannot
@@ -53,22 +45,18 @@ def fit_cylinders(
         sigma: Of all images, as in `fit_cylinder`.
         initial: A batch (N,) of starts in the world frame; found from each image if
             None.
-        fixed: As in `fit_cylinder`.
-        prior: Of all cylinders, as in `fit_cylinder`.
-        mask_meaning: As in `fit_cylinder`.
-        scale: As in `fit_cylinder`.
-        errors: As in `fit_cylinder`.
-        effort: As in `fit_cylinder`.
+        options: What `FitOptions` lists.
 
     Returns:
         The fits, with a leading axis (N,) in every array.
 
     Raises:
+        TypeError: As in `fit_cylinder`.
         ValueError: As in `fit_cylinder`, but for images with too few readings; or the
             numbers of images, cameras, masks and starts differ, or an argument is
             traced.
     """
-    if not is_concrete((depths, masks, camera, sigma, initial, prior)):
+    if not is_concrete((depths, masks, camera, sigma, initial, options)):
         raise ValueError(
             "depths, masks, camera and starts must be concrete, got traced ones; map "
             "fit_cylinder over them with jax.vmap"
@@ -85,14 +73,15 @@ def fit_cylinders(
     for one in cameras:
         check_types(Cylinder, one, initial, count)
 
-    def fit(index: int) -> FitResult:
+    asked = Options.of(options)
+
+    def fit(index: int) -> Fit:
         mask = None if masks is None else masks[index]
         start = None if initial is None else jax.tree.map(lambda a: a[index], initial)
-        asked = (fixed, prior, mask_meaning, scale, errors, effort)
         depth, own = depths[index], cameras[index]
         return fit_or_failure(
-            lambda: fit_cylinder(depth, own, mask, sigma, start, *asked),
-            CYLINDER, depth, own, mask, effort,
+            lambda: fit_shape(CYLINDER, depth, own, mask, sigma, start, asked),
+            CYLINDER, depth, own, mask, asked,
         )  # fmt: skip
 
     fits = side_by_side(fit, range(count))
@@ -102,13 +91,13 @@ def fit_cylinders(
 
 
 def fit_or_failure(
-    fit: Callable[[], Fitted],
+    fit: Callable[[], Fit],
     kind: Fittable,
     depth: Any,
     camera: PinholeCamera,
     mask: Any,
-    effort: Effort | str,
-) -> Fitted:
+    options: Options,
+) -> Fit:
     """A fit, or a failed one of the same types where there are too few readings.
 
     Args:
@@ -117,25 +106,24 @@ def fit_or_failure(
         depth: What it is given.
         camera: What it is given.
         mask: What it is given.
-        effort: What it is given.
+        options: What it is given.
     """
     try:
         return fit()
     except TooFewReadingsError:
-        with working_precision(effort_of(effort).precision, ()):
+        with working_precision(options.effort.precision, ()):
             region = checked_mask(mask, camera)
             if region is None:
                 region = np.zeros(checked_depth(depth, camera).shape, bool)
-            failed: Any = no_guess(kind, np.asarray(region))
-            return failed
+            return no_guess(kind, np.asarray(region))
 
 
-def side_by_side(fit: Callable[[int], Fitted], which: Sequence[int]) -> list[Fitted]:
+def side_by_side(fit: Callable[[int], Fit], which: Sequence[int]) -> list[Fit]:
     """Fits of several numbers, in their order, in as many threads as cores."""
     # A precision that the caller's thread has set is not that of another one.
     is_double = jnp.result_type(float) == np.float64
 
-    def in_its_precision(number: int) -> Fitted:
+    def in_its_precision(number: int) -> Fit:
         with jax.enable_x64(is_double):
             return fit(number)
 

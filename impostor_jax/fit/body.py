@@ -1,13 +1,23 @@
-"""What a fit needs of a shape: how rays pass it, and how it moves.
+"""What a fit needs of a shape: how rays pass it, how that changes, and how it moves.
 
 The wall of each shape is a quadric. Along a ray it is A t^2 - 2 B t + C, so the ray
 passes it nearest at n = B / A, and cuts it half a chord before and behind, whose square
-is q = n^2 - C / A. Both are smooth where the ray grazes the wall and beyond.
+is q = n^2 - C / A. Both are smooth where the ray grazes the wall and beyond. All that
+is compared with the wall changes with a motion of the body by alpha dn + beta dq.
 """
 
-__all__ = ["AbstractBody", "Passing", "SurfaceSeen", "blunted_root"]
+__all__ = [
+    "AbstractBody",
+    "FreeDirections",
+    "Passing",
+    "Readout",
+    "blunted_root",
+    "coordinates_of",
+    "local_ray",
+]
 
 import abc
+from collections import OrderedDict
 from typing import Any
 
 import equinox as eqx
@@ -16,7 +26,6 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from impostor_jax.fit.rows import Rows
 from impostor_jax.geometry.frames import RigidTransform
 from impostor_jax.geometry.rays import Ray
 from impostor_jax.geometry.vec3 import Vec3
@@ -24,22 +33,34 @@ from impostor_jax.primitives.base import AbstractPrimitive
 
 Numbers = Float[Array, "*batch"]
 
+Readout = OrderedDict[str, Array]
+"""What a user reads of a shape, by name, in an order that JAX keeps."""
+
+FreeDirections = Float[Array, "c c"] | Float[np.ndarray, "c c"]
+"""As `AbstractBody.free_directions` returns them; a trace may know their values."""
+
+AHEAD = 0.1
+"""Cosine of the angle from the camera's z axis to a center up to which the plane of
+that center, where rays begin, is not far from it."""
+
 
 class Passing(eqx.Module):
-    """How a ray's line passes a body.
+    """How rays from the camera pass a body, continued past its outline.
+
+    A body without ends has 0 for all that is said of them.
 
     Attributes:
-        local: The ray, relative to the body's center, from its point nearest to there.
-        foot: Depth of that point.
+        local: The ray from the plane of the body's center on, in the body's own frame.
+        foot: Depth of that plane.
         inverse: 1 / A; 0 for a ray that never crosses the wall.
-        m: A vector that its shape needs for derivatives.
         nearest: Ray parameter of the nearest approach, from the foot.
         square: Squared half-chord in the infinite wall, negative on a miss.
         half: Half-chord, blunted; negative on a miss, and where A is negative: a ray
             within a cone enters it where it passes nearer to the axis of the other
             nappe.
         bend: Derivative of the half-chord in its square.
-        outside: Whether the ray starts outside the solid.
+        outside: Whether the ray starts outside the solid, and sees what it enters.
+        cos_incidence: Cosine between the normal of the surface that it sees and it.
         cap: Ray parameter of the cap that it would see.
         on_cap: Whether it sees that, or would if that went on past its rim.
         rim: Distance from the axis of the point in that cap's plane.
@@ -48,23 +69,29 @@ class Passing(eqx.Module):
             object's pixels draw the rim out.
         keep: Far past it the depth goes back to the wall's, since a ray along the
             plane meets it anywhere: weight of the plane, 1 on the cap.
+        along: Coordinate along the axis, from the center, of the wall's point.
+        enter_along: Of the point where the ray enters the wall.
+        leave_along: Of the point where it leaves it.
     """
 
     local: Ray
-    foot: Numbers
+    foot: Float[Array, ""]
     inverse: Numbers
-    m: Vec3
     nearest: Numbers
     square: Numbers
     half: Numbers
     bend: Numbers
     outside: Bool[Array, "*batch"]
+    cos_incidence: Numbers
     cap: Numbers
     on_cap: Bool[Array, "*batch"]
     rim: Numbers
     wide: Numbers
     falls: Numbers
     keep: Numbers
+    along: Numbers
+    enter_along: Numbers
+    leave_along: Numbers
 
     @property
     def sign(self) -> Numbers:
@@ -72,65 +99,73 @@ class Passing(eqx.Module):
         return jnp.where(self.outside, -1.0, 1.0).astype(self.half.dtype)
 
     @property
-    def wall(self) -> Numbers:
-        """Ray parameter of the wall that it sees, from the foot."""
-        return self.nearest + self.sign * self.half
+    def depth(self) -> Numbers:
+        """Depth of the surface, continued past its outline; finite for every ray."""
+        wall = self.nearest + self.sign * self.half
+        on_plane = wall + (self.cap + self.falls - wall) * self.keep
+        return jnp.where(self.on_cap, on_plane, wall) + self.foot
+
+    def with_chord(self, chord: Numbers) -> "Passing":
+        """The same blunted elsewhere."""
+        half, bend = blunted_root(self.square, chord)
+        within = jnp.sign(self.inverse)
+        halves = half * within, bend * within
+        return eqx.tree_at(lambda p: (p.half, p.bend), self, halves)
 
     @property
-    def depth(self) -> Numbers:
-        """Depth of the surface, continued past its outline."""
-        on_plane = self.wall + (self.cap + self.falls - self.wall) * self.keep
-        return jnp.where(self.on_cap, on_plane, self.wall) + self.foot
+    def is_past_rim(self) -> Bool[Array, "*batch"]:
+        """Whether it sees the plane of a cap beyond that cap."""
+        return self.on_cap & (self.rim > 1.05 * self.wide)
+
+    @property
+    def is_missed(self) -> Bool[Array, "*batch"]:
+        """Whether the ray passes the body by, at its wall or past the rim of a cap."""
+        return self.is_past_rim | (~self.on_cap & (self.square < 0))
 
 
 def blunted_root(
     square: Numbers, chord: float | Float[Array, "*#batch"]
 ) -> tuple[Numbers, Numbers]:
-    """Half-chord from its square, blunted as `Rows.chord` says, and its derivative."""
+    """Half-chord from its square, and its derivative.
+
+    Below `chord` the square root gives way to a straight line, so that a solver can
+    cross the outline: sqrt(q) becomes q / (q^2 + chord^4)^(1/4).
+    """
     fourth = jnp.maximum(square**2 + chord**4, np.finfo(square.dtype).tiny)
     blunt = jax.lax.rsqrt(jnp.sqrt(fourth))
     half = square * blunt
     return half, blunt * (1 - (half * blunt) ** 2 / 2)
 
 
-class SurfaceSeen(eqx.Module):
-    """What a ray sees of a body, continued past its outline.
+def local_ray(
+    direction: Vec3, center: Float[Array, "3"], frame: Float[Array, "3 3"]
+) -> tuple[Ray, Float[Array, ""]]:
+    """Rays from the camera, from the plane of a center on; and the depth of that plane.
 
-    A body without ends has 0 for all that is said of them.
+    Relative to a center in front of the camera, the point in its plane is the depth
+    times the difference of two directions, which loses no digits to the distance.
 
-    Attributes:
-        depth: In meters; finite for every ray.
-        cos_incidence: Cosine between the surface's normal and the ray.
-        outside: Whether the ray starts outside, and sees the surface that it enters.
-        on_cap: Whether the surface is a cap.
-        nearest: Depth of the nearest approach to the axis.
-        square: Squared half-chord of the ray in the wall, in depth; negative on a miss.
-        along: Coordinate along the axis, from the center, of the wall's point.
-        enter_along: Of the point where the ray enters the wall.
-        leave_along: Of the point where it leaves it.
-        slope: Component of the ray's direction along the axis.
-        cap_distance: Distance from the axis of the point in the plane of the cap that
-            the ray would see, in radii of that cap.
+    Args:
+        direction: Of the rays, with z = 1.
+        center: What they are relative to.
+        frame: Unit vectors along which the result's components are.
     """
-
-    depth: Numbers
-    cos_incidence: Numbers
-    outside: Bool[Array, "*batch"]
-    on_cap: Bool[Array, "*batch"]
-    nearest: Numbers
-    square: Numbers
-    along: Numbers
-    enter_along: Numbers
-    leave_along: Numbers
-    slope: Numbers
-    cap_distance: Numbers
+    is_ahead = center[2] > AHEAD * jnp.sqrt(jnp.sum(center**2))
+    foot = jnp.where(is_ahead, center[2], 0)
+    toward = jnp.where(is_ahead, center[:2] / jnp.where(is_ahead, center[2], 1), 0)
+    rest = jnp.matmul(frame, jnp.where(is_ahead, 0, center), precision="highest")
+    x, y = direction.x, direction.y
+    near_x, near_y = foot * (x - toward[0]), foot * (y - toward[1])
+    origin = [near_x * f[0] + near_y * f[1] - r for f, r in zip(frame, rest)]  # noqa: B905
+    turned = [x * f[0] + y * f[1] + f[2] for f in frame]
+    return Ray(Vec3(*origin), Vec3(*turned)), foot
 
 
 class AbstractBody(eqx.Module):
-    """A shape as a fit moves it, in meters.
+    """A shape as a fit moves it, in meters, in the camera's frame or the world's.
 
     It moves in natural coordinates, in radians, meters and logarithms of lengths, that
-    differ from shape to shape.
+    differ from shape to shape and are 0 where it is.
 
     Attributes:
         center: Center.
@@ -157,91 +192,155 @@ class AbstractBody(eqx.Module):
 
     @property
     @abc.abstractmethod
-    def numbers(self) -> Float[Array, "*batch p"]:
-        """All that is fitted, in the order of the derivatives of `compared`."""
+    def coordinates(self) -> dict[str, tuple[str, ...]]:
+        """Names of the covariance's coordinates, for each name of `readout`."""
+
+    @property
+    @abc.abstractmethod
+    def ends(self) -> tuple[int, ...]:
+        """The ends that it has, -1 and 1 along its axis."""
+
+    @property
+    @abc.abstractmethod
+    def sign(self) -> Numbers:
+        """-1 where the largest component of its axis is negative, otherwise 1."""
+
+    @property
+    @abc.abstractmethod
+    def is_long(self) -> Bool[Array, "*batch"]:
+        """Whether its outline tells its tilt where its depth does not."""
 
     @abc.abstractmethod
     def passing(
-        self, direction: Vec3, chord: float | Float[Array, "*#batch"]
+        self, direction: Vec3, chord: float | Float[Array, "*#batch"] = 0.0
     ) -> Passing:
         """How rays from the origin pass the body.
 
         Args:
-            direction: Of the rays.
-            chord: Half-chord below which the square root gives way, as in `Rows`.
+            direction: Of the rays, with z = 1.
+            chord: Half-chord below which the square root gives way, as in
+                `blunted_root`.
         """
 
     @abc.abstractmethod
-    def seen(self, passing: Passing) -> SurfaceSeen:
-        """What each ray sees, continued past the outline."""
+    def covers(self, passing: Passing) -> Bool[Array, "*batch"]:
+        """Which rays from outside the body meets."""
 
     @abc.abstractmethod
-    def compared(
-        self,
-        rows: Rows,
-        passing: Passing,
-        error: Numbers,
-        alpha: Numbers,
-        beta: Numbers,
-    ) -> tuple[Numbers, list[Numbers]]:
-        """Error of each row, ends and caps included, and its derivative in `numbers`.
+    def of_reading(
+        self, passing: Passing, alpha: Numbers, beta: Numbers, on_cap: Bool[Array, "*b"]
+    ) -> list[Numbers]:
+        """Derivative of what is compared, in natural coordinates.
 
         Args:
-            rows: What the image says.
-            passing: How the rows' rays pass the body.
-            error: Body less image, of rows that say nothing of an end.
-            alpha: Its derivative in the nearest approach.
-            beta: Its derivative in the squared half-chord.
+            passing: How the rays pass the body.
+            alpha: Derivative in the nearest approach.
+            beta: Derivative in the squared half-chord.
+            on_cap: Rows that compare the depth of a cap's plane, too.
         """
 
     @abc.abstractmethod
-    def margins(self, seen: SurfaceSeen) -> Float[Array, "k n m"]:
+    def margins(self, passing: Passing) -> Float[Array, "k n m"]:
         """Margins of which one passes 0 at the outline, positive outside.
 
         That of the wall first, then those of the ends that face away and the camera.
         """
 
     @abc.abstractmethod
-    def covers(self, seen: SurfaceSeen) -> Bool[Array, "*batch"]:
-        """Which rays from outside the body meets."""
-
-    @abc.abstractmethod
-    def moved(
-        self, natural: Float[Array, " c"], fixed: tuple[str, ...]
-    ) -> "AbstractBody":
-        """The body at natural coordinates, which are 0 here.
+    def of_end(
+        self, passing: Passing, end: Numbers, side: Numbers
+    ) -> tuple[Numbers, list[Numbers]]:
+        """How far beyond an end's plane rays meet the wall, and its derivative.
 
         Args:
-            natural: Natural coordinates.
-            fixed: Names of the parameters that do not move.
+            passing: How the rays pass the body.
+            end: -1 at the end `center - axis * height / 2`, 1 at the other.
+            side: -1 where a ray enters the wall (an end that faces away), 1 where it
+                leaves it.
         """
 
     @abc.abstractmethod
-    def steps(
-        self, unit: Float[Array, ""], end_unit: Float[Array, ""]
-    ) -> Float[Array, " c"]:
-        """Natural coordinates that move the surface, and an end, by a unit each."""
+    def moved(
+        self, natural: Float[Array, " c"], free: FreeDirections
+    ) -> "AbstractBody":
+        """The body at natural coordinates.
+
+        Args:
+            natural: Natural coordinates.
+            free: As `free_directions` returns them.
+        """
 
     @abc.abstractmethod
-    def free_directions(self, fixed: tuple[str, ...]) -> Float[np.ndarray, "c n"]:
-        """Natural coordinates, or combinations of them, that are free to move."""
+    def scaled(
+        self,
+        free: FreeDirections,
+        unit: Float[Array, ""],
+        end_unit: Float[Array, ""],
+    ) -> Float[Array, "c c"]:
+        """Natural coordinates that one unit of each free coordinate moves.
+
+        Levenberg-Marquardt damps with the identity, so all move the surface alike.
+
+        Args:
+            free: As `free_directions` returns them.
+            unit: By how much, in meters.
+            end_unit: The same of the ends, which a pixel's size may blur more than the
+                noise does the wall.
+        """
 
     @abc.abstractmethod
-    def moving(self, fixed: tuple[str, ...]) -> tuple[int, ...]:
-        """Places in `numbers` of those that move where some parameters do not."""
+    def free_directions(self, fixed: tuple[str, ...]) -> Float[np.ndarray, "c c"]:
+        """Natural coordinates, or combinations of them, that are free to move.
+
+        They are the columns; those of what is held are 0.
+        """
 
     @abc.abstractmethod
     def transformed(self, target_from_source: RigidTransform) -> "AbstractBody":
         """Express the same body in another frame."""
 
     @abc.abstractmethod
+    def readout(self, near: Any, ends_seen: Bool[Array, " e"]) -> Readout:
+        """What a user reads of a body of the world, in meters and radians.
+
+        Of the axis, turned to that of a body nearby, it is what lies across that and
+        along it, in the vectors of its `tangent_basis`.
+
+        Args:
+            near: A body of the same kind, with which this one is compared.
+            ends_seen: Whether each of its `ends` is seen. Of one that is not, a radius
+                is that of the wall beside the end of `near`.
+        """
+
+    @abc.abstractmethod
+    def reversed(self, sign: Float[Array, ""]) -> "AbstractBody":
+        """The same body with its axis turned round where the sign is -1."""
+
+    @abc.abstractmethod
+    def drawn_in(
+        self, ends_seen: Bool[Array, " e"], reach: Float[Array, " e"]
+    ) -> tuple["AbstractBody", Float[Array, "c c"]]:
+        """The same wall, up to where it reaches at an end that is not seen.
+
+        Args:
+            ends_seen: Whether each of its `ends` is seen.
+            reach: How far the wall is seen towards each, from the center; `-inf` where
+                it is not.
+
+        Returns:
+            The body, and what of this one's natural coordinates moves the wall as one
+            of the other's does.
+        """
+
+    @abc.abstractmethod
     def mirrored(self) -> "AbstractBody":
         """Tilt the other way, which looks the same from afar but for its depth."""
 
     @abc.abstractmethod
-    def distance(self, others: Any) -> Float[Array, " k"]:
-        """How far the wall of each lies from this one's, in meters.
+    def distance(self, other: Any) -> Float[Array, ""]:
+        """How far the wall of another of the same kind lies from this one's."""
 
-        Args:
-            others: A batch (k,) of the same kind.
-        """
+
+def coordinates_of(body: AbstractBody) -> tuple[str, ...]:
+    """Coordinates of the covariance, in radians and meters."""
+    return tuple(name for names in body.coordinates.values() for name in names)

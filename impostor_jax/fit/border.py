@@ -19,15 +19,9 @@ from jaxtyping import Array, Bool, Float, Int
 
 from impostor_jax.camera.pinhole import PinholeCamera
 from impostor_jax.fit.body import AbstractBody
-from impostor_jax.fit.evidence import deviation, gather_pixels
+from impostor_jax.fit.problem import deviation, gather_pixels
 from impostor_jax.fit.regions import pixel_indices
-from impostor_jax.fit.residuals import is_missed, surface_seen
-from impostor_jax.fit.result import (
-    AGREEING,
-    DISAGREEING,
-    AbstractFit,
-    FitStatus,
-)
+from impostor_jax.fit.result import AGREEING, DISAGREEING, Fit, FitStatus
 from impostor_jax.primitives.base import in_camera_frame
 from impostor_jax.sensor.base import AbstractDepthNoise
 
@@ -58,7 +52,7 @@ MARGIN = 3
 """Pixels beside a surface that does, whose readings may be of that and look like the
 body's."""
 
-Fitted = Callable[[Bool[np.ndarray, "h w"], bool], AbstractFit]
+Fitted = Callable[[Bool[np.ndarray, "h w"], bool], Fit]
 """Fit of a region's pixels, with errors that are correlated or not."""
 
 
@@ -70,7 +64,7 @@ def fit_of_one_surface(
     camera: PinholeCamera,
     noise: AbstractDepthNoise,
     correlated: bool,
-) -> AbstractFit:
+) -> Fit:
     """Fit to a region, or to what of it is of one surface.
 
     Args:
@@ -119,7 +113,7 @@ def fit_of_one_surface(
     return _refuted(best) if is_part or share > MOST_LEFT else best
 
 
-def _refuted(fit: AbstractFit) -> AbstractFit:
+def _refuted(fit: Fit) -> Fit:
     """A fit as a failure; the status of one stays."""
     return fit.failed(FitStatus.POOR_FIT) if bool(fit.success) else fit
 
@@ -176,10 +170,10 @@ def _deviations_at(
 ) -> Float[Array, "h w"]:
     pixels = gather_pixels(image, camera, row, col)
     body = in_camera_frame(body, camera)
-    seen = surface_seen(pixels.direction, body, body.radius / 100)
+    seen = body.passing(pixels.direction, body.radius / 100)
     read = pixels.depth > 0
     sigma = deviation(noise, jnp.where(read, pixels.depth, 1), seen.cos_incidence)
     away = jnp.abs(pixels.depth - seen.depth) / sigma
-    away = jnp.where(is_missed(seen), jnp.maximum(away, 2 * OFF), away)
+    away = jnp.where(seen.is_missed, jnp.maximum(away, 2 * OFF), away)
     found = jnp.where(read, away, 0)
     return jnp.zeros_like(image).at[row, col].set(found, mode="drop")

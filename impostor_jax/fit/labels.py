@@ -3,7 +3,7 @@
 __all__ = ["fit_labels"]
 
 from collections.abc import Callable
-from typing import Any, TypeVar
+from typing import Any, Unpack
 
 import numpy as np
 
@@ -12,22 +12,24 @@ from impostor_jax.camera.pinhole import PinholeCamera
 from impostor_jax.fit.batch import fit_or_failure, side_by_side
 from impostor_jax.fit.cylinder import fit_cylinder
 from impostor_jax.fit.frustum import fit_frustum
-from impostor_jax.fit.result import AbstractFit
-from impostor_jax.fit.shapes import CYLINDER, FRUSTUM, SPHERE
+from impostor_jax.fit.options import FitOptions, Options
+from impostor_jax.fit.result import Fit
+from impostor_jax.fit.shapes import CYLINDER, FRUSTUM, SPHERE, fit_shape
 from impostor_jax.fit.sphere import fit_sphere
+from impostor_jax.primitives.base import AbstractPrimitive
 
 KINDS = {fit_cylinder: CYLINDER, fit_frustum: FRUSTUM, fit_sphere: SPHERE}
-
-Fitted = TypeVar("Fitted", bound=AbstractFit)
 
 
 def fit_labels(
     depth: Any,
     camera: PinholeCamera,
     labels: Any,
-    fit: Callable[..., Fitted] = fit_cylinder,
-    **asked: Any,
-) -> dict[int, Fitted]:
+    fit: Callable[..., Fit] = fit_cylinder,
+    sigma: Any = None,
+    initial: AbstractPrimitive | None = None,
+    **options: Unpack[FitOptions],
+) -> dict[int, Fit]:
     """Fit each object of a label image on its own, in as many threads as cores.
 
         fits = ij.fit_labels(depth, camera, labels, sigma=0.002)
@@ -41,19 +43,22 @@ def fit_labels(
         camera: The camera that took it.
         labels: (H, W), integers: 0 where there is no object, otherwise its number.
         fit: `fit_cylinder`, `fit_sphere` or `fit_frustum`.
-        asked: What else it takes, for all objects.
+        sigma: Of all objects, as in `fit_cylinder`.
+        initial: Start of all fits, as in `fit_cylinder`.
+        options: What `FitOptions` lists.
 
     Returns:
         The fits by label, in ascending order.
 
     Raises:
-        ValueError: As in `fit`; or the labels are no integers, or all 0, or something
+        TypeError: As in `fit`.
+        ValueError: Likewise; or the labels are no integers, or all 0, or something
             is traced.
     """
     if fit not in KINDS:
         names = ", ".join(known.__name__ for known in KINDS)
         raise ValueError(f"fit must be one of {names}; got {fit!r}")
-    if not is_concrete((depth, labels, camera, asked)):
+    if not is_concrete((depth, labels, camera, sigma, initial, options)):
         raise ValueError("depth, labels, camera and what is asked must be concrete, "
                          "got traced ones")  # fmt: skip
     numbers = np.asarray(labels)
@@ -66,13 +71,13 @@ def fit_labels(
     found = [int(label) for label in np.unique(numbers) if label != 0]
     if not found:
         raise ValueError("labels must hold at least one that is not 0, got none")
-    effort = asked.get("effort", "balanced")
+    kind, asked = KINDS[fit], Options.of(options)
 
-    def fit_one(label: int) -> Fitted:
+    def fit_one(label: int) -> Fit:
         mask = numbers == label
         return fit_or_failure(
-            lambda: fit(depth, camera, mask, **asked),
-            KINDS[fit], depth, camera, mask, effort,
+            lambda: fit_shape(kind, depth, camera, mask, sigma, initial, asked),
+            kind, depth, camera, mask, asked,
         )  # fmt: skip
 
     return dict(zip(found, side_by_side(fit_one, found), strict=True))

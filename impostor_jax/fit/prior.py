@@ -6,12 +6,14 @@ import dataclasses
 
 import equinox as eqx
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from impostor_jax.camera.base import AbstractCamera
 from impostor_jax.fit.body import AbstractBody
 
-Belief = tuple[Float[Array, "..."], Float[Array, ""]]
+Numbers = Float[Array, "..."] | Float[np.ndarray, "..."]
+Belief = tuple[Numbers, Numbers]
 
 
 class Prior(eqx.Module):

@@ -6,8 +6,7 @@ __all__ = [
     "bucket",
     "object_region",
     "pixel_indices",
-    "some_pixels",
-    "surroundings",
+    "traced_indices",
     "typical_sigma",
     "warn_of_units",
     "without_edges",
@@ -21,21 +20,19 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from impostor_jax.camera.pinhole import PinholeCamera
-from impostor_jax.fit.evidence import MAX_CROSSINGS
+from impostor_jax.fit.problem import BLOCK
 from impostor_jax.fit.request import (
     MIN_READINGS,
     DepthImage,
     Mask,
     check_readings,
 )
-from impostor_jax.fit.rows import BLOCK
 from impostor_jax.fit.segment import nearest_object
 from impostor_jax.fit.surface import MAX_POINTS, thinned
 from impostor_jax.sensor.base import AbstractDepthNoise, Reach
 
-START_READINGS = BLOCK - MAX_CROSSINGS
-"""Readings that the starts are solved on, evenly spread over the object. With the
-crossings they make a block of rows."""
+START_READINGS = BLOCK
+"""Readings that a fit begins with, evenly spread over the object."""
 
 FARTHEST_PLAIN = 100.0
 """Median depth in meters up to which nobody asks whether it is in meters."""
@@ -43,7 +40,10 @@ FARTHEST_PLAIN = 100.0
 FINEST_SIGMA, COARSEST_SIGMA = 1e-5, 0.1
 """Deviations beyond that, over the depth, that a sensor may have."""
 
-BUCKETS = tuple((BLOCK << k) - MAX_CROSSINGS for k in range(2, 20))
+TRACED_READINGS = 15872
+"""Most readings that a traced fit uses, evenly spaced over its region."""
+
+BUCKETS = tuple(BLOCK << k for k in range(3, 20))
 """Readings are filled up to one of these numbers, so that few sizes are compiled."""
 
 
@@ -205,25 +205,29 @@ def pixel_indices(
     return filled
 
 
-def some_pixels(
-    region: Bool[np.ndarray, "h w"],
-) -> tuple[Int[np.ndarray, " n"], Int[np.ndarray, " n"]]:
-    """Rows and columns of pixels that are evenly spread over a region."""
-    row, col = pixel_indices(region)
-    return row[-START_READINGS:], col[-START_READINGS:]
+def traced_indices(
+    region: Bool[Array, "h w"],
+) -> tuple[Int[Array, " n"], Int[Array, " n"]]:
+    """The same of a region that only the run knows, in one size.
 
-
-def surroundings(
-    region: Bool[np.ndarray, "h w"],
-) -> tuple[Int[np.ndarray, " n"], Int[np.ndarray, " n"]]:
-    """Pixels around a region, evenly spread over half its size more on each side."""
-    rows, cols = np.nonzero(region.any(axis=1))[0], np.nonzero(region.any(axis=0))[0]
-    reach = (max(rows[-1] - rows[0], cols[-1] - cols[0]) + 2) // 2
-    top, left = max(rows[0] - reach, 0), max(cols[0] - reach, 0)
-    near = ~region[top : rows[-1] + reach + 1, left : cols[-1] + reach + 1]
-    index = np.flatnonzero(near)
-    some = np.linspace(0, len(index) - 1, START_READINGS).astype(int)
-    if not len(index):
-        return np.full(START_READINGS, region.shape[0]), np.zeros(START_READINGS, int)
-    row, col = np.divmod(index[some], near.shape[1])
-    return row + top, col + left
+    The last `START_READINGS` are evenly spread over it here, too.
+    """
+    most = min(region.size, TRACED_READINGS)
+    most = bucket(most + START_READINGS) - START_READINGS
+    rank = jnp.cumsum(region.reshape(-1))
+    count = jnp.minimum(rank[-1], most)
+    # Backwards, so that what only fills up comes first.
+    place = jnp.arange(most - 1, -1, -1)
+    step = jnp.arange(START_READINGS)
+    some = step * count // START_READINGS
+    is_new = (step == 0) | (some != (step - 1) * count // START_READINGS)
+    # Some step leads to a place where a multiple of the count is next to it.
+    scaled = place * START_READINGS
+    is_some = -(-scaled // jnp.maximum(count, 1)) * count < scaled + START_READINGS
+    place = jnp.concatenate([place, some])
+    used = (place < count) & jnp.concatenate([~is_some, is_new])
+    # The first pixel of each rank; ranks are spread out where there are too many.
+    wanted = place * jnp.maximum(rank[-1], most) // most + 1
+    index = jnp.searchsorted(rank, wanted, side="left").astype(wanted.dtype)
+    row, col = jnp.divmod(jnp.where(used, index, region.size), region.shape[1])
+    return row, col

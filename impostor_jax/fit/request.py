@@ -4,7 +4,6 @@ __all__ = [
     "MIN_READINGS",
     "DepthImage",
     "Mask",
-    "Request",
     "TooFewReadingsError",
     "check_one_object",
     "check_readings",
@@ -13,11 +12,10 @@ __all__ = [
     "checked_mask",
     "checked_noise",
     "checked_prior",
-    "checked_request",
+    "checked_settings",
 ]
 
-import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 import jax
@@ -33,8 +31,10 @@ from impostor_jax.arguments import (
     real_number,
 )
 from impostor_jax.camera.pinhole import PinholeCamera
-from impostor_jax.effort import Effort
+from impostor_jax.fit.body import AbstractBody
+from impostor_jax.fit.options import Options
 from impostor_jax.fit.prior import Prior
+from impostor_jax.fit.problem import Settings
 from impostor_jax.numerics import safe_normalize
 from impostor_jax.primitives.base import AbstractPrimitive
 from impostor_jax.primitives.cylinder import Cylinder
@@ -42,39 +42,6 @@ from impostor_jax.primitives.frustum import Frustum
 from impostor_jax.sensor.base import AbstractDepthNoise
 from impostor_jax.sensor.gaussian import ConstantNoise
 from impostor_jax.sensor.lateral import LateralNoise
-
-
-@dataclasses.dataclass(frozen=True)
-class Request:
-    """What a fit is asked for that decides what is compiled.
-
-    Attributes:
-        fixed: Names of the parameters that are held.
-        is_outline: Whether the mask's edge is the silhouette.
-        kernel: Name of the robust loss.
-        solver: Name of the solver, of optimistix.
-        linear_solver: How its steps are solved for, as in `Effort`.
-        max_steps: Of the solver in a stage.
-        estimate_scale: Whether its width follows the spread of the residuals.
-        correlated: Whether deviations allow for correlated residuals.
-        keep_ends: Whether a frustum's ends keep their names; otherwise its axis is
-            signed.
-        is_traced: Whether a caller may differentiate the fit.
-        trusts_sigma: Whether the noise is what the caller says, and not a guess.
-    """
-
-    fixed: tuple[str, ...] = ()
-    is_outline: bool = False
-    kernel: str = "geman_mcclure"
-    solver: str = "LevenbergMarquardt"
-    linear_solver: str = "normal"
-    max_steps: int = 50
-    estimate_scale: bool = True
-    correlated: bool = False
-    keep_ends: bool = False
-    is_traced: bool = False
-    trusts_sigma: bool = True
-
 
 USUAL_SIGMA = 0.001
 """Deviation in meters that is taken where a caller names none."""
@@ -90,20 +57,23 @@ class TooFewReadingsError(ValueError):
     """An image, or its mask, holds too little for a fit; in a batch it fails alone."""
 
 
-def checked_request(
-    shape: type[AbstractPrimitive],
+def checked_settings(
+    body: AbstractBody,
     parameters: tuple[str, ...],
-    fixed: Sequence[str],
+    options: Options,
     initial: AbstractPrimitive | None,
-    mask_meaning: str,
-    scale: str,
-    errors: str,
-    effort: Effort,
     sigma: Any,
-) -> Request:
-    """What is asked for, with the held parameters in their order in `parameters`."""
-    if isinstance(fixed, str):
-        raise ValueError(f"fixed must be a sequence of names, got {fixed!r}")
+) -> Settings:
+    """What is asked for, checked.
+
+    Args:
+        body: Any of the kind that is fitted.
+        parameters: Names of what may be held or expected.
+        options: As a caller gives them.
+        initial: As a caller gives it.
+        sigma: As a caller gives it.
+    """
+    fixed, effort = options.fixed, options.effort
     for name in fixed:
         one_of("fixed", name, parameters)
     if len(set(fixed)) == len(parameters):
@@ -113,20 +83,17 @@ def checked_request(
             f"initial must be given with fixed={tuple(fixed)}: held parameters keep "
             "their value in it"
         )
-    one_of("mask_meaning", mask_meaning, ("region", "outline"))
-    one_of("scale", scale, ("estimated", "fixed"))
-    one_of("errors", errors, ("independent", "correlated"))
-    return Request(
-        fixed=tuple(name for name in parameters if name in fixed),
-        is_outline=mask_meaning == "outline",
-        kernel=effort.kernel,
-        solver=effort.solver,
-        linear_solver=effort.linear_solver,
+    return Settings(
+        free=body.free_directions(tuple(fixed)),
+        tolerance=effort.tolerance,
         max_steps=effort.max_steps,
-        estimate_scale=scale == "estimated",
-        correlated=errors == "correlated",
-        keep_ends=shape is Frustum and initial is not None,
+        is_outline=options.mask_meaning == "outline",
+        estimate_scale=options.scale == "estimated",
+        keep_ends=isinstance(initial, Frustum),
         trusts_sigma=sigma is not None and not _leaves_out_slopes(sigma),
+        refutes=False,
+        draws_in=not {"center", "height"} & {*fixed, *(options.prior or {})},
+        held={name: name in fixed for name in parameters},
     )
 
 
@@ -152,13 +119,20 @@ def checked_prior(
     parameters: tuple[str, ...],
     initial: AbstractPrimitive | None,
 ) -> Prior:
-    """Prior with arrays for values."""
+    """Prior with arrays for values, infinitely wide where nothing is expected.
+
+    So a fit is compiled once for all.
+    """
     if prior is not None and not isinstance(prior, Mapping):
         raise ValueError(
             "prior must map names to a value and a standard deviation, as in "
             f"{{'radius': (0.04, 0.001)}}, got {prior!r}"
         )
+    dtype = np.dtype(jnp.result_type(float))
     beliefs = {}
+    for name in parameters:
+        size = (3,) if name in ("center", "axis") else ()
+        beliefs[name] = (np.zeros(size, dtype), np.array(np.inf, dtype))
     for name, belief in ({} if prior is None else prior).items():
         one_of("prior", name, parameters)
         if name in ("radius1", "radius2") and initial is None:

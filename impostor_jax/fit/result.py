@@ -1,9 +1,11 @@
 """What a fit returns."""
 
 __all__ = [
-    "AbstractFit",
+    "TOLD",
+    "Asked",
     "Deviations",
     "Directions",
+    "Fit",
     "FitResult",
     "FitStatus",
     "FrustumDeviations",
@@ -13,29 +15,39 @@ __all__ = [
     "TaperTest",
 ]
 
-import abc
+import dataclasses
 import enum
-from collections import Counter
-from typing import Any
+from collections import Counter, OrderedDict
+from typing import Any, TypeVar
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
-from typing_extensions import override
 
-from impostor_jax.fit.text import (
-    cylinder_rows,
-    frustum_rows,
-    millimeters,
-    sphere_rows,
-)
+from impostor_jax.fit.text import millimeters, row
 from impostor_jax.primitives.base import AbstractPrimitive
 from impostor_jax.primitives.cylinder import Cylinder
 from impostor_jax.primitives.frustum import Frustum
 from impostor_jax.primitives.sphere import Sphere
 from impostor_jax.text import described, text_or_repr
+
+Shape = TypeVar("Shape", bound=AbstractPrimitive)
+
+TOLD = {
+    Cylinder: ("center", "axis", "radius", "height"),
+    Frustum: ("p1", "p2", "axis", "radius1", "radius2"),
+    Sphere: ("center", "radius"),
+}
+"""What a reader is told of each shape."""
+
+UNSEEN = {
+    Cylinder: "height is the visible extent, center its middle; across the axis the "
+    "center's",
+    Frustum: "it is put where the wall was last seen; across the axis the middle's",
+}
+"""What it means where an end is not seen."""
 
 
 class FitStatus(enum.StrEnum):
@@ -80,69 +92,34 @@ STATUSES = tuple(FitStatus)
 
 
 class Deviations(eqx.Module):
-    """Standard deviations of a cylinder; `inf` where undetermined, 0 where held.
+    """Standard deviations by name, as in `std.radius`; `inf` where undetermined.
 
-    Attributes:
-        center: Along x, y and z of the world, in meters. Where an end is not seen, the
-            center is free along the axis, so every direction that the axis has a part
-            in is undetermined.
-        across_axis: Of the center along the two vectors of `tangent_basis(axis)`, in
-            meters; determined even where the ends are not.
-        axis: Along the same two vectors, in radians.
-        radius: In meters.
-        height: In meters.
+    Each is in meters, and `axis` in radians; 0 is what was held.
+
+    Of any shape there are its own parameters: `center`, `radius`, `height`, or `p1`,
+    `p2`, `radius1` and `radius2`. Points are along x, y and z of the world. Where an
+    end is not seen, the place along the axis is free, so every direction that the axis
+    has a part in is undetermined. So there are, too:
+
+    * `axis`: Along the two vectors of `tangent_basis(axis)`.
+    * `across_axis`: Of the center along the same two; determined even where the ends
+      are not.
+    * `along_axis`: Of the center along the axis.
     """
 
-    center: Float[Array, "*batch 3"]
-    across_axis: Float[Array, "*batch 2"]
-    axis: Float[Array, "*batch 2"]
-    radius: Float[Array, "*batch"]
-    height: Float[Array, "*batch"]
+    values: OrderedDict[str, Float[Array, "..."]]
+
+    def __getattr__(self, name: str) -> Array:
+        # Copies and trees are made without a field at first.
+        values = self.__dict__.get("values", {})
+        if name in values:
+            return values[name]
+        raise AttributeError(
+            f"std has the names {', '.join(values)}, got {name!r}", name=name, obj=self
+        )
 
     def __str__(self) -> str:
-        return text_or_repr(self, lambda: described(self, {"axis": "rad"}))
-
-
-class FrustumDeviations(eqx.Module):
-    """Standard deviations of a frustum; `inf` where undetermined, 0 where held.
-
-    Attributes:
-        p1: Along x, y and z of the world, in meters; all undetermined where the end is
-            not seen.
-        p2: The same of the other end.
-        across_axis: Of the midpoint along the two vectors of `tangent_basis(axis)`, in
-            meters; determined even where the ends are not.
-        axis: Along the same two vectors, in radians.
-        radius1: In meters.
-        radius2: In meters.
-        height: In meters.
-    """
-
-    p1: Float[Array, "*batch 3"]
-    p2: Float[Array, "*batch 3"]
-    across_axis: Float[Array, "*batch 2"]
-    axis: Float[Array, "*batch 2"]
-    radius1: Float[Array, "*batch"]
-    radius2: Float[Array, "*batch"]
-    height: Float[Array, "*batch"]
-
-    def __str__(self) -> str:
-        return text_or_repr(self, lambda: described(self, {"axis": "rad"}))
-
-
-class SphereDeviations(eqx.Module):
-    """Standard deviations of a sphere; 0 where held.
-
-    Attributes:
-        center: Along x, y and z of the world, in meters.
-        radius: In meters.
-    """
-
-    center: Float[Array, "*batch 3"]
-    radius: Float[Array, "*batch"]
-
-    def __str__(self) -> str:
-        return text_or_repr(self, lambda: described(self, {}))
+        return text_or_repr(self, lambda: described(self, {"axis": "rad"}, self.values))
 
 
 class Directions(eqx.Module):
@@ -164,15 +141,47 @@ class Directions(eqx.Module):
     deviation: Float[Array, "*batch m"]
 
 
-class AbstractFit(eqx.Module):
-    """What every fit says; read `success` and `status` first.
+@jax.tree_util.register_pytree_node_class
+@dataclasses.dataclass
+class Asked:
+    """What a fit was asked; no part of its tree, so that any change of that forgets it.
 
     Attributes:
+        arguments: Of `fit_shape`, by name, once that has ended; None where the fit was
+            traced, stacked, or made from another.
+    """
+
+    arguments: dict[str, Any] | None = None
+
+    def tree_flatten(self) -> tuple[tuple[()], None]:
+        """No leaves."""
+        return (), None
+
+    @classmethod
+    def tree_unflatten(cls, _: None, leaves: tuple[()]) -> "Asked":
+        """Nothing is known of what was asked."""
+        return cls()
+
+
+class Fit(eqx.Module):
+    """A fitted shape; read `success` and `status` first.
+
+    Attributes:
+        shape: The estimate, in the world frame: a cylinder, a frustum or a sphere, and
+            `cylinder`, `frustum` and `sphere` are names of it. The axis is signed so
+            that its largest component is positive, and so is that of a frustum from p1
+            to p2, if its p1 is not that of `initial`. Where an end is not seen, it is
+            put where the wall was last seen; a frustum's radius is the wall's there.
         std: One standard deviation of each parameter, from `covariance`; all `inf`
             where the fit failed.
-        covariance: Of the shape's coordinates, in meters and radians; widened where the
-            residuals are larger than `sigma` says. `inf` on the diagonal where
+        covariance: Of the shape's `coordinates`, in meters and radians; widened where
+            the residuals are larger than `sigma` says. `inf` on the diagonal where
             undetermined, and 0 beside it; 0 where held.
+        coordinates: Names of the covariance's coordinates. Those called first and
+            second are along the two vectors of `tangent_basis(axis)`.
+        ends_seen: Whether the image shows the ends: of a cylinder that at
+            center - axis * height / 2 and the other, of a frustum p1 and p2. A sphere
+            has none.
         observed: Which directions the image determines.
         success: Whether the fit converged to a shape that explains the readings.
         status_code: Position of `status` in `FitStatus`; the form that can be traced.
@@ -195,10 +204,14 @@ class AbstractFit(eqx.Module):
         border_chi2: Chi-squared, of as many degrees of freedom as there are
             coordinates or less, by which readings beside the region's border contradict
             the others; `inf` where many of them lie elsewhere.
+        asked: What `test_taper` needs; the depth image is kept in it.
     """
 
-    std: eqx.AbstractVar[Any]
+    shape: AbstractPrimitive
+    std: Deviations
     covariance: Float[Array, "*batch m m"]
+    coordinates: tuple[str, ...] = eqx.field(static=True)
+    ends_seen: Bool[Array, "*batch e"]
     observed: Directions
     success: Bool[Array, "*batch"]
     status_code: Int[Array, "*batch"]
@@ -213,6 +226,37 @@ class AbstractFit(eqx.Module):
     chi2: Float[Array, "*batch"]
     p_value: Float[Array, "*batch"]
     border_chi2: Float[Array, "*batch"]
+    asked: Asked = dataclasses.field(default_factory=Asked, repr=False)
+
+    @property
+    def cylinder(self) -> Cylinder:
+        """The estimate, where it is a cylinder."""
+        return self._shape_of(Cylinder)
+
+    @property
+    def frustum(self) -> Frustum:
+        """The estimate, where it is a frustum."""
+        return self._shape_of(Frustum)
+
+    @property
+    def sphere(self) -> Sphere:
+        """The estimate, where it is a sphere."""
+        return self._shape_of(Sphere)
+
+    def _shape_of(self, kind: type[Shape]) -> Shape:
+        if isinstance(self.shape, kind):
+            return self.shape
+        wanted, found = kind.__name__.lower(), type(self.shape).__name__.lower()
+        # What looks for attributes, as `inspect` does, goes on.
+        raise AttributeError(
+            f"fit.{wanted} needs the fit of a {wanted}, got that of a {found}: it is "
+            f"fit.shape or fit.{found}"
+        )
+
+    @property
+    def height_observed(self) -> bool:
+        """Whether both ends are seen; needs a single, concrete result."""
+        return bool(self.ends_seen.all())
 
     @property
     def status(self) -> FitStatus:
@@ -239,32 +283,22 @@ class AbstractFit(eqx.Module):
             )
         return "Part of the region lies off the shape: it, or the mask, is wrong."
 
-    def failed(self, status: FitStatus) -> "AbstractFit":
+    def failed(self, status: FitStatus) -> "Fit":
         """The same estimate as a failure, with infinite deviations."""
-        return eqx.tree_at(
-            lambda fit: (fit.success, fit.status_code, fit.std),
+        return dataclasses.replace(
             self,
-            (
-                jnp.zeros_like(self.success),
-                jnp.full_like(self.status_code, STATUSES.index(status)),
-                jax.tree.map(lambda x: jnp.full_like(x, jnp.inf), self.std),
-            ),
+            success=jnp.zeros_like(self.success),
+            status_code=jnp.full_like(self.status_code, STATUSES.index(status)),
+            std=jax.tree.map(lambda x: jnp.full_like(x, jnp.inf), self.std),
         )
 
     @property
-    @abc.abstractmethod
-    def shape(self) -> AbstractPrimitive:
-        """The estimate, whatever is fitted, in the world frame."""
-
-    @property
-    @abc.abstractmethod
-    def rows(self) -> list[str]:
-        """Lines of the estimate and its deviations; of a single, concrete fit."""
-
-    @property
-    @abc.abstractmethod
-    def notes(self) -> list[str]:
-        """Lines of what else there is to say."""
+    def told(self) -> dict[str, tuple[Array, Array]]:
+        """Value and deviation of what a reader is told of the shape, by name."""
+        names = TOLD[type(self.shape)]
+        return {
+            name: (getattr(self.shape, name), getattr(self.std, name)) for name in names
+        }
 
     def summary(self, seconds: float | None = None) -> str:
         """A few lines for a reader; lengths in millimeters, angles in degrees.
@@ -285,7 +319,14 @@ class AbstractFit(eqx.Module):
             f"{int(np.count_nonzero(self.inliers))} inliers, chi-squared "
             f"{float(self.chi2):.2f}"
         )
-        return "\n".join([head, *self.rows, rms, *self.notes])
+        rows = [row(name, *values) for name, values in self.told.items()]
+        lines = [head, *rows, rms]
+        if not self.height_observed:
+            across = millimeters(self.std.across_axis)
+            lines.append(
+                f"  An end is not seen: {UNSEEN[type(self.shape)]} std is {across} mm."
+            )
+        return "\n".join(lines)
 
     def __str__(self) -> str:
         return text_or_repr(self, self._text)
@@ -297,73 +338,6 @@ class AbstractFit(eqx.Module):
         count = Counter(str(STATUSES[int(code)]) for code in codes.ravel())
         found = ", ".join(f"{number} {status}" for status, number in count.items())
         return f"{codes.size} fits: {found}"
-
-
-class FrustumFit(AbstractFit):
-    """A fitted frustum, and what `AbstractFit` lists.
-
-    Attributes:
-        frustum: The estimate, in the world frame. The end p1 is that of `initial`, or,
-            without one, such that the largest component of the axis from p1 to p2 is
-            positive. Where an end is not seen, it is put where the wall was last seen,
-            and its radius is the wall's there.
-        std: One standard deviation of each parameter, from `covariance`; all `inf`
-            where the fit failed.
-        ends_seen: Whether the image shows p1 and p2.
-    """
-
-    frustum: Frustum
-    std: FrustumDeviations
-    ends_seen: Bool[Array, "*batch 2"]
-
-    @property
-    @override
-    def shape(self) -> Frustum:
-        return self.frustum
-
-    @property
-    @override
-    def rows(self) -> list[str]:
-        return frustum_rows(self.frustum, self.std)
-
-    @property
-    @override
-    def notes(self) -> list[str]:
-        if bool(self.ends_seen.all()):
-            return []
-        across = millimeters(self.std.across_axis)
-        return [
-            "  An end is not seen: it is put where the wall was last seen; across the "
-            f"axis the middle's std is {across} mm."
-        ]
-
-
-class SphereFit(AbstractFit):
-    """A fitted sphere, and what `AbstractFit` lists.
-
-    Attributes:
-        sphere: The estimate, in the world frame.
-        std: One standard deviation of each parameter, from `covariance`; all `inf`
-            where the fit failed.
-    """
-
-    sphere: Sphere
-    std: SphereDeviations
-
-    @property
-    @override
-    def shape(self) -> Sphere:
-        return self.sphere
-
-    @property
-    @override
-    def rows(self) -> list[str]:
-        return sphere_rows(self.sphere, self.std)
-
-    @property
-    @override
-    def notes(self) -> list[str]:
-        return []
 
 
 class TaperTest(eqx.Module):
@@ -378,7 +352,7 @@ class TaperTest(eqx.Module):
             frustum's fit failed.
     """
 
-    frustum: FrustumFit
+    frustum: Fit
     statistic: Float[Array, "*batch"]
     p_value: Float[Array, "*batch"]
 
@@ -407,48 +381,6 @@ class TaperTest(eqx.Module):
         )
 
 
-class FitResult(AbstractFit):
-    """A fitted cylinder, and what `AbstractFit` lists.
-
-    Attributes:
-        cylinder: The estimate, in the world frame. The axis is signed so that its
-            largest component is positive. Where an end is not seen, the height is the
-            visible extent and the center the middle of it.
-        std: One standard deviation of each parameter, from `covariance`; all `inf`
-            where the fit failed.
-        ends_seen: Whether the image shows the ends at center - axis * height / 2 and at
-            center + axis * height / 2.
-        taper: Whether a frustum is needed; None unless that was asked.
-    """
-
-    cylinder: Cylinder
-    std: Deviations
-    ends_seen: Bool[Array, "*batch 2"]
-    taper: TaperTest | None = None
-
-    @property
-    @override
-    def shape(self) -> Cylinder:
-        return self.cylinder
-
-    @property
-    @override
-    def rows(self) -> list[str]:
-        return cylinder_rows(self.cylinder, self.std)
-
-    @property
-    @override
-    def notes(self) -> list[str]:
-        notes = [] if self.taper is None else [str(self.taper)]
-        if not self.height_observed:
-            across = millimeters(self.std.across_axis)
-            notes.append(
-                "  An end is not seen: height is the visible extent, center its "
-                f"middle; across the axis the center's std is {across} mm."
-            )
-        return notes
-
-    @property
-    def height_observed(self) -> bool:
-        """Whether both ends are seen; needs a single, concrete result."""
-        return bool(self.ends_seen.all())
+FitResult = FrustumFit = SphereFit = Fit
+FrustumDeviations = SphereDeviations = Deviations
+"""Names of version 0.1, when each shape had classes of its own."""

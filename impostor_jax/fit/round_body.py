@@ -1,10 +1,9 @@
-"""Bodies about an axis: the cylinder and the frustum, which is one with a slope."""
+"""Bodies about an axis: the frustum, and the cylinder, which is one without growth."""
 
-__all__ = ["CylinderBody", "FrustumBody", "RoundBody"]
+__all__ = ["RoundBody"]
 
-import abc
-from collections.abc import Sequence
-from typing import Any, NamedTuple
+from collections import OrderedDict
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -13,10 +12,15 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 from typing_extensions import override
 
-from impostor_jax.fit.body import AbstractBody, Passing, SurfaceSeen, blunted_root
-from impostor_jax.fit.rows import Kind, Rows
+from impostor_jax.fit.body import (
+    AbstractBody,
+    FreeDirections,
+    Passing,
+    Readout,
+    blunted_root,
+    local_ray,
+)
 from impostor_jax.geometry.frames import RigidTransform
-from impostor_jax.geometry.rays import Ray, slab_interval
 from impostor_jax.geometry.so3 import tangent_basis
 from impostor_jax.geometry.vec3 import Vec3, unit
 from impostor_jax.numerics import safe_norm, smallest_slope
@@ -36,84 +40,114 @@ LEAST_END = 1e-4
 """Radius of a frustum's end, in radii at its center, below which none can be told."""
 
 
-class Wall(NamedTuple):
-    """How a ray passes a wall without ends; the first five as in `Passing`."""
-
-    inverse: Numbers
-    nearest: Numbers
-    square: Numbers
-    half: Numbers
-    bend: Numbers
-    enter: Numbers
-    leave: Numbers
+SHORT = 2.0
+"""Height in radii up to which an object is short."""
 
 
 class RoundBody(AbstractBody):
     """A body about an axis, whose radius may change linearly along it.
+
+    Its natural coordinates are the tilt of the axis and the motion of the center along
+    the two vectors of `tangent_basis(axis)`, the logarithms of the radius, or of both
+    ends' radii, and the motions of the ends along the axis. The ends, not center and
+    height, are coordinates, and an end moves along the wall that is there: where one is
+    not seen, exactly one coordinate has no effect on the readings.
 
     Attributes:
         center: Midpoint of the axis between the ends.
         axis: Unit vector.
         radius: At the center.
         height: Distance of the ends.
+        growth: Half the difference of the ends' radii; None of a cylinder.
     """
 
-    axis: eqx.AbstractVar[Float[Array, "*batch 3"]]
-    height: eqx.AbstractVar[Numbers]
+    center: Float[Array, "*batch 3"]
+    axis: Float[Array, "*batch 3"]
+    radius: Numbers
+    height: Numbers
+    growth: Numbers | None = None
+
+    @staticmethod
+    @override
+    def of(shape: Cylinder | Frustum) -> "RoundBody":
+        if isinstance(shape, Cylinder):
+            return RoundBody(
+                center=shape.center,
+                axis=unit(shape.axis),
+                radius=shape.radius,
+                height=shape.height,
+            )
+        return RoundBody(
+            center=(shape.p1 + shape.p2) / 2,
+            axis=shape.axis,
+            radius=(shape.radius1 + shape.radius2) / 2,
+            height=safe_norm(shape.p2 - shape.p1),
+            growth=(shape.radius2 - shape.radius1) / 2,
+        )
 
     @property
-    @abc.abstractmethod
+    @override
+    def shape(self) -> Cylinder | Frustum:
+        if self.growth is None:
+            return eqx.tree_at(
+                lambda c: (c.center, c.axis, c.radius, c.height),
+                Cylinder((0, 0, 0), (0, 0, 1), 1, 1),
+                (self.center, self.axis, self.radius, self.height),
+            )
+        half = self.axis * (self.height[..., None] / 2)
+        return eqx.tree_at(
+            lambda f: (f.p1, f.p2, f.radius1, f.radius2),
+            Frustum((0, 0, 0), (0, 0, 1), 1, 1),
+            (self.center - half, self.center + half, self.radius1, self.radius2),
+        )
+
+    @property
+    def radius1(self) -> Numbers:
+        """At the end that the axis leaves."""
+        return self.radius if self.growth is None else self.radius - self.growth
+
+    @property
+    def radius2(self) -> Numbers:
+        """At the end to which the axis goes."""
+        return self.radius if self.growth is None else self.radius + self.growth
+
+    @property
     def slope(self) -> float | Numbers:
         """Change of the radius per length along the axis."""
+        return 0.0 if self.growth is None else 2 * self.growth / self.height
 
     @property
-    @abc.abstractmethod
-    def num_numbers(self) -> int:
-        """How many of center, axis, radius, height and slope are fitted."""
-
-    @property
-    @abc.abstractmethod
     def names_of_radii(self) -> tuple[str, ...]:
         """Names of the radii that are fitted."""
+        return ("radius",) if self.growth is None else ("radius1", "radius2")
 
-    @abc.abstractmethod
-    def wall(self, ray: Ray, m: Vec3, chord: float | Float[Array, "*#batch"]) -> Wall:
-        """How a ray, relative to the center, passes the wall if that had no ends.
+    @property
+    @override
+    def coordinates(self) -> dict[str, tuple[str, ...]]:
+        """First and second are along the two vectors of `tangent_basis(axis)`."""
+        return {
+            "axis": ("axis_first", "axis_second"),
+            "across_axis": ("center_first", "center_second"),
+            "along_axis": ("center_along",),
+            **{name: (name,) for name in self.names_of_radii},
+            "height": ("height",),
+        }
 
-        Args:
-            ray: From near the body.
-            m: Direction across ray and axis, d x a.
-            chord: As in `Rows`.
-        """
+    @property
+    @override
+    def ends(self) -> tuple[int, ...]:
+        return -1, 1
 
-    @abc.abstractmethod
-    def end_radius(self, end: Numbers) -> Numbers:
-        """Radius of the ends, -1 and 1, of some rows."""
+    @property
+    @override
+    def sign(self) -> Numbers:
+        largest = self.axis[jnp.argmax(jnp.abs(self.axis))]
+        return jnp.where(largest < 0, -1, 1).astype(largest.dtype)
 
-    @abc.abstractmethod
-    def reversed(self, sign: Float[Array, ""]) -> "RoundBody":
-        """The same body with its axis turned round where the sign is -1."""
-
-    @abc.abstractmethod
-    def between(self, low: Float[Array, ""], high: Float[Array, ""]) -> "RoundBody":
-        """The same wall between other ends, along the axis from the center."""
-
-    @abc.abstractmethod
-    def changes(
-        self,
-        scale: Float[Array, "c n"],
-        fixed: tuple[str, ...],
-        ends_seen: Bool[Array, "2"],
-    ) -> Float[Array, "m n"]:
-        """Derivative of what a user reads in free coordinates.
-
-        Of an end that is not seen, the radius is that of the wall at a fixed place.
-
-        Args:
-            scale: Natural coordinates that each free coordinate moves.
-            fixed: Names of the parameters that do not move.
-            ends_seen: Whether the ends are seen.
-        """
+    @property
+    @override
+    def is_long(self) -> Bool[Array, "*batch"]:
+        return self.height > SHORT * self.radius
 
     @property
     @override
@@ -122,92 +156,169 @@ class RoundBody(AbstractBody):
 
     @override
     def passing(
-        self, direction: Vec3, chord: float | Float[Array, "*#batch"]
+        self, direction: Vec3, chord: float | Float[Array, "*#batch"] = 0.0
     ) -> Passing:
-        center, a = Vec3.from_array(self.center), Vec3.from_array(self.axis)
-        zero = jnp.zeros_like(direction.x)
-        ray = Ray(Vec3(zero, zero, zero), direction)
-        local, foot = ray.brought_near(center, center, self.radius)
+        frame = jnp.concatenate([tangent_basis(self.axis), self.axis[None]])
+        local, foot = local_ray(direction, self.center, frame)
+        inverse, nearest, square, within = self._wall(local.origin, local.direction)
+        half, bend = blunted_root(square, chord)
         o, d = local.origin, local.direction
-        m = d.cross(a)
-        wall = self.wall(local, m, chord)
-        slab = slab_interval(local, a, self.height / 2)
-        cap_in = jnp.where(jnp.isfinite(slab.lower), slab.lower, -jnp.inf)
-        cap_out = jnp.where(jnp.isfinite(slab.upper), slab.upper, jnp.inf)
-        outside = jnp.maximum(wall.enter, cap_in) + foot > 0
-        cap = jnp.where(outside, cap_in, cap_out)
-        cap = jnp.where(jnp.isfinite(cap), cap, 0)
-        rim = (o + d * cap).cross(a).norm()
-        wide = self.end_radius(_end_ahead(outside, d.dot(a)))
+        o1, o2, o_a, e1, e2, d_a = o.x, o.y, o.z, d.x, d.y, d.z
+        parallel = jnp.abs(d_a) < smallest_slope(d_a.dtype)
+        per_step = 1 / jnp.where(parallel, 1, d_a)
+        reach = jnp.where(parallel, jnp.inf, self.height / 2 * jnp.abs(per_step))
+        middle = -o_a * per_step
+        is_along = inverse == 0
+        if self.growth is None:
+            enter = jnp.where(is_along, -jnp.inf, nearest - half)
+            leave = jnp.where(is_along, jnp.inf, nearest + half)
+            wide = jnp.broadcast_to(self.radius, half.shape)
+        else:
+            half, bend = half * within, bend * within
+            widens = self.slope * d_a
+            enter = jnp.where((within < 0) & (widens < 0), -jnp.inf, nearest - half)
+            leave = jnp.where((within < 0) & (widens > 0), jnp.inf, nearest + half)
+        outside = jnp.maximum(enter, middle - reach) + foot > 0
+        if self.growth is not None:
+            ahead = _end_ahead(outside, d_a)
+            wide = jnp.where(ahead < 0, self.radius1, self.radius2)
+        on_cap = jnp.where(outside, middle - reach > enter, middle + reach < leave)
+        cap = jnp.where(parallel, 0, middle + jnp.where(outside, -reach, reach))
+        rim = jnp.sqrt((o1 + e1 * cap) ** 2 + (o2 + e2 * cap) ** 2)
         past = jnp.maximum(rim / wide - 1, 0)
+        wall = nearest + jnp.where(outside, -half, half)
+        # Unit normals: of the wall |n.d| = |A| h / (R sqrt(1 + k^2)), of a cap |a.d|.
+        across = e1 * e1 + e2 * e2
+        facing, enter_along, leave_along = self._along(
+            across, o_a, d_a, nearest, half, wall
+        )
+        facing = jnp.where(on_cap, jnp.abs(d_a), facing)
+        facing = facing * jax.lax.rsqrt(across + d_a * d_a)
         return Passing(
             local=local,
             foot=foot,
-            inverse=wall.inverse,
-            m=m,
-            nearest=wall.nearest,
-            square=wall.square,
-            half=wall.half,
-            bend=wall.bend,
+            inverse=inverse,
+            nearest=nearest,
+            square=square,
+            half=half,
+            bend=bend,
             outside=outside,
+            cos_incidence=jnp.minimum(facing, 1),
             cap=cap,
-            on_cap=jnp.where(outside, cap_in > wall.enter, cap_out < wall.leave),
+            on_cap=on_cap,
             rim=rim,
             wide=wide,
             falls=past * wide,
             keep=1 / (1 + past * past),
+            along=o_a + wall * d_a,
+            enter_along=enter_along,
+            leave_along=leave_along,
         )
 
-    @override
-    def seen(self, passing: Passing) -> SurfaceSeen:
-        a, k, half = Vec3.from_array(self.axis), self.slope, passing.half
-        o, d = passing.local.origin, passing.local.direction
-        slope, level = d.dot(a), o.dot(a)
-        along = level + passing.wall * slope
-        enter, leave = passing.nearest - half, passing.nearest + half
-        # Unit normals: of the wall |n.d| = |A| h / (R sqrt(1 + k^2)), of a cap |a.d|.
-        opening = passing.m.dot(passing.m) - (k * slope) ** 2
-        across = opening * half / (self.radius + k * along)
-        facing = jnp.where(
-            passing.on_cap,
-            jnp.abs(slope),
-            jnp.maximum(across, 0) * jax.lax.rsqrt(1 + jnp.asarray(k * k, half.dtype)),
-        )
-        return SurfaceSeen(
-            depth=passing.depth,
-            cos_incidence=jnp.minimum(facing * jax.lax.rsqrt(d.dot(d)), 1),
-            outside=passing.outside,
-            on_cap=passing.on_cap,
-            nearest=passing.nearest + passing.foot,
-            square=passing.square,
-            along=along,
-            enter_along=self._within_nappe(level + enter * slope, opening, -k * slope),
-            leave_along=self._within_nappe(level + leave * slope, opening, k * slope),
-            slope=slope,
-            cap_distance=passing.rim / passing.wide,
-        )
+    def _wall(self, o: Vec3, d: Vec3) -> tuple[Numbers, Numbers, Numbers, Numbers]:
+        """Inverse, nearest approach and squared half-chord, and the sign of A.
 
-    def _within_nappe(
-        self, along: Numbers, opening: Numbers, widening: Numbers
-    ) -> Numbers:
-        """Coordinate of a crossing of the wall; far away where there is none.
+        In the body's frame the wall is |o + t d|^2 = (r + k (o_a + t d_a))^2 in the
+        components across the axis.
+        """
+        across = d.x * d.x + d.y * d.y
+        beside = o.x * d.y - o.y * d.x
+        ahead = o.x * d.x + o.y * d.y
+        if self.growth is None:
+            parallel = across < smallest_slope(across.dtype) ** 2
+            inverse = jnp.where(parallel, 0, 1 / jnp.where(parallel, 1, across))
+            r = self.radius
+            square = (r * r - beside * beside * inverse) * inverse
+            return inverse, -ahead * inverse, square, jnp.ones_like(inverse)
+        k = self.slope * d.z
+        rho = self.radius + self.slope * o.z
+        opening, least = across - k * k, PARALLEL * d.dot(d)
+        within = jnp.where(opening < 0, -1, 1).astype(k.dtype)
+        inverse = within / jnp.maximum(jnp.abs(opening), least)
+        w1, w2 = d.x * rho - o.x * k, d.y * rho - o.y * k
+        square = (w1 * w1 + w2 * w2 - beside * beside) * inverse * inverse
+        return inverse, (rho * k - ahead) * inverse, square, within
+
+    def _along(
+        self,
+        across: Numbers,
+        o_a: Numbers,
+        d_a: Numbers,
+        nearest: Numbers,
+        half: Numbers,
+        wall: Numbers,
+    ) -> tuple[Numbers, Numbers, Numbers]:
+        """How the wall faces a ray, and where along the axis that enters and leaves it.
 
         A ray within the cone of directions leaves the nappe, or enters it, at infinity:
         on the side to which the body grows wider.
         """
-        far = FARTHEST * self.size * jnp.sign(jnp.asarray(self.slope, along.dtype))
-        return jnp.where((opening < 0) & (widening > 0), far, along)
+        enter, leave = o_a + (nearest - half) * d_a, o_a + (nearest + half) * d_a
+        if self.growth is None:
+            return across * jnp.maximum(half, 0) / self.radius, enter, leave
+        k = self.slope
+        opening = across - (k * d_a) ** 2
+        facing = opening * half / (self.radius + k * (o_a + wall * d_a))
+        facing = jnp.maximum(facing, 0) * jax.lax.rsqrt(jnp.asarray(1 + k * k))
+        far = FARTHEST * self.size * jnp.sign(self.growth)
+        return (
+            facing,
+            jnp.where((opening < 0) & (k * d_a < 0), far, enter),
+            jnp.where((opening < 0) & (k * d_a > 0), far, leave),
+        )
 
     @override
-    def compared(
-        self,
-        rows: Rows,
-        passing: Passing,
-        error: Numbers,
-        alpha: Numbers,
-        beta: Numbers,
-    ) -> tuple[Numbers, list[Numbers]]:
-        """Error of each row, ends and caps included, and its derivative.
+    def covers(self, passing: Passing) -> Bool[Array, "*batch"]:
+        half = self.height / 2
+        enters = jnp.minimum(passing.enter_along, passing.leave_along) < half
+        leaves = jnp.maximum(passing.enter_along, passing.leave_along) > -half
+        return (passing.square > 0) & passing.outside & enters & leaves
+
+    @override
+    def of_reading(
+        self, passing: Passing, alpha: Numbers, beta: Numbers, on_cap: Bool[Array, "*b"]
+    ) -> list[Numbers]:
+        """Derivative of what is compared, in natural coordinates.
+
+        A cap's point stays in its plane; past the rim its distance from there counts.
+        """
+        tilts, acrosses, radii = self._of_wall(passing, alpha, beta)
+        d_a = passing.local.direction.z
+        parallel = jnp.abs(d_a) < smallest_slope(d_a.dtype)
+        per_step = jnp.where(on_cap & ~parallel, 1 / jnp.where(parallel, 1, d_a), 0)
+        rim, wide, keep, falls = passing.rim, passing.wide, passing.keep, passing.falls
+        away = passing.cap + falls - passing.nearest - passing.sign * passing.half
+        per_falls = jnp.where(falls > 0, keep, 0)
+        per_past = -2 * falls * keep**2 * away / (wide * wide)
+        of_rim = jnp.where(on_cap, per_past * rim / wide + per_falls, 0)
+        outward = jnp.where(on_cap, per_past + per_falls, 0) / jnp.maximum(rim, wide)
+        (o1, o2, _), (e1, e2, _) = _in_frame(passing)
+        point1, point2 = o1 + e1 * passing.cap, o2 + e2 * passing.cap
+        follow = per_step * (keep + outward * (point1 * e1 + point2 * e2))
+        end = _end_ahead(passing.outside, d_a)
+        lean = follow + outward * (end * (self.height / 2))
+        of_end = follow - self.slope * of_rim
+        lower = jnp.where(end < 0, of_end, 0)
+        upper = jnp.where(end < 0, 0, of_end)
+        if self.growth is None:
+            of_radii = [of_rim * self.radius]
+        else:
+            first = jnp.where(end < 0, of_rim, 0)
+            of_radii = [first * self.radius1, (of_rim - first) * self.radius2]
+        return [
+            tilts[0] - point1 * lean,
+            tilts[1] - point2 * lean,
+            acrosses[0] - point1 * outward,
+            acrosses[1] - point2 * outward,
+            *(wall - own for wall, own in zip(radii, of_radii, strict=True)),
+            lower,
+            upper,
+        ]
+
+    def _of_wall(
+        self, passing: Passing, alpha: Numbers, beta: Numbers
+    ) -> tuple[list[Numbers], list[Numbers], list[Numbers]]:
+        """Alpha dn + beta dq for tilts, motions across the axis, and radii.
 
         With x the point of the nearest approach, l its coordinate along the axis,
         R = r + k l the wall's radius beside it, and e the ray's direction d across the
@@ -220,125 +331,190 @@ class RoundBody(AbstractBody):
             A dq = 2 N.dc + 2 ((l + k R) x + q (1 + k^2) (d.a) e).da
                    + 2 R dr + (2 R l + 2 q k (d.a)^2) dk.
         """
-        a, r, k = Vec3.from_array(self.axis), self.radius, self.slope
-        o, d = passing.local.origin, passing.local.direction
-        inverse = passing.inverse
-        d_a = d.dot(a)
-        is_end = rows.kind == Kind.END
-        edge = passing.nearest + rows.side * passing.half
-        end = o.dot(a) + edge * d_a - rows.end * self.height / 2
-        error = jnp.where(is_end, end, error)
-        alpha = jnp.where(is_end, d_a, alpha) * inverse
-        beta = jnp.where(is_end, rows.side * d_a * passing.bend, beta) * (2 * inverse)
-        along = o.dot(a) + passing.nearest * d_a
-        beside = r + k * along
-        e = a.cross(passing.m)
-        x = a.cross((o + d * passing.nearest).cross(a))
-        lever = along + k * beside
-        tilt = (1 + k * k) * d_a
-        in_center = e * alpha + x * beta - a * (k * (k * d_a * alpha + beside * beta))
-        in_axis = x * (tilt * alpha + lever * beta)
-        in_axis = in_axis + e * (lever * alpha + passing.square * tilt * beta)
-        in_radius = k * d_a * alpha + beside * beta
-        in_slope = (beside + k * along) * d_a * alpha
-        in_slope = in_slope + (beside * along + passing.square * k * d_a**2) * beta
-        in_center = (in_center - a).where(is_end, in_center)
-        in_axis = (in_axis + o + d * edge).where(is_end, in_axis)
-        in_height = -rows.end / 2
-
-        # A cap's point stays in its plane; past the rim its distance from there counts.
-        on_cap = passing.on_cap & (rows.kind == Kind.DEPTH)
-        parallel = jnp.abs(d_a) < smallest_slope(d_a.dtype)
-        per_step = jnp.where(parallel, 0, 1 / jnp.where(parallel, 1, d_a))
-        point = o + d * passing.cap
-        level, rim, wide = point.dot(a), passing.rim, passing.wide
-        away = passing.cap + passing.falls - passing.wall
-        per_falls = jnp.where(passing.falls > 0, passing.keep, 0)
-        per_past = -2 * passing.falls * passing.keep**2 * away / (wide * wide)
-        outward = (point - a * level) * (
-            (per_past + per_falls) / jnp.maximum(rim, wide)
-        )
-        follow = per_step * (passing.keep + outward.dot(d))
-        in_center = (in_center + a * follow - outward).where(on_cap, in_center)
-        in_axis = (in_axis - point * follow - outward * level).where(on_cap, in_axis)
-        of_rim = jnp.where(on_cap, per_past * rim / wide + per_falls, 0)
-        ahead = _end_ahead(passing.outside, d_a) / 2
-        in_radius = in_radius - of_rim
-        in_slope = in_slope - of_rim * ahead * self.height
-        in_height = jnp.where(on_cap, ahead * (follow - k * of_rim), in_height)
-        return error, [
-            *(in_center.x, in_center.y, in_center.z),
-            *(in_axis.x, in_axis.y, in_axis.z),
-            *(in_radius, in_height, in_slope),
-        ][: self.num_numbers]
+        (o1, o2, o_a), (e1, e2, d_a) = _in_frame(passing)
+        alpha, beta = alpha * passing.inverse, beta * (2 * passing.inverse)
+        n, q = passing.nearest, passing.square
+        x1, x2, along = o1 + n * e1, o2 + n * e2, o_a + n * d_a
+        if self.growth is None:
+            lever, tilt, r = along, d_a, self.radius
+            radii = [r * r * beta]
+        else:
+            k = self.slope
+            wide = self.radius + k * along
+            lever, tilt = along + k * wide, (1 + k * k) * d_a
+            in_radius = (k * d_a * alpha + wide * beta) / 2
+            in_slope = (wide + k * along) * d_a * alpha
+            in_slope = in_slope + (wide * along + q * k * d_a * d_a) * beta
+            in_slope = in_slope / self.height
+            radii = [
+                self.radius1 * (in_radius - in_slope),
+                self.radius2 * (in_radius + in_slope),
+            ]
+        by_x, by_e = tilt * alpha + lever * beta, lever * alpha + q * tilt * beta
+        tilts = [x1 * by_x + e1 * by_e, x2 * by_x + e2 * by_e]
+        return tilts, [e1 * alpha + x1 * beta, e2 * alpha + x2 * beta], radii
 
     @override
-    def margins(self, seen: SurfaceSeen) -> Float[Array, "k n m"]:
-        near, half = -jnp.sign(seen.slope[0]), self.height / 2
+    def margins(self, passing: Passing) -> Float[Array, "k n m"]:
+        near, half = -jnp.sign(passing.local.direction.z[0]), self.height / 2
         return jnp.stack(
             [
-                -seen.square,
+                -passing.square,
                 # The end that faces away is met where rays enter the wall.
-                -near[None] * seen.enter_along - half,
-                near[None] * seen.leave_along - half,
+                -near[None] * passing.enter_along - half,
+                near[None] * passing.leave_along - half,
             ]
         )
 
     @override
-    def covers(self, seen: SurfaceSeen) -> Bool[Array, "*batch"]:
-        half = self.height / 2
-        enters = jnp.minimum(seen.enter_along, seen.leave_along) < half
-        leaves = jnp.maximum(seen.enter_along, seen.leave_along) > -half
-        return (seen.square > 0) & seen.outside & enters & leaves
-
-    @override
-    def free_directions(self, fixed: tuple[str, ...]) -> Float[np.ndarray, "c n"]:
-        first, second, across1, across2, *radii, lower, upper = np.eye(
-            6 + len(self.names_of_radii)
-        )
-        free = []
-        if "axis" not in fixed:
-            free += [first, second]
-        if "center" not in fixed:
-            free += [across1, across2]
-        free += [
-            radius
-            for name, radius in zip(self.names_of_radii, radii, strict=True)
-            if name not in fixed
+    def of_end(
+        self, passing: Passing, end: Numbers, side: Numbers
+    ) -> tuple[Numbers, list[Numbers]]:
+        (o1, o2, o_a), (e1, e2, d_a) = _in_frame(passing)
+        edge = passing.nearest + side * passing.half
+        error = o_a + edge * d_a - end * (self.height / 2)
+        tilts, acrosses, radii = self._of_wall(passing, d_a, side * d_a * passing.bend)
+        return error, [
+            tilts[0] + o1 + e1 * edge,
+            tilts[1] + o2 + e2 * edge,
+            *acrosses,
+            *radii,
+            jnp.where(end < 0, -1.0, 0.0).astype(d_a.dtype),
+            jnp.where(end > 0, -1.0, 0.0).astype(d_a.dtype),
         ]
-        # A held height moves both ends together, a held center moves them apart.
-        if "center" not in fixed and "height" not in fixed:
-            free += [lower, upper]
-        elif "center" not in fixed:
-            free += [lower + upper]
-        elif "height" not in fixed:
-            free += [upper - lower]
-        return np.stack(free, axis=1)
 
     @override
-    def moving(self, fixed: tuple[str, ...]) -> tuple[int, ...]:
-        radii = not set(self.names_of_radii) <= set(fixed)
-        height = "height" not in fixed
-        moves = [*["center" not in fixed] * 3, *["axis" not in fixed] * 3]
-        # A slope is a difference of radii over the height.
-        moves += [radii, height, radii or height][: self.num_numbers - 6]
-        return tuple(place for place, does in enumerate(moves) if does)
+    def moved(self, natural: Float[Array, " c"], free: FreeDirections) -> "RoundBody":
+        """The body at natural coordinates.
+
+        The height stays positive: the ends move so to first order.
+        """
+        basis = tangent_basis(self.axis)
+        tilt, across = (
+            jnp.matmul(part, basis, precision="highest")
+            for part in (natural[:2], natural[2:4])
+        )
+        axis = self.axis + tilt
+        shift = (natural[-2] + natural[-1]) / 2
+        stretch = self.height * jnp.expm1((natural[-1] - natural[-2]) / self.height)
+        center = self.center + across + self.axis * shift
+        axis = axis * jax.lax.rsqrt(jnp.sum(axis * axis))
+        height = self.height + stretch
+        if self.growth is None:
+            return RoundBody(center, axis, self.radius * jnp.exp(natural[4]), height)
+        follows = self.slope * jnp.stack([shift - stretch / 2, shift + stretch / 2])
+        own = jnp.stack([self.radius1, self.radius2])
+        radii = own * jnp.exp(natural[4:6]) + follows
+        radii = jnp.maximum(radii, LEAST_END * self.radius)
+        radii = jnp.where(jnp.diagonal(free)[4:6] > 0, radii, own)
+        radius, growth = (radii[0] + radii[1]) / 2, (radii[1] - radii[0]) / 2
+        return RoundBody(center, axis, radius, height, growth)
+
+    @override
+    def scaled(
+        self,
+        free: FreeDirections,
+        unit: Float[Array, ""],
+        end_unit: Float[Array, ""],
+    ) -> Float[Array, "c c"]:
+        lever, one = unit / self.size, jnp.ones_like(self.radius)
+        radii = [self.radius]
+        if self.growth is not None:
+            least = LEAST_END * self.radius
+            radii = [jnp.maximum(end, least) for end in (self.radius1, self.radius2)]
+        steps = [lever, lever, unit * one, unit * one, *(unit / r for r in radii)]
+        scaled = free * jnp.stack([*steps, end_unit * one, end_unit * one])[:, None]
+        if self.growth is None:
+            return scaled
+        # A radius that is held does not follow the wall to where its end goes.
+        held = jnp.diagonal(free)[4:6, None] == 0
+        back = -self.slope * scaled[-2:] / jnp.stack(radii)[:, None]
+        return scaled.at[4:6].add(jnp.where(held, back, 0))
+
+    @override
+    def free_directions(self, fixed: tuple[str, ...]) -> Float[np.ndarray, "c c"]:
+        names = ("axis", "axis", "center", "center", *self.names_of_radii)
+        free = np.diag([*(float(name not in fixed) for name in names), 1.0, 1.0])
+        # A held height moves both ends together, a held center moves them apart.
+        together, apart = float("center" not in fixed), float("height" not in fixed)
+        if together + apart < 2:
+            free[-2:, -2] = together
+            free[-2:, -1] = -apart, apart
+        return free
+
+    @override
+    def readout(self, near: "RoundBody", ends_seen: Bool[Array, " e"]) -> Readout:
+        basis = tangent_basis(near.axis)
+        away = self.center - near.center
+        # To the point of this axis that lies beside the other's center.
+        along = jnp.sum(self.axis * away)
+        half = self.axis * (self.height / 2)
+        across = away - self.axis * along
+        places = OrderedDict(center=self.center)
+        radii = OrderedDict(radius=self.radius)
+        if self.growth is not None:
+            places = OrderedDict(p1=self.center - half, p2=self.center + half)
+            # Where the other's ends are along this axis.
+            ends = jnp.stack([-near.height / 2, near.height / 2]) - along
+            own = jnp.stack([self.radius1, self.radius2])
+            own = jnp.where(ends_seen, own, self.radius + self.slope * ends)
+            radii = OrderedDict(zip(self.names_of_radii, own, strict=True))
+        return OrderedDict(
+            **places,
+            across_axis=jnp.matmul(basis, across, precision="highest"),
+            along_axis=jnp.sum(near.axis * away),
+            axis=jnp.matmul(basis, self.axis, precision="highest"),
+            **radii,
+            height=self.height,
+        )
+
+    @override
+    def reversed(self, sign: Float[Array, ""]) -> "RoundBody":
+        growth = None if self.growth is None else self.growth * sign
+        return RoundBody(
+            self.center, self.axis * sign, self.radius, self.height, growth
+        )
+
+    @override
+    def drawn_in(
+        self, ends_seen: Bool[Array, " e"], reach: Float[Array, " e"]
+    ) -> tuple["RoundBody", Float[Array, "c c"]]:
+        reach = jnp.where(ends_seen, self.height / 2, reach)
+        # Without a wall there is no extent to draw in to.
+        height = jnp.sum(reach)
+        is_wall = jnp.isfinite(height) & (height > 0)
+        lower, upper = jnp.where(is_wall, reach, self.height / 2)
+        shift, height = (upper - lower) / 2, upper + lower
+        center = self.center + self.axis * shift
+        carried = jnp.eye(6 + len(self.names_of_radii), dtype=height.dtype)
+        # Tilted about a center, the axis moves at another one.
+        carried = carried.at[0, 2].set(-shift).at[1, 3].set(-shift)
+        if self.growth is None:
+            return RoundBody(center, self.axis, self.radius, height), carried
+        radius = self.radius + self.slope * shift
+        body = RoundBody(center, self.axis, radius, height, self.slope * height / 2)
+        # A radius at one of the other's ends grows the wall in proportion to the
+        # distance from its other end.
+        low, high = self.height / 2 - lower, upper - self.height / 2
+        grown = jnp.array([[height + low, high], [-low, height - high]]) / height
+        new, old = (jnp.stack([b.radius1, b.radius2]) for b in (body, self))
+        ratio = new[:, None] / jnp.maximum(old, LEAST_END * self.radius)[None]
+        return body, carried.at[4:6, 4:6].set(grown * ratio)
 
     @override
     def mirrored(self) -> "RoundBody":
         axis, center = self.axis, self.center
-        along = jnp.sum(axis * center, axis=-1) / jnp.sum(center**2, axis=-1)
-        mirrored = axis - 2 * along[..., None] * center
-        return eqx.tree_at(lambda b: b.axis, self, mirrored)
+        along = jnp.sum(axis * center) / jnp.sum(center**2)
+        return eqx.tree_at(lambda b: b.axis, self, axis - 2 * along * center)
 
     @override
-    def distance(self, others: Any) -> Float[Array, " k"]:
+    def distance(self, other: Any) -> Float[Array, ""]:
         a = self.axis
-        turned = jnp.cross(others.axis, a[None]) * self.size
-        moved = jnp.cross(others.center - self.center[None], a[None])
-        grown = others.radius - self.radius
-        tapered = jnp.asarray((others.slope - self.slope) * self.size, grown.dtype)
-        return jnp.sqrt(jnp.sum(turned**2 + moved**2, axis=1) + grown**2 + tapered**2)
+        turned = jnp.cross(other.axis, a) * self.size
+        moved = jnp.cross(other.center - self.center, a)
+        grown = other.radius - self.radius
+        tapered = (other.slope - self.slope) * self.size
+        return jnp.sqrt(jnp.sum(turned**2 + moved**2) + grown**2 + tapered**2)
 
     @override
     def transformed(self, target_from_source: RigidTransform) -> "RoundBody":
@@ -352,317 +528,12 @@ class RoundBody(AbstractBody):
         )
 
 
+def _in_frame(passing: Passing) -> tuple[tuple[Numbers, ...], tuple[Numbers, ...]]:
+    """Where rays begin and their directions: across the axis twice, and along it."""
+    o, d = passing.local.origin, passing.local.direction
+    return (o.x, o.y, o.z), (d.x, d.y, d.z)
+
+
 def _end_ahead(outside: Bool[Array, "*batch"], slope: Numbers) -> Numbers:
     """End whose plane a ray sees, -1 or 1: it enters there, or leaves from within."""
     return jnp.where(outside, -1, 1).astype(slope.dtype) * jnp.sign(slope)
-
-
-def _moved_frame(
-    body: RoundBody, natural: Float[Array, " c"]
-) -> tuple[Float[Array, "3"], Float[Array, "3"], tuple[Array, Array]]:
-    """Center and axis at natural coordinates, and how far the ends go along the axis.
-
-    The first four are the axis's tilt and the center's motion along the two vectors of
-    `tangent_basis(axis)`, the last two the motions of the ends. The height stays
-    positive: the ends move so to first order.
-    """
-    basis = tangent_basis(body.axis)
-    tilt, across = (
-        jnp.matmul(part, basis, precision="highest")
-        for part in (natural[:2], natural[2:4])
-    )
-    axis = body.axis + tilt
-    shift = (natural[-2] + natural[-1]) / 2
-    growth = body.height * jnp.expm1((natural[-1] - natural[-2]) / body.height) / 2
-    center = body.center + across + body.axis * shift
-    axis = axis * jax.lax.rsqrt(jnp.sum(axis * axis))
-    return center, axis, (shift - growth, shift + growth)
-
-
-def _common_steps(
-    body: RoundBody,
-    unit: Float[Array, ""],
-    end_unit: Float[Array, ""],
-    radii: Sequence[Array],
-) -> Float[Array, " c"]:
-    one = jnp.ones_like(body.radius)
-    lever = unit / body.size
-    of_radii = [unit / radius for radius in radii]
-    return jnp.stack(
-        [lever, lever, unit * one, unit * one, *of_radii, *[end_unit * one] * 2]
-    )
-
-
-class CylinderBody(RoundBody):
-    """Capped cylinder. It moves by the logarithm of its radius.
-
-    The ends, not center and height, are coordinates: where an end is not seen, exactly
-    one coordinate has no effect on the residuals.
-    """
-
-    center: Float[Array, "*batch 3"]
-    axis: Float[Array, "*batch 3"]
-    radius: Numbers
-    height: Numbers
-
-    @property
-    @override
-    def slope(self) -> float:
-        return 0.0
-
-    @property
-    @override
-    def num_numbers(self) -> int:
-        return 8
-
-    @property
-    @override
-    def names_of_radii(self) -> tuple[str, ...]:
-        return ("radius",)
-
-    @staticmethod
-    @override
-    def of(shape: Cylinder) -> "CylinderBody":
-        return CylinderBody(
-            center=shape.center,
-            axis=unit(shape.axis),
-            radius=shape.radius,
-            height=shape.height,
-        )
-
-    @property
-    @override
-    def shape(self) -> Cylinder:
-        return eqx.tree_at(
-            lambda c: (c.center, c.axis, c.radius, c.height),
-            Cylinder((0, 0, 0), (0, 0, 1), 1, 1),
-            (self.center, self.axis, self.radius, self.height),
-        )
-
-    @property
-    @override
-    def numbers(self) -> Float[Array, "8"]:
-        sizes = jnp.stack([self.radius, self.height])
-        return jnp.concatenate([self.center, self.axis, sizes])
-
-    @override
-    def wall(self, ray: Ray, m: Vec3, chord: float | Float[Array, "*#batch"]) -> Wall:
-        o, r = ray.origin, self.radius
-        m_m, m_o = m.dot(m), m.dot(o)
-        parallel = m_m < smallest_slope(m_m.dtype) ** 2
-        # XLA writes each quotient and root to a buffer of its own: there is one of a
-        # kind.
-        inverse = jnp.where(parallel, 0, 1 / jnp.where(parallel, 1, m_m))
-        square = (r * r - m_o * m_o * inverse) * inverse
-        nearest = -m.dot(o.cross(Vec3.from_array(self.axis))) * inverse
-        half, bend = blunted_root(square, chord)
-        enter = jnp.where(parallel, -jnp.inf, nearest - half)
-        leave = jnp.where(parallel, jnp.inf, nearest + half)
-        return Wall(inverse, nearest, square, half, bend, enter, leave)
-
-    @override
-    def end_radius(self, end: Numbers) -> Numbers:
-        return jnp.broadcast_to(self.radius, end.shape)
-
-    @override
-    def moved(
-        self, natural: Float[Array, "7"], fixed: tuple[str, ...]
-    ) -> "CylinderBody":
-        center, axis, (lower, upper) = _moved_frame(self, natural)
-        return CylinderBody(
-            center=center,
-            axis=axis,
-            radius=self.radius * jnp.exp(natural[4]),
-            height=self.height + upper - lower,
-        )
-
-    @override
-    def steps(
-        self, unit: Float[Array, ""], end_unit: Float[Array, ""]
-    ) -> Float[Array, "7"]:
-        return _common_steps(self, unit, end_unit, [self.radius])
-
-    @override
-    def changes(
-        self,
-        scale: Float[Array, "7 n"],
-        fixed: tuple[str, ...],
-        ends_seen: Bool[Array, "2"],
-    ) -> Float[Array, "7 n"]:
-        lower, upper = scale[5], scale[6]
-        return jnp.concatenate(
-            [
-                scale[:4],
-                jnp.stack([(lower + upper) / 2, self.radius * scale[4], upper - lower]),
-            ]
-        )
-
-    @override
-    def reversed(self, sign: Float[Array, ""]) -> "CylinderBody":
-        return eqx.tree_at(lambda b: b.axis, self, self.axis * sign)
-
-    @override
-    def between(self, low: Float[Array, ""], high: Float[Array, ""]) -> "CylinderBody":
-        center = self.center + self.axis * ((low + high) / 2)
-        return CylinderBody(
-            center=center, axis=self.axis, radius=self.radius, height=high - low
-        )
-
-
-class FrustumBody(RoundBody):
-    """Capped frustum. It moves by the logarithms of its end radii.
-
-    An end moves along the wall that is there: where it is not seen, exactly one
-    coordinate has no effect on the residuals, as with the cylinder.
-
-    Attributes:
-        growth: Half the difference of the end radii.
-    """
-
-    center: Float[Array, "*batch 3"]
-    axis: Float[Array, "*batch 3"]
-    radius: Numbers
-    height: Numbers
-    growth: Numbers
-
-    @staticmethod
-    @override
-    def of(shape: Frustum) -> "FrustumBody":
-        return FrustumBody(
-            center=(shape.p1 + shape.p2) / 2,
-            axis=shape.axis,
-            radius=(shape.radius1 + shape.radius2) / 2,
-            height=safe_norm(shape.p2 - shape.p1),
-            growth=(shape.radius2 - shape.radius1) / 2,
-        )
-
-    @property
-    @override
-    def shape(self) -> Frustum:
-        half = self.axis * (self.height[..., None] / 2)
-        return eqx.tree_at(
-            lambda f: (f.p1, f.p2, f.radius1, f.radius2),
-            Frustum((0, 0, 0), (0, 0, 1), 1, 1),
-            (self.center - half, self.center + half, self.radius1, self.radius2),
-        )
-
-    @property
-    def radius1(self) -> Numbers:
-        """At the end that the axis leaves."""
-        return self.radius - self.growth
-
-    @property
-    def radius2(self) -> Numbers:
-        """At the end to which the axis goes."""
-        return self.radius + self.growth
-
-    @property
-    @override
-    def slope(self) -> Numbers:
-        return 2 * self.growth / self.height
-
-    @property
-    @override
-    def num_numbers(self) -> int:
-        return 9
-
-    @property
-    @override
-    def names_of_radii(self) -> tuple[str, ...]:
-        return "radius1", "radius2"
-
-    @property
-    @override
-    def numbers(self) -> Float[Array, "9"]:
-        sizes = jnp.stack([self.radius, self.height, self.slope])
-        return jnp.concatenate([self.center, self.axis, sizes])
-
-    @override
-    def wall(self, ray: Ray, m: Vec3, chord: float | Float[Array, "*#batch"]) -> Wall:
-        """How a ray passes the wall: the quadric of `cone_interval`."""
-        a, o, d = Vec3.from_array(self.axis), ray.origin, ray.direction
-        k = self.slope * d.dot(a)
-        p, rho = o.cross(a), self.radius + self.slope * o.dot(a)
-        m_o = m.dot(o)
-        opening, least = m.dot(m) - k * k, PARALLEL * d.dot(d)
-        within = jnp.where(opening < 0, -1, 1).astype(k.dtype)
-        inverse = within / jnp.maximum(jnp.abs(opening), least)
-        w = m * rho - p * k
-        square = (w.dot(w) - m_o * m_o) * inverse * inverse
-        nearest = (rho * k - m.dot(p)) * inverse
-        half, bend = blunted_root(square, chord)
-        half, bend = half * within, bend * within
-        once = within < 0
-        return Wall(
-            inverse=inverse,
-            nearest=nearest,
-            square=square,
-            half=half,
-            bend=bend,
-            enter=jnp.where(once & (k < 0), -jnp.inf, nearest - half),
-            leave=jnp.where(once & (k > 0), jnp.inf, nearest + half),
-        )
-
-    @override
-    def end_radius(self, end: Numbers) -> Numbers:
-        return jnp.where(end < 0, self.radius1, self.radius2)
-
-    @override
-    def moved(
-        self, natural: Float[Array, "8"], fixed: tuple[str, ...]
-    ) -> "FrustumBody":
-        center, axis, ends = _moved_frame(self, natural)
-        radii = [self.radius1, self.radius2]
-        for index, name in enumerate(self.names_of_radii):
-            if name not in fixed:
-                grown = radii[index] * jnp.exp(natural[4 + index])
-                moved = grown + self.slope * ends[index]
-                radii[index] = jnp.maximum(moved, LEAST_END * self.radius)
-        return FrustumBody(
-            center=center,
-            axis=axis,
-            radius=(radii[0] + radii[1]) / 2,
-            height=self.height + ends[1] - ends[0],
-            growth=(radii[1] - radii[0]) / 2,
-        )
-
-    @override
-    def steps(
-        self, unit: Float[Array, ""], end_unit: Float[Array, ""]
-    ) -> Float[Array, "8"]:
-        least = LEAST_END * self.radius
-        radii = [jnp.maximum(end, least) for end in (self.radius1, self.radius2)]
-        return _common_steps(self, unit, end_unit, radii)
-
-    @override
-    def changes(
-        self,
-        scale: Float[Array, "8 n"],
-        fixed: tuple[str, ...],
-        ends_seen: Bool[Array, "2"],
-    ) -> Float[Array, "8 n"]:
-        ends = scale[6:8]
-        radii = jnp.stack([self.radius1, self.radius2])[:, None] * scale[4:6]
-        # A radius follows the wall to where its end is, unless it is held.
-        follows = np.array([name not in fixed for name in self.names_of_radii])
-        follows = (ends_seen & follows)[:, None]
-        radii = radii + jnp.where(follows, self.slope * ends, 0)
-        middle, length = (ends[0] + ends[1]) / 2, ends[1] - ends[0]
-        return jnp.concatenate([scale[:4], middle[None], radii, length[None]])
-
-    @override
-    def reversed(self, sign: Float[Array, ""]) -> "FrustumBody":
-        return eqx.tree_at(
-            lambda b: (b.axis, b.growth), self, (self.axis * sign, self.growth * sign)
-        )
-
-    @override
-    def between(self, low: Float[Array, ""], high: Float[Array, ""]) -> "FrustumBody":
-        middle = (low + high) / 2
-        return FrustumBody(
-            center=self.center + self.axis * middle,
-            axis=self.axis,
-            radius=self.radius + self.slope * middle,
-            height=high - low,
-            growth=self.slope * (high - low) / 2,
-        )

@@ -9,6 +9,7 @@ where one is not, or where the caller asks for it, the others are tried, too.
 __all__ = [
     "CYLINDER",
     "FRUSTUM",
+    "KINDS",
     "SPHERE",
     "Fittable",
     "fit_shape",
@@ -17,10 +18,9 @@ __all__ = [
 ]
 
 import dataclasses
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable
 from typing import Any
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -29,20 +29,20 @@ from jaxtyping import Array, Bool, Float
 from impostor_jax.arguments import is_concrete, working_precision
 from impostor_jax.camera.pinhole import PinholeCamera
 from impostor_jax.compiling import quickly_compiled
-from impostor_jax.effort import Effort, effort_of
-from impostor_jax.fit.assess import Start, deviations_of, result_of
+from impostor_jax.effort import Effort
+from impostor_jax.fit.assess import Assessment, assess
 from impostor_jax.fit.ball import Ball
-from impostor_jax.fit.body import AbstractBody
+from impostor_jax.fit.body import AbstractBody, coordinates_of
 from impostor_jax.fit.border import fit_of_one_surface
 from impostor_jax.fit.guess_sphere import guess_spheres
 from impostor_jax.fit.initialize import first_guesses
+from impostor_jax.fit.options import Options
 from impostor_jax.fit.prior import Prior
+from impostor_jax.fit.problem import Settings, posed
 from impostor_jax.fit.regions import (
-    bucket,
     object_region,
     pixel_indices,
-    some_pixels,
-    surroundings,
+    traced_indices,
     typical_sigma,
     warn_of_units,
     without_edges,
@@ -50,29 +50,30 @@ from impostor_jax.fit.regions import (
 from impostor_jax.fit.request import (
     DepthImage,
     Mask,
-    Request,
     check_types,
     checked_depth,
     checked_mask,
     checked_noise,
     checked_prior,
-    checked_request,
+    checked_settings,
 )
-from impostor_jax.fit.result import STATUSES, AbstractFit, FitStatus
-from impostor_jax.fit.round_body import CylinderBody, FrustumBody, RoundBody
-from impostor_jax.fit.solve import NUM_KEPT, STAGE_TOLERANCE, best_start, solve
+from impostor_jax.fit.result import (
+    STATUSES,
+    Deviations,
+    Directions,
+    Fit,
+    FitStatus,
+)
+from impostor_jax.fit.round_body import RoundBody
+from impostor_jax.fit.solve import STAGE_TOLERANCE, followed, solve
 from impostor_jax.primitives.base import (
     AbstractPrimitive,
     in_camera_frame,
-    in_world_frame,
 )
 from impostor_jax.primitives.cylinder import Cylinder
 from impostor_jax.primitives.frustum import Frustum
 from impostor_jax.primitives.sphere import Sphere
 from impostor_jax.sensor.base import AbstractDepthNoise
-
-TRACED_READINGS = 15872
-"""Most readings that a traced fit uses, evenly spaced over its region."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -86,7 +87,7 @@ class Fittable:
             typical deviation of a reading and whether one will do: the fields of a
             body, the likeliest first.
         parameters: Names of what a caller may hold or expect.
-        example: Fields of a body of one meter.
+        nothing: Fields of a body without a size.
         most_tolerance: Largest tolerance of an `Effort` that ends its fits.
     """
 
@@ -94,8 +95,14 @@ class Fittable:
     body: type[AbstractBody]
     guesses: Callable[..., list[dict[str, Any]]]
     parameters: tuple[str, ...]
-    example: dict[str, Any]
+    nothing: dict[str, Any]
     most_tolerance: float = np.inf
+
+    @property
+    def coordinates(self) -> tuple[str, ...]:
+        """Of its covariance."""
+        # Known without a device.
+        return coordinates_of(jax.eval_shape(lambda: self.body_at(self.nothing)))
 
     def body_at(self, fields: dict[str, Any]) -> AbstractBody:
         """A body, or a batch, from NumPy's or Python's numbers."""
@@ -133,17 +140,17 @@ def _spheres(*asked: Any, only_one: bool) -> list[dict[str, Any]]:
 
 CYLINDER = Fittable(
     shape=Cylinder,
-    body=CylinderBody,
+    body=RoundBody,
     guesses=_cylinders,
     parameters=("center", "axis", "radius", "height"),
-    example={"center": (0, 0, 1), "axis": (0, 0, 1), "radius": 1, "height": 1},
+    nothing={"center": (0, 0, 0), "axis": (0, 0, 1), "radius": 0, "height": 0},
 )
 FRUSTUM = Fittable(
     shape=Frustum,
-    body=FrustumBody,
+    body=RoundBody,
     guesses=_frusta,
     parameters=("center", "axis", "radius1", "radius2", "height"),
-    example=CYLINDER.example | {"growth": 0},
+    nothing=CYLINDER.nothing | {"growth": 0},
     # A taper settles slowly: with five times it 1 of 200 cups at 3 mm of noise ended 20
     # deviations away.
     most_tolerance=STAGE_TOLERANCE,
@@ -153,8 +160,10 @@ SPHERE = Fittable(
     body=Ball,
     guesses=_spheres,
     parameters=("center", "radius"),
-    example={"center": (0, 0, 1), "radius": 1},
+    nothing={"center": (0, 0, 0), "radius": 0},
 )
+KINDS = {kind.shape: kind for kind in (CYLINDER, FRUSTUM, SPHERE)}
+"""What can be fitted, by its primitive."""
 
 
 def fit_shape(
@@ -164,42 +173,39 @@ def fit_shape(
     mask: Any,
     sigma: Any,
     initial: AbstractPrimitive | None,
-    fixed: Sequence[str],
-    prior: Mapping[str, Any] | None,
-    mask_meaning: str,
-    scale: str,
-    errors: str,
-    effort: Effort | str,
+    options: Options,
     is_whole: bool = False,
-) -> AbstractFit:
+) -> Fit:
     """Fit a shape; the arguments are those of `fit_cylinder`.
 
     With `is_whole` the mask is known to be of one surface, and the errors are what they
     are said to be.
     """
-    effort = effort_of(effort)
+    effort, prior = options.effort, options.prior
     check_types(kind.shape, camera, initial)
-    request = checked_request(
-        kind.shape,
-        kind.parameters,
-        fixed,
-        initial,
-        mask_meaning,
-        scale,
-        errors,
-        effort,
-        sigma,
+    settings = checked_settings(
+        kind.body_at(kind.nothing), kind.parameters, options, initial, sigma
     )
+    settings = dataclasses.replace(
+        settings, tolerance=min(effort.tolerance, kind.most_tolerance)
+    )
+    about = {"camera": camera, "sigma": sigma, "initial": initial, "options": options}
     given = (depth, mask, camera, sigma, initial, prior)
     with working_precision(effort.precision, given) as converted:
         noise = checked_noise(sigma)
         beliefs = checked_prior(prior, kind.parameters, initial)
         image = checked_depth(depth, camera)
         camera, noise, initial, beliefs = converted((camera, noise, initial, beliefs))
-        asked = (camera, noise, beliefs, request, effort)
+        asked = (camera, noise, beliefs, settings, options)
         mask = checked_mask(mask, camera)
         if is_concrete((image, mask, initial, *asked[:3])):
-            return _fit_concrete(kind, image, mask, initial, *asked, is_whole)
+            shown = np.asarray(image), None if mask is None else np.asarray(mask)
+            region = object_region(*shown, camera, noise)
+            fit = _fit_concrete(kind, shown[0], region, initial, *asked, is_whole)
+            # A caller may write other pixels to a mask, and the depth is a copy.
+            own = {"depth": shown[0], "mask": np.array(region)}
+            fit.asked.arguments = about | own
+            return fit
         if initial is None:
             raise ValueError(
                 "initial must be given to a traced fit: the first guess runs outside "
@@ -210,36 +216,33 @@ def fit_shape(
 
 def _fit_concrete(
     kind: Fittable,
-    depth: DepthImage,
-    mask: Mask | None,
+    image: Float[np.ndarray, "h w"],
+    region: Bool[np.ndarray, "h w"],
     initial: AbstractPrimitive | None,
     camera: PinholeCamera,
     noise: AbstractDepthNoise,
     prior: Prior,
-    request: Request,
-    effort: Effort,
+    settings: Settings,
+    options: Options,
     is_whole: bool,
-) -> AbstractFit:
+) -> Fit:
     """Fit to a region, or to what of it is of one surface."""
-    image, given = np.asarray(depth), None if mask is None else np.asarray(mask)
-    region = object_region(image, given, camera, noise)
     warn_of_units(image, region, noise)
+    effort = options.effort
 
-    def fitted(part: Bool[np.ndarray, "h w"], correlated: bool) -> AbstractFit:
+    def fitted(part: Bool[np.ndarray, "h w"], correlated: bool) -> Fit:
         start = None if initial is None else kind.body.of(initial)
         shown = pixels_shown(image, part, camera, noise, effort.stride)
-        asked = dataclasses.replace(
-            request,
-            correlated=correlated,
-            # Only of the whole region the caller says that its edge is the silhouette.
-            is_outline=request.is_outline and part is region,
-        )
-        return _fit_pixels(kind, shown, start, prior, asked, effort)
+        # Only of the whole region the caller says that its edge is the silhouette.
+        is_outline = settings.is_outline and part is region
+        asked = dataclasses.replace(settings, is_outline=is_outline)
+        return _fit_pixels(kind, shown, start, prior, asked, effort, correlated)
 
+    correlated = options.errors == "correlated"
     if is_whole:
-        return fitted(region, request.correlated)
+        return fitted(region, correlated)
     return fit_of_one_surface(
-        fitted, kind.body, image, region, camera, noise, request.correlated
+        fitted, kind.body, image, region, camera, noise, correlated
     )
 
 
@@ -248,9 +251,10 @@ def _fit_pixels(
     shown: tuple[Any, ...],
     initial: AbstractBody | None,
     prior: Prior,
-    request: Request,
+    settings: Settings,
     effort: Effort,
-) -> AbstractFit:
+    correlated: bool,
+) -> Fit:
     """Fit from the start that is given, or from guesses.
 
     Args:
@@ -258,40 +262,64 @@ def _fit_pixels(
         shown: As `pixels_shown` returns it.
         initial: In the world frame.
         prior: In the world frame.
-        request: What is asked for.
+        settings: What is asked for.
         effort: How much work it takes.
+        correlated: Whether deviations allow for correlated residuals.
     """
     image, region, _, _, camera, noise = shown
-    tolerance = min(effort.tolerance, kind.most_tolerance)
-    tolerance = jnp.asarray(tolerance, jnp.result_type(float))
-    solved = quickly_compiled(solve, static_argnames="request")
+    problem = quickly_compiled(posed, static_argnames="kernel")(
+        *shown, prior, settings, kernel=effort.kernel
+    )
 
-    def from_one(body: AbstractBody) -> tuple[AbstractFit, Bool[Array, ""]]:
-        start = Start.at(body, NUM_KEPT)
-        return solved(*shown, start, prior, request, tolerance, is_far=True)
+    def fitted(start: AbstractBody) -> Assessment:
+        solution = quickly_compiled(solve)(problem, start)
+        return quickly_compiled(assess, static_argnames="correlated")(
+            problem, solution, correlated=correlated
+        )
 
     if initial is not None:
-        return from_one(initial)[0]
+        return fitted(in_camera_frame(initial, camera)).fit
+    found = []
     if not effort.all_starts:
-        starts = _starts_of(kind, image, region, camera, noise, 1)
-        if starts is not None:
-            fit, explained = from_one(jax.tree.map(lambda a: a[0], starts))
-            if effort.starts == 1 or bool(explained):
-                return fit
+        found = [
+            fitted(start) for start in _starts_of(kind, image, region, camera, noise, 1)
+        ]
+        if found and (effort.starts == 1 or bool(found[0].is_clear)):
+            return found[0].fit
     starts = _starts_of(kind, image, region, camera, noise, effort.starts)
-    if starts is None:
+    if not starts:
         return no_guess(kind, region)
-    best = quickly_compiled(best_start, static_argnames="estimate_scale")(
-        image,
-        *some_pixels(region),
-        *surroundings(region),
-        camera,
-        noise,
-        starts,
-        prior,
-        request.estimate_scale,
+    for start in starts:
+        found.append(fitted(start))
+        if not effort.all_starts and bool(found[-1].is_clear):
+            break
+    else:
+        # Noise may hide which of two tilts is the true one.
+        if any(bool(one.hides_tilt) for one in found):
+            found += [fitted(_mirrored(start)) for start in starts]
+    return _best_of(found, problem.nominal)
+
+
+_mirrored = jax.jit(lambda body: body.mirrored())
+
+
+@jax.jit
+def _is_alike(
+    body: AbstractBody, other: AbstractBody, nominal: Float[Array, ""]
+) -> Bool[Array, ""]:
+    return body.distance(other) < jnp.maximum(nominal, body.radius / 50)
+
+
+def _best_of(found: list[Assessment], nominal: Float[Array, ""]) -> Fit:
+    """The fit that explains the image best, and how many others agree with it."""
+    best = found[int(np.argmin([float(one.cost) for one in found]))]
+    agreeing = sum(bool(_is_alike(best.body, one.body, nominal)) for one in found)
+    return dataclasses.replace(
+        best.fit,
+        num_steps=jnp.array(sum(int(one.fit.num_steps) for one in found)),
+        num_starts=jnp.array(len(found)),
+        num_agreeing=jnp.array(max(agreeing, 1)),
     )
-    return solved(*shown, best, prior, request, tolerance, is_far=False)[0]
 
 
 def pixels_shown(
@@ -321,35 +349,34 @@ def _starts_of(
     camera: PinholeCamera,
     noise: AbstractDepthNoise,
     count: int,
-) -> AbstractBody | None:
-    """First guesses in the world, (count,); None where there are none."""
+) -> list[AbstractBody]:
+    """First guesses in the camera frame, at most so many; none where there is none."""
     sigma = typical_sigma(image, region, noise)
     seen = region & (image > 0)
-    guesses = kind.guesses(image, seen, camera, sigma, only_one=count == 1)[:count]
-    if not guesses:
-        return None
-    guesses += [guesses[0]] * (count - len(guesses))
-    fields = {name: [guess[name] for guess in guesses] for name in guesses[0]}
-    return in_world_frame(kind.body_at(fields), camera)
+    guesses = kind.guesses(image, seen, camera, sigma, only_one=count == 1)
+    return [kind.body_at(guess) for guess in guesses[:count]]
 
 
-def no_guess(kind: Fittable, region: Bool[np.ndarray, "h w"]) -> AbstractFit:
+def no_guess(kind: Fittable, region: Bool[np.ndarray, "h w"]) -> Fit:
     """Result of a fit that could not start; its shape has no meaning."""
-    example = kind.body_at(kind.example)
-    nothing = jax.tree.map(jnp.zeros_like, example)
-    if isinstance(example, RoundBody):
-        nothing = eqx.tree_at(lambda b: b.axis, nothing, example.axis)
-    one = jnp.eye(example.free_directions(()).shape[1], dtype=nothing.radius.dtype)
-    std, covariance, observed, _ = deviations_of(
-        example, one, jnp.zeros_like(one), one, jnp.ones(len(one), bool)
-    )
-    zero = nothing.radius
-    return result_of(
-        nothing,
-        std=std,
-        ends_seen=jnp.zeros(2, bool),
-        covariance=covariance,
-        observed=observed,
+    nothing = kind.body_at(kind.nothing)
+    names, zero = coordinates_of(nothing), nothing.radius
+    seen = jnp.zeros(len(nothing.ends), bool)
+    read = jax.eval_shape(nothing.readout, nothing, seen)
+    infinite = np.diag(np.full(len(names), np.inf, zero.dtype))
+    return Fit(
+        shape=nothing.shape,
+        std=Deviations(
+            jax.tree.map(lambda part: jnp.full(part.shape, jnp.inf, part.dtype), read)
+        ),
+        covariance=jnp.asarray(infinite),
+        coordinates=names,
+        ends_seen=seen,
+        observed=Directions(
+            coordinates=jnp.zeros(len(names), bool),
+            vector=jnp.asarray(np.eye(len(names), dtype=zero.dtype)),
+            deviation=jnp.asarray(np.diagonal(infinite)),
+        ),
         success=jnp.array(False),
         status_code=jnp.array(STATUSES.index(FitStatus.NO_FIRST_GUESS)),
         num_steps=jnp.array(0),
@@ -373,9 +400,9 @@ def _fit_traced(
     camera: PinholeCamera,
     noise: AbstractDepthNoise,
     prior: Prior,
-    request: Request,
-    effort: Effort,
-) -> AbstractFit:
+    settings: Settings,
+    options: Options,
+) -> Fit:
     """Fit with sizes that do not depend on any value."""
     row, col = camera.frame.pixels()
     if mask is None:
@@ -383,21 +410,21 @@ def _fit_traced(
         mask = in_camera_frame(initial.shape, camera).intersect(ray).mask
     region = jnp.asarray(mask)
     depth = without_edges(depth, region, noise)
-    if effort.stride > 1:
-        region &= (row % effort.stride == 0) & (col % effort.stride == 0)
+    stride = options.effort.stride
+    if stride > 1:
+        region &= (row % stride == 0) & (col % stride == 0)
     sees = camera.sees(row, col)
     if sees is not None:
         region &= sees
-    size = bucket(min(region.size, TRACED_READINGS))
-    rank = jnp.cumsum(region.reshape(-1))
-    count = rank[-1]
-    # The first pixel of each rank; ranks are spread out where there are too many.
-    wanted = jnp.arange(size) * jnp.maximum(count, size) // size + 1
-    index = jnp.searchsorted(rank, wanted, side="left").astype(wanted.dtype)
-    row, col = jnp.divmod(jnp.where(wanted <= count, index, region.size), camera.width)
-    shown = (depth, region, row, col, camera, noise)
-    request = dataclasses.replace(request, is_traced=True)
+    if is_concrete(region):
+        row, col = pixel_indices(np.asarray(region))
+    else:
+        row, col = traced_indices(region)
     # The derivatives are those at the minimum: with a tolerance of 1 they err by 6 %.
-    tolerance = jnp.asarray(min(effort.tolerance, STAGE_TOLERANCE), depth.dtype)
-    start = Start.at(initial)
-    return solve(*shown, start, prior, request, tolerance, is_far=True)[0]
+    settings = dataclasses.replace(
+        settings, tolerance=min(settings.tolerance, STAGE_TOLERANCE), refutes=True
+    )
+    shown = (depth, region, row, col, camera, noise)
+    problem = posed(*shown, prior, settings, kernel=options.effort.kernel)
+    solution = followed(problem, solve(problem, in_camera_frame(initial, camera)))
+    return assess(problem, solution, correlated=options.errors == "correlated").fit

@@ -23,6 +23,7 @@ from impostor_jax.io.depth_image import depth_of_png, read_depth, read_mask
 from impostor_jax.io.input_file import require_file
 from impostor_jax.io.json_file import json_value, read_json_object
 from impostor_jax.io.run_lengths import mask_of_rle
+from impostor_jax.primitives.base import AbstractPrimitive
 from impostor_jax.primitives.cylinder import Cylinder
 
 
@@ -31,10 +32,10 @@ class LabeledImage(NamedTuple):
 
     Attributes:
         depth: Readings in meters; 0 where there is none.
-        mask: Pixels of each of n cylinders that nothing hides.
-        camera: The camera, whose frame is the cylinders'.
-        cylinders: A batch (n,).
-        visible_fraction: Of each cylinder's silhouette in an image with a margin of its
+        mask: Pixels of each of n shapes that nothing hides.
+        camera: The camera, whose frame is the shapes'.
+        shapes: A batch (n,) of one type; `cylinders` is a name of it.
+        visible_fraction: Of each shape's silhouette in an image with a margin of its
             own size on every side, the part that is seen.
         key: Number of the scene and of the image in it, as `000000_000012`.
     """
@@ -42,9 +43,15 @@ class LabeledImage(NamedTuple):
     depth: Float[np.ndarray, "h w"]
     mask: Bool[np.ndarray, "n h w"]
     camera: PinholeCamera
-    cylinders: Cylinder
+    shapes: AbstractPrimitive
     visible_fraction: Float[np.ndarray, " n"]
     key: str
+
+    @property
+    def cylinders(self) -> Cylinder:
+        """The shapes, of a dataset of cylinders."""
+        assert isinstance(self.shapes, Cylinder)
+        return self.shapes
 
 
 class Scene:

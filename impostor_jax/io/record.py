@@ -1,4 +1,4 @@
-"""The record of a fit, as JSON."""
+"""The record of a fit of any shape, as JSON."""
 
 __all__ = ["fit_record", "numbers"]
 
@@ -6,63 +6,59 @@ from typing import Any
 
 import numpy as np
 
-from impostor_jax.fit.parameterization import COORDINATES
-from impostor_jax.fit.result import FitResult, TaperTest
+from impostor_jax.fit.result import Fit, TaperTest
 
 
-def fit_record(fit: FitResult, seconds: float) -> dict[str, Any]:
+def fit_record(
+    fit: Fit, seconds: float, taper: TaperTest | None = None
+) -> dict[str, Any]:
     """Turn a fit into what JSON can hold; infinite deviations become null.
 
     Args:
         fit: A single, concrete result.
         seconds: Time that the fit took.
+        taper: Whether a frustum is needed, if that was tested.
     """
-    cylinder, std = fit.cylinder, fit.std
     return {
         "success": bool(fit.success),
         "status": str(fit.status),
-        "center_m": numbers(cylinder.center),
-        "axis": numbers(cylinder.axis),
-        "radius_m": numbers(cylinder.radius),
-        "height_m": numbers(cylinder.height),
+        "reason": fit.reason,
+        "shape": type(fit.shape).__name__.lower(),
+        **_estimate(fit),
+        "ends_seen": [bool(seen) for seen in fit.ends_seen],
         "height_observed": fit.height_observed,
-        "std": {
-            "center_m": numbers(std.center),
-            "axis_rad": numbers(std.axis),
-            "radius_m": numbers(std.radius),
-            "height_m": numbers(std.height),
-        },
         "covariance": {
-            "coordinates": list(COORDINATES),
+            "coordinates": list(fit.coordinates),
             "values": numbers(fit.covariance),
         },
         "num_starts": int(fit.num_starts),
         "num_agreeing": int(fit.num_agreeing),
         "num_pixels": int(fit.num_pixels),
         "rms_m": numbers(fit.rms),
-        "taper": None if fit.taper is None else _taper(fit.taper),
+        "chi2": numbers(fit.chi2),
+        "taper": None if taper is None else _taper(taper),
         "seconds": seconds,
     }
 
 
 def _taper(taper: TaperTest) -> dict[str, Any]:
-    frustum, std = taper.frustum.frustum, taper.frustum.std
     return {
         "needed": bool(taper.is_needed()),
         "statistic": numbers(taper.statistic),
         "p_value": numbers(taper.p_value),
         "frustum_status": str(taper.frustum.status),
-        "p1_m": numbers(frustum.p1),
-        "p2_m": numbers(frustum.p2),
-        "radius1_m": numbers(frustum.radius1),
-        "radius2_m": numbers(frustum.radius2),
-        "std": {
-            "p1_m": numbers(std.p1),
-            "p2_m": numbers(std.p2),
-            "radius1_m": numbers(std.radius1),
-            "radius2_m": numbers(std.radius2),
-        },
+        **_estimate(taper.frustum),
     }
+
+
+def _estimate(fit: Fit) -> dict[str, Any]:
+    """Values by name and unit, and their deviations."""
+    values, std = {}, {}
+    for name, (value, deviation) in fit.told.items():
+        is_axis = name == "axis"
+        values[name if is_axis else f"{name}_m"] = numbers(value)
+        std[name + ("_rad" if is_axis else "_m")] = numbers(deviation)
+    return values | {"std": std}
 
 
 def numbers(values: Any) -> Any:

@@ -11,7 +11,7 @@ from jaxtyping import Float
 from matplotlib.figure import Figure
 
 from impostor_jax.camera.pinhole import PinholeCamera
-from impostor_jax.fit.result import AbstractFit
+from impostor_jax.fit.result import Fit
 from impostor_jax.io.atomic import write_atomically
 from impostor_jax.primitives.base import AbstractPrimitive, in_camera_frame
 from impostor_jax.primitives.cylinder import Cylinder
@@ -39,7 +39,7 @@ def fitted_outline(
     return np.asarray(camera.project(jnp.asarray(rays, corners.dtype)))
 
 
-def overlay_figure(fit: AbstractFit, depth: Any, camera: PinholeCamera) -> Figure:
+def overlay_figure(fit: Fit, depth: Any, camera: PinholeCamera) -> Figure:
     """Draw the depth image with the fitted outline, and the residual map.
 
     Args:
@@ -95,9 +95,7 @@ def _draw_outline(axes: Any, shape: AbstractPrimitive, camera: PinholeCamera) ->
         axes.contour(np.asarray(mask), levels=[0.5], colors="red", linewidths=1.2)
 
 
-def write_overlay(
-    path: Path, fit: AbstractFit, depth: Any, camera: PinholeCamera
-) -> None:
+def write_overlay(path: Path, fit: Fit, depth: Any, camera: PinholeCamera) -> None:
     """Write `overlay_figure` as a picture."""
     figure = overlay_figure(fit, depth, camera)
     write_atomically(path, lambda partial: figure.savefig(partial, dpi=110))

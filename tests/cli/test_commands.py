@@ -15,9 +15,9 @@ from tests.groups import LARGE_IMAGES, SMALL_IMAGES
 
 CAMERA = {"fx": 150.0, "fy": 150.0, "cx": 79.5, "cy": 59.5, "width": 160, "height": 120}
 RECORD_KEYS = {
-    "success", "status", "center_m", "axis", "radius_m", "height_m", "height_observed",
-    "std", "covariance", "num_starts", "num_agreeing", "num_pixels", "rms_m", "taper",
-    "seconds",
+    "success", "status", "reason", "shape", "center_m", "axis", "radius_m", "height_m",
+    "std", "ends_seen", "height_observed", "covariance", "num_starts", "num_agreeing",
+    "num_pixels", "rms_m", "chi2", "taper", "seconds",
 }  # fmt: skip
 
 
@@ -82,6 +82,9 @@ def test_render_writes_what_fit_reads(rendered, tmp_path, call, capfd):
     assert record["radius_m"] == pytest.approx(0.04, abs=1e-4)
     # A rendered image has no background: the far end is not seen.
     assert record["height_observed"] is False
+    assert sorted(record["ends_seen"]) == [False, True]
+    assert record["reason"] == "The fit converged."
+    assert 0 <= record["chi2"] < 1
     assert record["std"]["height_m"] is None
     assert record["std"]["radius_m"] > 0
     assert record["taper"]["needed"] is False

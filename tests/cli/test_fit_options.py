@@ -101,6 +101,7 @@ def test_a_sphere_is_fitted_with_a_prior(fit, folder):
     assert record["radius_m"] == pytest.approx(0.05, abs=2e-6)
     assert record["std"]["radius_m"] == pytest.approx(1e-6, rel=0.1)
     assert len(record["covariance"]["values"]) == 4
+    assert record["ends_seen"] == []
     assert (folder / "out" / "overlay.png").is_file()
 
 
@@ -116,6 +117,8 @@ def test_a_frustum_is_fitted_from_a_start(fit, folder):
     record = record_of(folder)
     assert record["radius1_m"] == pytest.approx(0.04, abs=1e-3)
     assert record["ends_seen"] == [True, True]
+    assert record["covariance"]["coordinates"][-3:] == ["radius1", "radius2", "height"]
+    assert (folder / "out" / "overlay.png").is_file()
 
 
 def test_what_is_fixed_keeps_its_value_in_the_start(fit, folder):

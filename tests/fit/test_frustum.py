@@ -1,3 +1,5 @@
+import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -101,24 +103,35 @@ def test_held_and_expected_radii_count():
 
 def test_a_can_needs_no_taper_and_a_cup_does():
     for shape, is_needed in ((can(), False), (cup(0.05), True)):
-        depth, mask = image_of(shape)
-        fit = ij.fit_cylinder(depth, CAMERA, mask=mask, sigma=SIGMA, test_taper=True)
-        assert bool(fit.taper.is_needed()) == is_needed
+        depth, mask = map(np.array, image_of(shape))
+        fit = ij.fit_cylinder(depth, CAMERA, mask=mask, sigma=SIGMA)
+        # Of what was fitted, whatever becomes of the caller's arrays.
+        mask[:] = False
+        depth[:] = 0
+        taper = ij.test_taper(fit)
+        assert bool(taper.is_needed()) == is_needed
         # The square of the radii's difference in its deviations is another test of it.
         if is_needed:
-            assert float(fit.taper.statistic) > 100
+            assert float(taper.statistic) > 100
             continue
-        covariance = np.asarray(fit.taper.frustum.covariance)[5:7, 5:7]
+        covariance = np.asarray(taper.frustum.covariance)[5:7, 5:7]
         variance = covariance[0, 0] + covariance[1, 1] - 2 * covariance[0, 1]
-        grown = fit.taper.frustum.frustum.radius2 - fit.taper.frustum.frustum.radius1
+        grown = taper.frustum.frustum.radius2 - taper.frustum.frustum.radius1
         wald = float(grown) ** 2 / variance
-        assert float(fit.taper.statistic) == pytest.approx(wald, rel=0.2, abs=0.3)
+        assert float(taper.statistic) == pytest.approx(wald, rel=0.2, abs=0.3)
 
 
-def test_taper_is_tested_only_where_asked_and_possible():
+def test_taper_is_tested_only_of_what_a_fit_returned():
     depth, mask = image()
-    assert ij.fit_cylinder(depth, CAMERA, mask=mask, sigma=SIGMA).taper is None
-    with pytest.raises(ValueError, match="test_taper must be False"):
-        ij.fit_cylinder(
-            depth, CAMERA, mask=mask, prior={"radius": (0.04, 1e-4)}, test_taper=True
-        )
+    fit = ij.fit_cylinder(depth, CAMERA, mask=mask, sigma=SIGMA)
+    stacked = jax.tree.map(lambda leaf: jnp.stack([leaf, leaf]), fit)
+    for other in (stacked, jax.jit(lambda fit: fit)(fit)):
+        with pytest.raises(ValueError, match="fit must be as fit_cylinder returned it"):
+            ij.test_taper(other)
+    with pytest.raises(ValueError, match=r"fit must be of a cylinder .* got a frustum"):
+        ij.test_taper(fit_of(cup()))
+    known = ij.fit_cylinder(
+        depth, CAMERA, mask=mask, sigma=SIGMA, prior={"radius": (0.04, 1e-4)}
+    )
+    with pytest.raises(ValueError, match="fit must leave the radius open"):
+        ij.test_taper(known)

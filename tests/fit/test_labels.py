@@ -52,7 +52,7 @@ def test_labels_can_be_of_another_shape():
     fits = ij.fit_labels(
         depth, CAMERA, 1 * (labels == 2), ij.fit_sphere, sigma=SIGMA, effort="fast"
     )
-    assert isinstance(fits[1], ij.SphereFit)
+    assert isinstance(fits[1].shape, ij.Sphere)
 
 
 def test_a_label_image_is_no_mask_of_one_object():

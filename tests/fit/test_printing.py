@@ -83,4 +83,4 @@ def test_a_failed_fit_and_a_batch_say_how_they_ended():
     batch = jax.tree.map(lambda x: jnp.stack([x, x]), fit)
     assert str(batch) == "2 fits: 2 no_first_guess"
     shapes = jax.eval_shape(lambda: fit)
-    assert str(shapes).startswith("FitResult")
+    assert str(shapes).startswith("Fit(")

@@ -1,8 +1,12 @@
 import numpy as np
+import pytest
 
 import impostor_jax as ij
-from impostor_jax.viewer.figure import fitted_outline
-from tests.fit.scenes import CAMERA, can
+from impostor_jax.viewer.figure import fitted_outline, overlay_figure
+from tests.fit.scenes import CAMERA, SIGMA, can, image_of
+from tests.fit.test_frustum import cup
+from tests.fit.test_sphere import ball
+from tests.groups import SMALL_IMAGES
 
 
 def test_outline_runs_along_the_edge_of_the_mask():
@@ -18,3 +22,20 @@ def test_outline_runs_along_the_edge_of_the_mask():
 def test_cylinder_around_the_camera_has_no_outline():
     pipe = ij.Cylinder((0, 0, 0), (0, 0, 1), 1, 9)
     assert fitted_outline(pipe, CAMERA) is None
+
+
+@SMALL_IMAGES
+@pytest.mark.parametrize(
+    ("function", "shape"),
+    [(ij.fit_cylinder, can()), (ij.fit_frustum, cup()), (ij.fit_sphere, ball())],
+    ids=["cylinder", "frustum", "sphere"],
+)
+def test_a_fit_of_any_shape_is_drawn_with_its_outline(function, shape):
+    depth, mask = image_of(shape)
+    fit = function(depth, CAMERA, mask, SIGMA)
+    drawn = [
+        len(axes.lines) + len(axes.collections)
+        for axes in overlay_figure(fit, depth, CAMERA).axes[:2]
+    ]
+    # The region that was used on the left, and the outline on both.
+    assert drawn == [2, 1]

@@ -1,0 +1,68 @@
+"""How sure a fit is of what a user reads, from how its coordinates change that."""
+
+__all__ = ["deviations_of"]
+
+from collections import OrderedDict
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float
+
+from impostor_jax.fit.body import AbstractBody, Readout
+from impostor_jax.fit.result import Deviations, Directions
+from impostor_jax.fit.uncertainty import spread
+
+OF_ENDS = ("along_axis", "height")
+"""What only the ends determine; a shape is known without."""
+
+
+def deviations_of(
+    body: AbstractBody,
+    change: Readout,
+    covariance: Float[Array, "n n"],
+    directions: Float[Array, "n n"],
+    free: Bool[Array, " n"],
+) -> tuple[Deviations, Float[Array, "m m"], Directions, Bool[Array, ""]]:
+    """Deviations of a body of the world; and whether they leave its place known.
+
+    Args:
+        body: The body.
+        change: Derivative of its `readout` in the free coordinates.
+        covariance: As `free_covariance` returns it, like the other two.
+        directions: As columns.
+        free: Which of them the image leaves free.
+    """
+    num_free = covariance.shape[0]
+    rows = [part.reshape(-1, num_free) for part in change.values()]
+    full, is_observed = spread(jnp.concatenate(rows), covariance, directions, free)
+    variance = jnp.where(is_observed, jnp.diagonal(full), jnp.inf)
+    std = jnp.sqrt(variance)
+    names = np.repeat([*change], [len(part) for part in rows])
+    std_of = OrderedDict(
+        (name, std[np.flatnonzero(names == name)].reshape(part.shape[:-1]))
+        for name, part in change.items()
+    )
+    known = [
+        jnp.all(std_of[name] < (0.5 if name == "axis" else body.radius / 2))
+        for name in body.coordinates
+        if name not in OF_ENDS
+    ]
+    own = np.concatenate([np.flatnonzero(names == name) for name in body.coordinates])
+    full, is_observed = full[np.ix_(own, own)], is_observed[own]
+    # Motions of the surface: an angle moves the ends by half the size.
+    size = body.size
+    lengths = jnp.where(names[own] == "axis", size, 1)
+    surface = full * (lengths[:, None] * lengths[None])
+    # What is free stands apart from the rest and comes first: no variance of that is
+    # more than their sum. A larger number would round the others away.
+    apart = jnp.where(is_observed, 0, 2 * jnp.trace(surface))
+    values, vectors = jnp.linalg.eigh(surface + jnp.diag(apart))
+    deviation = jnp.sqrt(jnp.maximum(values[::-1], 0))
+    is_free = np.arange(len(own)) < jnp.sum(~is_observed)
+    observed = Directions(
+        coordinates=is_observed,
+        vector=vectors.T[::-1],
+        deviation=jnp.where(is_free | (deviation > 500 * size), jnp.inf, deviation),
+    )
+    public = jnp.where(np.eye(len(own), dtype=bool), variance[own][:, None], full)
+    return Deviations(std_of), public, observed, jnp.stack(known).all()

@@ -1,0 +1,78 @@
+"""What a fit may be asked beside the image: written once, for all that fit."""
+
+__all__ = ["FitOptions", "Options"]
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from typing import Any, TypedDict
+
+from impostor_jax.arguments import one_of
+from impostor_jax.effort import EFFORTS, Effort, effort_of
+
+
+class FitOptions(TypedDict, total=False):
+    """Options of a fit, by name, in the call of `fit_cylinder` and its like."""
+
+    fixed: Sequence[str]
+    """Names of the parameters that keep the value they have in `initial`; none if not
+    given. A cylinder has center, axis, radius and height; a frustum radius1 and radius2
+    in place of radius, and its center is the midpoint of the axis; a sphere has center
+    and radius."""
+    prior: Mapping[str, Any] | None
+    """For any of these names, expected value and standard deviation in the world frame,
+    in meters and (for the axis) radians, as in `{"radius": (0.04, 0.001)}`; for radius1
+    and radius2 with `initial` only."""
+    mask_meaning: str
+    """"region", the default: any subset of the object's pixels, its edge has no
+    meaning. "outline": the edge is the object's silhouette, where no occluder stands in
+    front of it."""
+    scale: str
+    """Whether the width of the robust loss is "fixed" to deviations of the sensor or
+    grows with the "estimated" spread of the residuals, the default."""
+    errors: str
+    """Whether readings err "independent" of each other, the default, or "correlated"
+    between neighboring pixels as those of real sensors do; decides which covariance is
+    reported. Where the readings contradict independence, they are taken for correlated;
+    in a traced fit only if that is said."""
+    effort: Effort | str
+    """How much work it takes: "fast", "balanced", the default, or "exact", or an
+    `Effort` with a setting of each dial."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Options:
+    """The same, resolved: each with its value or its default."""
+
+    fixed: Sequence[str] = ()
+    prior: Mapping[str, Any] | None = None
+    mask_meaning: str = "region"
+    scale: str = "estimated"
+    errors: str = "independent"
+    effort: Effort = EFFORTS["balanced"][1]
+
+    @staticmethod
+    def of(given: Mapping[str, Any]) -> "Options":
+        """Resolve what is given.
+
+        Raises:
+            TypeError: An option is unknown.
+            ValueError: One has a value that is not allowed.
+        """
+        names = [field.name for field in dataclasses.fields(Options)]
+        for name in given:
+            if name == "test_taper":
+                raise TypeError("test_taper is no option: call ij.test_taper(fit)")
+            if name not in names:
+                raise TypeError(
+                    f"a fit has the options {', '.join(names)}, got {name!r}"
+                )
+        effort = effort_of(given.get("effort", Options.effort))
+        options = Options(**{**given, "effort": effort})
+        if isinstance(options.fixed, str):
+            raise ValueError(
+                f"fixed must be a sequence of names, got {options.fixed!r}"
+            )
+        one_of("mask_meaning", options.mask_meaning, ("region", "outline"))
+        one_of("scale", options.scale, ("estimated", "fixed"))
+        one_of("errors", options.errors, ("independent", "correlated"))
+        return options

@@ -1,0 +1,123 @@
+"""One result of all fits: its shape, what is read of it by name, and its options."""
+
+import jax
+import numpy as np
+import pytest
+
+import impostor_jax as ij
+from impostor_jax.fit.body import coordinates_of
+from impostor_jax.fit.round_body import CylinderBody, FrustumBody
+from impostor_jax.fit.shapes import CYLINDER, KINDS, no_guess
+from impostor_jax.geometry.so3 import tangent_basis
+from tests.fit.scenes import CAMERA, SIGMA, can, image
+from tests.groups import SMALL_IMAGES
+
+NAMES = {ij.Cylinder: "cylinder", ij.Frustum: "frustum", ij.Sphere: "sphere"}
+
+
+@pytest.mark.parametrize("kind", NAMES)
+def test_the_shape_has_the_name_of_its_kind_alone(kind):
+    fit = no_guess(KINDS[kind], np.zeros((4, 5), bool))
+    assert isinstance(fit.shape, kind)
+    assert getattr(fit, NAMES[kind]) is fit.shape
+    for other in {*NAMES.values()} - {NAMES[kind]}:
+        message = f"fit.{other} needs the fit of a {other}, got that of a {NAMES[kind]}"
+        with pytest.raises(AttributeError, match=message):
+            getattr(fit, other)
+
+
+@pytest.mark.parametrize("kind", NAMES)
+def test_what_failed_has_infinite_deviations_of_every_parameter(kind):
+    fit = no_guess(KINDS[kind], np.zeros((4, 5), bool))
+    for name, (value, deviation) in fit.told.items():
+        # An axis is told in its two tangent directions.
+        assert deviation.shape == ((2,) if name == "axis" else value.shape)
+        assert np.isinf(deviation).all()
+    assert fit.covariance.shape == 2 * (len(fit.coordinates),)
+    assert np.isinf(np.diagonal(fit.covariance)).all()
+    assert not fit.observed.coordinates.any()
+    assert fit.ends_seen.shape == ((0,) if kind is ij.Sphere else (2,))
+
+
+def test_an_unknown_name_is_told_with_those_there_are():
+    std = no_guess(CYLINDER, np.zeros((4, 5), bool)).std
+    with pytest.raises(
+        AttributeError, match=r"names center, .*, height, got 'radius1'"
+    ):
+        _ = std.radius1
+
+
+@SMALL_IMAGES
+def test_deviations_of_the_center_are_those_of_the_coordinates():
+    depth, mask = image()
+    fit = ij.fit_cylinder(depth, CAMERA, mask, SIGMA)
+    first = fit.coordinates.index("center_first")
+    axis = np.asarray(fit.cylinder.axis, float)
+    frame = np.vstack([np.asarray(tangent_basis(fit.cylinder.axis), float), axis])
+    along = np.asarray(fit.covariance, float)[first : first + 3, first : first + 3]
+    expected = np.sqrt(np.diagonal(frame.T @ along @ frame))
+    np.testing.assert_allclose(fit.std.center, expected, rtol=1e-4)
+    root = np.sqrt(np.diagonal(fit.covariance))
+    for name in ("radius", "height"):
+        at = fit.coordinates.index(name)
+        assert float(getattr(fit.std, name)) == pytest.approx(root[at], rel=1e-6)
+
+
+@SMALL_IMAGES
+def test_directions_beside_a_free_one_keep_their_deviations():
+    depth, mask = image(wall=None)
+    fit = ij.fit_cylinder(depth, CAMERA, mask, SIGMA)
+    known = np.asarray(fit.observed.coordinates)
+    assert 0 < known.sum() < len(known)
+    scale = np.array([1, 1, *[0] * 5]) * (0.04 + float(fit.cylinder.height)) / 2
+    scale = np.where(scale > 0, scale, 1)
+    moved = np.asarray(fit.covariance, float)[known][:, known]
+    moved = moved * np.outer(scale[known], scale[known])
+    expected = np.sqrt(np.linalg.eigvalsh(moved)[::-1])
+    free = len(known) - known.sum()
+    assert np.isinf(fit.observed.deviation[:free]).all()
+    np.testing.assert_allclose(fit.observed.deviation[free:], expected, rtol=0.02)
+
+
+@pytest.mark.usefixtures("double")
+def test_a_readout_is_of_the_axis_turned_to_that_of_the_other():
+    found, seen = CylinderBody.of(can()), np.ones(2, bool)
+    for sign in (1.0, -1.0):
+        slid = found.reversed(jax.numpy.asarray(sign))
+        slid = slid.between(jax.numpy.asarray(0.01), jax.numpy.asarray(0.05))
+        read = slid.readout(found, jax.numpy.asarray(seen))
+        for name in ("axis", "across_axis"):
+            np.testing.assert_allclose(read[name], 0, atol=1e-12)
+        assert float(read["along_axis"]) == pytest.approx(sign * 0.03)
+        assert float(read["height"]) == pytest.approx(0.04)
+
+
+@pytest.mark.usefixtures("double")
+def test_an_end_that_is_not_seen_has_the_radius_of_the_wall_beside_it():
+    cup = ij.Frustum((0.0, 0.0, 1.0), (0.0, 0.0, 2.0), 0.5, 0.3)
+    found = FrustumBody.of(cup)
+    longer = found.between(*map(jax.numpy.asarray, (-1.0, 1.0)))
+    read = longer.readout(found, jax.numpy.asarray([False, True]))
+    assert float(read["radius1"]) == pytest.approx(0.5)
+    assert float(read["radius2"]) == pytest.approx(0.2)
+    assert coordinates_of(found)[5:7] == ("radius1", "radius2")
+
+
+@pytest.mark.parametrize(
+    "call",
+    [
+        lambda depth, **asked: ij.fit_cylinder(depth, CAMERA, **asked),
+        lambda depth, **asked: ij.fit_sphere(depth, CAMERA, **asked),
+        lambda depth, **asked: ij.fit_frustum(depth, CAMERA, **asked),
+        lambda depth, **asked: ij.fit_cylinders(depth[None], CAMERA, **asked),
+        lambda depth, **asked: ij.fit_labels(depth, CAMERA, 1 * (depth > 0), **asked),
+    ],
+    ids=["cylinder", "sphere", "frustum", "cylinders", "labels"],
+)
+def test_an_unknown_option_is_named_with_those_there_are(call):
+    depth = np.ones((120, 160))
+    allowed = ", ".join(ij.FitOptions.__annotations__)
+    with pytest.raises(TypeError, match=f"options {allowed}, got 'fixd'"):
+        call(depth, fixd=("radius",))
+    with pytest.raises(TypeError, match=r"call ij.test_taper\(fit\)"):
+        call(depth, test_taper=True)
