@@ -17,6 +17,7 @@ from impostor_jax.fit.body import (
     Passing,
     Readout,
     blunted_root,
+    grown,
     local_ray,
 )
 from impostor_jax.geometry.frames import RigidTransform
@@ -138,7 +139,7 @@ class Ball(AbstractBody):
 
     @override
     def moved(self, natural: Float[Array, "4"], free: FreeDirections) -> "Ball":
-        return Ball(self.center + natural[:3], self.radius * jnp.exp(natural[3]))
+        return Ball(self.center + natural[:3], self.radius * grown(natural[3]))
 
     @override
     def scaled(

@@ -13,6 +13,7 @@ __all__ = [
     "Readout",
     "blunted_root",
     "coordinates_of",
+    "grown",
     "local_ray",
 ]
 
@@ -339,6 +340,15 @@ class AbstractBody(eqx.Module):
     @abc.abstractmethod
     def distance(self, other: Any) -> Float[Array, ""]:
         """How far the wall of another of the same kind lies from this one's."""
+
+
+def grown(change: Numbers) -> Numbers:
+    """Factor on a length from a change of its logarithm.
+
+    It is positive, and the exponential where a length shrinks; there is no damping, and
+    steps that are right in a length would explode as exponentials where it grows.
+    """
+    return jnp.exp(jnp.minimum(change, 0)) + jnp.maximum(change, 0)
 
 
 def coordinates_of(body: AbstractBody) -> tuple[str, ...]:

@@ -18,6 +18,7 @@ from impostor_jax.fit.body import (
     Passing,
     Readout,
     blunted_root,
+    grown,
     local_ray,
 )
 from impostor_jax.geometry.frames import RigidTransform
@@ -182,6 +183,8 @@ class RoundBody(AbstractBody):
         if self.growth is not None:
             ahead = _end_ahead(outside, d_a)
             wide = jnp.where(ahead < 0, self.radius1, self.radius2)
+            # A tip has no rim to be past of.
+            wide = jnp.maximum(wide, LEAST_END * self.radius)
         on_cap = jnp.where(outside, middle - reach > enter, middle + reach < leave)
         cap = jnp.where(parallel, 0, middle + jnp.where(outside, -reach, reach))
         rim = jnp.sqrt((o1 + e1 * cap) ** 2 + (o2 + e2 * cap) ** 2)
@@ -385,10 +388,6 @@ class RoundBody(AbstractBody):
 
     @override
     def moved(self, natural: Float[Array, " c"], free: FreeDirections) -> "RoundBody":
-        """The body at natural coordinates.
-
-        The height stays positive: the ends move so to first order.
-        """
         basis = tangent_basis(self.axis)
         tilt, across = (
             jnp.matmul(part, basis, precision="highest")
@@ -396,15 +395,15 @@ class RoundBody(AbstractBody):
         )
         axis = self.axis + tilt
         shift = (natural[-2] + natural[-1]) / 2
-        stretch = self.height * jnp.expm1((natural[-1] - natural[-2]) / self.height)
+        height = self.height * grown((natural[-1] - natural[-2]) / self.height)
+        stretch = height - self.height
         center = self.center + across + self.axis * shift
         axis = axis * jax.lax.rsqrt(jnp.sum(axis * axis))
-        height = self.height + stretch
         if self.growth is None:
-            return RoundBody(center, axis, self.radius * jnp.exp(natural[4]), height)
+            return RoundBody(center, axis, self.radius * grown(natural[4]), height)
         follows = self.slope * jnp.stack([shift - stretch / 2, shift + stretch / 2])
         own = jnp.stack([self.radius1, self.radius2])
-        radii = own * jnp.exp(natural[4:6]) + follows
+        radii = own * grown(natural[4:6]) + follows
         radii = jnp.maximum(radii, LEAST_END * self.radius)
         radii = jnp.where(jnp.diagonal(free)[4:6] > 0, radii, own)
         radius, growth = (radii[0] + radii[1]) / 2, (radii[1] - radii[0]) / 2
