@@ -67,7 +67,7 @@ from impostor_jax.fit.result import (
     FitStatus,
 )
 from impostor_jax.fit.round_body import RoundBody
-from impostor_jax.fit.solve import STAGE_TOLERANCE, followed, solve
+from impostor_jax.fit.solve import STAGE_TOLERANCE, TRACED_TOLERANCE, solve
 from impostor_jax.primitives.base import (
     AbstractPrimitive,
     in_camera_frame,
@@ -425,11 +425,10 @@ def _fit_traced(
         row, col = pixel_indices(np.asarray(region))
     else:
         row, col = traced_indices(region)
-    # The derivatives are those at the minimum: with a tolerance of 1 they err by 6 %.
     settings = dataclasses.replace(
-        settings, tolerance=min(settings.tolerance, STAGE_TOLERANCE), refutes=True
+        settings, tolerance=min(settings.tolerance, TRACED_TOLERANCE), refutes=True
     )
     shown = (depth, region, row, col, camera, noise)
     problem = posed(*shown, prior, settings, kernel=options.effort.kernel)
-    solution = followed(problem, solve(problem, in_camera_frame(initial, camera)))
+    solution = solve(problem, in_camera_frame(initial, camera))
     return assess(problem, solution, correlated=options.errors == "correlated").fit
