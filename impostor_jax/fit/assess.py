@@ -71,6 +71,7 @@ class Assessment(NamedTuple):
         is_clear: Whether it explains the image so well that no other start could do
             better.
         hides_tilt: Whether the noise may hide which of two tilts is the true one.
+        nominal: Typical deviation of a reading, in meters.
     """
 
     fit: Fit
@@ -78,9 +79,9 @@ class Assessment(NamedTuple):
     cost: Float[Array, ""]
     is_clear: Bool[Array, ""]
     hides_tilt: Bool[Array, ""]
+    nominal: Float[Array, ""]
 
 
-@jax.jit(static_argnames="correlated")
 def assess(problem: Problem, solution: Solution, correlated: bool) -> Assessment:
     """Result of a fit in the world frame.
 
@@ -94,8 +95,7 @@ def assess(problem: Problem, solution: Solution, correlated: bool) -> Assessment
     # The axis is signed so that its largest component in the world is positive.
     sign = in_world_frame(solution.body, camera).sign
     body = solution.body.reversed(jnp.where(settings.keep_ends, 1, sign))
-    # Kept in memory for all that reads them.
-    readings = jax.lax.optimization_barrier(reading_terms(pixels, body, problem.noise))
+    readings = problem.held(lambda: reading_terms(pixels, body, problem.noise))
     terms, seen = readings.terms, readings.passing
     last = STAGES[-1]
     edges = crossing_terms(
@@ -105,8 +105,13 @@ def assess(problem: Problem, solution: Solution, correlated: bool) -> Assessment
     count = jnp.sum(used)
     meters = jnp.where(used, pixels.depth - seen.depth, 0)
     wide = spread_of(terms.residual, used)
-    # The residuals take a cap for a whole plane; readings beyond its rim are not on it.
-    inlier = used & (jnp.abs(terms.residual) <= 3 * wide) & ~seen.is_past_rim
+
+    def is_near() -> Bool[Array, " n"]:
+        # The residuals take a cap for a whole plane; readings beyond its rim are not
+        # on it.
+        return used & (jnp.abs(terms.residual) <= 3 * wide) & ~seen.is_past_rim
+
+    inlier = problem.held(is_near)
     crossing = (edges.weight > 0) & (jnp.abs(edges.residual) < 6)
     whitened = jnp.where(inlier, terms.residual, 0)
     shown = _cap_shown(readings, pixels.depth, wide)
@@ -129,7 +134,7 @@ def assess(problem: Problem, solution: Solution, correlated: bool) -> Assessment
     others = jnp.ones(scaled.shape[0] - ends_seen.size, bool)
     leans = jnp.where(jnp.concatenate([others, ends_seen]), 1, 0).astype(scaled.dtype)
     into = jnp.matmul(scaled.T * leans[None], carried, precision="highest")
-    beside = on_border(problem.mask, problem.row, problem.col)
+    beside = problem.held(lambda: on_border(problem.mask, problem.row, problem.col))
     of_all = _products(terms, inlier, into)
     of_border = _products(terms, inlier & beside, into)
     of_edges = _products(edges, crossing, into)
@@ -231,7 +236,7 @@ def assess(problem: Problem, solution: Solution, correlated: bool) -> Assessment
     hides_tilt = problem.nominal > HIDES_TILT * body.radius
     is_clear = success & (hidden <= MOST_HIDDEN) & (~hides_tilt | body.is_long)
     is_clear &= _explains(pixels, readings, wide)
-    return Assessment(fit, body, cost, is_clear, hides_tilt)
+    return Assessment(fit, body, cost, is_clear, hides_tilt, problem.nominal)
 
 
 def _products(

@@ -12,6 +12,9 @@ __all__ = [
     "posed",
 ]
 
+from collections.abc import Callable
+from typing import TypeVar
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -25,6 +28,8 @@ from impostor_jax.fit.prior import Prior
 from impostor_jax.geometry.vec3 import Vec3
 from impostor_jax.numerics import eps
 from impostor_jax.sensor.base import AbstractDepthNoise
+
+Values = TypeVar("Values")
 
 BLOCK = 512
 """Readings that are summed at a time; the last of them, which are evenly spread over
@@ -131,8 +136,22 @@ class Problem(eqx.Module):
     camera: PinholeCamera
     kernel: str = eqx.field(static=True)
 
+    def held(self, function: Callable[[], Values]) -> Values:
+        """Value of a function, kept in memory for all that reads it.
 
-@jax.jit(static_argnames="kernel")
+        XLA would compute it anew in each of the loops that need it. That the deviation
+        of a reading is positive only the run knows.
+        """
+        # So that it is traced once, for its shapes and for its value.
+        function = jax.jit(function)
+        shapes = jax.eval_shape(function)
+
+        def never() -> Values:
+            return jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), shapes)
+
+        return jax.lax.cond(self.nominal > 0, function, never)
+
+
 def posed(
     depth: Float[Array, "h w"],
     mask: Bool[Array, "h w"],

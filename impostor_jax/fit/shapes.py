@@ -18,13 +18,15 @@ __all__ = [
 ]
 
 import dataclasses
+import functools
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool, Float, Int
 
 from impostor_jax.arguments import is_concrete, working_precision
 from impostor_jax.camera.pinhole import PinholeCamera
@@ -83,9 +85,8 @@ class Fittable:
     Attributes:
         shape: Its primitive.
         body: As a fit moves it.
-        guesses: First guesses in the camera frame from depth, region, camera, the
-            typical deviation of a reading and whether one will do: the fields of a
-            body, the likeliest first.
+        guesses: First guesses in the camera frame from depth, region, camera and the
+            typical deviation of a reading: the fields of a body, the likeliest first.
         parameters: Names of what a caller may hold or expect.
         nothing: Fields of a body without a size.
         most_tolerance: Largest tolerance of an `Effort` that ends its fits.
@@ -104,22 +105,27 @@ class Fittable:
         # Known without a device.
         return coordinates_of(jax.eval_shape(lambda: self.body_at(self.nothing)))
 
+    @functools.cached_property
+    def blank(self) -> AbstractBody:
+        """A body that says what is true of all."""
+        return self.body_at(self.nothing)
+
     def body_at(self, fields: dict[str, Any]) -> AbstractBody:
-        """A body, or a batch, from NumPy's or Python's numbers."""
+        """A body from NumPy's or Python's numbers."""
         dtype = np.dtype(jnp.result_type(float))
         return self.body(
             **{name: jnp.asarray(np.asarray(f, dtype)) for name, f in fields.items()}
         )
 
 
-def _cylinders(*asked: Any, only_one: bool) -> list[dict[str, Any]]:
+def _cylinders(*asked: Any) -> list[dict[str, Any]]:
     return [
         {"center": g.center, "axis": g.axis, "radius": g.radius, "height": g.height}
-        for g in first_guesses(*asked, only_one=only_one)
+        for g in first_guesses(*asked)
     ]
 
 
-def _frusta(*asked: Any, only_one: bool) -> list[dict[str, Any]]:
+def _frusta(*asked: Any) -> list[dict[str, Any]]:
     return [
         {
             "center": g.center,
@@ -128,11 +134,11 @@ def _frusta(*asked: Any, only_one: bool) -> list[dict[str, Any]]:
             "height": g.height,
             "growth": g.slope * g.height / 2,
         }
-        for g in first_guesses(*asked, tapered=True, only_one=only_one)
+        for g in first_guesses(*asked, tapered=True)
     ]
 
 
-def _spheres(*asked: Any, only_one: bool) -> list[dict[str, Any]]:
+def _spheres(*asked: Any) -> list[dict[str, Any]]:
     return [
         {"center": center, "radius": radius} for center, radius in guess_spheres(*asked)
     ]
@@ -183,9 +189,7 @@ def fit_shape(
     """
     effort, prior = options.effort, options.prior
     check_types(kind.shape, camera, initial)
-    settings = checked_settings(
-        kind.body_at(kind.nothing), kind.parameters, options, initial, sigma
-    )
+    settings = checked_settings(kind.blank, kind.parameters, options, initial, sigma)
     settings = dataclasses.replace(
         settings, tolerance=min(effort.tolerance, kind.most_tolerance)
     )
@@ -231,12 +235,11 @@ def _fit_concrete(
     effort = options.effort
 
     def fitted(part: Bool[np.ndarray, "h w"], correlated: bool) -> Fit:
-        start = None if initial is None else kind.body.of(initial)
         shown = pixels_shown(image, part, camera, noise, effort.stride)
         # Only of the whole region the caller says that its edge is the silhouette.
         is_outline = settings.is_outline and part is region
         asked = dataclasses.replace(settings, is_outline=is_outline)
-        return _fit_pixels(kind, shown, start, prior, asked, effort, correlated)
+        return _fit_pixels(kind, shown, initial, prior, asked, effort, correlated)
 
     correlated = options.errors == "correlated"
     if is_whole:
@@ -249,7 +252,7 @@ def _fit_concrete(
 def _fit_pixels(
     kind: Fittable,
     shown: tuple[Any, ...],
-    initial: AbstractBody | None,
+    initial: AbstractPrimitive | None,
     prior: Prior,
     settings: Settings,
     effort: Effort,
@@ -267,53 +270,70 @@ def _fit_pixels(
         correlated: Whether deviations allow for correlated residuals.
     """
     image, region, _, _, camera, noise = shown
-    problem = quickly_compiled(posed, static_argnames="kernel")(
-        *shown, prior, settings, kernel=effort.kernel
-    )
+    compiled = quickly_compiled(fit_from, static_argnames=("kernel", "correlated"))
 
     def fitted(start: AbstractBody) -> Assessment:
-        solution = quickly_compiled(solve)(problem, start)
-        return quickly_compiled(assess, static_argnames="correlated")(
-            problem, solution, correlated=correlated
+        return compiled(
+            *shown, prior, settings, start, kernel=effort.kernel, correlated=correlated
         )
 
     if initial is not None:
-        return fitted(in_camera_frame(initial, camera)).fit
-    found = []
-    if not effort.all_starts:
-        found = [
-            fitted(start) for start in _starts_of(kind, image, region, camera, noise, 1)
-        ]
-        if found and (effort.starts == 1 or bool(found[0].is_clear)):
-            return found[0].fit
-    starts = _starts_of(kind, image, region, camera, noise, effort.starts)
+        return fitted(_placed(kind.body, initial, camera)).fit
+    guesses = kind.guesses(image, region, camera, typical_sigma(image, region, noise))
+    starts = [kind.body_at(guess) for guess in guesses[: effort.starts]]
     if not starts:
         return no_guess(kind, region)
+    found = []
     for start in starts:
         found.append(fitted(start))
         if not effort.all_starts and bool(found[-1].is_clear):
             break
     else:
         # Noise may hide which of two tilts is the true one.
-        if any(bool(one.hides_tilt) for one in found):
+        if effort.starts > 1 and any(bool(one.hides_tilt) for one in found):
             found += [fitted(_mirrored(start)) for start in starts]
-    return _best_of(found, problem.nominal)
+    return found[0].fit if len(found) == 1 else _best_of(found)
+
+
+def fit_from(
+    depth: Float[Array, "h w"],
+    mask: Bool[Array, "h w"],
+    row: Int[Array, " n"],
+    col: Int[Array, " n"],
+    camera: PinholeCamera,
+    noise: AbstractDepthNoise,
+    prior: Prior,
+    settings: Settings,
+    start: AbstractBody,
+    kernel: str,
+    correlated: bool,
+) -> Assessment:
+    """All of a fit that is compiled, in one program; the arguments are of its parts."""
+    problem = posed(depth, mask, row, col, camera, noise, prior, settings, kernel)
+    return assess(problem, solve(problem, start), correlated)
+
+
+@partial(jax.jit, static_argnums=0)
+def _placed(
+    body: type[AbstractBody], shape: AbstractPrimitive, camera: PinholeCamera
+) -> AbstractBody:
+    """In one program: operation by operation it takes a millisecond."""
+    return in_camera_frame(body.of(shape), camera)
 
 
 _mirrored = jax.jit(lambda body: body.mirrored())
 
 
 @jax.jit
-def _is_alike(
-    body: AbstractBody, other: AbstractBody, nominal: Float[Array, ""]
-) -> Bool[Array, ""]:
-    return body.distance(other) < jnp.maximum(nominal, body.radius / 50)
+def _is_alike(best: Assessment, other: Assessment) -> Bool[Array, ""]:
+    least = jnp.maximum(best.nominal, best.body.radius / 50)
+    return best.body.distance(other.body) < least
 
 
-def _best_of(found: list[Assessment], nominal: Float[Array, ""]) -> Fit:
+def _best_of(found: list[Assessment]) -> Fit:
     """The fit that explains the image best, and how many others agree with it."""
     best = found[int(np.argmin([float(one.cost) for one in found]))]
-    agreeing = sum(bool(_is_alike(best.body, one.body, nominal)) for one in found)
+    agreeing = sum(bool(_is_alike(best, one)) for one in found)
     return dataclasses.replace(
         best.fit,
         num_steps=jnp.array(sum(int(one.fit.num_steps) for one in found)),
@@ -340,21 +360,6 @@ def pixels_shown(
     """
     image = np.asarray(without_edges(image, region, noise))
     return image, region, *pixel_indices(region, stride), camera, noise
-
-
-def _starts_of(
-    kind: Fittable,
-    image: Float[np.ndarray, "h w"],
-    region: Bool[np.ndarray, "h w"],
-    camera: PinholeCamera,
-    noise: AbstractDepthNoise,
-    count: int,
-) -> list[AbstractBody]:
-    """First guesses in the camera frame, at most so many; none where there is none."""
-    sigma = typical_sigma(image, region, noise)
-    seen = region & (image > 0)
-    guesses = kind.guesses(image, seen, camera, sigma, only_one=count == 1)
-    return [kind.body_at(guess) for guess in guesses[:count]]
 
 
 def no_guess(kind: Fittable, region: Bool[np.ndarray, "h w"]) -> Fit:

@@ -53,10 +53,14 @@ class Ray(eqx.Module):
         """Express the ray relative to `center`; start it near if it comes from afar.
 
         A ray that begins more than a radius before its point nearest to `target` starts
-        there, one that looks forward at the depth of `target`: that is no farther than
-        its direction is long, and one number for all rays of a camera (an image of a
-        cylinder takes XXX ms less). Any other keeps its origin: what it meets may be
-        much closer than that point, and would be rounded as coarsely.
+        there. Any other keeps its origin: what it meets may be much closer than that
+        point, and would be rounded as coarsely.
+
+        One that looks forward starts at the depth of `target`. That is the same number
+        for all rays of a pinhole camera, which takes a tenth off a cylinder's depth
+        image, and as good: of rays up to 63 degrees off the camera's axis the depth
+        errs by as many ulps, at 84 degrees by 2.1 in place of 0.6 at the 99th
+        percentile, 20 radii away.
 
         Returns:
             The ray in coordinates relative to `center`, and the parameter `t` of its
