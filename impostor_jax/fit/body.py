@@ -343,12 +343,12 @@ class AbstractBody(eqx.Module):
 
 
 def grown(change: Numbers) -> Numbers:
-    """Factor on a length from a change of its logarithm.
+    """Factor on a length from a change of its logarithm, to first order.
 
-    It is positive, and the exponential where a length shrinks; there is no damping, and
-    steps that are right in a length would explode as exponentials where it grows.
+    It is positive for any change. Nothing damps the steps of a solver, and exponentials
+    of long ones would explode, or vanish for ever.
     """
-    return jnp.exp(jnp.minimum(change, 0)) + jnp.maximum(change, 0)
+    return (1 + jnp.maximum(change, 0)) / (1 - jnp.minimum(change, 0))
 
 
 def coordinates_of(body: AbstractBody) -> tuple[str, ...]:

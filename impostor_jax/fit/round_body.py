@@ -24,7 +24,7 @@ from impostor_jax.fit.body import (
 from impostor_jax.geometry.frames import RigidTransform
 from impostor_jax.geometry.so3 import tangent_basis
 from impostor_jax.geometry.vec3 import Vec3, unit
-from impostor_jax.numerics import safe_norm, smallest_slope
+from impostor_jax.numerics import safe_norm, safe_sqrt, smallest_slope
 from impostor_jax.primitives.cylinder import Cylinder
 from impostor_jax.primitives.frustum import Frustum
 
@@ -183,11 +183,11 @@ class RoundBody(AbstractBody):
         if self.growth is not None:
             ahead = _end_ahead(outside, d_a)
             wide = jnp.where(ahead < 0, self.radius1, self.radius2)
-            # A tip has no rim to be past of.
+            # At a tip there is no rim to be past of.
             wide = jnp.maximum(wide, LEAST_END * self.radius)
         on_cap = jnp.where(outside, middle - reach > enter, middle + reach < leave)
         cap = jnp.where(parallel, 0, middle + jnp.where(outside, -reach, reach))
-        rim = jnp.sqrt((o1 + e1 * cap) ** 2 + (o2 + e2 * cap) ** 2)
+        rim = safe_sqrt((o1 + e1 * cap) ** 2 + (o2 + e2 * cap) ** 2)
         past = jnp.maximum(rim / wide - 1, 0)
         wall = nearest + jnp.where(outside, -half, half)
         # Unit normals: of the wall |n.d| = |A| h / (R sqrt(1 + k^2)), of a cap |a.d|.

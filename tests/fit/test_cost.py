@@ -5,6 +5,7 @@ from functools import partial
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from impostor_jax.fit.residuals import residuals
 
 import impostor_jax as ij
 from impostor_jax.fit.assess import Start
@@ -12,7 +13,6 @@ from impostor_jax.fit.body import AbstractBody
 from impostor_jax.fit.evidence import gather_edge, gather_pixels
 from impostor_jax.fit.prior import Prior
 from impostor_jax.fit.request import Request
-from impostor_jax.fit.residuals import residuals
 from impostor_jax.fit.round_body import CylinderBody, FrustumBody
 from impostor_jax.fit.shapes import pixels_shown
 from impostor_jax.fit.solve import evaluate, solve
