@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from impostor_jax.camera.pinhole import PinholeCamera
-from impostor_jax.fit.surface import Surface, surface_of, within_deviations
+from impostor_jax.fit.surface import FEWEST_POINTS, Surface, round_through, surface_of
 
 SphereGuess = tuple[Float[np.ndarray, "3"], float]
 """Center and radius, in the camera frame, in meters."""
@@ -50,27 +50,16 @@ def guess_spheres(
 
 
 def _through(points: Float[np.ndarray, "n 3"]) -> SphereGuess | None:
-    """|x|^2 = 2 c.x + r^2 - |c|^2 by least squares, trimmed at 3 deviations."""
-    scale = float(np.ptp(points, axis=0).max())
-    kept, center, squared = points, np.zeros(3), 0.0
-    for _ in range(3):
-        if len(kept) < 10:
-            return None
-        full = np.concatenate([2 * kept, np.ones((len(kept), 1))], axis=1)
-        *center, rest = np.linalg.lstsq(full, np.sum(kept**2, axis=1), rcond=None)[0]
-        center = np.array(center)
-        squared = rest + center @ center
-        if not 0 < squared < (50 * scale) ** 2:
-            return None
-        miss = np.abs(np.linalg.norm(points - center, axis=1) - np.sqrt(squared))
-        kept = points[within_deviations(miss, scale)]
-    return center, float(np.sqrt(squared))
+    """By least squares."""
+    found = round_through(points.T[None], np.ones((1, len(points)), bool))
+    radius = float(found.radius[0])
+    return (found.center[0], radius) if radius > 0 else None
 
 
 def _along_normals(surface: Surface) -> SphereGuess | None:
     """The center lies a radius from each point against its normal."""
     points, normals = surface.normal_points, surface.normals
-    if len(points) < 10:
+    if len(points) < FEWEST_POINTS:
         return None
     # The normals face the camera, from outside and from inside: r has a sign.
     away_p, away_n = points - points.mean(axis=0), normals - normals.mean(axis=0)

@@ -1,15 +1,26 @@
 """Points and normals of a region of a depth image, for first guesses.
 
-Everything here runs outside JAX, on NumPy and OpenCV.
+Everything here runs outside JAX, in few calls of NumPy and OpenCV: an image is cropped
+and reduced first, and of what is left only some points are looked at.
 """
 
-__all__ = ["MAX_POINTS", "Surface", "surface_of", "thinned", "within_deviations"]
+__all__ = [
+    "FEWEST_POINTS",
+    "Round",
+    "Surface",
+    "cropped",
+    "median_of",
+    "round_through",
+    "squared_length",
+    "surface_of",
+    "thinned",
+]
 
 from typing import NamedTuple
 
 import cv2
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 from impostor_jax.camera.pinhole import PinholeCamera
 from impostor_jax.fit.sparse import MAX_SLOPE_ERROR, spacing_of, sparse_normals
@@ -23,11 +34,15 @@ SMALLEST_SIDE = 16
 WIDEST_WINDOW = 7
 """Readings across the windows of normals where an object is seen densely."""
 
-MAX_SAMPLES = 400
-"""Normals that vote for an axis and points that vote for a circle, evenly spaced."""
+MAX_POINTS = 400
+"""Points, and normals, that a guess is made from, evenly spaced: more cost time and
+lead the fit nowhere else."""
 
-MAX_POINTS = 1200
-"""Points that a guess is compared with."""
+FEWEST_POINTS = 10
+"""Points below which nothing is guessed."""
+
+LARGEST_RADIUS = 100.0
+"""Of a circle or sphere, in halves of what is seen of it."""
 
 NUM_PARTS = 8
 """Parts of a region whose median readings tell how its depth changes."""
@@ -40,6 +55,28 @@ class Surface(NamedTuple):
     normals: Float[np.ndarray, "m 3"]
     normal_points: Float[np.ndarray, "m 3"]
     drawn: Float[np.ndarray, "2 3"]
+
+
+class Round(NamedTuple):
+    """Circles or spheres; a circle's radius may grow along its axis from a place.
+
+    NaN where points do not bend.
+    """
+
+    center: Float[np.ndarray, "*k d"]
+    radius: Float[np.ndarray, "*k"]
+    slope: Float[np.ndarray, "*k"]
+    place: Float[np.ndarray, "*k"]
+
+
+def cropped(region: Bool[np.ndarray, "h w"]) -> tuple[slice, slice]:
+    """Index of the smallest block that holds a region's pixels; empty if it does."""
+    rows = np.any(region, axis=1)
+    top, bottom = int(rows.argmax()), len(rows) - int(rows[::-1].argmax())
+    if not rows[top]:
+        return np.s_[0:0, 0:0]
+    cols = np.any(region[top:bottom], axis=0)
+    return np.s_[top:bottom, int(cols.argmax()) : len(cols) - int(cols[::-1].argmax())]
 
 
 def _without_lens(
@@ -77,59 +114,67 @@ def surface_of(
         camera: Concrete; its pose is not used.
         sigma: Typical deviation of a reading, in meters.
     """
-    matrix = camera.matrix()
     depth, region = _without_lens(depth, region, camera)
-    rows, cols = np.any(region, axis=1), np.any(region, axis=0)
-    if not rows.any():
+    box = cropped(region)
+    seen = depth[box] * region[box]
+    index = thinned(np.flatnonzero(seen))
+    if len(index) < FEWEST_POINTS:
         return None
-    top, left = int(np.argmax(rows)), int(np.argmax(cols))
-    bottom = len(rows) - int(np.argmax(rows[::-1]))
-    right = len(cols) - int(np.argmax(cols[::-1]))
-    crop = np.s_[top:bottom, left:right]
-    seen = np.where(region[crop], depth[crop], 0)
-    if not seen.any():
-        return None
-    step = _reduction(seen.shape, seen[seen > 0], matrix, sigma)
+    # From the class: of an instance Equinox copies a method's fields, in 60 us.
+    matrix = PinholeCamera.matrix(camera)
+    matrix[:2, 2] -= box[1].start, box[0].start
+    drawn = _drawn(seen, index, matrix)
+    step = _reduction(seen.shape, seen.ravel()[index], matrix, sigma)
     reduced = _block_median(seen, step)
     # A block's center is the mean of its pixels' centers.
-    cropped = matrix - np.array([[0, 0, left], [0, 0, top], [0, 0, 0]])
-    local = cropped.copy()
-    local[:2, 2] -= (step - 1) / 2
-    local[:2] /= step
+    matrix[:2, 2] -= (step - 1) / 2
+    matrix[:2] /= step
     padded = cv2.copyMakeBorder(reduced, 4, 4, 4, 4, cv2.BORDER_CONSTANT, value=0)
-    local[:2, 2] += 4
+    matrix[:2, 2] += 4
+    known = padded > 0
     smooth = cv2.medianBlur(padded, 5)
-    smooth = np.where((padded > 0) & (smooth > 0), smooth, np.nan).astype(np.float32)
-    valid = np.isfinite(smooth)
+    valid = known & (smooth > 0)
     inner, window = _interior(valid)
-    spacing = spacing_of(padded > 0) if window < WIDEST_WINDOW else 0.0
+    spacing = spacing_of(known) if window < WIDEST_WINDOW else 0.0
     if spacing > 0:
         # The median of a window with more holes than readings is a hole.
-        smooth = np.where(padded > 0, padded, np.nan).astype(np.float32)
-        valid = np.isfinite(smooth)
-    if np.count_nonzero(valid) < 10:
+        smooth, valid = padded, known
+    index = np.flatnonzero(valid)
+    if len(index) < FEWEST_POINTS:
         return None
-    cloud = cv2.depthTo3d(smooth, local)
-    cloud = cloud[..., :3].astype(np.float64)
-    inverse = 1 / smooth.astype(np.float64)
+    points = _lifted(smooth, thinned(index), matrix)
+    inverse = 1 / np.where(valid, smooth, np.nan)
     if spacing > 0:
-        error = sigma / float(np.median(smooth[valid])) * local[0, 0]
-        normals, inner = sparse_normals(inverse, local, spacing, error)
+        error = sigma / float(median_of(points[:, 2])) * matrix[0, 0]
+        normals, inner = sparse_normals(inverse.astype(float), matrix, spacing, error)
+        index = thinned(np.flatnonzero(inner))
+        normals = normals.reshape(-1, 3)[index]
     else:
-        normals = _normals(inverse, local, window)
-        inner = inner & np.isfinite(normals).all(axis=-1)
-    index = thinned(np.flatnonzero(inner))
-    return Surface(
-        points=cloud[valid],
-        normals=normals.reshape(-1, 3)[index],
-        normal_points=cloud.reshape(-1, 3)[index],
-        drawn=_drawn(seen, cropped),
-    )
+        index = thinned(np.flatnonzero(inner))
+        normals = _normals(inverse, index, matrix, window)
+        is_known = np.isfinite(normals[:, 2])
+        index, normals = index[is_known], normals[is_known]
+    return Surface(points, normals, _lifted(smooth, index, matrix), drawn)
+
+
+def _lifted(
+    depth: Float[np.ndarray, "h w"],
+    index: Int[np.ndarray, " n"],
+    matrix: Float[np.ndarray, "3 3"],
+) -> Float[np.ndarray, "n 3"]:
+    """Points that some pixels show, in the camera frame."""
+    row, col = np.divmod(index, depth.shape[1])
+    (fx, _, cx), (_, fy, cy), _ = matrix
+    z = depth.ravel()[index].astype(float)
+    return np.stack([(col - cx) / fx * z, (row - cy) / fy * z, z], axis=1)
 
 
 def _normals(
-    inverse: Float[np.ndarray, "h w"], matrix: Float[np.ndarray, "3 3"], window: int
-) -> Float[np.ndarray, "h w 3"]:
+    inverse: Float[np.ndarray, "h w"],
+    index: Int[np.ndarray, " n"],
+    matrix: Float[np.ndarray, "3 3"],
+    window: int,
+) -> Float[np.ndarray, "n 3"]:
     """Normals, towards the camera, of the planes that fit each window of readings best.
 
     The inverse depth of a plane is linear in the pixels, so its slopes are the same
@@ -143,18 +188,21 @@ def _normals(
     slope, mean = offset / (offset @ offset), np.full(window, 1 / window)
 
     def filtered(along_row: np.ndarray, along_col: np.ndarray) -> np.ndarray:
-        return cv2.sepFilter2D(inverse, cv2.CV_64F, along_row, along_col)
+        found = cv2.sepFilter2D(inverse, -1, along_row, along_col)
+        return found.ravel()[index].astype(float)
 
     (fx, _, cx), (_, fy, cy), _ = matrix
-    x, y = filtered(slope, mean) * fx, filtered(mean, slope) * fy
-    row, col = np.ogrid[: inverse.shape[0], : inverse.shape[1]]
-    z = filtered(mean, mean) - x * ((col - cx) / fx) - y * ((row - cy) / fy)
-    normals = -np.stack([x, y, z], axis=-1)
-    return normals / np.linalg.norm(normals, axis=-1, keepdims=True)
+    x, y = filtered(slope, mean), filtered(mean, slope)
+    row, col = np.divmod(index, inverse.shape[1])
+    z = filtered(mean, mean) - x * (col - cx) - y * (row - cy)
+    normals = -np.stack([x * fx, y * fy, z], axis=-1)
+    return normals / np.sqrt(squared_length(normals))[:, None]
 
 
 def _drawn(
-    seen: Float[np.ndarray, "h w"], matrix: Float[np.ndarray, "3 3"]
+    seen: Float[np.ndarray, "h w"],
+    index: Int[np.ndarray, " n"],
+    matrix: Float[np.ndarray, "3 3"],
 ) -> Float[np.ndarray, "2 3"]:
     """Directions in space along which the region is longest and shortest in the image.
 
@@ -162,28 +210,27 @@ def _drawn(
     a rod is still long, and medians of many readings tell how its depth changes. A disc
     is short along its axis where it is seen edge on, its axis across the view.
     """
-    index = thinned(np.flatnonzero(seen), MAX_POINTS)
-    row, col = np.divmod(index, seen.shape[1])
-    z = seen.ravel()[index].astype(float)
-    pixels = np.stack([col, row], axis=1).astype(float)
-    middle = pixels.mean(axis=0)
-    _, vectors = np.linalg.eigh(np.cov((pixels - middle).T))
+    pixels = np.array(np.divmod(index, seen.shape[1])[::-1], float)
+    middle = pixels.mean(axis=1)
+    pixels -= middle[:, None]
+    _, vectors = np.linalg.eigh(pixels @ pixels.T)
     shortest, longest = vectors.T
-    place = (pixels - middle) @ longest
+    place = longest @ pixels
     # Parts of one size; what is left over is the end.
-    order = np.argsort(place)[: len(place) // NUM_PARTS * NUM_PARTS]
+    order = place.argsort()[: len(place) // NUM_PARTS * NUM_PARTS]
     parts = order.reshape(NUM_PARTS, -1)
-    places, depths = np.median([place[parts], z[parts]], axis=-1)
-    offsets = places - places.mean()
+    offsets = place[parts].mean(axis=1)
+    offsets -= offsets.mean()
+    depths = median_of(seen.ravel()[index[parts]]).astype(float)
     slope = offsets @ depths / max(offsets @ offsets, 1e-6)
-    center = np.linalg.solve(matrix, [*middle, 1])
+    focal = matrix.diagonal()[:2]
+    center = np.array([*((middle - matrix[:2, 2]) / focal), 1])
     # A step along the image from the middle, at the depth there, moves the point so.
-    focal = np.diag(matrix)[:2]
     lengthwise = np.array([*(longest / focal), 0]) * depths.mean() + center * slope
     across = np.array([*(shortest / focal), 0])
-    across = across - center * (center @ across) / (center @ center)
+    across -= center * (center @ across) / (center @ center)
     found = np.stack([lengthwise, across])
-    return found / np.linalg.norm(found, axis=1, keepdims=True)
+    return found / np.sqrt(squared_length(found))[:, None]
 
 
 def _reduction(
@@ -198,27 +245,93 @@ def _reduction(
     slope that errs by 0.09 sigma / (b^2 f): blocks make that small, but the object must
     keep some of them across its width.
     """
-    footprint = float(np.median(readings)) / matrix[0, 0]
+    footprint = float(median_of(readings)) / matrix[0, 0]
     for_noise = np.sqrt(0.09 * sigma / (MAX_SLOPE_ERROR * footprint))
     for_size = -(-max(size) // LARGEST_SIDE)
     return max(1, for_size, min(round(for_noise), min(size) // SMALLEST_SIDE))
 
 
-def thinned(values: np.ndarray, most: int = MAX_SAMPLES) -> np.ndarray:
-    """Keep at most so many entries, evenly spaced."""
-    return values[:: -(-len(values) // most)] if len(values) else values
+def thinned(values: np.ndarray) -> np.ndarray:
+    """Keep at most `MAX_POINTS` entries, evenly spaced."""
+    # From the middle of a part: the first entries are of the edge.
+    part = max(-(-len(values) // MAX_POINTS), 1)
+    return values[part // 2 :: part]
 
 
-def within_deviations(
-    miss: Float[np.ndarray, " n"], scale: float
-) -> Bool[np.ndarray, " n"]:
-    """Which points lie within 3 deviations, by the median of how far all miss.
+def round_through(
+    points: Float[np.ndarray, "*k d n"],
+    among: Bool[np.ndarray, "*k n"],
+    along: Float[np.ndarray, "*k n"] | None = None,
+) -> Round:
+    """Circles or spheres through points, fitted twice more to those that lie close.
+
+    |x|^2 = 2 c.x + r^2 - |c|^2 + 2 r k l + k^2 l^2 is linear in what is left of the
+    unknown, if k^2 is taken for one of them.
 
     Args:
-        miss: Distances, not negative.
-        scale: Size of what is seen, to whose rounding all are within.
+        points: In the plane across an axis, or in space.
+        among: Which of them count.
+        along: Their places along that axis; None where the radius does not grow.
     """
-    return miss <= 3 * 1.4826 * np.median(miss) + 1e-9 * scale
+    *batch, size, count = points.shape
+    middle = points.mean(axis=-1, keepdims=True)
+    away = points - middle
+    scale = np.maximum(np.abs(away).max(axis=(-1, -2)), np.finfo(float).tiny)
+    away /= scale[..., None, None]
+    squares = np.square(away).sum(axis=-2, keepdims=True)
+    rows, place, further = [2 * away, np.ones_like(squares)], np.zeros(batch), 0.0
+    if along is not None:
+        place = along.mean(axis=-1)
+        further = (along - place[..., None]) / scale[..., None]
+        rows += [further[..., None, :], further[..., None, :] ** 2]
+    full = np.concatenate([*rows, squares], axis=-2)
+    # So little that it decides only what the points leave open.
+    ridge = 1e-13 * count * np.eye(full.shape[-2] - 1)
+
+    def fitted(kept: Bool[np.ndarray, "*k n"]) -> tuple[np.ndarray, ...]:
+        products = (full * kept[..., None, :]) @ np.swapaxes(full, -1, -2)
+        equations = products[..., :-1, :-1] + ridge
+        solution = np.linalg.solve(equations, products[..., :-1, -1:])[..., 0]
+        center = solution[..., :size]
+        squared = solution[..., size] + squared_length(center)
+        # What is far larger than what is seen of it is a plane. Ones times ones are the
+        # number of points.
+        is_round = (squared > 0) & (squared < LARGEST_RADIUS**2)
+        is_round &= products[..., size, size] >= FEWEST_POINTS
+        radius = np.sqrt(np.where(is_round, squared, np.nan))
+        slope = 0 * radius if along is None else solution[..., -2] / (2 * radius)
+        return center, radius, slope
+
+    kept = among
+    for _ in range(2):
+        center, radius, slope = fitted(kept)
+        distance = np.sqrt(np.square(away - center[..., None]).sum(axis=-2))
+        miss = np.abs(distance - radius[..., None] - slope[..., None] * further)
+        # Three deviations; all are within their rounding.
+        limit = 3 * 1.4826 * median_of(miss, among) + 1e-9
+        kept = among & (miss <= limit[..., None])
+    center, radius, slope = fitted(kept)
+    center = scale[..., None] * center + middle[..., 0]
+    return Round(center, scale * radius, slope, place)
+
+
+def squared_length(vectors: Float[np.ndarray, "*k d"]) -> Float[np.ndarray, "*k"]:
+    """Squared length of each; with its root half the time of `np.linalg.norm`."""
+    return np.einsum("...i,...i->...", vectors, vectors)
+
+
+def median_of(
+    values: Float[np.ndarray, "*#k n"], among: Bool[np.ndarray, "*#k n"] | None = None
+) -> Float[np.ndarray, "*k"]:
+    """The upper median of some along the last axis; infinite of none.
+
+    A fifth of the time of `np.median`.
+    """
+    if among is None:
+        return np.sort(values, axis=-1)[..., values.shape[-1] // 2]
+    ordered = np.sort(np.where(among, values, np.inf), axis=-1)
+    half = among.sum(axis=-1) // 2
+    return ordered[(*np.indices(half.shape, sparse=True), half)]
 
 
 def _block_median(
@@ -231,12 +344,11 @@ def _block_median(
     full = np.zeros((height * step, width * step), np.float32)
     full[: depth.shape[0], : depth.shape[1]] = depth
     blocks = full.reshape(height, step, width, step).swapaxes(1, 2)
-    ordered = np.sort(
-        np.where(blocks > 0, blocks, np.inf).reshape(height, width, -1), axis=-1
-    )
-    count = np.isfinite(ordered).sum(axis=-1)
-    middle = np.take_along_axis(ordered, np.maximum(count - 1, 0)[..., None] // 2, -1)
-    return np.where(count > 0, middle[..., 0], 0).astype(np.float32)
+    # Missing readings come first.
+    ordered = np.sort(blocks.reshape(height, width, -1), axis=-1)
+    count = np.count_nonzero(ordered, axis=-1)
+    middle = step * step - 1 - count // 2
+    return np.take_along_axis(ordered, middle[..., None], axis=-1)[..., 0]
 
 
 def _interior(valid: Bool[np.ndarray, "h w"]) -> tuple[Bool[np.ndarray, "h w"], int]:
@@ -245,7 +357,7 @@ def _interior(valid: Bool[np.ndarray, "h w"]) -> tuple[Bool[np.ndarray, "h w"], 
     Half a window of missing readings tilts a normal by tens of degrees; a wide window
     has the smaller noise: 1.9 against 2.9 degrees at 1 mm and 0.8 m for 7 and 5 pixels.
     """
-    image = valid.astype(np.uint8)
+    image = valid.view(np.uint8)
     for window in (WIDEST_WINDOW, 5, 3):
         inner = cv2.erode(image, np.ones((window, window), np.uint8)) > 0
         if np.count_nonzero(inner) >= 50:

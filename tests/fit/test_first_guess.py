@@ -4,15 +4,15 @@ import pytest
 import impostor_jax as ij
 from impostor_jax.fit.initialize import first_guesses
 from impostor_jax.fit.segment import nearest_object
+from impostor_jax.fit.surface import round_through
 from tests.checks import angle_between
 from tests.fit.scenes import CAMERA, SIGMA, can, image
 
 
-@pytest.mark.parametrize("only_one", [False, True])
 @pytest.mark.parametrize("degrees", [90.0, 60.0, 30.0])
-def test_guess_is_close_enough_to_start_from(degrees, only_one):
+def test_guess_is_close_enough_to_start_from(degrees):
     depth, mask = image(degrees)
-    guess = first_guesses(depth, mask, CAMERA, SIGMA, only_one=only_one)[0]
+    guess = first_guesses(depth, mask, CAMERA, SIGMA)[0]
     truth = can(degrees)
     assert angle_between(guess.axis, truth.axis) < 3
     assert guess.radius == pytest.approx(0.04, rel=0.08)
@@ -36,6 +36,42 @@ def test_image_shows_an_axis_that_noise_hides_from_the_normals(radius, height):
     depth = np.where(maps.mask, maps.depth + noise, 0)
     guesses = first_guesses(depth, np.asarray(maps.mask), CAMERA, 0.005)
     assert min(angle_between(g.axis, truth.axis) for g in guesses) < 10
+
+
+def test_longest_direction_of_a_rod_comes_before_its_noisy_normals():
+    truth = ij.Cylinder((0.01, 0.02, 0.5), (0.6, 0.8, 0.1), 0.006, 0.1)
+    maps = ij.render(truth, CAMERA)
+    noise = np.random.default_rng(0).normal(0, 0.005, maps.depth.shape)
+    depth = np.where(maps.mask, maps.depth + noise, 0)
+    guess = first_guesses(depth, np.asarray(maps.mask), CAMERA, 0.005)[0]
+    assert angle_between(guess.axis, truth.axis) < 3
+
+
+def arc(count):
+    """Points on a third of a circle whose radius grows, and their places along it."""
+    rng = np.random.default_rng(0)
+    along, angle = rng.uniform(0.5, 0.7, count), rng.uniform(0, 2, count)
+    radius = 0.04 + 0.2 * (along - 0.6)
+    points = np.array([0.3, -0.2])[:, None] + radius * [np.cos(angle), np.sin(angle)]
+    return points[None], along[None]
+
+
+def test_circle_that_grows_is_found_among_outliers():
+    points, along = arc(200)
+    points[:, :, ::20] += 0.01
+    found = round_through(points, np.ones(along.shape, bool), along)
+    np.testing.assert_allclose(found.center, [[0.3, -0.2]], atol=1e-6)
+    np.testing.assert_allclose(found.slope, 0.2, atol=1e-4)
+    np.testing.assert_allclose(
+        found.radius + found.slope * (0.6 - found.place), 0.04, atol=1e-6
+    )
+
+
+def test_too_few_points_make_no_circle():
+    points, _ = arc(200)
+    for count, is_circle in ((9, False), (10, True)):
+        among = np.arange(200)[None] < count
+        assert np.isfinite(round_through(points, among).radius) == is_circle
 
 
 def test_row_of_pixels_gives_no_error():
