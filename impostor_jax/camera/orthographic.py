@@ -77,7 +77,7 @@ class OrthographicCamera(AbstractCamera):
         x = (col.astype(dtype) - self.cx) / self.fx
         y = (row.astype(dtype) - self.cy) / self.fy
         zero, one = jnp.zeros_like(x), jnp.ones_like(x)
-        return Ray(Vec3(x, y, zero), Vec3(zero, zero, one), is_forward=True)
+        return Ray(Vec3(x, y, zero), Vec3(zero, zero, one))
 
     @override
     def shifted(

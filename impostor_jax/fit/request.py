@@ -111,7 +111,7 @@ def checked_noise(sigma: Any) -> AbstractDepthNoise:
         return sigma
     sigma = real_number("sigma", sigma, positive=True, unit="meters")
     # An array, so that another value does not compile the fit again.
-    return ConstantNoise(jnp.asarray(sigma, jnp.result_type(float)))
+    return ConstantNoise(jax.device_put(np.asarray(sigma, jnp.result_type(float))))
 
 
 def checked_prior(

@@ -67,7 +67,7 @@ from impostor_jax.fit.result import (
     FitStatus,
 )
 from impostor_jax.fit.round_body import RoundBody
-from impostor_jax.fit.solve import STAGE_TOLERANCE, followed, solve
+from impostor_jax.fit.solve import STAGE_TOLERANCE, TRACED_TOLERANCE, solve
 from impostor_jax.primitives.base import (
     AbstractPrimitive,
     in_camera_frame,
@@ -119,9 +119,9 @@ class Fittable:
     def body_at(self, fields: dict[str, Any]) -> AbstractBody:
         """A body from NumPy's or Python's numbers."""
         dtype = np.dtype(jnp.result_type(float))
-        return self.body(
-            **{name: jnp.asarray(np.asarray(f, dtype)) for name, f in fields.items()}
-        )
+        arrays = {name: np.asarray(field, dtype) for name, field in fields.items()}
+        # All at once: a fifth of the time that they take one by one.
+        return self.body(**jax.device_put(arrays))
 
 
 def _cylinders(*asked: Any) -> list[dict[str, Any]]:
@@ -286,12 +286,12 @@ def _fit_pixels(
     if initial is not None:
         return fitted(_placed(kind.body, initial, camera)).fit
     guesses = kind.guesses(image, region, camera, typical_sigma(image, region, noise))
-    starts = [kind.body_at(guess) for guess in guesses[: effort.starts]]
-    if not starts:
+    if not guesses:
         return no_guess(kind, region)
-    found = []
-    for start in starts:
-        found.append(fitted(start))
+    found, starts = [], []
+    for guess in guesses[: effort.starts]:
+        starts.append(kind.body_at(guess))
+        found.append(fitted(starts[-1]))
         if not effort.all_starts and bool(found[-1].is_clear):
             break
     else:
@@ -436,5 +436,5 @@ def _fit_traced(
     )
     shown = (depth, region, row, col, camera, noise)
     problem = posed(*shown, prior, settings, kernel=options.effort.kernel)
-    solution = followed(problem, solve(problem, in_camera_frame(initial, camera)))
+    solution = solve(problem, in_camera_frame(initial, camera))
     return assess(problem, solution, correlated=options.errors == "correlated").fit

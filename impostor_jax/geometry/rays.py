@@ -36,7 +36,7 @@ class Ray(eqx.Module):
     Attributes:
         origin: Where it starts.
         direction: Where it goes.
-        is_forward: Whether the direction has z = 1, as those of a camera have.
+        is_forward: Whether the direction has z = 1, as those of a pinhole camera have.
     """
 
     origin: Vec3
