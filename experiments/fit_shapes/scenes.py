@@ -20,8 +20,7 @@ import impostor_jax as ij
 from experiments.fit_accuracy.bound import least_deviation
 from experiments.fit_accuracy.cases import CAMERA, DISTANCE, WALL
 from impostor_jax.fit.ball import Ball
-from impostor_jax.fit.residuals import surface_seen
-from impostor_jax.fit.round_body import FrustumBody
+from impostor_jax.fit.round_body import RoundBody
 from impostor_jax.geometry.so3 import tangent_basis
 
 RADIUS, HEIGHT = 0.04, 0.12
@@ -154,7 +153,7 @@ def bound(view: View, sigma: float, reachable: bool = False) -> Float[np.ndarray
             columns, half = _sphere_derivatives(exact), _half_chord(Ball.of(exact))
         else:
             columns = _frustum_derivatives(exact)
-            half = _half_chord(FrustumBody.of(exact))
+            half = _half_chord(RoundBody.of(exact))
         used = np.asarray(columns)[view.mask]
         half = np.asarray(half)[view.mask][:, None]
     if reachable:
@@ -164,10 +163,10 @@ def bound(view: View, sigma: float, reachable: bool = False) -> Float[np.ndarray
 
 
 @jax.jit
-def _half_chord(body: Ball | FrustumBody) -> Float[Array, "h w"]:
+def _half_chord(body: Ball | RoundBody) -> Float[Array, "h w"]:
     """Half the stretch of a ray within the wall, in depth; very long on caps."""
     row, col = CAMERA.frame.pixels()
-    seen = surface_seen(CAMERA.rays(row, col, body.radius.dtype).direction, body)
+    seen = body.passing(CAMERA.rays(row, col, body.radius.dtype).direction)
     return jnp.where(seen.on_cap, 1e9, jnp.sqrt(jnp.maximum(seen.square, 0)))
 
 

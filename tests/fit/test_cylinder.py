@@ -180,7 +180,11 @@ def test_held_height_stays_where_an_end_is_not_seen():
 def test_traced_fit_agrees_with_the_plain_one():
     depth, mask = image()
     start = can()
-    plain = ij.fit_cylinder(depth, CAMERA, mask=mask, sigma=SIGMA, initial=start)
+    # As near to its fixed point as a traced fit goes.
+    effort = ij.Effort(tolerance=0.02)
+    plain = ij.fit_cylinder(
+        depth, CAMERA, mask=mask, sigma=SIGMA, initial=start, effort=effort
+    )
 
     @jax.jit
     def fit(depths):
@@ -521,7 +525,10 @@ def test_derivatives_of_the_radius_are_those_of_finite_differences():
     @functools.partial(jax.value_and_grad, argnums=(0, 1))
     def radius(depth, fx):
         camera = ij.PinholeCamera(fx, 150.0, 79.5, 59.5, 160, 120)
-        fit = ij.fit_cylinder(depth, camera, mask=mask, sigma=SIGMA, initial=start)
+        # Differences need values at the fixed point itself, where steps have ended.
+        fit = ij.fit_cylinder(
+            *(depth, camera, mask, SIGMA, start), effort=ij.Effort(tolerance=1e-3)
+        )
         return fit.cylinder.radius
 
     focal = jnp.asarray(150.0)
@@ -534,7 +541,7 @@ def test_derivatives_of_the_radius_are_those_of_finite_differences():
         - radius(depth - step * direction, focal)[0]
     ) / (2 * step)
     assert float(jnp.sum(by_depth * direction)) == pytest.approx(
-        float(numeric), rel=0.02
+        float(numeric), rel=1e-3
     )
     numeric = (radius(depth, focal + 1e-4)[0] - radius(depth, focal - 1e-4)[0]) / 2e-4
-    assert float(by_focal) == pytest.approx(float(numeric), rel=0.02)
+    assert float(by_focal) == pytest.approx(float(numeric), rel=1e-3)

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 import impostor_jax as ij
-from impostor_jax.fit.regions import BUCKETS, START_READINGS, pixel_indices
 from tests.fit.scenes import CAMERA, SIGMA, can, image, image_of
 from tests.groups import SMALL_IMAGES
 
@@ -25,16 +24,8 @@ def assert_equal_to_a_fifth_of_a_deviation(fit, other):
         assert (np.abs(values[0] - values[1]) < 0.2 * deviation).all(), name
 
 
-# Each is compiled anew, so that one case turns several dials.
-@pytest.mark.parametrize(
-    "dials",
-    [
-        {"solver": "Dogleg", "kernel": "pseudo_huber"},
-        {"solver": "GaussNewton", "linear_solver": "qr"},
-    ],
-)
-def test_solvers_and_losses_agree_on_normal_noise(dials):
-    fit = fitted(ij.Effort(**dials))
+def test_losses_agree_on_normal_noise():
+    fit = fitted(ij.Effort(kernel="pseudo_huber"))
     assert fit.success
     assert_equal_to_a_fifth_of_a_deviation(fit, fitted("balanced"))
 
@@ -99,21 +90,3 @@ def test_a_traced_fit_takes_every_so_many_th_pixel():
         jax.jit(lambda d: ij.fit_cylinder(d, CAMERA, initial=can(), effort="exact"))(
             jnp.asarray(depth)
         )
-
-
-@pytest.mark.parametrize(("side", "stride"), [(10, 1), (60, 1), (60, 2), (60, 5)])
-def test_indices_end_with_pixels_that_speak_for_all(side, stride):
-    region = np.zeros((80, 90), bool)
-    region[5 : 5 + side, 7 : 7 + side] = True
-    row, col = pixel_indices(region, stride)
-    assert len(row) in BUCKETS
-    used = row < 80
-    assert region[row[used], col[used]].all()
-    assert len(set(zip(row[used], col[used], strict=True))) == used.sum()
-    step = {10: 1, 60: min(stride, 2)}[side]
-    assert used.sum() == np.count_nonzero(region[::step, ::step])
-    # From all over the region, and after all that only fills up.
-    few = np.s_[-min(START_READINGS, used.sum()) :]
-    assert used[few].all()
-    assert np.ptp(row[few]) >= side - 2 * stride
-    assert np.ptp(col[few]) >= side - 2 * stride

@@ -4,14 +4,11 @@ import functools
 
 import cv2
 import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
 
 import impostor_jax as ij
-from impostor_jax.fit.evidence import crossing_rows, gather_edge
-from impostor_jax.fit.regions import pixel_indices, without_edges
-from impostor_jax.fit.round_body import CylinderBody
+from impostor_jax.fit.regions import without_edges
 from tests.checks import angle_between
 from tests.fit.scenes import CAMERA, SIGMA, can, image, image_of
 from tests.groups import SMALL_IMAGES
@@ -158,18 +155,6 @@ def test_a_guess_and_the_truth_lead_to_one_place():
     apart = angle_between(guess.cylinder.axis, true.cylinder.axis)
     assert apart < np.degrees(float(true.std.axis.max()))
     assert abs(guess.cylinder.radius - true.cylinder.radius) < true.std.radius
-
-
-def test_no_crossing_is_lost_to_rounding():
-    # The gaps of opposite neighbors were compared to the last digit.
-    depth, mask = image(90.0)
-    row, col = map(jnp.asarray, pixel_indices(mask))
-    edge = gather_edge(jnp.asarray(depth), jnp.asarray(mask), CAMERA, row, col)
-    body = CylinderBody.of(can(90.0))
-    noise = ij.ConstantNoise(SIGMA)
-    rows = crossing_rows(edge, body, noise, True, jnp.float32(0.02))
-    at_edge = np.asarray(edge[0].exists[0]).sum()
-    assert np.count_nonzero(np.asarray(rows.weight)) > 0.95 * at_edge
 
 
 def test_a_sensor_that_mixes_readings_at_edges_is_not_believed_there():

@@ -1,12 +1,12 @@
 """One result of all fits: its shape, what is read of it by name, and its options."""
 
-import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
 import impostor_jax as ij
 from impostor_jax.fit.body import coordinates_of
-from impostor_jax.fit.round_body import CylinderBody, FrustumBody
+from impostor_jax.fit.round_body import RoundBody
 from impostor_jax.fit.shapes import CYLINDER, KINDS, no_guess
 from impostor_jax.geometry.so3 import tangent_basis
 from tests.fit.scenes import CAMERA, SIGMA, can, image
@@ -81,11 +81,11 @@ def test_directions_beside_a_free_one_keep_their_deviations():
 
 @pytest.mark.usefixtures("double")
 def test_a_readout_is_of_the_axis_turned_to_that_of_the_other():
-    found, seen = CylinderBody.of(can()), np.ones(2, bool)
+    found, unseen = RoundBody.of(can()), jnp.zeros(2, bool)
     for sign in (1.0, -1.0):
-        slid = found.reversed(jax.numpy.asarray(sign))
-        slid = slid.between(jax.numpy.asarray(0.01), jax.numpy.asarray(0.05))
-        read = slid.readout(found, jax.numpy.asarray(seen))
+        slid = found.reversed(jnp.asarray(sign))
+        slid, _ = slid.drawn_in(unseen, jnp.asarray([-0.01, 0.05]))
+        read = slid.readout(found, ~unseen)
         for name in ("axis", "across_axis"):
             np.testing.assert_allclose(read[name], 0, atol=1e-12)
         assert float(read["along_axis"]) == pytest.approx(sign * 0.03)
@@ -95,9 +95,9 @@ def test_a_readout_is_of_the_axis_turned_to_that_of_the_other():
 @pytest.mark.usefixtures("double")
 def test_an_end_that_is_not_seen_has_the_radius_of_the_wall_beside_it():
     cup = ij.Frustum((0.0, 0.0, 1.0), (0.0, 0.0, 2.0), 0.5, 0.3)
-    found = FrustumBody.of(cup)
-    longer = found.between(*map(jax.numpy.asarray, (-1.0, 1.0)))
-    read = longer.readout(found, jax.numpy.asarray([False, True]))
+    found = RoundBody.of(cup)
+    longer, _ = found.drawn_in(jnp.zeros(2, bool), jnp.ones(2))
+    read = longer.readout(found, jnp.asarray([False, True]))
     assert float(read["radius1"]) == pytest.approx(0.5)
     assert float(read["radius2"]) == pytest.approx(0.2)
     assert coordinates_of(found)[5:7] == ("radius1", "radius2")
