@@ -77,12 +77,6 @@ from impostor_jax.primitives.frustum import Frustum
 from impostor_jax.primitives.sphere import Sphere
 from impostor_jax.sensor.base import AbstractDepthNoise
 
-TRACED_TOLERANCE = 0.05
-"""Largest tolerance of an `Effort` that ends a traced fit, whose derivatives are those
-of the fixed point. Of twelve balls of 1100 readings, a step of Newton's from where a
-tolerance of 0.2 ends went 14 um astray, where the deviation is 16, and 0.1 from here;
-and a derivative erred there by 8 %."""
-
 
 @dataclasses.dataclass(frozen=True)
 class Fittable:
