@@ -63,7 +63,7 @@ class Effort:
         linear_solver: How its steps are solved for: by the "normal" equations, scaled
             and with a Cholesky decomposition, or by a "qr" decomposition.
         tolerance: Length of a step at which a fit ends, in standard deviations. A
-            traced fit, whose derivatives are those of the minimum, takes at most 0.05,
+            traced fit, whose derivatives are those of the minimum, takes at most 0.02,
             and a frustum, whose taper settles slowly, 0.2.
         max_steps: Of the solver, in each of the stages of a fit.
         kernel: Robust loss: "pseudo_huber", "cauchy" or "geman_mcclure"; or "squares",

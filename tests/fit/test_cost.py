@@ -1,86 +1,80 @@
-"""What a fit is not asked for costs nothing, by the size of its programs."""
+"""What a fit is not asked for costs nothing, and what it is asked for compiles nothing.
 
-from functools import partial
+By the size of its programs and by their number, since no machine takes the same time
+twice.
+"""
 
+import jax
 import jax.numpy as jnp
 import numpy as np
-import pytest
-from impostor_jax.fit.residuals import residuals
 
 import impostor_jax as ij
-from impostor_jax.fit.assess import Start
-from impostor_jax.fit.body import AbstractBody
-from impostor_jax.fit.evidence import gather_edge, gather_pixels
-from impostor_jax.fit.prior import Prior
-from impostor_jax.fit.request import Request
-from impostor_jax.fit.round_body import CylinderBody, FrustumBody
-from impostor_jax.fit.shapes import pixels_shown
-from impostor_jax.fit.solve import evaluate, solve
+from impostor_jax.compiling import quickly_compiled
+from impostor_jax.fit.evidence import reading_terms
+from impostor_jax.fit.fittable import CYLINDER
+from impostor_jax.fit.options import Options
+from impostor_jax.fit.problem import Pixels
+from impostor_jax.fit.request import checked_noise, checked_prior, checked_settings
+from impostor_jax.fit.shapes import fit_from, pixels_shown
 from tests.checks import compiled_cost
+from tests.fit.bodies import body_of, rays
 from tests.fit.scenes import CAMERA, SIGMA, can, image
-from tests.fit.test_residuals import rows_of
+from tests.groups import SMALL_IMAGES
 
-ROWS = 4096
-
-
-def gradient_cost(fixed: tuple[str, ...], body: AbstractBody):
-    rows = rows_of(np.float32, ROWS)
-    return compiled_cost(partial(residuals, fixed=fixed), rows, body)
+CUP = ij.Frustum((0, 0, 0.5), (0, 0.1, 0.5), 0.05, 0.04)
 
 
-NAMES = ("center", "axis", "radius", "height")
+def cost_of_readings(shape, noise):
+    def run(direction, depth, body):
+        pixels = Pixels(direction, depth, depth > 0)
+        return reading_terms(pixels, body, noise).terms
 
-
-@pytest.mark.parametrize("name", NAMES)
-def test_a_held_parameter_has_no_gradient(name):
-    body = CylinderBody.of(can())
-    free = gradient_cost((), body)
-    assert (gradient_cost((name,), body) < free).all()
-    others = tuple(other for other in NAMES if other != name)
-    assert (gradient_cost(others, body) < 0.9 * free).all()
+    direction = rays(shape, np.float32, 512)
+    return compiled_cost(run, direction, jnp.ones(512), body_of(shape))
 
 
 def test_a_cylinder_has_no_gradient_of_a_slope():
-    frustum = FrustumBody.of(ij.Frustum((0, 0, 0.5), (0, 0.1, 0.5), 0.05, 0.05))
-    cylinder = gradient_cost((), CylinderBody.of(can()))
-    assert (cylinder < gradient_cost((), frustum)).all()
-
-
-def evaluation_cost(noise, is_outline=False):
-    depth, mask = image()
-    shown = pixels_shown(depth, mask, CAMERA, ij.ConstantNoise(SIGMA))
-    place = jnp.float32(0.02)
-
-    def run(depth, mask, row, col, noise, body):
-        pixels = gather_pixels(depth, CAMERA, row, col)
-        edge = gather_edge(depth, mask, CAMERA, row, col)
-        return evaluate(pixels, edge, noise, is_outline, body, 0 * place, place)
-
-    return compiled_cost(run, *shown[:4], noise, CylinderBody.of(can()))
+    noise = ij.ConstantNoise(SIGMA)
+    assert (cost_of_readings(can(), noise) < cost_of_readings(CUP, noise)).all()
 
 
 def test_a_constant_sigma_needs_no_incidence():
-    plain = evaluation_cost(ij.ConstantNoise(SIGMA))
-    assert (plain < evaluation_cost(ij.StructuredLight())).all()
+    plain = cost_of_readings(can(), ij.ConstantNoise(SIGMA))
+    assert (plain < cost_of_readings(can(), ij.StructuredLight())).all()
 
 
-def test_the_edge_of_a_region_is_no_outline():
-    noise = ij.ConstantNoise(SIGMA)
-    assert evaluation_cost(noise)[0] < evaluation_cost(noise, is_outline=True)[0]
-
-
-def fit_cost(prior=None, **request):
-    """Operations of the program of a whole fit, before XLA makes it faster."""
+def test_a_fit_is_one_program_that_asks_the_host_nothing():
     depth, mask = image()
-    shown = pixels_shown(depth, mask, CAMERA, ij.ConstantNoise(jnp.float32(SIGMA)))
-    start, belief = Start.at(CylinderBody.of(can())), prior or Prior()
-    asked = Request(**request), jnp.float32(0.2)
-    lowered = solve.lower(*shown, start, belief, *asked, is_far=True)
-    return lowered.cost_analysis()["flops"]
+    nothing = CYLINDER.body_at(CYLINDER.nothing)
+    names = CYLINDER.parameters
+    asked = Options(), None, SIGMA
+    shown = pixels_shown(depth, mask, CAMERA, checked_noise(SIGMA))
+    settings = checked_settings(nothing, names, *asked)
+    known = checked_prior(None, names, None)
+    run = jax.jit(fit_from, static_argnames=("kernel", "correlated"))
+    text = run.lower(
+        *shown, known, settings, body_of(can()), kernel="squares", correlated=False
+    ).as_text()
+    # The stages, and the blocks of readings in each of their steps.
+    assert text.count("stablehlo.while") == 2
+    assert "callback" not in text
+    assert "stablehlo.outfeed" not in text
 
 
-def test_correlated_errors_and_a_prior_are_paid_by_those_who_ask():
-    plain = fit_cost()
-    assert plain < fit_cost(correlated=True)
-    assert plain < fit_cost(Prior(radius=(jnp.float32(0.04), jnp.float32(0.001))))
-    assert fit_cost(fixed=("axis", "center")) < plain
+@SMALL_IMAGES
+def test_another_question_of_the_same_image_compiles_nothing():
+    depth, mask = image()
+    compiled = quickly_compiled(fit_from, static_argnames=("kernel", "correlated"))
+    ij.fit_cylinder(depth, CAMERA, mask, SIGMA)
+    before = len(compiled.programs)
+    assert before > 0
+    for options in (
+        {"fixed": ("radius", "axis")},
+        {"prior": {"radius": (0.04, 1e-4), "center": (can().center, 0.01)}},
+        {"mask_meaning": "outline"},
+        {"scale": "fixed"},
+        {"effort": ij.Effort(tolerance=0.1, max_steps=20)},
+    ):
+        ij.fit_cylinder(depth, CAMERA, mask, 2 * SIGMA, initial=can(), **options)
+        ij.fit_cylinder(depth, CAMERA, mask, sigma=SIGMA)
+    assert len(compiled.programs) == before

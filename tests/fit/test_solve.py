@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 
 import impostor_jax as ij
+from impostor_jax.fit.fittable import SPHERE
 from impostor_jax.fit.options import Options
 from impostor_jax.fit.problem import posed
 from impostor_jax.fit.request import checked_noise, checked_prior, checked_settings
-from impostor_jax.fit.shapes import SPHERE, pixels_shown
-from impostor_jax.fit.solve import followed, solve, spread_of
+from impostor_jax.fit.shapes import pixels_shown
+from impostor_jax.fit.solve import solve, spread_of
 from tests.checks import QUICKLY
 from tests.fit.scenes import CAMERA, SIGMA, can, image, image_of
 from tests.fit.test_sphere import ball
@@ -81,7 +82,7 @@ def test_derivatives_follow_all_that_was_given():
                 problem.prior, radius=(expected, problem.prior.radius[1])
             ),
         )
-        body = followed(problem, solve(problem, begin)).body
+        body = solve(problem, begin).body
         return jnp.stack([body.center[2], body.radius])
 
     at = jnp.zeros(()), jnp.asarray(0.0505)
