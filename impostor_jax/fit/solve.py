@@ -15,14 +15,18 @@ __all__ = [
     "spread_of",
 ]
 
+from collections.abc import Callable
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+import optimistix as optx
+from jax.typing import DTypeLike
 from jaxtyping import Array, Bool, Float, Int
+from typing_extensions import override
 
 from impostor_jax.fit.body import AbstractBody
 from impostor_jax.fit.evidence import Terms, crossing_terms, reading_terms
@@ -99,25 +103,86 @@ class Solution(eqx.Module):
     num_steps: Int[Array, ""]
 
 
-class _State(NamedTuple):
+class _State(eqx.Module):
     """What a step hands to the next.
 
     Attributes:
-        body: The estimate.
         stage: Number of the stage.
-        moved: Coordinates by which the step moved it.
+        in_stage: Steps in it.
+        moved: Coordinates by which the last step moved the estimate.
         wanted: Those by which it would have without being stretched.
-        left: Root mean square of what `wanted` leaves, in limits of the last stage.
-        num_steps: Steps so far, and in this stage.
+        left: Root mean square of `moved` in limits of the last stage; infinite before.
     """
 
-    body: AbstractBody
     stage: Int[Array, ""]
+    in_stage: Int[Array, ""]
     moved: Float[Array, " c"]
     wanted: Float[Array, " c"]
     left: Float[Array, ""]
-    num_steps: Int[Array, ""]
-    in_stage: Int[Array, ""]
+
+
+class _Staged(optx.AbstractFixedPointSolver):
+    """Steps to a fixed point, coarse ones first.
+
+    What is iterated takes a body and a `Stage`, and returns where a step leads from
+    there, its coordinates and the natural ones of these.
+
+    Attributes:
+        limits: Of the stages.
+        max_steps: Of each of them.
+        free: As `AbstractBody.free_directions` returns it.
+    """
+
+    limits: Float[Array, " s"]
+    max_steps: Int[Array, ""]
+    free: Float[Array, "c c"]
+    rtol: float = 0.0
+    atol: float = 0.0
+    norm: Callable[..., Any] = eqx.field(default=optx.rms_norm, static=True)
+
+    @override
+    def init(self, fn, y, args, options, f_struct, aux_struct, tags) -> _State:
+        wanted, _ = aux_struct
+        still, zero = jnp.zeros(wanted.shape, wanted.dtype), jnp.zeros((), jnp.int32)
+        return _State(zero, zero, still, still, jnp.full((), jnp.inf, wanted.dtype))
+
+    @override
+    def step(self, fn, y, args, options, state, tags):
+        is_last = state.stage == len(STAGES) - 1
+        _, (wanted, scaled) = fn(y, _stage_at(state.stage, self.limits.dtype))
+        # Through the weights it converges but linearly: by the secant of two steps.
+        change = wanted - state.wanted
+        share = safe_divide(jnp.sum(wanted * change), jnp.sum(change**2))
+        has_two = is_last & (state.in_stage > 0)
+        share = jnp.where(has_two, jnp.clip(share, -MOST_SUM, MOST_BACK), 0)
+        moved = wanted - share * (state.moved + change)
+        size = self.norm(moved)
+        ends = (size < self.limits[state.stage]) | (state.in_stage >= MOST_COARSE - 1)
+        goes_further = ends & ~is_last
+        natural = jnp.matmul(scaled, moved, precision="highest")
+        state = _State(
+            stage=state.stage + jnp.where(goes_further, 1, 0),
+            in_stage=jnp.where(goes_further, 0, state.in_stage + 1),
+            moved=moved,
+            wanted=wanted,
+            left=jnp.where(is_last, size / self.limits[-1], jnp.inf),
+        )
+        return y.moved(natural, self.free), state, (wanted, scaled)
+
+    @override
+    def terminate(self, fn, y, args, options, state, tags):
+        has_ended = (state.stage == len(STAGES) - 1) & (state.left < 1)
+        is_stuck = ~has_ended & (state.in_stage >= self.max_steps)
+        result = optx.RESULTS.where(
+            is_stuck,
+            optx.RESULTS.nonlinear_max_steps_reached,
+            optx.RESULTS.successful,
+        )
+        return has_ended | is_stuck, result
+
+    @override
+    def postprocess(self, fn, y, aux, args, options, state, tags, result):
+        return y, aux, {}
 
 
 def solve(problem: Problem, start: AbstractBody) -> Solution:
@@ -184,61 +249,40 @@ def _no_tangent(value: Array) -> Array | np.ndarray:
 
 
 def _through_stages(problem: Problem, start: AbstractBody) -> Solution:
-    dtype = problem.unit.dtype
-    stages = jax.tree.map(lambda *a: jnp.array(a), *STAGES)
-    coarseness = problem.settings.tolerance / STAGE_TOLERANCE
-    limits = jnp.asarray(stages.limit, dtype) * coarseness
-    last = len(STAGES) - 1
-    still = jnp.zeros(problem.settings.free.shape[0], dtype)
-    begin = _State(
-        body=start,
-        stage=jnp.zeros((), jnp.int32),
-        moved=still,
-        wanted=still,
-        left=jnp.full((), jnp.inf, dtype),
-        num_steps=jnp.zeros((), jnp.int32),
-        in_stage=jnp.zeros((), jnp.int32),
+    settings = problem.settings
+    coarseness = settings.tolerance / STAGE_TOLERANCE
+
+    def led(body: AbstractBody, stage: Stage):
+        wanted, scaled = _wanted(problem, body, stage)
+        natural = jnp.matmul(scaled, wanted, precision="highest")
+        return body.moved(natural, settings.free), (wanted, scaled)
+
+    limits = np.array([stage.limit for stage in STAGES])
+    found = optx.fixed_point(
+        led,
+        _Staged(
+            limits=jnp.asarray(limits, coarseness.dtype) * coarseness,
+            max_steps=settings.max_steps,
+            free=settings.free,
+        ),
+        start,
+        _stage_at(0, coarseness.dtype),
+        has_aux=True,
+        max_steps=None,
+        throw=False,
     )
-
-    def goes_on(state: _State) -> Bool[Array, ""]:
-        has_ended = (state.stage == last) & (state.left < 1)
-        return ~has_ended & (state.in_stage < problem.settings.max_steps)
-
-    def step(state: _State) -> _State:
-        at = jax.tree.map(lambda field: field[state.stage], stages)
-        at = at._replace(
-            soft=at.soft.astype(dtype),
-            place=at.place.astype(dtype),
-            widening=at.widening.astype(dtype),
-        )
-        is_last = state.stage == last
-        wanted, scaled = _wanted(problem, state.body, at)
-        # Through the weights it converges but linearly: by the secant of two steps.
-        change = wanted - state.wanted
-        share = safe_divide(jnp.sum(wanted * change), jnp.sum(change**2))
-        has_two = is_last & (state.in_stage > 0)
-        share = jnp.where(has_two, jnp.clip(share, -MOST_SUM, MOST_BACK), 0)
-        moved = wanted - share * (state.moved + change)
-        size = jnp.sqrt(jnp.mean(moved**2))
-        natural = jnp.matmul(scaled, moved, precision="highest")
-        ends = (size < limits[state.stage]) | (state.in_stage >= MOST_COARSE - 1)
-        goes_further = ends & ~is_last
-        return _State(
-            body=state.body.moved(natural, problem.settings.free),
-            stage=state.stage + jnp.where(goes_further, 1, 0),
-            moved=moved,
-            wanted=wanted,
-            left=jnp.where(is_last, size / limits[last], jnp.inf),
-            num_steps=state.num_steps + 1,
-            in_stage=jnp.where(goes_further, 0, state.in_stage + 1),
-        )
-
-    end = jax.lax.while_loop(goes_on, step, begin)
     return Solution(
-        body=end.body,
-        converged=(end.stage == last) & (end.left < UNSETTLED),
-        num_steps=end.num_steps,
+        body=found.value,
+        converged=found.state.left < UNSETTLED,
+        num_steps=found.stats["num_steps"],
     )
+
+
+def _stage_at(number: int | Int[Array, ""], dtype: DTypeLike) -> Stage:
+    """A stage whose numbers have one type."""
+    soft, place, widening, limit, takes_all = map(np.array, zip(*STAGES, strict=True))
+    numbers = [jnp.asarray(x, dtype)[number] for x in (soft, place, widening, limit)]
+    return Stage(*numbers, jnp.asarray(takes_all)[number])
 
 
 def _wanted(
