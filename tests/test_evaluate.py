@@ -20,7 +20,7 @@ from impostor_jax.evaluate import (
     summarize,
     table,
 )
-from impostor_jax.fit.shapes import CYLINDER, KINDS
+from impostor_jax.fit.fittable import CYLINDER, KINDS
 from impostor_jax.io.dataset import read_dataset, read_manifest, sensor_of
 from tests.data_synth.small import small_dataset
 from tests.fit.scenes import CAMERA, SIGMA, image_of

@@ -105,6 +105,7 @@ ORDER = {
         "agreement",
         "solve",
         "assess",
+        "fittable",
         "regions",
         "border",
         "shapes",

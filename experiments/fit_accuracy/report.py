@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from experiments.recording import read_spreads
-from impostor_jax.fit.shapes import CYLINDER
+from impostor_jax.fit.fittable import CYLINDER
 from impostor_jax.io.atomic import write_atomically
 
 PROGRAMS = ("impostor_jax", "scipy", "cylfit", "scikit-spatial", "pyransac3d")

@@ -22,7 +22,7 @@ from experiments.fit_accuracy.report import draw as draw_figures
 from experiments.fit_accuracy.report import tables
 from experiments.fit_accuracy.scenes import SENSOR, random_scene
 from experiments.recording import Metric, result_folder, save_run
-from impostor_jax.fit.shapes import CYLINDER
+from impostor_jax.fit.fittable import CYLINDER
 
 T = TypeVar("T")
 

@@ -32,7 +32,7 @@ from impostor_jax.evaluate import (
     evaluate,
     summarize,
 )
-from impostor_jax.fit.shapes import CYLINDER
+from impostor_jax.fit.fittable import CYLINDER
 from impostor_jax.io.dataset import read_dataset
 from impostor_jax.io.dataset_shard import LabeledImage
 from impostor_jax.sensor.base import AbstractDepthNoise

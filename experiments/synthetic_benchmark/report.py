@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 
 from experiments.recording import read_spreads, read_values
 from impostor_jax.evaluate import LEVELS, by_visibility
-from impostor_jax.fit.shapes import CYLINDER
+from impostor_jax.fit.fittable import CYLINDER
 from impostor_jax.io.atomic import write_atomically
 
 RUNS = {"fit": "visible masks", "eroded": "masks without their edge pixels"}

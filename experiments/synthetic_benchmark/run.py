@@ -42,7 +42,7 @@ from impostor_jax.evaluate import (
     standardized,
     summarize,
 )
-from impostor_jax.fit.shapes import CYLINDER
+from impostor_jax.fit.fittable import CYLINDER
 from impostor_jax.io.atomic import write_json
 from impostor_jax.io.dataset import read_dataset, read_manifest, sensor_of
 from impostor_jax.io.depth_image import png_bytes, write_image

@@ -149,7 +149,7 @@ class Ball(AbstractBody):
         end_unit: Float[Array, ""],
     ) -> Float[Array, "4 4"]:
         steps = jnp.stack([unit, unit, unit, unit / self.radius])
-        return free * steps[:, None]
+        return jnp.asarray(free) * steps[:, None]
 
     @override
     def free_directions(self, fixed: tuple[str, ...]) -> Float[np.ndarray, "4 4"]:

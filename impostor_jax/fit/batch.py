@@ -12,6 +12,7 @@ import numpy as np
 
 from impostor_jax.arguments import is_concrete, working_precision
 from impostor_jax.camera.pinhole import PinholeCamera
+from impostor_jax.fit.fittable import CYLINDER, Fittable, no_guess
 from impostor_jax.fit.options import FitOptions, Options
 from impostor_jax.fit.request import (
     TooFewReadingsError,
@@ -20,7 +21,7 @@ from impostor_jax.fit.request import (
     checked_mask,
 )
 from impostor_jax.fit.result import Fit
-from impostor_jax.fit.shapes import CYLINDER, Fittable, fit_shape, no_guess
+from impostor_jax.fit.shapes import fit_shape
 from impostor_jax.primitives.cylinder import Cylinder
 
 

@@ -5,9 +5,10 @@ __all__ = ["fit_cylinder"]
 from typing import Any, Unpack
 
 from impostor_jax.camera.pinhole import PinholeCamera
+from impostor_jax.fit.fittable import CYLINDER
 from impostor_jax.fit.options import FitOptions, Options
 from impostor_jax.fit.result import Fit
-from impostor_jax.fit.shapes import CYLINDER, fit_shape
+from impostor_jax.fit.shapes import fit_shape
 from impostor_jax.primitives.cylinder import Cylinder
 
 

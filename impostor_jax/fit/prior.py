@@ -43,9 +43,9 @@ class Prior(eqx.Module):
             return self
         center, axis = self.center, self.axis
         if center is not None:
-            center = (move.apply(center[0]), center[1])
+            center = (move.apply(jnp.asarray(center[0])), center[1])
         if axis is not None:
-            axis = (move.rotate(axis[0]), axis[1])
+            axis = (move.rotate(jnp.asarray(axis[0])), axis[1])
         return dataclasses.replace(self, center=center, axis=axis)
 
 

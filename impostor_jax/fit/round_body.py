@@ -173,18 +173,16 @@ class RoundBody(AbstractBody):
         if self.growth is None:
             enter = jnp.where(is_along, -jnp.inf, nearest - half)
             leave = jnp.where(is_along, jnp.inf, nearest + half)
-            wide = jnp.broadcast_to(self.radius, half.shape)
         else:
             half, bend = half * within, bend * within
             widens = self.slope * d_a
             enter = jnp.where((within < 0) & (widens < 0), -jnp.inf, nearest - half)
             leave = jnp.where((within < 0) & (widens > 0), jnp.inf, nearest + half)
         outside = jnp.maximum(enter, middle - reach) + foot > 0
-        if self.growth is not None:
-            ahead = _end_ahead(outside, d_a)
-            wide = jnp.where(ahead < 0, self.radius1, self.radius2)
-            # At a tip there is no rim to be past of.
-            wide = jnp.maximum(wide, LEAST_END * self.radius)
+        ahead = _end_ahead(outside, d_a)
+        wide = jnp.where(ahead < 0, self.radius1, self.radius2)
+        # At a tip there is no rim to be past of.
+        wide = jnp.maximum(wide, LEAST_END * self.radius)
         on_cap = jnp.where(outside, middle - reach > enter, middle + reach < leave)
         cap = jnp.where(parallel, 0, middle + jnp.where(outside, -reach, reach))
         rim = safe_sqrt((o1 + e1 * cap) ** 2 + (o2 + e2 * cap) ** 2)
@@ -422,7 +420,8 @@ class RoundBody(AbstractBody):
             least = LEAST_END * self.radius
             radii = [jnp.maximum(end, least) for end in (self.radius1, self.radius2)]
         steps = [lever, lever, unit * one, unit * one, *(unit / r for r in radii)]
-        scaled = free * jnp.stack([*steps, end_unit * one, end_unit * one])[:, None]
+        steps = jnp.stack([*steps, end_unit * one, end_unit * one])
+        scaled = jnp.asarray(free) * steps[:, None]
         if self.growth is None:
             return scaled
         # A radius that is held does not follow the wall to where its end goes.

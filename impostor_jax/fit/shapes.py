@@ -6,20 +6,9 @@ function of arrays that come in few sizes. Most images are explained by the firs
 where one is not, or where the caller asks for it, the others are tried, too.
 """
 
-__all__ = [
-    "CYLINDER",
-    "FRUSTUM",
-    "KINDS",
-    "SPHERE",
-    "Fittable",
-    "fit_shape",
-    "no_guess",
-    "pixels_shown",
-]
+__all__ = ["fit_from", "fit_shape", "pixels_shown"]
 
 import dataclasses
-import functools
-from collections.abc import Callable
 from functools import partial
 from typing import Any
 
@@ -33,11 +22,9 @@ from impostor_jax.camera.pinhole import PinholeCamera
 from impostor_jax.compiling import quickly_compiled
 from impostor_jax.effort import Effort
 from impostor_jax.fit.assess import Assessment, assess
-from impostor_jax.fit.ball import Ball
-from impostor_jax.fit.body import AbstractBody, coordinates_of
+from impostor_jax.fit.body import AbstractBody
 from impostor_jax.fit.border import fit_of_one_surface
-from impostor_jax.fit.guess_sphere import guess_spheres
-from impostor_jax.fit.initialize import first_guesses
+from impostor_jax.fit.fittable import Fittable, no_guess
 from impostor_jax.fit.options import Options
 from impostor_jax.fit.prior import Prior
 from impostor_jax.fit.problem import Settings, posed
@@ -60,116 +47,14 @@ from impostor_jax.fit.request import (
     checked_settings,
 )
 from impostor_jax.fit.result import (
-    STATUSES,
-    Deviations,
-    Directions,
     Fit,
-    FitStatus,
 )
-from impostor_jax.fit.round_body import RoundBody
-from impostor_jax.fit.solve import STAGE_TOLERANCE, TRACED_TOLERANCE, solve
+from impostor_jax.fit.solve import TRACED_TOLERANCE, solve
 from impostor_jax.primitives.base import (
     AbstractPrimitive,
     in_camera_frame,
 )
-from impostor_jax.primitives.cylinder import Cylinder
-from impostor_jax.primitives.frustum import Frustum
-from impostor_jax.primitives.sphere import Sphere
 from impostor_jax.sensor.base import AbstractDepthNoise
-
-
-@dataclasses.dataclass(frozen=True)
-class Fittable:
-    """A shape that can be fitted.
-
-    Attributes:
-        shape: Its primitive.
-        body: As a fit moves it.
-        guesses: First guesses in the camera frame from depth, region, camera and the
-            typical deviation of a reading: the fields of a body, the likeliest first.
-        parameters: Names of what a caller may hold or expect.
-        nothing: Fields of a body without a size.
-        most_tolerance: Largest tolerance of an `Effort` that ends its fits.
-    """
-
-    shape: type[AbstractPrimitive]
-    body: type[AbstractBody]
-    guesses: Callable[..., list[dict[str, Any]]]
-    parameters: tuple[str, ...]
-    nothing: dict[str, Any]
-    most_tolerance: float = np.inf
-
-    @property
-    def coordinates(self) -> tuple[str, ...]:
-        """Of its covariance."""
-        # Known without a device.
-        return coordinates_of(jax.eval_shape(lambda: self.body_at(self.nothing)))
-
-    @functools.cached_property
-    def blank(self) -> AbstractBody:
-        """A body that says what is true of all."""
-        return self.body_at(self.nothing)
-
-    def body_at(self, fields: dict[str, Any]) -> AbstractBody:
-        """A body from NumPy's or Python's numbers."""
-        dtype = np.dtype(jnp.result_type(float))
-        arrays = {name: np.asarray(field, dtype) for name, field in fields.items()}
-        # All at once: a fifth of the time that they take one by one.
-        return self.body(**jax.device_put(arrays))
-
-
-def _cylinders(*asked: Any) -> list[dict[str, Any]]:
-    return [
-        {"center": g.center, "axis": g.axis, "radius": g.radius, "height": g.height}
-        for g in first_guesses(*asked)
-    ]
-
-
-def _frusta(*asked: Any) -> list[dict[str, Any]]:
-    return [
-        {
-            "center": g.center,
-            "axis": g.axis,
-            "radius": g.radius,
-            "height": g.height,
-            "growth": g.slope * g.height / 2,
-        }
-        for g in first_guesses(*asked, tapered=True)
-    ]
-
-
-def _spheres(*asked: Any) -> list[dict[str, Any]]:
-    return [
-        {"center": center, "radius": radius} for center, radius in guess_spheres(*asked)
-    ]
-
-
-CYLINDER = Fittable(
-    shape=Cylinder,
-    body=RoundBody,
-    guesses=_cylinders,
-    parameters=("center", "axis", "radius", "height"),
-    nothing={"center": (0, 0, 0), "axis": (0, 0, 1), "radius": 0, "height": 0},
-)
-FRUSTUM = Fittable(
-    shape=Frustum,
-    body=RoundBody,
-    guesses=_frusta,
-    parameters=("center", "axis", "radius1", "radius2", "height"),
-    nothing=CYLINDER.nothing | {"growth": 0},
-    # A taper settles slowly: with five times it 1 of 200 cups at 3 mm of noise ended 20
-    # deviations away.
-    most_tolerance=STAGE_TOLERANCE,
-)
-SPHERE = Fittable(
-    shape=Sphere,
-    body=Ball,
-    guesses=_spheres,
-    parameters=("center", "radius"),
-    nothing={"center": (0, 0, 0), "radius": 0},
-)
-KINDS = {kind.shape: kind for kind in (CYLINDER, FRUSTUM, SPHERE)}
-"""What can be fitted, by its primitive."""
 
 
 def fit_shape(
@@ -362,42 +247,6 @@ def pixels_shown(
     return image, region, *pixel_indices(region, stride), camera, noise
 
 
-def no_guess(kind: Fittable, region: Bool[np.ndarray, "h w"]) -> Fit:
-    """Result of a fit that could not start; its shape has no meaning."""
-    nothing = kind.body_at(kind.nothing)
-    names, zero = coordinates_of(nothing), nothing.radius
-    seen = jnp.zeros(len(nothing.ends), bool)
-    read = jax.eval_shape(nothing.readout, nothing, seen)
-    infinite = np.diag(np.full(len(names), np.inf, zero.dtype))
-    return Fit(
-        shape=nothing.shape,
-        std=Deviations(
-            jax.tree.map(lambda part: jnp.full(part.shape, jnp.inf, part.dtype), read)
-        ),
-        covariance=jnp.asarray(infinite),
-        coordinates=names,
-        ends_seen=seen,
-        observed=Directions(
-            coordinates=jnp.zeros(len(names), bool),
-            vector=jnp.asarray(np.eye(len(names), dtype=zero.dtype)),
-            deviation=jnp.asarray(np.diagonal(infinite)),
-        ),
-        success=jnp.array(False),
-        status_code=jnp.array(STATUSES.index(FitStatus.NO_FIRST_GUESS)),
-        num_steps=jnp.array(0),
-        num_starts=jnp.array(0),
-        num_agreeing=jnp.array(0),
-        residual=jnp.zeros(region.shape, zero.dtype),
-        inliers=jnp.zeros(region.shape, bool),
-        region=jnp.asarray(region),
-        num_pixels=jnp.array(np.count_nonzero(region)),
-        rms=jnp.full_like(zero, jnp.inf),
-        chi2=jnp.full_like(zero, jnp.inf),
-        p_value=jnp.full_like(zero, jnp.nan),
-        border_chi2=jnp.full_like(zero, jnp.nan),
-    )
-
-
 def _fit_traced(
     depth: DepthImage,
     mask: Mask | None,
@@ -413,22 +262,23 @@ def _fit_traced(
     if mask is None:
         ray = camera.rays(row, col, depth.dtype)
         mask = in_camera_frame(initial.shape, camera).intersect(ray).mask
-    region = jnp.asarray(mask)
-    depth = without_edges(depth, region, noise)
-    stride = options.effort.stride
-    if stride > 1:
-        region &= (row % stride == 0) & (col % stride == 0)
+    # A mask that is known stays so: its pixels are found before anything is compiled.
+    region = np.asarray(mask) if is_concrete(mask) else mask
+    depth = without_edges(depth, jnp.asarray(region), noise)
+    taken = np.zeros(region.shape, bool)
+    taken[:: options.effort.stride, :: options.effort.stride] = True
+    region = region & taken
     sees = camera.sees(row, col)
     if sees is not None:
-        region &= sees
-    if is_concrete(region):
-        row, col = pixel_indices(np.asarray(region))
+        region = jnp.asarray(region) & sees
+    if isinstance(region, np.ndarray):
+        row, col = map(jnp.asarray, pixel_indices(region))
     else:
         row, col = traced_indices(region)
     settings = dataclasses.replace(
         settings, tolerance=min(settings.tolerance, TRACED_TOLERANCE), refutes=True
     )
-    shown = (depth, region, row, col, camera, noise)
+    shown = (jnp.asarray(depth), jnp.asarray(region), row, col, camera, noise)
     problem = posed(*shown, prior, settings, kernel=options.effort.kernel)
     solution = solve(problem, in_camera_frame(initial, camera))
     return assess(problem, solution, correlated=options.errors == "correlated").fit

@@ -288,10 +288,9 @@ def _all_products(
         return total + _products(problem, terms, scale), scale
 
     num_blocks = jnp.where(stage.takes_all, problem.num_blocks, 1)
-    blank = jnp.zeros((problem.settings.free.shape[0] + 1,) * 2, stage.soft.dtype)
-    total, scale = jax.lax.fori_loop(
-        0, num_blocks, with_block, (blank, jnp.ones_like(stage.soft))
-    )
+    one = jnp.ones_like(problem.unit)
+    blank = jnp.zeros((problem.settings.free.shape[0] + 1,) * 2, one.dtype)
+    total, scale = jax.lax.fori_loop(0, num_blocks, with_block, (blank, one))
     return total + _beside(problem, body, stage, scale)
 
 

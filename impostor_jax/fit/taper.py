@@ -12,9 +12,10 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
+from impostor_jax.fit.fittable import FRUSTUM
 from impostor_jax.fit.options import Options
 from impostor_jax.fit.result import Fit, TaperTest
-from impostor_jax.fit.shapes import FRUSTUM, fit_shape
+from impostor_jax.fit.shapes import fit_shape
 from impostor_jax.geometry.vec3 import unit
 from impostor_jax.primitives.cylinder import Cylinder
 from impostor_jax.primitives.frustum import Frustum

@@ -8,7 +8,7 @@ import numpy as np
 
 import impostor_jax as ij
 from impostor_jax.fit.body import AbstractBody
-from impostor_jax.fit.shapes import KINDS
+from impostor_jax.fit.fittable import KINDS
 from impostor_jax.geometry.vec3 import Vec3
 
 BODIES = {

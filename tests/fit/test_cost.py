@@ -11,10 +11,11 @@ import numpy as np
 import impostor_jax as ij
 from impostor_jax.compiling import quickly_compiled
 from impostor_jax.fit.evidence import reading_terms
+from impostor_jax.fit.fittable import CYLINDER
 from impostor_jax.fit.options import Options
 from impostor_jax.fit.problem import Pixels
 from impostor_jax.fit.request import checked_noise, checked_prior, checked_settings
-from impostor_jax.fit.shapes import CYLINDER, fit_from, pixels_shown
+from impostor_jax.fit.shapes import fit_from, pixels_shown
 from tests.checks import compiled_cost
 from tests.fit.bodies import body_of, rays
 from tests.fit.scenes import CAMERA, SIGMA, can, image

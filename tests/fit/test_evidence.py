@@ -7,12 +7,12 @@ import pytest
 
 import impostor_jax as ij
 from impostor_jax.fit.evidence import crossing_terms, reading_terms
+from impostor_jax.fit.fittable import CYLINDER
 from impostor_jax.fit.options import Options
 from impostor_jax.fit.problem import Pixels, posed
 from impostor_jax.fit.regions import pixel_indices
 from impostor_jax.fit.request import checked_prior, checked_settings
 from impostor_jax.fit.round_body import RoundBody
-from impostor_jax.fit.shapes import CYLINDER
 from impostor_jax.geometry.vec3 import Vec3
 from tests.fit.bodies import BODIES, body_of, in_double, rays
 from tests.fit.scenes import CAMERA, SIGMA, can, image

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import impostor_jax as ij
-from impostor_jax.fit.shapes import CYLINDER, no_guess
+from impostor_jax.fit.fittable import CYLINDER, no_guess
 from tests.cases import PRIMITIVES
 from tests.fit.scenes import CAMERA, SIGMA, can, image, image_of
 from tests.groups import SMALL_IMAGES

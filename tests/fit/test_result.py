@@ -6,8 +6,8 @@ import pytest
 
 import impostor_jax as ij
 from impostor_jax.fit.body import coordinates_of
+from impostor_jax.fit.fittable import CYLINDER, KINDS, no_guess
 from impostor_jax.fit.round_body import RoundBody
-from impostor_jax.fit.shapes import CYLINDER, KINDS, no_guess
 from impostor_jax.geometry.so3 import tangent_basis
 from tests.fit.scenes import CAMERA, SIGMA, can, image
 from tests.groups import SMALL_IMAGES

@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 
 import impostor_jax as ij
+from impostor_jax.fit.fittable import SPHERE
 from impostor_jax.fit.options import Options
 from impostor_jax.fit.problem import posed
 from impostor_jax.fit.request import checked_noise, checked_prior, checked_settings
-from impostor_jax.fit.shapes import SPHERE, pixels_shown
+from impostor_jax.fit.shapes import pixels_shown
 from impostor_jax.fit.solve import solve, spread_of
 from tests.checks import QUICKLY
 from tests.fit.scenes import CAMERA, SIGMA, can, image, image_of
