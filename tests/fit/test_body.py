@@ -267,6 +267,38 @@ def of_wall(body, direction):
     return values, jnp.stack(gradients)
 
 
+@jax.jit
+def of_free(body, direction, free):
+    """Derivatives of the same in free coordinates: by forward mode, and as scaled."""
+
+    def values(vector):
+        return of_wall(moved_by(body, free, vector), direction)[0]
+
+    scaled = body.scaled(free, jnp.asarray(UNIT), jnp.asarray(END_UNIT))
+    plain = jax.jacfwd(values)(jnp.zeros(len(free)))
+    return plain, jnp.einsum("ckn,kf->cnf", of_wall(body, direction)[1], scaled)
+
+
+@pytest.mark.usefixtures("double")
+@pytest.mark.parametrize(
+    ("kind", "fixed"),
+    [
+        ("cylinder", ("radius", "center")),
+        ("frustum", ()),
+        # It does not follow the wall to where its end goes.
+        ("frustum", ("radius1",)),
+        ("frustum", ("radius1", "radius2", "height")),
+        ("sphere", ("radius",)),
+    ],
+)
+def test_gradients_are_those_of_what_is_free_to_move(kind, fixed):
+    body = body_of(KINDS[kind]())
+    free = jnp.asarray(body.free_directions(fixed))
+    plain, found = of_free(body, rays(body.shape, np.float64), free)
+    size = np.abs(plain).max(axis=(1, 2), keepdims=True)
+    np.testing.assert_allclose(found / size, plain / size, atol=1e-9)
+
+
 @pytest.mark.usefixtures("double")
 @pytest.mark.parametrize("kind", ["cylinder", "frustum"])
 @pytest.mark.parametrize(
