@@ -123,7 +123,10 @@ def assess(problem: Problem, solution: Solution, correlated: bool) -> Assessment
         (inlier & ~seen.on_cap)[None], seen.along[None] * ends, -jnp.inf
     )
     reach = jnp.max(outward, axis=1)
-    body, carried = body.drawn_in(ends_seen | ~jnp.asarray(settings.draws_in), reach)
+    estimate = body
+    body, carried = estimate.drawn_in(
+        ends_seen | ~jnp.asarray(settings.draws_in), reach
+    )
     num_inliers = jnp.maximum(jnp.sum(inlier), 1).astype(meters.dtype)
     rms = jnp.sqrt(jnp.sum(jnp.where(inlier, meters, 0) ** 2) / num_inliers)
     squares = jnp.sum(whitened**2)
@@ -231,8 +234,8 @@ def assess(problem: Problem, solution: Solution, correlated: bool) -> Assessment
         ),
         border_chi2=statistic,
     )
-    hidden = _hidden(problem, body) / jnp.maximum(count, 1).astype(rms.dtype)
-    cost = _cost(problem, body, readings) + MISSED_LOSS * hidden
+    hidden = _hidden(problem, estimate) / jnp.maximum(count, 1).astype(rms.dtype)
+    cost = _cost(problem, estimate, readings) + MISSED_LOSS * hidden
     hides_tilt = problem.nominal > HIDES_TILT * body.radius
     is_clear = success & (hidden <= MOST_HIDDEN) & (~hides_tilt | body.is_long)
     is_clear &= _explains(pixels, readings, wide)

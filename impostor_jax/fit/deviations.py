@@ -12,6 +12,17 @@ from impostor_jax.fit.body import AbstractBody, Readout
 from impostor_jax.fit.result import Deviations, Directions
 from impostor_jax.fit.uncertainty import spread
 
+MOST_TILT = 0.5
+"""Deviation of an axis, in radians, up to which a shape is known."""
+
+MOST_ASIDE = 0.5
+"""The same of a place, in radii."""
+
+MOST_OF_RADIUS = 1 / 7
+"""The same of a radius: of arcs of 4 degrees, whose radius a few crossings of a rim
+tell, deviations were 14 % of it and more and errors up to five of them; of 10 degrees
+11 % and 1.5."""
+
 OF_ENDS = ("along_axis", "height")
 """What only the ends determine; a shape is known without."""
 
@@ -43,7 +54,7 @@ def deviations_of(
         for name, part in change.items()
     )
     known = [
-        jnp.all(std_of[name] < (0.5 if name == "axis" else body.radius / 2))
+        jnp.all(std_of[name] < _most_deviation(name, body.radius))
         for name in body.coordinates
         if name not in OF_ENDS
     ]
@@ -66,3 +77,10 @@ def deviations_of(
     )
     public = jnp.where(np.eye(len(own), dtype=bool), variance[own][:, None], full)
     return Deviations(std_of), public, observed, jnp.stack(known).all()
+
+
+def _most_deviation(name: str, radius: Float[Array, ""]) -> float | Float[Array, ""]:
+    """Deviation up to which something is known."""
+    if name == "axis":
+        return MOST_TILT
+    return radius * (MOST_OF_RADIUS if name.startswith("radius") else MOST_ASIDE)

@@ -28,7 +28,7 @@ from jax.typing import DTypeLike
 from jaxtyping import Array, Bool, Float, Int
 from typing_extensions import override
 
-from impostor_jax.fit.body import AbstractBody
+from impostor_jax.fit.body import AbstractBody, FreeDirections
 from impostor_jax.fit.evidence import Terms, crossing_terms, reading_terms
 from impostor_jax.fit.prior import prior_residuals
 from impostor_jax.fit.problem import BLOCK, Problem
@@ -79,7 +79,13 @@ MOST_SUM = 20.0
 MOST_BACK = 0.5
 """Part of a step that is taken back at most, where steps go to and fro."""
 
-MOST_COARSE = 10
+MOST_WORSE = 1.2
+"""Loss after a step, over that before it, from which that is taken again, damped."""
+
+LEAST_DAMPING = 0.1
+"""Of such a step: part of the information's diagonal that is added to it."""
+
+MOST_COARSE = 15
 """Steps of a stage but the last: on few readings some go to and fro for ever."""
 
 RIDGE = 3e-3
@@ -103,29 +109,60 @@ class Solution(eqx.Module):
     num_steps: Int[Array, ""]
 
 
+class _Pass(NamedTuple):
+    """What a pass over the image tells at an estimate.
+
+    Attributes:
+        information: Of the scaled coordinates.
+        pull: On these.
+        scaled: Natural coordinates that each of them moves.
+        loss: Of the readings.
+    """
+
+    information: Float[Array, "c c"]
+    pull: Float[Array, " c"]
+    scaled: Float[Array, "c c"]
+    loss: Float[Array, ""]
+
+    def step(self, damping: Float[Array, ""] | float = 0.0) -> Float[Array, " c"]:
+        """Damped step of Gauss and Newton, in scaled coordinates."""
+        diagonal = jnp.diagonal(self.information)
+        more = diagonal * (damping + eps(diagonal.dtype, 16)) + RIDGE**2
+        damped = self.information + jnp.diag(more)
+        return -jax.scipy.linalg.solve(damped, self.pull, assume_a="pos")
+
+
 class _State(eqx.Module):
     """What a step hands to the next.
 
     Attributes:
         stage: Number of the stage.
         in_stage: Steps in it.
-        moved: Coordinates by which the last step moved the estimate.
+        body: The estimate from which the last step was taken.
+        told: What its pass told.
+        damping: Of that step.
+        moved: Coordinates by which it moved the estimate.
         wanted: Those by which it would have without being stretched.
         left: Root mean square of `moved` in limits of the last stage; infinite before.
     """
 
     stage: Int[Array, ""]
     in_stage: Int[Array, ""]
+    body: AbstractBody
+    told: _Pass
+    damping: Float[Array, ""]
     moved: Float[Array, " c"]
     wanted: Float[Array, " c"]
     left: Float[Array, ""]
 
 
 class _Staged(optx.AbstractFixedPointSolver):
-    """Steps to a fixed point, coarse ones first.
+    """Steps of Levenberg and Marquardt to a fixed point, coarse ones first.
 
     What is iterated takes a body and a `Stage`, and returns where a step leads from
-    there, its coordinates and the natural ones of these.
+    there, and what the pass over the image told. A step that makes the readings' loss
+    much larger is taken again, damped. One that makes it a little larger is not: the
+    weights move with the estimate, so that no loss is at its minimum where it ends.
 
     Attributes:
         limits: Of the stages.
@@ -134,40 +171,54 @@ class _Staged(optx.AbstractFixedPointSolver):
     """
 
     limits: Float[Array, " s"]
-    max_steps: Int[Array, ""]
-    free: Float[Array, "c c"]
+    max_steps: int | Int[Array, ""]
+    free: FreeDirections
     rtol: float = 0.0
     atol: float = 0.0
     norm: Callable[..., Any] = eqx.field(default=optx.rms_norm, static=True)
 
     @override
     def init(self, fn, y, args, options, f_struct, aux_struct, tags) -> _State:
-        wanted, _ = aux_struct
-        still, zero = jnp.zeros(wanted.shape, wanted.dtype), jnp.zeros((), jnp.int32)
-        return _State(zero, zero, still, still, jnp.full((), jnp.inf, wanted.dtype))
+        told = jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), aux_struct)
+        still, none = jnp.zeros_like(told.pull), jnp.zeros_like(told.loss)
+        zero = jnp.zeros((), jnp.int32)
+        return _State(zero, zero, y, told, none, still, still, none + jnp.inf)
 
     @override
     def step(self, fn, y, args, options, state, tags):
         is_last = state.stage == len(STAGES) - 1
-        _, (wanted, scaled) = fn(y, _stage_at(state.stage, self.limits.dtype))
+        _, told = fn(y, _stage_at(state.stage, self.limits.dtype))
+        is_first = state.in_stage == 0
+        # What is no number is worse, too.
+        is_worse = ~is_first & ~(told.loss <= MOST_WORSE * state.told.loss)
+        more = jnp.maximum(10 * state.damping, LEAST_DAMPING)
+        less = jnp.where(state.damping > LEAST_DAMPING, state.damping / 10, 0)
+        damping = jnp.where(is_worse, more, jnp.where(is_first, 0, less))
+        body, told = jax.tree.map(
+            partial(jnp.where, is_worse), (state.body, state.told), (y, told)
+        )
+        wanted = told.step(damping)
         # Through the weights it converges but linearly: by the secant of two steps.
         change = wanted - state.wanted
         share = safe_divide(jnp.sum(wanted * change), jnp.sum(change**2))
-        has_two = is_last & (state.in_stage > 0)
+        has_two = is_last & ~is_first & (damping == 0) & (state.damping == 0)
         share = jnp.where(has_two, jnp.clip(share, -MOST_SUM, MOST_BACK), 0)
         moved = wanted - share * (state.moved + change)
-        size = self.norm(moved)
+        size = jnp.where(damping == 0, self.norm(moved), jnp.inf)
         ends = (size < self.limits[state.stage]) | (state.in_stage >= MOST_COARSE - 1)
         goes_further = ends & ~is_last
-        natural = jnp.matmul(scaled, moved, precision="highest")
+        natural = jnp.matmul(told.scaled, moved, precision="highest")
         state = _State(
             stage=state.stage + jnp.where(goes_further, 1, 0),
             in_stage=jnp.where(goes_further, 0, state.in_stage + 1),
+            body=body,
+            told=told,
+            damping=damping,
             moved=moved,
             wanted=wanted,
             left=jnp.where(is_last, size / self.limits[-1], jnp.inf),
         )
-        return y.moved(natural, self.free), state, (wanted, scaled)
+        return body.moved(natural, self.free), state, told
 
     @override
     def terminate(self, fn, y, args, options, state, tags):
@@ -250,12 +301,12 @@ def _no_tangent(value: Array) -> Array | np.ndarray:
 
 def _through_stages(problem: Problem, start: AbstractBody) -> Solution:
     settings = problem.settings
-    coarseness = settings.tolerance / STAGE_TOLERANCE
+    coarseness = jnp.asarray(settings.tolerance) / STAGE_TOLERANCE
 
     def led(body: AbstractBody, stage: Stage):
-        wanted, scaled = _wanted(problem, body, stage)
-        natural = jnp.matmul(scaled, wanted, precision="highest")
-        return body.moved(natural, settings.free), (wanted, scaled)
+        told = _told(problem, body, stage)
+        natural = jnp.matmul(told.scaled, told.step(), precision="highest")
+        return body.moved(natural, settings.free), told
 
     limits = np.array([stage.limit for stage in STAGES])
     found = optx.fixed_point(
@@ -281,37 +332,37 @@ def _through_stages(problem: Problem, start: AbstractBody) -> Solution:
 def _stage_at(number: int | Int[Array, ""], dtype: DTypeLike) -> Stage:
     """A stage whose numbers have one type."""
     soft, place, widening, limit, takes_all = map(np.array, zip(*STAGES, strict=True))
-    numbers = [jnp.asarray(x, dtype)[number] for x in (soft, place, widening, limit)]
-    return Stage(*numbers, jnp.asarray(takes_all)[number])
+    return Stage(
+        *(jnp.asarray(x, dtype)[number] for x in (soft, place, widening, limit)),
+        takes_all=jnp.asarray(takes_all)[number],
+    )
 
 
-def _wanted(
-    problem: Problem, body: AbstractBody, stage: Stage
-) -> tuple[Float[Array, " c"], Float[Array, "c c"]]:
-    """Gauss-Newton step in scaled coordinates, and the natural ones of these."""
+def _told(problem: Problem, body: AbstractBody, stage: Stage) -> _Pass:
+    """Read the image at an estimate."""
     scaled = _scaled(problem, body)
-    total = _all_products(problem, body, stage)
+    of_readings, scale = _of_readings(problem, body, stage)
+    total = of_readings + _beside(problem, body, stage, scale)
     information = jnp.matmul(
         jnp.matmul(scaled.T, total[:-1, :-1], precision="highest"),
         scaled,
         precision="highest",
     )
     pull = jnp.matmul(scaled.T, total[:-1, -1], precision="highest")
-    diagonal = jnp.diagonal(information) * eps(pull.dtype, 16) + RIDGE**2
-    damped = information + jnp.diag(diagonal)
-    return -jax.scipy.linalg.solve(damped, pull, assume_a="pos"), scaled
+    return _Pass(information, pull, scaled, of_readings[-1, -1])
 
 
 def _scaled(problem: Problem, body: AbstractBody) -> Float[Array, "c c"]:
     return body.scaled(problem.settings.free, problem.unit, problem.end_unit)
 
 
-def _all_products(
+def _of_readings(
     problem: Problem, body: AbstractBody, stage: Stage
-) -> Float[Array, "k k"]:
+) -> tuple[Float[Array, "k k"], Float[Array, ""]]:
     """Products of the rows of [gradient, residual], in natural coordinates.
 
-    The thousands of rows enter a step only so, and are taken block by block.
+    The thousands of rows enter a step only so, and are taken block by block. The first
+    of these tells what the width of the robust loss is multiplied by, too.
     """
     size = problem.row.shape[0]
 
@@ -334,8 +385,7 @@ def _all_products(
     num_blocks = jnp.where(stage.takes_all, problem.num_blocks, 1)
     one = jnp.ones_like(problem.unit)
     blank = jnp.zeros((problem.settings.free.shape[0] + 1,) * 2, one.dtype)
-    total, scale = jax.lax.fori_loop(0, num_blocks, with_block, (blank, one))
-    return total + _beside(problem, body, stage, scale)
+    return jax.lax.fori_loop(0, num_blocks, with_block, (blank, one))
 
 
 def _beside(
