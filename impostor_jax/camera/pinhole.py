@@ -140,8 +140,9 @@ class PinholeCamera(AbstractCamera):
             )
             x, y = jnp.where(seen, x, 0), jnp.where(seen, y, 0)
         zero = jnp.zeros_like(x)
-        direction = Vec3(x, y, jnp.ones_like(x))
-        return Ray(Vec3(zero, zero, zero), direction, is_forward=True)
+        return Ray(
+            origin=Vec3(zero, zero, zero), direction=Vec3(x, y, jnp.ones_like(x))
+        )
 
     @override
     def shifted(
