@@ -59,9 +59,6 @@ class Effort:
         starts: First guesses that a fit tries.
         all_starts: Whether it tries all of them, or more than one only where the first
             does not explain the readings.
-        solver: Of optimistix, for the last part of a fit.
-        linear_solver: How its steps are solved for: by the "normal" equations, scaled
-            and with a Cholesky decomposition, or by a "qr" decomposition.
         tolerance: Length of a step at which a fit ends, in standard deviations. A
             traced fit, whose derivatives are those of the minimum, takes at most 0.02,
             and a frustum, whose taper settles slowly, 0.2.
@@ -80,10 +77,6 @@ class Effort:
     samples: int = 1
     starts: int = 8
     all_starts: bool = False
-    solver: Literal["LevenbergMarquardt", "Dogleg", "GaussNewton"] = (
-        "LevenbergMarquardt"
-    )
-    linear_solver: Literal["normal", "qr"] = "normal"
     tolerance: float = 1.0
     max_steps: int = 50
     kernel: Literal["pseudo_huber", "cauchy", "geman_mcclure", "squares"] = (
@@ -114,10 +107,8 @@ EFFORTS: dict[str, tuple[str, Effort]] = {
         Effort(),
     ),
     "exact": (
-        "Double precision, all starts, orthogonal steps to the last digit.",
-        Effort(
-            precision="float64", all_starts=True, linear_solver="qr", tolerance=0.02
-        ),
+        "Double precision, all starts, steps to the last digit.",
+        Effort(precision="float64", all_starts=True, tolerance=0.02),
     ),
 }
 """By name: what it does, and the dials."""

@@ -28,7 +28,7 @@ KINDS = {
     "precision='half'": "precision must be one of float32, float64, None, got 'half'",
     "stride=1.5": "stride must be a whole number of at least 1, got 1.5",
     "all_starts=1": "all_starts must be a bool, got 1",
-    "linear_solver='lu'": "linear_solver must be one of normal, qr, got 'lu'",
+    "extent='part'": "extent must be one of frame, tile, got 'part'",
     "tolerance='1'": "tolerance must be a float, got '1'",
 }
 
@@ -67,6 +67,6 @@ def test_what_is_no_effort_is_refused(effort):
 def test_every_dial_has_a_flag_that_changes_a_preset():
     assert {f.name for f in dataclasses.fields(Dials)} == set(vars(Effort()))
     assert chosen_effort("fast", Dials()) == EFFORTS["fast"][1]
-    changed = chosen_effort("fast", Dials(stride=1, solver="Dogleg"))
-    assert (changed.stride, changed.solver) == (1, "Dogleg")
+    changed = chosen_effort("fast", Dials(stride=1, kernel="cauchy"))
+    assert (changed.stride, changed.kernel) == (1, "cauchy")
     assert changed.tolerance == EFFORTS["fast"][1].tolerance

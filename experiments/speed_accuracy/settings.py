@@ -12,8 +12,6 @@ FIT_DIALS: dict[str, tuple[Any, ...]] = {
     "stride": (2, 3, 4),
     "starts": (1, 3),
     "all_starts": (True,),
-    "solver": ("Dogleg", "GaussNewton"),
-    "linear_solver": ("qr",),
     "tolerance": (0.02, 0.2, 5.0),
     "max_steps": (2, 5),
     "kernel": ("pseudo_huber", "cauchy", "squares"),

@@ -345,9 +345,8 @@ class TaperTest(eqx.Module):
 
     Attributes:
         frustum: Fit of the frustum.
-        statistic: Twice the logarithm of the likelihood ratio, in the scale of the
-            frustum's residuals; of a cylinder it is chi-squared with one degree of
-            freedom.
+        statistic: Square of the difference of its radii over the variance of that
+            (Wald's); of a cylinder it is chi-squared with one degree of freedom.
         p_value: Probability that a cylinder's noise gives as much; NaN where the
             frustum's fit failed.
     """
@@ -376,7 +375,7 @@ class TaperTest(eqx.Module):
         answer = "needed" if bool(self.is_needed()) else "not needed"
         return (
             f"  taper   {answer}: radius {radius1} to {radius2} mm along the axis, "
-            f"likelihood ratio {float(self.statistic):.2f}, p-value "
+            f"Wald statistic {float(self.statistic):.2f}, p-value "
             f"{float(self.p_value):.2g}"
         )
 

@@ -1,9 +1,9 @@
 """Fit a shape to a depth image: the way that is the same for all of them.
 
-Four steps: take the object's readings, guess shapes outside JAX, minimize the whitened
-residuals with optimistix, and say how sure the result is. The last two are one compiled
-function of arrays that come in few sizes. Most images are explained by the first guess;
-where one is not, or where the caller asks for it, the others are tried, too.
+Four steps: take the object's readings, guess shapes outside JAX, go to the fixed point
+of a step, and say how sure the result is. The last two are one compiled function of
+arrays that come in few sizes. Most images are explained by the first guess; where one
+is not, or where the caller asks for it, the others are tried, too.
 """
 
 __all__ = ["fit_from", "fit_shape", "pixels_shown"]
