@@ -30,10 +30,16 @@ def test_losses_agree_on_normal_noise():
     assert_equal_to_a_fifth_of_a_deviation(fit, fitted("balanced"))
 
 
-def test_exact_fits_in_double_precision_from_all_starts():
+def test_exact_fits_in_double_precision():
     fit, plain = fitted("exact"), fitted("balanced")
     assert fit.success
     assert fit.cylinder.radius.dtype == np.float64
+    assert_equal_to_a_fifth_of_a_deviation(fit, plain)
+
+
+def test_all_starts_are_tried_where_that_is_asked():
+    fit, plain = fitted(ij.Effort(all_starts=True)), fitted("balanced")
+    assert fit.success
     assert int(fit.num_starts) > int(plain.num_starts) == 1
     assert_equal_to_a_fifth_of_a_deviation(fit, plain)
 
