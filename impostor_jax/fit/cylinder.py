@@ -23,8 +23,8 @@ def fit_cylinder(
     """Fit center, axis, radius and height of a capped cylinder to a depth image.
 
     Inside `jax.jit` or `vmap` give `initial`: the first guess runs outside JAX. A
-    traced fit without a mask uses the pixels that `initial` covers, and at most 16384
-    readings.
+    traced fit without a mask uses the pixels that `initial` covers. Where the pixels
+    are known to the run alone, it takes at most 15872 of them.
 
     Args:
         depth: (H, W), planar depth in meters; 0, NaN and infinity mean no reading.

@@ -234,7 +234,7 @@ def pixels_shown(
     noise: AbstractDepthNoise,
     stride: int = 1,
 ) -> tuple[Any, ...]:
-    """The first arguments of `solve`: an image, the pixels of an object, and how seen.
+    """The first arguments of `fit_from`: an image, an object's pixels, and how seen.
 
     Args:
         image: In meters; 0 where there is no reading.

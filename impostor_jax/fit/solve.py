@@ -266,8 +266,7 @@ def _followed_jvp(given, changes):
     (problem, start), (d_problem, _) = given, changes
     solution = _followed(problem, start)
     free = problem.settings.free
-    stage = jax.tree.map(lambda x: jnp.asarray(x, problem.unit.dtype), STAGES[-1])
-
+    stage = _stage_at(-1, problem.unit.dtype)
     scaled = _scaled(problem, solution.body)
 
     def body_at(moved: Float[Array, " c"]) -> AbstractBody:
@@ -288,15 +287,8 @@ def _followed_jvp(given, changes):
     _, d_pull = jax.jvp(lambda p: pull_at(still, p), (problem,), (d_problem,))
     d_moved = -jnp.linalg.solve(slope + jnp.diag(is_held), d_pull)
     _, d_body = jax.jvp(body_at, (still,), (d_moved,))
-    nothing = jax.tree.map(_no_tangent, solution)
+    nothing = jax.tree.map(jax.custom_derivatives.zero_from_primal, solution)
     return solution, eqx.tree_at(lambda s: s.body, nothing, d_body)
-
-
-def _no_tangent(value: Array) -> Array | np.ndarray:
-    is_real = jnp.issubdtype(value.dtype, jnp.floating)
-    return (
-        jnp.zeros_like(value) if is_real else np.zeros(value.shape, jax.dtypes.float0)
-    )
 
 
 def _through_stages(problem: Problem, start: AbstractBody) -> Solution:
