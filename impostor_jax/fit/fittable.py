@@ -39,7 +39,7 @@ class Fittable:
         shape: Its primitive.
         body: As a fit moves it.
         guesses: First guesses in the camera frame from depth, region, camera and the
-            typical deviation of a reading: the fields of a body, the likeliest first.
+            typical deviation of a reading: bodies, the likeliest first.
         parameters: Names of what a caller may hold or expect.
         nothing: Fields of a body without a size.
         most_tolerance: Largest tolerance of an `Effort` that ends its fits.
@@ -47,7 +47,7 @@ class Fittable:
 
     shape: type[AbstractPrimitive]
     body: type[AbstractBody]
-    guesses: Callable[..., list[dict[str, Any]]]
+    guesses: Callable[..., list[Any]]
     parameters: tuple[str, ...]
     nothing: dict[str, Any]
     most_tolerance: float = np.inf
@@ -71,43 +71,17 @@ class Fittable:
         return self.body(**jax.device_put(arrays))
 
 
-def _cylinders(*asked: Any) -> list[dict[str, Any]]:
-    return [
-        {"center": g.center, "axis": g.axis, "radius": g.radius, "height": g.height}
-        for g in first_guesses(*asked)
-    ]
-
-
-def _frusta(*asked: Any) -> list[dict[str, Any]]:
-    return [
-        {
-            "center": g.center,
-            "axis": g.axis,
-            "radius": g.radius,
-            "height": g.height,
-            "growth": g.slope * g.height / 2,
-        }
-        for g in first_guesses(*asked, tapered=True)
-    ]
-
-
-def _spheres(*asked: Any) -> list[dict[str, Any]]:
-    return [
-        {"center": center, "radius": radius} for center, radius in guess_spheres(*asked)
-    ]
-
-
 CYLINDER = Fittable(
     shape=Cylinder,
     body=RoundBody,
-    guesses=_cylinders,
+    guesses=first_guesses,
     parameters=("center", "axis", "radius", "height"),
     nothing={"center": (0, 0, 0), "axis": (0, 0, 1), "radius": 0, "height": 0},
 )
 FRUSTUM = Fittable(
     shape=Frustum,
     body=RoundBody,
-    guesses=_frusta,
+    guesses=functools.partial(first_guesses, tapered=True),
     parameters=("center", "axis", "radius1", "radius2", "height"),
     nothing=CYLINDER.nothing | {"growth": 0},
     # A taper settles slowly: with five times it 1 of 200 cups at 3 mm of noise ended 20
@@ -117,7 +91,7 @@ FRUSTUM = Fittable(
 SPHERE = Fittable(
     shape=Sphere,
     body=Ball,
-    guesses=_spheres,
+    guesses=guess_spheres,
     parameters=("center", "radius"),
     nothing={"center": (0, 0, 0), "radius": 0},
 )

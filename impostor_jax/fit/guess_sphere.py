@@ -7,14 +7,22 @@ appears, which noise hardly moves. That which lies closest to the points comes f
 
 __all__ = ["guess_spheres"]
 
+import jax
+import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Array, Bool, Float
 
 from impostor_jax.camera.pinhole import PinholeCamera
-from impostor_jax.fit.surface import FEWEST_POINTS, Surface, round_through, surface_of
+from impostor_jax.compiling import quickly_compiled
+from impostor_jax.fit.ball import Ball
+from impostor_jax.fit.rounds import FEWEST_POINTS, median_of, round_through
+from impostor_jax.fit.surface import Surface, surface_of
 
-SphereGuess = tuple[Float[np.ndarray, "3"], float]
-"""Center and radius, in the camera frame, in meters."""
+NEAR = 0.1
+"""Share of the points, those in the middle of the view, that tell how near it is."""
+
+WIDE = 0.81
+"""Share of an even disc's points within nine tenths of its radius."""
 
 
 def guess_spheres(
@@ -22,7 +30,7 @@ def guess_spheres(
     region: Bool[np.ndarray, "h w"],
     camera: PinholeCamera,
     sigma: float,
-) -> list[SphereGuess]:
+) -> list[Ball]:
     """Guess spheres from the readings of a region.
 
     Args:
@@ -32,52 +40,62 @@ def guess_spheres(
         sigma: Typical deviation of a reading, in meters.
 
     Returns:
-        Centers and radii in the camera frame, the closest to the readings first; none
-        where the readings admit no sphere.
+        Spheres in the camera frame, the closest to the readings first; none where these
+        admit no sphere.
     """
     surface = surface_of(depth, region, camera, sigma)
     if surface is None:
         return []
-    proposed = [_through(surface.points), _along_normals(surface), _behind(surface)]
-    guesses = [guess for guess in proposed if guess is not None]
-
-    def misfit(guess: SphereGuess) -> float:
-        center, radius = guess
-        off = np.linalg.norm(surface.points - center, axis=1) - radius
-        return float(np.mean(np.minimum(np.abs(off), 0.3 * radius)))
-
-    return sorted(guesses, key=misfit)
+    balls, are_balls = quickly_compiled(_guessed)(surface)
+    known = np.asarray(are_balls).tolist()
+    return [ball for ball, is_ball in zip(balls, known, strict=True) if is_ball]
 
 
-def _through(points: Float[np.ndarray, "n 3"]) -> SphereGuess | None:
+def _guessed(surface: Surface) -> tuple[list[Ball], Bool[Array, " g"]]:
+    """Guesses, and which of them are any."""
+    with jax.default_matmul_precision("highest"):
+        proposed = [_through(surface), _along_normals(surface), _behind(surface)]
+    balls = jax.tree.map(lambda *fields: jnp.stack(fields), *proposed)
+    away = jnp.linalg.norm(surface.points[None] - balls.center[:, None], axis=-1)
+    radius = balls.radius[:, None]
+    misfit = jnp.mean(jnp.minimum(jnp.abs(away - radius), 0.3 * radius), axis=1)
+    misfit = jnp.where(balls.radius > 0, misfit, jnp.inf)
+    order = jnp.argsort(misfit)
+    dtype = jnp.result_type(float)
+    balls = jax.tree.map(lambda field: field[order].astype(dtype), balls)
+    several = [jax.tree.map(lambda a, k=k: a[k], balls) for k in range(len(proposed))]
+    return several, jnp.isfinite(misfit[order])
+
+
+def _through(surface: Surface) -> Ball:
     """By least squares."""
-    found = round_through(points.T[None], np.ones((1, len(points)), bool))
-    radius = float(found.radius[0])
-    return (found.center[0], radius) if radius > 0 else None
+    are_all = jnp.ones((1, len(surface.points)), bool)
+    fewest = FEWEST_POINTS * surface.copies
+    found = round_through(surface.points.T[None], are_all, fewest=fewest)
+    return Ball(found.center[0], found.radius[0])
 
 
-def _along_normals(surface: Surface) -> SphereGuess | None:
+def _along_normals(surface: Surface) -> Ball:
     """The center lies a radius from each point against its normal."""
     points, normals = surface.normal_points, surface.normals
-    if len(points) < FEWEST_POINTS:
-        return None
     # The normals face the camera, from outside and from inside: r has a sign.
-    away_p, away_n = points - points.mean(axis=0), normals - normals.mean(axis=0)
-    spread = np.sum(away_n**2)
-    radius = float(np.sum(away_p * away_n) / spread) if spread > 0 else 0.0
-    center = points.mean(axis=0) - radius * normals.mean(axis=0)
-    return (center, abs(radius)) if radius else None
+    middle, mean = points.mean(axis=0), normals.mean(axis=0)
+    away = normals - mean[None]
+    radius = jnp.sum((points - middle[None]) * away) / jnp.sum(away**2)
+    radius = jnp.where(surface.num_normals >= FEWEST_POINTS, radius, jnp.nan)
+    return Ball(middle - radius * mean, jnp.abs(radius))
 
 
-def _behind(surface: Surface) -> SphereGuess | None:
+def _behind(surface: Surface) -> Ball:
     """As wide as the points appear, behind the nearest of them."""
-    distance = np.linalg.norm(surface.points, axis=1)
+    distance = jnp.linalg.norm(surface.points, axis=1)
     rays = surface.points / distance[:, None]
     view = rays.mean(axis=0)
-    view = view / np.linalg.norm(view)
-    angle = np.arccos(np.clip(rays @ view, -1, 1))
-    # In an even disc nine tenths of the radius hold 81 % of it.
-    sine = np.sin(min(np.percentile(angle, 81) / 0.9, 1.4))
-    near = distance[angle < np.percentile(angle, 10)]
-    radius = float(np.median(near)) * sine / (1 - sine)
-    return (view * (np.median(near) + radius), radius) if radius > 0 else None
+    view = view / jnp.linalg.norm(view)
+    aside = jnp.linalg.norm(jnp.cross(rays, view[None]), axis=1)
+    ordered = jnp.sort(aside)
+    inner, wide = (ordered[round(share * len(ordered))] for share in (NEAR, WIDE))
+    sine = jnp.minimum(jnp.sin(jnp.arcsin(wide) / 0.9), 0.98)
+    near = median_of(distance, aside < inner)
+    radius = near * sine / (1 - sine)
+    return Ball(view * (near + radius), radius)

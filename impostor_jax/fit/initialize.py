@@ -10,29 +10,35 @@ and the one whose surface lies closest to the points comes first.
 The normals of a frustum's wall make one angle with the axis, not a right one, and its
 radius grows along it: where a taper is looked for, both are found as well.
 
-Everything here runs outside JAX, in few calls of NumPy.
+An image is reduced to some of its points outside JAX; what follows is one compiled
+program, so that it lets go of Python's lock: threads that fit side by side do not wait.
 """
 
-__all__ = ["Guess", "first_guesses"]
+__all__ = ["first_guesses"]
 
-from typing import NamedTuple
-
+import jax
+import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Array, Bool, Float, Int
 
 from impostor_jax.camera.pinhole import PinholeCamera
-from impostor_jax.fit.surface import (
+from impostor_jax.compiling import quickly_compiled
+from impostor_jax.fit.round_body import RoundBody
+from impostor_jax.fit.rounds import (
     FEWEST_POINTS,
     Round,
-    Surface,
+    largest_of,
     median_of,
     round_through,
-    squared_length,
-    surface_of,
 )
+from impostor_jax.fit.surface import MAX_POINTS, Surface, surface_of
+from impostor_jax.geometry.so3 import tangent_basis
 
 MAX_AXES = 5
-"""Axes that are carried on to a circle."""
+"""Axes that are carried on to a circle, but for that of the longest direction."""
+
+MOST_GUESSES = 8
+"""That are returned."""
 
 MOST_LEANING = 0.9
 """Cosine with the axis from which a normal is no wall's, however tapered."""
@@ -42,28 +48,20 @@ BEYOND = 0.03
 of a guess that is too short the readings past its end lie on nothing, and a fit does
 not reach out for them; one that is too long is drawn in by what shows its end."""
 
-CAP_COSINE = np.cos(np.radians(30.0))
+CAP_COSINE = float(np.cos(np.radians(30.0)))
 """Cosine with the axis from which a normal may be a cap's."""
 
-NEAR_COSINE = np.cos(np.radians(10.0))
+NEAR_COSINE = float(np.cos(np.radians(10.0)))
 """Of the angle below which two axes are taken for one."""
 
 PERCENTILE = 0.01
 """Share of the points beyond each end, or side, of what is seen: strays."""
 
-SIN_TOLERANCE = np.sin(np.radians(15.0))
+MOST_STRAYS = int(np.ceil(PERCENTILE * MAX_POINTS)) + 1
+"""Points that are picked at each end, of which the last is no stray."""
+
+SIN_TOLERANCE = float(np.sin(np.radians(15.0)))
 """Normals farther than this from perpendicular or parallel do not vote."""
-
-
-class Guess(NamedTuple):
-    """A body in the camera frame, in meters, and how far the points lie from it."""
-
-    center: Float[np.ndarray, "3"]
-    axis: Float[np.ndarray, "3"]
-    radius: float
-    height: float
-    misfit: float
-    slope: float = 0.0
 
 
 def first_guesses(
@@ -72,7 +70,7 @@ def first_guesses(
     camera: PinholeCamera,
     sigma: float,
     tapered: bool = False,
-) -> list[Guess]:
+) -> list[RoundBody]:
     """Guess cylinders from the readings of a region, for each likely axis.
 
     Args:
@@ -80,7 +78,7 @@ def first_guesses(
         region: Pixels of the object, wall and caps together.
         camera: Concrete; its pose is not used.
         sigma: Typical deviation of a reading, in meters.
-        tapered: Whether to look for frusta, too.
+        tapered: Whether to look for frusta.
 
     Returns:
         Guesses in the camera frame: the best of each axis first, those that lie closer
@@ -89,104 +87,120 @@ def first_guesses(
     surface = surface_of(depth, region, camera, sigma)
     if surface is None:
         return []
-    axes = _axes(surface, tapered)
-    # Numbers of what is not there are NaN.
-    with np.errstate(invalid="ignore", divide="ignore"):
-        guesses = _guesses_along(axes, surface, tapered)
-    around = [_around_camera(guess) for guess in guesses[:1]]
-    return [*guesses[:1], *(guess for guess in around if guess), *guesses[1:]]
+    guessed = quickly_compiled(_guessed, static_argnames="tapered")
+    bodies, are_bodies = guessed(surface, tapered=tapered)
+    known = np.asarray(are_bodies).tolist()
+    return [body for body, is_body in zip(bodies, known, strict=True) if is_body]
 
 
-def _around_camera(guess: Guess) -> Guess | None:
+def _guessed(
+    surface: Surface, tapered: bool
+) -> tuple[list[RoundBody], Bool[Array, " g"]]:
+    """Guesses, and which of them are any."""
+    dtype = jnp.result_type(float)
+    with jax.default_matmul_precision("highest"):
+        axes, are_axes = _axes(surface, tapered)
+        body, misfit = _bodies_along(axes, are_axes, surface, tapered)
+    bodies = jax.tree.map(lambda field: field.astype(dtype), body)
+    several = [jax.tree.map(lambda a, k=k: a[k], bodies) for k in range(MOST_GUESSES)]
+    around, is_around = _around_camera(several[0])
+    are_bodies = jnp.isfinite(misfit)
+    return (
+        [several[0], around, *several[1:]],
+        jnp.insert(are_bodies, 1, is_around & are_bodies[0]),
+    )
+
+
+def _around_camera(body: RoundBody) -> tuple[RoundBody, Bool[Array, ""]]:
     """The same wall, drawn out around a camera on its axis: a pipe seen from inside.
 
     What is seen of a pipe begins in front of the camera, as a can does that is seen end
     on; the fit tells which it is.
     """
-    place = -float(guess.center @ guess.axis)
-    aside = guess.center + place * guess.axis
-    if np.linalg.norm(aside) > 0.95 * guess.radius or abs(place) < guess.height / 2:
-        return None
-    low = min(-guess.height / 2, place - guess.radius)
-    high = max(guess.height / 2, place + guess.radius)
-    center = guess.center + (low + high) / 2 * guess.axis
-    return guess._replace(center=center, height=high - low)
+    place = -jnp.sum(body.center * body.axis)
+    aside = body.center + place * body.axis
+    half = body.height / 2
+    is_inside = jnp.sum(aside**2) <= (0.95 * body.radius) ** 2
+    low = jnp.minimum(-half, place - body.radius)
+    high = jnp.maximum(half, place + body.radius)
+    center = body.center + (low + high) / 2 * body.axis
+    growth = None if body.growth is None else body.slope * (high - low) / 2
+    around = RoundBody(center, body.axis, body.radius, high - low, growth)
+    return around, is_inside & (jnp.abs(place) >= half)
 
 
-def _axes(surface: Surface, tapered: bool) -> Float[np.ndarray, "k 3"]:
-    """Likely axes, at least 10 degrees apart but for the longest direction."""
-    # In single precision, which takes half the time.
-    n = surface.normals.astype(np.float32)
-    if len(n) < FEWEST_POINTS:
-        return surface.drawn
+def _axes(
+    surface: Surface, tapered: bool
+) -> tuple[Float[Array, "k 3"], Bool[Array, " k"]]:
+    """Likely axes, at least 10 degrees apart but for the longest direction.
+
+    The second array tells which of the first are any.
+    """
+    n = surface.normals
     # Pairs of normals that are far apart in the image, in a fixed pattern.
     first = np.arange(40) * len(n) // 40
     apart = (np.array([[0.21], [0.38], [0.5]]) * len(n)).astype(int)
     others = n[(first + apart) % len(n)]
-    pairs = _cross(n[first], others).reshape(-1, 3)
-    candidates = [surface.drawn, n[first], pairs[squared_length(pairs) > 0.3**2]]
+    pairs = jnp.cross(n[first][None], others).reshape(-1, 3)
+    candidates = [surface.drawn, n[first], pairs]
+    least = [np.zeros(2), np.zeros(40), np.full(len(pairs), 0.3)]
     if tapered:
         # Normals of one angle with the axis end on a circle across it.
-        across = _cross(others[0] - n[first], others[2] - n[first])
-        candidates.append(across[squared_length(across) > 0.1**2])
-    axes = np.concatenate(candidates, dtype=n.dtype)
-    axes /= np.sqrt(squared_length(axes))[:, None]
-    order = np.argsort(_unexplained(axes, n[::2], tapered), kind="stable")
+        candidates.append(jnp.cross(others[0] - n[first], others[2] - n[first]))
+        least.append(np.full(40, 0.1))
+    axes = jnp.concatenate(candidates)
+    length = jnp.sqrt(jnp.sum(axes**2, axis=1))
+    axes = axes / jnp.maximum(length, 1e-6)[:, None]
+    unexplained = _unexplained(axes, n[::2], tapered)
+    is_any = length >= np.concatenate(least, dtype=length.dtype)
+    unexplained = jnp.where(is_any, unexplained, jnp.inf)
+    _, order = jax.lax.top_k(-unexplained, 3 * MAX_AXES)
     # The cap of a cylinder seen end on: noise in two directions, and axes across the
     # view that explain it as a wall, keep its normal from the front of the list.
-    _, vectors = np.linalg.eigh(n.T @ n)
-    likely = np.concatenate([vectors[:, 2][None], axes[order[: 3 * MAX_AXES]]])
-    refined = _refined(likely, n, tapered)
-    likeliest = refined[[np.argmin(_unexplained(refined, n, tapered))]]
-    longest, shortest = surface.drawn[:1], surface.drawn[1:]
-    likely = [likeliest, longest, refined[:2], shortest, refined[2:]]
-    axes = np.concatenate(likely, dtype=float)
+    _, vectors = jnp.linalg.eigh(n.T @ n)
+    refined = _refined(jnp.concatenate([vectors[:, 2][None], axes[order]]), n, tapered)
+    likeliest = refined[jnp.argmin(_unexplained(refined, n, tapered))]
+    longest, shortest = surface.drawn
+    axes = jnp.stack([likeliest, longest, *refined[:2], shortest, *refined[2:]])
+    places = np.arange(len(axes))
+    are_any = (surface.num_normals >= FEWEST_POINTS) | (places == 1) | (places == 4)
+    kept = _apart(axes, are_any)
     # A rod's image tells its axis better than its normals do, also where they are near.
-    return axes[list(dict.fromkeys([*_apart(axes)[:MAX_AXES], 1]))]
+    kept = (kept & (jnp.cumsum(kept) <= MAX_AXES)) | (places == 1)
+    rank, chosen = jax.lax.top_k(jnp.where(kept, -places, -len(axes)), MAX_AXES + 1)
+    return axes[chosen], rank > -len(axes)
 
 
-def _apart(axes: Float[np.ndarray, "k 3"]) -> list[int]:
-    """Places of those axes that are at least 10 degrees from all such before them."""
-    is_near = (np.abs(axes @ axes.T) > NEAR_COSINE).tolist()
-    kept: list[int] = []
-    for place, near in enumerate(is_near):
-        if not any(near[other] for other in kept):
-            kept.append(place)
-    return kept
+def _apart(axes: Float[Array, "k 3"], are_any: Bool[Array, " k"]) -> Bool[Array, " k"]:
+    """Which axes are at least 10 degrees from all such before them."""
+    is_near = jnp.abs(axes @ axes.T) > NEAR_COSINE
+
+    def with_next(place: Int[Array, ""], kept: Bool[Array, " k"]) -> Bool[Array, " k"]:
+        return kept.at[place].set(are_any[place] & ~jnp.any(is_near[place] & kept))
+
+    return jax.lax.fori_loop(0, len(axes), with_next, jnp.zeros(len(axes), bool))
 
 
-def _cross(
-    a: Float[np.ndarray, "*#k 3"], b: Float[np.ndarray, "*#k 3"]
-) -> Float[np.ndarray, "*k 3"]:
-    """As `np.cross`, in half its time."""
-    after, before = [1, 2, 0], [2, 0, 1]
-    return a[..., after] * b[..., before] - a[..., before] * b[..., after]
-
-
-def _levels(cosine: Float[np.ndarray, "k m"]) -> Float[np.ndarray, "k 1"]:
+def _levels(cosine: Float[Array, "k m"]) -> Float[Array, "k 1"]:
     """Cosine of a tapered wall's normals with each axis."""
     # Of all but the caps' normals.
-    middle = median_of(cosine, np.abs(cosine) < MOST_LEANING)[:, None]
-    return np.where(np.isfinite(middle), middle, 0)
+    middle = median_of(cosine, jnp.abs(cosine) < MOST_LEANING)[:, None]
+    return jnp.where(jnp.isfinite(middle), middle, 0)
 
 
 def _unexplained(
-    axes: Float[np.ndarray, "k 3"], normals: Float[np.ndarray, "m 3"], tapered: bool
-) -> Float[np.ndarray, " k"]:
+    axes: Float[Array, "k 3"], normals: Float[Array, "m 3"], tapered: bool
+) -> Float[Array, " k"]:
     """Mean squared sine between each normal and the nearer of wall and cap."""
     cosine = axes @ normals.T
-    off_cap = 1 - cosine**2
-    if tapered:
-        cosine -= _levels(cosine)
-    # Of squares, and in place: new arrays would take most of the time.
-    miss = np.square(cosine, out=cosine)
-    np.minimum(miss, off_cap, out=miss)
-    return np.minimum(miss, SIN_TOLERANCE**2, out=miss).mean(axis=1)
+    off_wall = cosine - _levels(cosine) if tapered else cosine
+    miss = jnp.minimum(off_wall**2, 1 - cosine**2)
+    return jnp.minimum(miss, SIN_TOLERANCE**2).mean(axis=1)
 
 
 def _refined(
-    axes: Float[np.ndarray, "k 3"], normals: Float[np.ndarray, "m 3"], tapered: bool
-) -> Float[np.ndarray, "k 3"]:
+    axes: Float[Array, "k 3"], normals: Float[Array, "m 3"], tapered: bool
+) -> Float[Array, "k 3"]:
     """Least-squares axes of the normals that each explains.
 
     They minimize the sum of (n.a)^2 over the wall's normals, from their mean where it
@@ -196,148 +210,149 @@ def _refined(
     products = (normals[:, :, None] * normals[:, None, :]).reshape(-1, 9)
     for _ in range(2):
         cosine = axes @ normals.T
-        cap = np.square(cosine) > 1 - (2 * SIN_TOLERANCE) ** 2
+        cap = cosine**2 > 1 - (2 * SIN_TOLERANCE) ** 2
         off_wall = cosine - _levels(cosine) if tapered else cosine
-        wall = (np.square(off_wall) < (2 * SIN_TOLERANCE) ** 2) & ~cap
-        weight = np.subtract(wall, cap, dtype=normals.dtype)
-        scatter = (weight @ products).reshape(-1, 3, 3)
+        wall = (off_wall**2 < (2 * SIN_TOLERANCE) ** 2) & ~cap
+        is_wall = wall.astype(normals.dtype)
+        votes = is_wall - cap.astype(normals.dtype)
+        scatter = (votes @ products).reshape(-1, 3, 3)
         if tapered:
-            total, count = wall @ normals, np.count_nonzero(wall, axis=1)
-            mean = total / np.maximum(count, 1)[:, None]
+            total, count = is_wall @ normals, jnp.sum(is_wall, axis=1)
+            mean = total / jnp.maximum(count, 1)[:, None]
             scatter -= total[:, :, None] * mean[:, None, :]
-        _, vectors = np.linalg.eigh(scatter)
+        _, vectors = jnp.linalg.eigh(scatter)
         axes = vectors[:, :, 0]
     return axes
 
 
-def _guesses_along(
-    axes: Float[np.ndarray, "k 3"], surface: Surface, tapered: bool
-) -> list[Guess]:
-    """Guesses from the circle that the wall makes, and from the disc of each cap.
+def _bodies_along(
+    axes: Float[Array, "k 3"],
+    are_axes: Bool[Array, " k"],
+    surface: Surface,
+    tapered: bool,
+) -> tuple[RoundBody, Float[Array, " g"]]:
+    """Bodies from the circle that the wall makes, and from the disc of each cap.
 
-    Of all axes at once, since calls take longer than what they do; the best of each
-    axis first.
+    The best of each axis first; their misfit is infinite where there are no more.
     """
     middle = surface.points.mean(axis=0)
     # Frames whose third direction is the axis.
-    frames = np.concatenate([np.linalg.svd(axes[:, None])[2][:, 1:], axes[:, None]], 1)
-    from_camera = (frames @ middle)[..., None]
-    local = frames @ (surface.points - middle).T
-    # Points in their order along the axis, so that percentiles are found by counting.
-    order = np.argsort(local[:, 2], axis=1)[:, None]
-    local = np.take_along_axis(local, order, axis=2)
+    frames = jnp.concatenate([jax.vmap(tangent_basis)(axes), axes[:, None]], axis=1)
+    from_camera = frames @ middle[None, :, None]
+    local = frames @ (surface.points - middle[None]).T[None]
     across, along = local[:, :2], local[:, 2]
     caps = _caps(axes, surface, middle)
-    thickness = 0.05 * (along[:, -1:] - along[:, :1])[..., None]
-    on_cap = np.abs(along[:, None] - caps[..., None]) <= thickness
-    on_wall = ~np.any(on_cap, axis=1)
+    length = along.max(axis=1) - along.min(axis=1)
+    on_cap = jnp.abs(along[:, None] - caps[..., None]) <= 0.05 * length[:, None, None]
+    on_wall = ~jnp.any(on_cap, axis=1)
+    fewest = FEWEST_POINTS * surface.copies
     circles = [
-        _silhouette(across, on_wall, from_camera[:, :2]),
-        round_through(across, on_wall),
+        _silhouette(across, on_wall, from_camera[:, :2], surface.copies),
+        round_through(across, on_wall, fewest=fewest),
     ]
     if tapered:
-        circles.append(round_through(across, on_wall, along))
-    discs = _discs(across, on_cap)
+        circles.append(round_through(across, on_wall, along, fewest=fewest))
+    discs = _discs(across, on_cap, fewest)
     circle = Round(
         *(
-            np.concatenate([disc, np.stack(others, axis=1)], axis=1)
+            jnp.concatenate([disc, jnp.stack(others, axis=1)], axis=1)
             for disc, *others in zip(discs, *circles, strict=True)
         )
     )
-    low, high, misfit = _extended(circle, caps[:, None], local)
+    low, high, misfit = _extended(circle, caps[:, None], local, fewest)
+    misfit = jnp.where(are_axes[:, None], misfit, jnp.inf)
     height, place = high - low, (high + low) / 2
     radius = circle.radius + circle.slope * (place - circle.place)
     # What tapers to less than nothing is cut off before.
     steepest = 1.9 * radius / height
-    slope = np.clip(circle.slope, -steepest, steepest)
-    center = middle + np.concatenate([circle.center, place[..., None]], -1) @ frames
+    slope = jnp.clip(circle.slope, -steepest, steepest)
+    center = jnp.concatenate([circle.center, place[..., None]], -1) @ frames
+    center = middle[None, None] + center
     # Of axes that are near each other the best counts.
-    best = misfit.min(axis=1, keepdims=True)
-    by_misfit = np.argsort(best[:, 0])
-    is_second = misfit > best
-    is_second[np.delete(by_misfit, _apart(axes[by_misfit]))] = True
-    order = np.lexsort([misfit.ravel(), is_second.ravel()])
-    return [
-        Guess(
-            center=center[k],
-            axis=axes[k[0]],
-            radius=float(radius[k]),
-            height=float(height[k]),
-            misfit=float(misfit[k]),
-            slope=float(slope[k]),
-        )
-        for k in zip(*np.divmod(order, misfit.shape[1]), strict=True)
-        if np.isfinite(misfit[k])
-    ]
+    best = misfit.min(axis=1)
+    by_misfit = jnp.argsort(best)
+    is_near = ~_apart(axes[by_misfit], jnp.ones(len(axes), bool))
+    is_second = misfit > best[:, None]
+    is_second |= jnp.zeros(len(axes), bool).at[by_misfit].set(is_near)[:, None]
+    order = jnp.lexsort((misfit.ravel(), is_second.ravel()))[:MOST_GUESSES]
+    axes = jnp.broadcast_to(axes[:, None], center.shape)
+    growth = (slope * height / 2,) if tapered else ()
+    fields = (center, axes, radius, height, *growth)
+    fields = [field.reshape(-1, *field.shape[2:])[order] for field in fields]
+    return RoundBody(*fields), misfit.ravel()[order]
 
 
 def _caps(
-    axes: Float[np.ndarray, "k 3"], surface: Surface, middle: Float[np.ndarray, "3"]
-) -> Float[np.ndarray, "k 2"]:
+    axes: Float[Array, "k 3"], surface: Surface, middle: Float[Array, "3"]
+) -> Float[Array, "k 2"]:
     """Places along each axis, from a middle, of the caps that are seen; else NaN.
 
     A camera sees at most one cap from outside and both from between their planes.
     """
     cosine, along = axes @ surface.normals.T, axes @ surface.normal_points.T
-    sign = np.array([[[-1]], [[1]]])
+    sign = jnp.array([-1, 1], cosine.dtype)[None, :, None]
     # A cap that is seen edge on may give normals of either sign; one is true.
-    facing = (sign * cosine > CAP_COSINE) & (sign * along < 0)
+    facing = (sign * cosine[:, None] > CAP_COSINE) & (sign * along[:, None] < 0)
     # A few stray normals at the edge of the region do not make a cap.
-    is_seen = np.count_nonzero(facing, axis=-1) >= max(8, 0.03 * cosine.shape[1])
-    if not is_seen.any():
-        return np.full((len(axes), 2), np.nan)
-    return np.where(is_seen, median_of(along, facing) - axes @ middle, np.nan).T
+    part = jnp.mean(facing, axis=-1, dtype=along.dtype)
+    is_seen = part >= jnp.maximum(8 / surface.num_normals, 0.03)
+    place = median_of(along[:, None], facing) - (axes @ middle[:, None])
+    return jnp.where(is_seen, place, jnp.nan)
 
 
 def _discs(
-    across: Float[np.ndarray, "k 2 n"], on_cap: Bool[np.ndarray, "k 2 n"]
+    across: Float[Array, "k 2 n"],
+    on_cap: Bool[Array, "k 2 n"],
+    fewest: Float[Array, ""],
 ) -> Round:
     """Circles of even discs: the mean square distance is half the radius squared."""
-    count = np.count_nonzero(on_cap, axis=-1)[..., None]
-    sums = on_cap @ np.swapaxes(np.concatenate([across, across**2], axis=1), 1, 2)
-    mean = sums / np.where(count < FEWEST_POINTS, np.nan, count)
+    counts = on_cap.astype(across.dtype)
+    count = counts.sum(axis=-1, keepdims=True)
+    moments = jnp.concatenate([across, across**2], axis=1)
+    sums = counts @ jnp.swapaxes(moments, 1, 2)
+    mean = sums / jnp.where(count < fewest, jnp.nan, count)
     center = mean[..., :2]
-    radius = np.sqrt(2 * (mean[..., 2:] - center**2).sum(axis=-1))
+    radius = jnp.sqrt(2 * (mean[..., 2:] - center**2).sum(axis=-1))
     return Round(center, radius, 0 * radius, 0 * radius)
 
 
 def _silhouette(
-    across: Float[np.ndarray, "k 2 n"],
-    on_wall: Bool[np.ndarray, "k n"],
-    from_camera: Float[np.ndarray, "k 2 1"],
+    across: Float[Array, "k 2 n"],
+    on_wall: Bool[Array, "k n"],
+    from_camera: Float[Array, "k 2 1"],
+    copies: Float[Array, ""],
 ) -> Round:
     """Circle as wide as the points appear, behind those in its middle.
 
     Noise of the readings, which ruins a circle through an arc of few deviations, hardly
     moves the sides.
     """
-    last = np.maximum(np.count_nonzero(on_wall, axis=1)[:, None] - 1, 0)
     across = across + from_camera
-    ahead_of = across @ on_wall[..., None]
-    x, y = np.moveaxis(
-        ahead_of / np.sqrt(np.sum(ahead_of**2, axis=1, keepdims=True)), 1, 0
-    )
-    turned = np.moveaxis(np.array([[-y, x], [x, y]])[..., 0], 2, 0)
-    aside, ahead = np.moveaxis(turned @ across, 1, 0)
-    ordered = np.sort(np.where(on_wall, aside, np.inf), axis=1)
-    rank = np.round(PERCENTILE * last).astype(int)
-    low = np.take_along_axis(ordered, rank, axis=1)
-    high = np.take_along_axis(ordered, last - rank, axis=1)
+    x, y = jnp.moveaxis(across @ on_wall[..., None].astype(across.dtype), 1, 0)
+    length = jnp.sqrt(x * x + y * y)
+    x, y = x / length, y / length
+    turned = jnp.stack([-y, x, x, y], axis=-1).reshape(-1, 2, 2)
+    aside, ahead = jnp.moveaxis(turned @ across, 1, 0)
+    num_points = jnp.sum(on_wall, axis=1, dtype=across.dtype)
+    rank = jnp.round(PERCENTILE * (num_points - 1)).astype(jnp.int32)
+    high = largest_of(aside, on_wall, rank, MOST_STRAYS)[:, None]
+    low = -largest_of(-aside, on_wall, rank, MOST_STRAYS)[:, None]
     radius, place = (high - low) / 2, (high + low) / 2
-    near = on_wall & (np.abs(aside - place) < radius / 3)
-    is_seen = np.count_nonzero(near, axis=1, keepdims=True) >= 5
-    radius = np.where(is_seen & (radius > 0), radius, np.nan)
+    near = on_wall & (jnp.abs(aside - place) < radius / 3)
+    is_seen = jnp.sum(near, axis=1, dtype=copies.dtype)[:, None] >= 5 * copies
+    radius = jnp.where(is_seen & (radius > 0), radius, jnp.nan)
     behind = median_of(ahead, near)[:, None] + 0.98 * radius
-    center = np.concatenate([place, behind], axis=1)[:, None] @ turned
+    center = jnp.concatenate([place, behind], axis=1)[:, None] @ turned
     radius = radius[:, 0]
     return Round(center[:, 0] - from_camera[..., 0], radius, 0 * radius, 0 * radius)
 
 
 def _extended(
     circle: Round,
-    caps: Float[np.ndarray, "k 1 2"],
-    local: Float[np.ndarray, "k 3 n"],
-) -> tuple[Float[np.ndarray, "k c"], ...]:
+    caps: Float[Array, "k 1 2"],
+    local: Float[Array, "k 3 n"],
+    fewest: Float[Array, ""],
+) -> tuple[Float[Array, "k c"], Float[Array, "k c"], Float[Array, "k c"]]:
     """Ends of the body over each circle, and its misfit; infinite where there is none.
 
     The ends are caps, or as far as its wall is seen.
@@ -345,26 +360,25 @@ def _extended(
     Args:
         circle: Circles (k, c) of the wall.
         caps: As of `_caps`.
-        local: Points in the frames of the circles, ascending along the third direction.
+        local: Points in the frames of the circles.
+        fewest: Points that a wall is made of.
     """
-    x, y, along = np.moveaxis(local[:, None], 2, 0)
+    x, y, along = jnp.moveaxis(local[:, None], 2, 0)
     x, y = x - circle.center[..., :1], y - circle.center[..., 1:]
-    beyond_wall = np.sqrt(x * x + y * y) - circle.radius[..., None]
-    if circle.slope.any():
-        beyond_wall -= circle.slope[..., None] * (along - circle.place[..., None])
-    near = np.abs(beyond_wall) < 0.15 * circle.radius[..., None]
-    rank = near.cumsum(axis=-1, dtype=np.int32)
-    count = rank[..., -1:]
-    tail = np.ceil(PERCENTILE * count)
-    seen = [np.argmax(rank >= wanted, axis=-1) for wanted in (tail, count - tail + 1)]
-    low, high = (np.take_along_axis(along[:, 0], at, axis=1) for at in seen)
+    beyond_wall = jnp.sqrt(x * x + y * y) - circle.radius[..., None]
+    beyond_wall -= circle.slope[..., None] * (along - circle.place[..., None])
+    near = jnp.abs(beyond_wall) < 0.15 * circle.radius[..., None]
+    count = jnp.sum(near, axis=-1, dtype=along.dtype)
+    rank = jnp.ceil(PERCENTILE * count).astype(jnp.int32) - 1
+    high = largest_of(along, near, rank, MOST_STRAYS)
+    low = -largest_of(-along, near, rank, MOST_STRAYS)
     beyond = BEYOND * (high - low)
-    low = np.where(np.isnan(caps[..., 0]), low - beyond, caps[..., 0])
-    high = np.where(np.isnan(caps[..., 1]), high + beyond, caps[..., 1])
+    low = jnp.where(jnp.isnan(caps[..., 0]), low - beyond, caps[..., 0])
+    high = jnp.where(jnp.isnan(caps[..., 1]), high + beyond, caps[..., 1])
     radius = circle.radius + circle.slope * ((low + high) / 2 - circle.place)
-    is_body = (count[..., 0] >= FEWEST_POINTS) & (high > low) & (radius > 0)
-    beyond_cap = np.maximum(low[..., None] - along, along - high[..., None])
-    inside = np.minimum(np.maximum(beyond_wall, beyond_cap), 0)
-    outside = np.maximum(beyond_wall, 0) ** 2 + np.maximum(beyond_cap, 0) ** 2
-    miss = np.minimum(np.sqrt(outside) - inside, 0.3 * radius[..., None])
-    return low, high, np.where(is_body, miss.mean(axis=-1), np.inf)
+    is_body = (count >= fewest) & (high > low) & (radius > 0)
+    beyond_cap = jnp.maximum(low[..., None] - along, along - high[..., None])
+    inside = jnp.minimum(jnp.maximum(beyond_wall, beyond_cap), 0)
+    outside = jnp.maximum(beyond_wall, 0) ** 2 + jnp.maximum(beyond_cap, 0) ** 2
+    miss = jnp.minimum(jnp.sqrt(outside) - inside, 0.3 * radius[..., None])
+    return low, high, jnp.where(is_body, miss.mean(axis=-1), jnp.inf)

@@ -28,7 +28,7 @@ from impostor_jax.fit.request import (
     check_readings,
 )
 from impostor_jax.fit.segment import nearest_object
-from impostor_jax.fit.surface import cropped, median_of, thinned
+from impostor_jax.fit.surface import cropped, middle_of, thinned
 from impostor_jax.sensor.base import AbstractDepthNoise, Reach
 
 START_READINGS = BLOCK
@@ -120,7 +120,7 @@ def typical_sigma(
     readings = _some_readings(image, region)
     if not len(readings):
         return float("inf")
-    return float(_sigma_face_on(noise, median_of(readings)))
+    return float(_sigma_face_on(noise, middle_of(readings)))
 
 
 def _some_readings(
@@ -167,10 +167,10 @@ def warn_of_units(
     readings = _some_readings(image, region)
     if not len(readings):
         readings = image[image > 0]
-    middle = float(median_of(readings))
+    middle = float(middle_of(readings))
     if not middle > FARTHEST_PLAIN:
         return
-    sigma = float(_sigma_face_on(noise, median_of(readings)))
+    sigma = float(_sigma_face_on(noise, middle_of(readings)))
     if not FINEST_SIGMA * middle < sigma < COARSEST_SIGMA * middle:
         warnings.warn(
             f"depth must be in meters, its median is {middle:.4g} and its sigma "

@@ -167,10 +167,9 @@ def _fit_pixels(
     guesses = kind.guesses(image, region, camera, typical_sigma(image, region, noise))
     if not guesses:
         return no_guess(kind, region)
-    found, starts = [], []
-    for guess in guesses[: effort.starts]:
-        starts.append(kind.body_at(guess))
-        found.append(fitted(starts[-1]))
+    found, starts = [], guesses[: effort.starts]
+    for guess in starts:
+        found.append(fitted(guess))
         if not effort.all_starts and bool(found[-1].is_clear):
             break
     else:

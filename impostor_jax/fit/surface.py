@@ -4,25 +4,17 @@ Everything here runs outside JAX, in few calls of NumPy and OpenCV: an image is 
 and reduced first, and of what is left only some points are looked at.
 """
 
-__all__ = [
-    "FEWEST_POINTS",
-    "Round",
-    "Surface",
-    "cropped",
-    "median_of",
-    "round_through",
-    "squared_length",
-    "surface_of",
-    "thinned",
-]
+__all__ = ["MAX_POINTS", "Surface", "cropped", "middle_of", "surface_of", "thinned"]
 
 from typing import NamedTuple
 
 import cv2
+import jax
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from impostor_jax.camera.pinhole import PinholeCamera
+from impostor_jax.fit.rounds import FEWEST_POINTS
 from impostor_jax.fit.sparse import MAX_SLOPE_ERROR, spacing_of, sparse_normals
 
 LARGEST_SIDE = 96
@@ -34,39 +26,35 @@ SMALLEST_SIDE = 16
 WIDEST_WINDOW = 7
 """Readings across the windows of normals where an object is seen densely."""
 
-MAX_POINTS = 400
-"""Points, and normals, that a guess is made from, evenly spaced: more cost time and
-lead the fit nowhere else."""
+MAX_POINTS = 256
+"""Points, and normals, that a guess is made from: more cost time and lead the fit
+nowhere else."""
 
-FEWEST_POINTS = 10
-"""Points below which nothing is guessed."""
-
-LARGEST_RADIUS = 100.0
-"""Of a circle or sphere, in halves of what is seen of it."""
+PLACES = np.sort(np.arange(MAX_POINTS) * ((np.sqrt(5) - 1) / 2) % 1)
+"""Of them among all, by the golden section: even, and in step with no row of pixels."""
 
 NUM_PARTS = 8
 """Parts of a region whose median readings tell how its depth changes."""
 
 
 class Surface(NamedTuple):
-    """Points and normals of the region, and its directions, in the camera frame."""
+    """Points and normals of the region, and its directions, in the camera frame.
 
-    points: Float[np.ndarray, "n 3"]
-    normals: Float[np.ndarray, "m 3"]
-    normal_points: Float[np.ndarray, "m 3"]
-    drawn: Float[np.ndarray, "2 3"]
-
-
-class Round(NamedTuple):
-    """Circles or spheres; a circle's radius may grow along its axis from a place.
-
-    NaN where points do not bend.
+    Attributes:
+        points: Where there are fewer than `MAX_POINTS`, some several times.
+        copies: How many times each is there, about.
+        normals: The same of normals; they face the camera.
+        normal_points: Where those are.
+        num_normals: How many there were to choose from, at most `MAX_POINTS`.
+        drawn: Directions in which the region is longest and shortest in the image.
     """
 
-    center: Float[np.ndarray, "*k d"]
-    radius: Float[np.ndarray, "*k"]
-    slope: Float[np.ndarray, "*k"]
-    place: Float[np.ndarray, "*k"]
+    points: Float[Array, "n 3"]
+    copies: Float[Array, ""]
+    normals: Float[Array, "n 3"]
+    normal_points: Float[Array, "n 3"]
+    num_normals: Float[Array, ""]
+    drawn: Float[Array, "2 3"]
 
 
 def cropped(region: Bool[np.ndarray, "h w"]) -> tuple[slice, slice]:
@@ -117,9 +105,10 @@ def surface_of(
     depth, region = _without_lens(depth, region, camera)
     box = cropped(region)
     seen = depth[box] * region[box]
-    index = thinned(np.flatnonzero(seen))
+    index = np.flatnonzero(seen)
     if len(index) < FEWEST_POINTS:
         return None
+    index = thinned(index)
     # From the class: of an instance Equinox copies a method's fields, in 60 us.
     matrix = PinholeCamera.matrix(camera)
     matrix[:2, 2] -= box[1].start, box[0].start
@@ -140,21 +129,32 @@ def surface_of(
         # The median of a window with more holes than readings is a hole.
         smooth, valid = padded, known
     index = np.flatnonzero(valid)
-    if len(index) < FEWEST_POINTS:
+    count = len(index)
+    if count < FEWEST_POINTS:
         return None
     points = _lifted(smooth, thinned(index), matrix)
     inverse = 1 / np.where(valid, smooth, np.nan)
+    of_all = None
     if spacing > 0:
-        error = sigma / float(median_of(points[:, 2])) * matrix[0, 0]
-        normals, inner = sparse_normals(inverse.astype(float), matrix, spacing, error)
-        index = thinned(np.flatnonzero(inner))
-        normals = normals.reshape(-1, 3)[index]
-    else:
-        index = thinned(np.flatnonzero(inner))
+        error = sigma / float(middle_of(points[:, 2])) * matrix[0, 0]
+        of_all, inner = sparse_normals(inverse.astype(float), matrix, spacing, error)
+    index = np.flatnonzero(inner)
+    num_normals = min(len(index), MAX_POINTS)
+    index = thinned(index)
+    if of_all is None:
         normals = _normals(inverse, index, matrix, window)
-        is_known = np.isfinite(normals[:, 2])
-        index, normals = index[is_known], normals[is_known]
-    return Surface(points, normals, _lifted(smooth, index, matrix), drawn)
+    else:
+        normals = of_all.reshape(-1, 3)[index]
+    is_known = np.isfinite(normals[:, 2])
+    num_normals *= is_known.sum() / MAX_POINTS
+    if num_normals:
+        index, normals = thinned(index[is_known]), thinned(normals[is_known])
+        normal_points = _lifted(smooth, index, matrix)
+    else:
+        normals, normal_points = np.zeros_like(points), points
+    copies = max(MAX_POINTS / count, 1)
+    found = (points, copies, normals, normal_points, num_normals, drawn)
+    return Surface(*jax.device_put([np.asarray(part, np.float32) for part in found]))
 
 
 def _lifted(
@@ -196,7 +196,7 @@ def _normals(
     row, col = np.divmod(index, inverse.shape[1])
     z = filtered(mean, mean) - x * (col - cx) - y * (row - cy)
     normals = -np.stack([x * fx, y * fy, z], axis=-1)
-    return normals / np.sqrt(squared_length(normals))[:, None]
+    return _unit(normals)
 
 
 def _drawn(
@@ -221,7 +221,7 @@ def _drawn(
     parts = order.reshape(NUM_PARTS, -1)
     offsets = place[parts].mean(axis=1)
     offsets -= offsets.mean()
-    depths = median_of(seen.ravel()[index[parts]]).astype(float)
+    depths = middle_of(seen.ravel()[index[parts]]).astype(float)
     slope = offsets @ depths / max(offsets @ offsets, 1e-6)
     focal = matrix.diagonal()[:2]
     center = np.array([*((middle - matrix[:2, 2]) / focal), 1])
@@ -229,8 +229,7 @@ def _drawn(
     lengthwise = np.array([*(longest / focal), 0]) * depths.mean() + center * slope
     across = np.array([*(shortest / focal), 0])
     across -= center * (center @ across) / (center @ center)
-    found = np.stack([lengthwise, across])
-    return found / np.sqrt(squared_length(found))[:, None]
+    return _unit(np.stack([lengthwise, across]))
 
 
 def _reduction(
@@ -245,93 +244,25 @@ def _reduction(
     slope that errs by 0.09 sigma / (b^2 f): blocks make that small, but the object must
     keep some of them across its width.
     """
-    footprint = float(median_of(readings)) / matrix[0, 0]
+    footprint = float(middle_of(readings)) / matrix[0, 0]
     for_noise = np.sqrt(0.09 * sigma / (MAX_SLOPE_ERROR * footprint))
     for_size = -(-max(size) // LARGEST_SIDE)
     return max(1, for_size, min(round(for_noise), min(size) // SMALLEST_SIDE))
 
 
 def thinned(values: np.ndarray) -> np.ndarray:
-    """Keep at most `MAX_POINTS` entries, evenly spaced."""
-    # From the middle of a part: the first entries are of the edge.
-    part = max(-(-len(values) // MAX_POINTS), 1)
-    return values[part // 2 :: part]
+    """`MAX_POINTS` entries, evenly spread: of fewer some several times, none of none."""
+    return values[(PLACES * len(values)).astype(int)] if len(values) else values
 
 
-def round_through(
-    points: Float[np.ndarray, "*k d n"],
-    among: Bool[np.ndarray, "*k n"],
-    along: Float[np.ndarray, "*k n"] | None = None,
-) -> Round:
-    """Circles or spheres through points, fitted twice more to those that lie close.
-
-    |x|^2 = 2 c.x + r^2 - |c|^2 + 2 r k l + k^2 l^2 is linear in what is left of the
-    unknown, if k^2 is taken for one of them.
-
-    Args:
-        points: In the plane across an axis, or in space.
-        among: Which of them count.
-        along: Their places along that axis; None where the radius does not grow.
-    """
-    *batch, size, count = points.shape
-    middle = points.mean(axis=-1, keepdims=True)
-    away = points - middle
-    scale = np.maximum(np.abs(away).max(axis=(-1, -2)), np.finfo(float).tiny)
-    away /= scale[..., None, None]
-    squares = np.square(away).sum(axis=-2, keepdims=True)
-    rows, place, further = [2 * away, np.ones_like(squares)], np.zeros(batch), 0.0
-    if along is not None:
-        place = along.mean(axis=-1)
-        further = (along - place[..., None]) / scale[..., None]
-        rows += [further[..., None, :], further[..., None, :] ** 2]
-    full = np.concatenate([*rows, squares], axis=-2)
-    # So little that it decides only what the points leave open.
-    ridge = 1e-13 * count * np.eye(full.shape[-2] - 1)
-
-    def fitted(kept: Bool[np.ndarray, "*k n"]) -> tuple[np.ndarray, ...]:
-        products = (full * kept[..., None, :]) @ np.swapaxes(full, -1, -2)
-        equations = products[..., :-1, :-1] + ridge
-        solution = np.linalg.solve(equations, products[..., :-1, -1:])[..., 0]
-        center = solution[..., :size]
-        squared = solution[..., size] + squared_length(center)
-        # What is far larger than what is seen of it is a plane. Ones times ones are the
-        # number of points.
-        is_round = (squared > 0) & (squared < LARGEST_RADIUS**2)
-        is_round &= products[..., size, size] >= FEWEST_POINTS
-        radius = np.sqrt(np.where(is_round, squared, np.nan))
-        slope = 0 * radius if along is None else solution[..., -2] / (2 * radius)
-        return center, radius, slope
-
-    kept = among
-    for _ in range(2):
-        center, radius, slope = fitted(kept)
-        distance = np.sqrt(np.square(away - center[..., None]).sum(axis=-2))
-        miss = np.abs(distance - radius[..., None] - slope[..., None] * further)
-        # Three deviations; all are within their rounding.
-        limit = 3 * 1.4826 * median_of(miss, among) + 1e-9
-        kept = among & (miss <= limit[..., None])
-    center, radius, slope = fitted(kept)
-    center = scale[..., None] * center + middle[..., 0]
-    return Round(center, scale * radius, slope, place)
+def _unit(vectors: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
+    # Half the time of `np.linalg.norm`.
+    return vectors / np.sqrt(np.einsum("ij,ij->i", vectors, vectors))[:, None]
 
 
-def squared_length(vectors: Float[np.ndarray, "*k d"]) -> Float[np.ndarray, "*k"]:
-    """Squared length of each; with its root half the time of `np.linalg.norm`."""
-    return np.einsum("...i,...i->...", vectors, vectors)
-
-
-def median_of(
-    values: Float[np.ndarray, "*#k n"], among: Bool[np.ndarray, "*#k n"] | None = None
-) -> Float[np.ndarray, "*k"]:
-    """The upper median of some along the last axis; infinite of none.
-
-    A fifth of the time of `np.median`.
-    """
-    if among is None:
-        return np.sort(values, axis=-1)[..., values.shape[-1] // 2]
-    ordered = np.sort(np.where(among, values, np.inf), axis=-1)
-    half = among.sum(axis=-1) // 2
-    return ordered[(*np.indices(half.shape, sparse=True), half)]
+def middle_of(values: Float[np.ndarray, "*k n"]) -> Float[np.ndarray, "*k"]:
+    """The upper median along the last axis, in a fifth of the time of `np.median`."""
+    return np.sort(values, axis=-1)[..., values.shape[-1] // 2]
 
 
 def _block_median(

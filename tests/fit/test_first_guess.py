@@ -1,10 +1,11 @@
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
 import impostor_jax as ij
 from impostor_jax.fit.initialize import first_guesses
+from impostor_jax.fit.rounds import round_through
 from impostor_jax.fit.segment import nearest_object
-from impostor_jax.fit.surface import round_through
 from tests.checks import angle_between
 from tests.fit.scenes import CAMERA, SIGMA, can, image
 
@@ -53,13 +54,13 @@ def arc(count):
     along, angle = rng.uniform(0.5, 0.7, count), rng.uniform(0, 2, count)
     radius = 0.04 + 0.2 * (along - 0.6)
     points = np.array([0.3, -0.2])[:, None] + radius * [np.cos(angle), np.sin(angle)]
-    return points[None], along[None]
+    return jnp.asarray(points[None]), jnp.asarray(along[None])
 
 
 def test_circle_that_grows_is_found_among_outliers():
     points, along = arc(200)
-    points[:, :, ::20] += 0.01
-    found = round_through(points, np.ones(along.shape, bool), along)
+    points = points.at[:, :, ::20].add(0.01)
+    found = round_through(points, jnp.ones(along.shape, bool), along)
     np.testing.assert_allclose(found.center, [[0.3, -0.2]], atol=1e-6)
     np.testing.assert_allclose(found.slope, 0.2, atol=1e-4)
     np.testing.assert_allclose(
@@ -70,7 +71,7 @@ def test_circle_that_grows_is_found_among_outliers():
 def test_too_few_points_make_no_circle():
     points, _ = arc(200)
     for count, is_circle in ((9, False), (10, True)):
-        among = np.arange(200)[None] < count
+        among = jnp.arange(200)[None] < count
         assert np.isfinite(round_through(points, among).radius) == is_circle
 
 
