@@ -16,7 +16,7 @@ from impostor_jax.camera.pinhole import PinholeCamera
 from impostor_jax.compiling import quickly_compiled
 from impostor_jax.fit.ball import Ball
 from impostor_jax.fit.rounds import FEWEST_POINTS, median_of, round_through
-from impostor_jax.fit.surface import Surface, surface_of
+from impostor_jax.fit.surface import Samples, Surface, samples_of, surface_of
 
 NEAR = 0.1
 """Share of the points, those in the middle of the view, that tell how near it is."""
@@ -43,17 +43,18 @@ def guess_spheres(
         Spheres in the camera frame, the closest to the readings first; none where these
         admit no sphere.
     """
-    surface = surface_of(depth, region, camera, sigma)
-    if surface is None:
+    samples = samples_of(depth, region, camera, sigma)
+    if samples is None:
         return []
-    balls, are_balls = quickly_compiled(_guessed)(surface)
+    balls, are_balls = quickly_compiled(_guessed)(samples)
     known = np.asarray(are_balls).tolist()
     return [ball for ball, is_ball in zip(balls, known, strict=True) if is_ball]
 
 
-def _guessed(surface: Surface) -> tuple[list[Ball], Bool[Array, " g"]]:
+def _guessed(samples: Samples) -> tuple[list[Ball], Bool[Array, " g"]]:
     """Guesses, and which of them are any."""
     with jax.default_matmul_precision("highest"):
+        surface = surface_of(samples)
         proposed = [_through(surface), _along_normals(surface), _behind(surface)]
     balls = jax.tree.map(lambda *fields: jnp.stack(fields), *proposed)
     away = jnp.linalg.norm(surface.points[None] - balls.center[:, None], axis=-1)

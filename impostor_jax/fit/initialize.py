@@ -31,7 +31,13 @@ from impostor_jax.fit.rounds import (
     median_of,
     round_through,
 )
-from impostor_jax.fit.surface import MAX_POINTS, Surface, surface_of
+from impostor_jax.fit.surface import (
+    MAX_POINTS,
+    Samples,
+    Surface,
+    samples_of,
+    surface_of,
+)
 from impostor_jax.geometry.so3 import tangent_basis
 
 MAX_AXES = 5
@@ -84,21 +90,22 @@ def first_guesses(
         Guesses in the camera frame: the best of each axis first, those that lie closer
         to the readings before others; none where the readings admit no cylinder.
     """
-    surface = surface_of(depth, region, camera, sigma)
-    if surface is None:
+    samples = samples_of(depth, region, camera, sigma)
+    if samples is None:
         return []
     guessed = quickly_compiled(_guessed, static_argnames="tapered")
-    bodies, are_bodies = guessed(surface, tapered=tapered)
+    bodies, are_bodies = guessed(samples, tapered=tapered)
     known = np.asarray(are_bodies).tolist()
     return [body for body, is_body in zip(bodies, known, strict=True) if is_body]
 
 
 def _guessed(
-    surface: Surface, tapered: bool
+    samples: Samples, tapered: bool
 ) -> tuple[list[RoundBody], Bool[Array, " g"]]:
     """Guesses, and which of them are any."""
     dtype = jnp.result_type(float)
     with jax.default_matmul_precision("highest"):
+        surface = surface_of(samples)
         axes, are_axes = _axes(surface, tapered)
         body, misfit = _bodies_along(axes, are_axes, surface, tapered)
     bodies = jax.tree.map(lambda field: field.astype(dtype), body)

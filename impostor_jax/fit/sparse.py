@@ -1,10 +1,10 @@
-"""Normals of a surface that only some pixels see: at random, or every n-th row.
+"""Slopes of a surface that only some pixels see: at random, or every n-th row.
 
 A window of fixed size holds no whole block of readings there. Its plane is fitted to
 those that it holds, wherever they lie in it, and it is as wide as their spacing asks.
 """
 
-__all__ = ["MAX_SLOPE_ERROR", "spacing_of", "sparse_normals"]
+__all__ = ["MAX_SLOPE_ERROR", "spacing_of", "sparse_slopes"]
 
 import cv2
 import numpy as np
@@ -42,13 +42,13 @@ def spacing_of(seen: Bool[np.ndarray, "h w"]) -> float:
     return float(distance[filled].mean())
 
 
-def sparse_normals(
+def sparse_slopes(
     inverse: Float[np.ndarray, "h w"],
     matrix: Float[np.ndarray, "3 3"],
     spacing: float,
     error: float,
-) -> tuple[Float[np.ndarray, "h w 3"], Bool[np.ndarray, "h w"]]:
-    """Normals, towards the camera, of the planes through the readings of each window.
+) -> tuple[Float[np.ndarray, "3 h w"], Bool[np.ndarray, "h w"]]:
+    """Slopes, as of `Samples`, of the planes through the readings of each window.
 
     The inverse depth of a plane is linear in the pixels: least squares with the sums
     over those pixels of a window that have a reading.
@@ -60,7 +60,7 @@ def sparse_normals(
         error: Deviation of a reading over the width of a pixel at its depth.
 
     Returns:
-        The normals, and those pixels with a reading whose normal is of readings around
+        The slopes, and those pixels with a reading whose plane is of readings around
         it: a plane through one side of a round wall is tilted.
     """
     seen = np.isfinite(inverse)
@@ -91,16 +91,14 @@ def sparse_normals(
     determinant = np.where(is_spread, determinant, 1)
     by_x = (xw * yy - yw * xy) / determinant
     by_y = (yw * xx - xw * xy) / determinant
-    (fx, _, cx), (_, fy, cy), _ = matrix
+    cx, cy = matrix[:2, 2]
     at_axis = mw - by_x * (mx + col.mean() - cx) - by_y * (my + row.mean() - cy)
-    normals = -np.stack([by_x * fx, by_y * fy, at_axis], axis=-1)
-    length = np.linalg.norm(normals, axis=-1, keepdims=True)
-    usable = seen & is_spread & (length[..., 0] > 0)
-    normals /= np.where(length > 0, length, 1)
+    slopes = np.stack([by_x, by_y, at_axis])
+    usable = seen & is_spread
     if not usable.any():
-        return normals, usable
+        return slopes, usable
     aside = np.maximum(np.abs(mx - x), np.abs(my - y)) / half
-    return normals, usable & (aside <= max(0.25, float(np.median(aside[usable]))))
+    return slopes, usable & (aside <= max(0.25, float(np.median(aside[usable]))))
 
 
 def _half_window(seen: Bool[np.ndarray, "h w"], spacing: float, error: float) -> int:

@@ -1,21 +1,31 @@
 """Points and normals of a region of a depth image, for first guesses.
 
-Everything here runs outside JAX, in few calls of NumPy and OpenCV: an image is cropped
-and reduced first, and of what is left only some points are looked at.
+Outside JAX, in few calls of NumPy and OpenCV, an image is cropped and reduced; of what
+is left only some points are looked at, which is compiled.
 """
 
-__all__ = ["MAX_POINTS", "Surface", "cropped", "middle_of", "surface_of", "thinned"]
+__all__ = [
+    "MAX_POINTS",
+    "Samples",
+    "Surface",
+    "cropped",
+    "middle_of",
+    "samples_of",
+    "surface_of",
+    "thinned",
+]
 
 from typing import NamedTuple
 
 import cv2
 import jax
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from impostor_jax.camera.pinhole import PinholeCamera
-from impostor_jax.fit.rounds import FEWEST_POINTS
-from impostor_jax.fit.sparse import MAX_SLOPE_ERROR, spacing_of, sparse_normals
+from impostor_jax.fit.rounds import FEWEST_POINTS, median_of
+from impostor_jax.fit.sparse import MAX_SLOPE_ERROR, spacing_of, sparse_slopes
 
 LARGEST_SIDE = 96
 """Larger regions are reduced by block medians: a first guess needs no more pixels."""
@@ -37,15 +47,38 @@ NUM_PARTS = 8
 """Parts of a region whose median readings tell how its depth changes."""
 
 
+class Samples(NamedTuple):
+    """What is looked at of a region; where there is less than that, some several times.
+
+    Attributes:
+        seen: Column, row and reading of some of its pixels, in the matrix's pixels.
+        smooth: The same after the image was reduced and smoothed.
+        copies: How many times each of these is there, about.
+        normal_at: Where normals are, in the same way.
+        slopes: There, of the inverse depth along columns and rows, and its value on the
+            optical axis if it went on so.
+        num_normals: How many there were to choose from, at most `MAX_POINTS`.
+        matrix: Of the camera.
+    """
+
+    seen: Float[Array, "3 n"]
+    smooth: Float[Array, "3 n"]
+    copies: Float[Array, ""]
+    normal_at: Float[Array, "3 n"]
+    slopes: Float[Array, "3 n"]
+    num_normals: Float[Array, ""]
+    matrix: Float[Array, "3 3"]
+
+
 class Surface(NamedTuple):
     """Points and normals of the region, and its directions, in the camera frame.
 
     Attributes:
-        points: Where there are fewer than `MAX_POINTS`, some several times.
-        copies: How many times each is there, about.
-        normals: The same of normals; they face the camera.
+        points: Some of it, `MAX_POINTS` or fewer of which some are there several times.
+        copies: How many times, about.
+        normals: They face the camera.
         normal_points: Where those are.
-        num_normals: How many there were to choose from, at most `MAX_POINTS`.
+        num_normals: How many there were to choose from.
         drawn: Directions in which the region is longest and shortest in the image.
     """
 
@@ -86,13 +119,13 @@ def _without_lens(
     return straight, straight > 0
 
 
-def surface_of(
+def samples_of(
     depth: Float[np.ndarray, "h w"],
     region: Bool[np.ndarray, "h w"],
     camera: PinholeCamera,
     sigma: float,
-) -> Surface | None:
-    """Points, normals and directions of a region; None where there are too few.
+) -> Samples | None:
+    """What is looked at of a region; None where it has too few readings.
 
     The depth is resampled without the lens, cropped, reduced and differentiated.
 
@@ -108,14 +141,14 @@ def surface_of(
     index = np.flatnonzero(seen)
     if len(index) < FEWEST_POINTS:
         return None
-    index = thinned(index)
     # From the class: of an instance Equinox copies a method's fields, in 60 us.
     matrix = PinholeCamera.matrix(camera)
     matrix[:2, 2] -= box[1].start, box[0].start
-    drawn = _drawn(seen, index, matrix)
-    step = _reduction(seen.shape, seen.ravel()[index], matrix, sigma)
+    some = _looked_at(seen, thinned(index))
+    step = _reduction(seen.shape, some[2], matrix, sigma)
     reduced = _block_median(seen, step)
     # A block's center is the mean of its pixels' centers.
+    some[:2] = (some[:2] - (step - 1) / 2) / step + 4
     matrix[:2, 2] -= (step - 1) / 2
     matrix[:2] /= step
     padded = cv2.copyMakeBorder(reduced, 4, 4, 4, 4, cv2.BORDER_CONSTANT, value=0)
@@ -129,56 +162,68 @@ def surface_of(
         # The median of a window with more holes than readings is a hole.
         smooth, valid = padded, known
     index = np.flatnonzero(valid)
-    count = len(index)
-    if count < FEWEST_POINTS:
+    if not len(index):
         return None
-    points = _lifted(smooth, thinned(index), matrix)
+    points = _looked_at(smooth, thinned(index))
     inverse = 1 / np.where(valid, smooth, np.nan)
-    of_all = None
     if spacing > 0:
-        error = sigma / float(middle_of(points[:, 2])) * matrix[0, 0]
-        of_all, inner = sparse_normals(inverse.astype(float), matrix, spacing, error)
-    index = np.flatnonzero(inner)
-    num_normals = min(len(index), MAX_POINTS)
-    index = thinned(index)
-    if of_all is None:
-        normals = _normals(inverse, index, matrix, window)
+        error = sigma / float(middle_of(points[2])) * matrix[0, 0]
+        slopes, inner = sparse_slopes(inverse.astype(float), matrix, spacing, error)
     else:
-        normals = of_all.reshape(-1, 3)[index]
-    is_known = np.isfinite(normals[:, 2])
-    num_normals *= is_known.sum() / MAX_POINTS
-    if num_normals:
-        index, normals = thinned(index[is_known]), thinned(normals[is_known])
-        normal_points = _lifted(smooth, index, matrix)
-    else:
-        normals, normal_points = np.zeros_like(points), points
-    copies = max(MAX_POINTS / count, 1)
-    found = (points, copies, normals, normal_points, num_normals, drawn)
-    return Surface(*jax.device_put([np.asarray(part, np.float32) for part in found]))
+        slopes = _slopes(inverse, matrix, window)
+    places = np.flatnonzero(inner & np.isfinite(slopes[2]))
+    normal_at = _looked_at(smooth, thinned(places)) if len(places) else points
+    slopes = slopes.reshape(3, -1)[:, thinned(places)] if len(places) else 0 * points
+    given = Samples(
+        seen=some,
+        smooth=points,
+        copies=max(MAX_POINTS / len(index), 1),
+        normal_at=normal_at,
+        slopes=slopes,
+        num_normals=min(len(places), MAX_POINTS),
+        matrix=matrix,
+    )
+    return jax.tree.map(lambda part: np.asarray(part, np.float32), given)
+
+
+def _looked_at(
+    image: Float[np.ndarray, "h w"], index: Int[np.ndarray, " n"]
+) -> Float[np.ndarray, "3 n"]:
+    """Columns and rows of some pixels, and what is there."""
+    row, col = np.divmod(index, image.shape[1])
+    return np.stack([col, row, image.ravel()[index]], dtype=np.float32)
+
+
+def surface_of(samples: Samples) -> Surface:
+    """Points, normals and directions of what is looked at of a region."""
+    focal = jnp.diagonal(samples.matrix)[:2]
+    slopes = jnp.concatenate([samples.slopes[:2] * focal[:, None], samples.slopes[2:]])
+    return Surface(
+        points=_lifted(samples.smooth, samples.matrix),
+        copies=samples.copies,
+        normals=-_unit(slopes.T),
+        normal_points=_lifted(samples.normal_at, samples.matrix),
+        num_normals=samples.num_normals,
+        drawn=_drawn(samples.seen, samples.matrix),
+    )
 
 
 def _lifted(
-    depth: Float[np.ndarray, "h w"],
-    index: Int[np.ndarray, " n"],
-    matrix: Float[np.ndarray, "3 3"],
-) -> Float[np.ndarray, "n 3"]:
+    pixels: Float[Array, "3 n"], matrix: Float[Array, "3 3"]
+) -> Float[Array, "n 3"]:
     """Points that some pixels show, in the camera frame."""
-    row, col = np.divmod(index, depth.shape[1])
-    (fx, _, cx), (_, fy, cy), _ = matrix
-    z = depth.ravel()[index].astype(float)
-    return np.stack([(col - cx) / fx * z, (row - cy) / fy * z, z], axis=1)
+    focal, center = jnp.diagonal(matrix)[:2], matrix[:2, 2]
+    rays = (pixels[:2] - center[:, None]) / focal[:, None]
+    return jnp.concatenate([rays * pixels[2:], pixels[2:]]).T
 
 
-def _normals(
-    inverse: Float[np.ndarray, "h w"],
-    index: Int[np.ndarray, " n"],
-    matrix: Float[np.ndarray, "3 3"],
-    window: int,
-) -> Float[np.ndarray, "n 3"]:
-    """Normals, towards the camera, of the planes that fit each window of readings best.
+def _slopes(
+    inverse: Float[np.ndarray, "h w"], matrix: Float[np.ndarray, "3 3"], window: int
+) -> Float[np.ndarray, "3 h w"]:
+    """Of the planes that fit each window of readings best; NaN where one is missing.
 
     The inverse depth of a plane is linear in the pixels, so its slopes are the same
-    sums over each window; NaN where that holds no reading somewhere.
+    sums over each window.
 
     References:
         Badino et al., Fast and accurate computation of surface normals from range
@@ -186,50 +231,46 @@ def _normals(
     """
     offset = np.arange(window) - (window - 1) / 2
     slope, mean = offset / (offset @ offset), np.full(window, 1 / window)
-
-    def filtered(along_row: np.ndarray, along_col: np.ndarray) -> np.ndarray:
-        found = cv2.sepFilter2D(inverse, -1, along_row, along_col)
-        return found.ravel()[index].astype(float)
-
-    (fx, _, cx), (_, fy, cy), _ = matrix
-    x, y = filtered(slope, mean), filtered(mean, slope)
-    row, col = np.divmod(index, inverse.shape[1])
-    z = filtered(mean, mean) - x * (col - cx) - y * (row - cy)
-    normals = -np.stack([x * fx, y * fy, z], axis=-1)
-    return _unit(normals)
+    x = cv2.sepFilter2D(inverse, -1, slope, mean)
+    y = cv2.sepFilter2D(inverse, -1, mean, slope)
+    z = cv2.sepFilter2D(inverse, -1, mean, mean)
+    height, width = inverse.shape
+    col, row = np.arange(width), np.arange(height)[:, None]
+    at_axis = z - x * (col - matrix[0, 2]) - y * (row - matrix[1, 2])
+    return np.stack([x, y, at_axis])
 
 
 def _drawn(
-    seen: Float[np.ndarray, "h w"],
-    index: Int[np.ndarray, " n"],
-    matrix: Float[np.ndarray, "3 3"],
-) -> Float[np.ndarray, "2 3"]:
+    seen: Float[Array, "3 n"], matrix: Float[Array, "3 3"]
+) -> Float[Array, "2 3"]:
     """Directions in space along which the region is longest and shortest in the image.
 
     Noise as deep as the object is thick leaves nothing of the normals, but the image of
     a rod is still long, and medians of many readings tell how its depth changes. A disc
     is short along its axis where it is seen edge on, its axis across the view.
     """
-    pixels = np.array(np.divmod(index, seen.shape[1])[::-1], float)
-    middle = pixels.mean(axis=1)
-    pixels -= middle[:, None]
-    _, vectors = np.linalg.eigh(pixels @ pixels.T)
+    middle = seen[:2].mean(axis=1)
+    pixels = seen[:2] - middle[:, None]
+    _, vectors = jnp.linalg.eigh(pixels @ pixels.T)
     shortest, longest = vectors.T
     place = longest @ pixels
-    # Parts of one size; what is left over is the end.
-    order = place.argsort()[: len(place) // NUM_PARTS * NUM_PARTS]
-    parts = order.reshape(NUM_PARTS, -1)
+    parts = jnp.argsort(place).reshape(NUM_PARTS, -1)
     offsets = place[parts].mean(axis=1)
     offsets -= offsets.mean()
-    depths = middle_of(seen.ravel()[index[parts]]).astype(float)
-    slope = offsets @ depths / max(offsets @ offsets, 1e-6)
-    focal = matrix.diagonal()[:2]
-    center = np.array([*((middle - matrix[:2, 2]) / focal), 1])
+    depths = median_of(seen[2][parts], jnp.ones(parts.shape, bool))
+    slope = offsets @ depths / jnp.maximum(offsets @ offsets, 1e-6)
+    focal = jnp.diagonal(matrix)[:2]
+    center = jnp.append((middle - matrix[:2, 2]) / focal, 1)
     # A step along the image from the middle, at the depth there, moves the point so.
-    lengthwise = np.array([*(longest / focal), 0]) * depths.mean() + center * slope
-    across = np.array([*(shortest / focal), 0])
+    lengthwise = jnp.append(longest / focal, 0) * depths.mean() + center * slope
+    across = jnp.append(shortest / focal, 0)
     across -= center * (center @ across) / (center @ center)
-    return _unit(np.stack([lengthwise, across]))
+    return _unit(jnp.stack([lengthwise, across]))
+
+
+def _unit(vectors: Float[Array, "n 3"]) -> Float[Array, "n 3"]:
+    length = jnp.linalg.norm(vectors, axis=1, keepdims=True)
+    return vectors / jnp.maximum(length, jnp.finfo(vectors.dtype).tiny)
 
 
 def _reduction(
@@ -253,11 +294,6 @@ def _reduction(
 def thinned(values: np.ndarray) -> np.ndarray:
     """`MAX_POINTS` entries, evenly spread: of fewer some several times, none of none."""
     return values[(PLACES * len(values)).astype(int)] if len(values) else values
-
-
-def _unit(vectors: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
-    # Half the time of `np.linalg.norm`.
-    return vectors / np.sqrt(np.einsum("ij,ij->i", vectors, vectors))[:, None]
 
 
 def middle_of(values: Float[np.ndarray, "*k n"]) -> Float[np.ndarray, "*k"]:

@@ -5,7 +5,7 @@ import pytest
 
 import impostor_jax as ij
 from impostor_jax.fit.initialize import first_guesses
-from impostor_jax.fit.sparse import spacing_of, sparse_normals
+from impostor_jax.fit.sparse import spacing_of, sparse_slopes
 from tests.checks import angle_between
 from tests.fit.scenes import CAMERA, SIGMA, can, image, image_of
 from tests.groups import SMALL_IMAGES
@@ -56,14 +56,15 @@ def test_what_is_thin_but_dense_is_not_sparse():
     assert spacing_of(row % 4 == 0) == pytest.approx(1, abs=0.1)
 
 
-def test_normals_of_scattered_readings_of_a_plane_are_its_own():
+def test_slopes_of_scattered_readings_of_a_plane_are_its_own():
     camera = CAMERA.matrix()
     row, col = np.mgrid[:120, :160]
     normal = np.array([0.3, -0.2, -0.9])
     rays = np.stack([(col - 79.5) / 150, (row - 59.5) / 150, np.ones(row.shape)], -1)
     inverse = rays @ normal / (normal @ [0, 0, 0.5])
     inverse = np.where(kept(0.1, row.shape), inverse, np.nan)
-    normals, usable = sparse_normals(inverse, camera, 1.6, 0.0)
+    slopes, usable = sparse_slopes(inverse, camera, 1.6, 0.0)
     assert np.count_nonzero(usable) > 500
-    expected = np.broadcast_to(normal / np.linalg.norm(normal), normals.shape)
-    np.testing.assert_allclose(normals[usable], expected[usable], atol=1e-9)
+    expected = normal / (normal @ [0, 0, 0.5]) / [150, 150, 1]
+    for found, true in zip(slopes, expected, strict=True):
+        np.testing.assert_allclose(found[usable], true, atol=1e-9)
