@@ -292,7 +292,7 @@ def _reduction(
 
 
 def thinned(values: np.ndarray) -> np.ndarray:
-    """`MAX_POINTS` entries, evenly spread: of fewer some several times, none of none."""
+    """`MAX_POINTS` entries, evenly spread; of fewer some several times."""
     return values[(PLACES * len(values)).astype(int)] if len(values) else values
 
 
