@@ -80,15 +80,15 @@ def round_through(
         slope = 0 * radius if along is None else solution[..., -2] / (2 * radius)
         return center, radius, slope
 
-    kept = among
-    for _ in range(2):
+    def closer(_: Int[Array, ""], kept: Bool[Array, "k n"]) -> Bool[Array, "k n"]:
         center, radius, slope = fitted(kept)
         distance = jnp.sqrt(jnp.square(away - center[..., None]).sum(axis=-2))
         miss = jnp.abs(distance - radius[..., None] - slope[..., None] * further)
         # Three deviations; all are within their rounding.
         limit = 3 * 1.4826 * median_of(miss, among) + eps(points.dtype, 16)
-        kept = among & (miss <= limit[..., None])
-    center, radius, slope = fitted(kept)
+        return among & (miss <= limit[..., None])
+
+    center, radius, slope = fitted(jax.lax.fori_loop(0, 2, closer, among))
     center = scale[..., None] * center + middle[..., 0]
     return Round(center, scale * radius, slope, place)
 
