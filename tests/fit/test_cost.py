@@ -45,12 +45,9 @@ def test_a_constant_sigma_needs_no_incidence():
 
 def test_a_fit_is_one_program_that_asks_the_host_nothing():
     depth, mask = image()
-    nothing = CYLINDER.body_at(CYLINDER.nothing)
-    names = CYLINDER.parameters
-    asked = Options(), None, SIGMA
     shown = pixels_shown(depth, mask, CAMERA, checked_noise(SIGMA))
-    settings = checked_settings(nothing, names, *asked)
-    known = checked_prior(None, names, None)
+    settings = checked_settings(CYLINDER, Options(), None, SIGMA)
+    known = checked_prior(None, CYLINDER.parameters, None)
     run = jax.jit(fit_from, static_argnames=("kernel", "correlated"))
     text = run.lower(
         *shown, known, settings, body_of(can()), kernel="squares", correlated=False

@@ -98,10 +98,8 @@ def test_a_reading_that_is_none_weighs_nothing():
 
 
 def edge_of(depth, mask):
-    nothing = CYLINDER.body_at(CYLINDER.nothing)
-    names = CYLINDER.parameters
-    settings = checked_settings(nothing, names, Options(), None, SIGMA)
-    known = checked_prior(None, names, None)
+    settings = checked_settings(CYLINDER, Options(), None, SIGMA)
+    known = checked_prior(None, CYLINDER.parameters, None)
     given = (
         jnp.asarray(depth),
         jnp.asarray(mask),
