@@ -12,9 +12,16 @@ import math
 import typing
 from typing import Any, Literal
 
+FEWEST_READINGS = 50
+"""That a fit may be told to take."""
+
 
 def _check(name: str, value: Any, kind: Any) -> None:
     """Raise unless a value is of the kind of its field."""
+    if kind == int | None:
+        if value is None:
+            return
+        kind = int
     if kind is int:
         if isinstance(value, bool) or not isinstance(value, int) or value < 1:
             raise ValueError(
@@ -47,8 +54,7 @@ class Effort:
     Attributes:
         precision: Of all numbers, of a render and of a fit; JAX's own if None. Double
             precision needs `jax_enable_x64` inside `jax.jit`, and nowhere else.
-        stride: Every how many-th row and column is rendered, or read by a fit. A fit
-            takes a smaller one where it would leave fewer than 512 readings.
+        stride: Every how many-th row and column is rendered.
         extent: Whether rays are cast for the whole "frame", or for a "tile" around the
             shape alone: the maps are the same. A traced shape, a scene, and a shape
             that may be seen anywhere take the frame.
@@ -56,7 +62,10 @@ class Effort:
             through the center; or "coverage", the part of the pixel that is covered.
         samples: Rays along each side of a pixel that tell that part, of any shape; with
             1 it is the exact area, of a whole cylinder or a sphere alone.
-        starts: First guesses that a fit tries.
+        readings: Most that a fit takes of an object, evenly spread over it; all if
+            None. Errors grow with the root of what is left out, and a larger image
+            takes no longer.
+        starts: First guesses that a fit tries; there are 8 at most.
         all_starts: Whether it tries all of them, or more than one only where the first
             does not explain the readings.
         tolerance: Length of a step at which a fit ends, in standard deviations. A
@@ -75,6 +84,7 @@ class Effort:
     extent: Literal["frame", "tile"] = "frame"
     outline: Literal["hard", "coverage"] = "coverage"
     samples: int = 1
+    readings: int | None = None
     starts: int = 8
     all_starts: bool = False
     tolerance: float = 1.0
@@ -90,6 +100,10 @@ class Effort:
             raise ValueError(
                 f"tolerance must be positive deviations, got {self.tolerance}"
             )
+        if self.readings is not None and self.readings < FEWEST_READINGS:
+            raise ValueError(
+                f"readings must be at least {FEWEST_READINGS}, got {self.readings}"
+            )
         if self.outline == "hard" and self.samples > 1:
             raise ValueError(
                 'samples must be 1 with outline="hard", which asks the center of each '
@@ -99,8 +113,8 @@ class Effort:
 
 EFFORTS: dict[str, tuple[str, Effort]] = {
     "fast": (
-        "Every second row and column, and a coarse end.",
-        Effort(stride=2, extent="tile", outline="hard", tolerance=5.0),
+        "Every second row and column, 1024 readings, and a coarse end.",
+        Effort(stride=2, extent="tile", outline="hard", readings=1024, tolerance=5.0),
     ),
     "balanced": (
         "All readings; more starts where the first does not explain them.",

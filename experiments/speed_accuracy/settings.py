@@ -9,7 +9,7 @@ from impostor_jax.effort import EFFORTS, Effort
 
 FIT_DIALS: dict[str, tuple[Any, ...]] = {
     "precision": ("float64",),
-    "stride": (2, 3, 4),
+    "readings": (512, 1024, 2048),
     "starts": (1, 3),
     "all_starts": (True,),
     "tolerance": (0.02, 0.2, 5.0),

@@ -191,7 +191,7 @@ def bucket(count: int) -> int:
 
 
 def pixel_indices(
-    region: Bool[np.ndarray, "h w"], stride: int = 1
+    region: Bool[np.ndarray, "h w"], most: int | None = None
 ) -> tuple[Int[np.ndarray, " n"], Int[np.ndarray, " n"]]:
     """Rows and columns of a region's pixels, filled up to the size of a bucket.
 
@@ -200,15 +200,13 @@ def pixel_indices(
 
     Args:
         region: Pixels of the object.
-        stride: Every how many-th row and column is taken; smaller ones are tried where
-            it leaves fewer than `START_READINGS` pixels.
+        most: How many are taken, evenly spread; all if None.
     """
-    while stride > 1 and np.sum(region[::stride, ::stride]) < START_READINGS:
-        stride -= 1
-    strided = region[::stride, ::stride]
-    box = cropped(strided)
+    box = cropped(region)
     # On a whole image a tenth of the time of `np.nonzero`.
-    index = np.flatnonzero(strided[box])
+    index = np.flatnonzero(region[box])
+    if most is not None and most < len(index):
+        index = index[np.arange(most) * len(index) // most]
     count, size = len(index), bucket(len(index))
     is_some = np.zeros(count, bool)
     is_some[np.arange(START_READINGS) * count // START_READINGS] = True
@@ -216,23 +214,26 @@ def pixel_indices(
     filled = np.full(size, region.shape[0]), np.zeros(size, int)
     found = np.divmod(order, max(box[1].stop - box[1].start, 1))
     for full, place, side in zip(filled, found, box, strict=True):
-        full[size - count :] = (place + side.start) * stride
+        full[size - count :] = place + side.start
     return filled
 
 
 def traced_indices(
-    region: Bool[Array, "h w"],
+    region: Bool[Array, "h w"], most: int | None = None
 ) -> tuple[Int[Array, " n"], Int[Array, " n"]]:
     """The same of a region that only the run knows, in one size.
 
     The last `START_READINGS` are evenly spread over it here, too.
+
+    Args:
+        region: Pixels of the object.
+        most: As in `pixel_indices`, but no more than `TRACED_READINGS`.
     """
-    most = min(region.size, TRACED_READINGS)
-    most = bucket(most + START_READINGS) - START_READINGS
+    most = min(region.size, TRACED_READINGS, most or TRACED_READINGS)
     rank = jnp.cumsum(region.reshape(-1))
     count = jnp.minimum(rank[-1], most)
     # Backwards, so that what only fills up comes first.
-    place = jnp.arange(most - 1, -1, -1)
+    place = jnp.arange(-(-most // BLOCK) * BLOCK - 1, -1, -1)
     step = jnp.arange(START_READINGS)
     some = step * count // START_READINGS
     is_new = (step == 0) | (some != (step - 1) * count // START_READINGS)

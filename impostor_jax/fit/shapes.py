@@ -118,7 +118,7 @@ def _fit_concrete(
 
     # Without types of arrays, which would be looked up at each call, in 20 us.
     def fitted(part: np.ndarray, correlated: bool) -> Fit:
-        shown = pixels_shown(image, part, camera, noise, effort.stride)
+        shown = pixels_shown(image, part, camera, noise, effort.readings)
         asked = settings
         if part is not region:
             # Only of the whole one a caller says that its edge is the silhouette.
@@ -230,7 +230,7 @@ def pixels_shown(
     region: Bool[np.ndarray, "h w"],
     camera: PinholeCamera,
     noise: AbstractDepthNoise,
-    stride: int = 1,
+    readings: int | None = None,
 ) -> tuple[Any, ...]:
     """The first arguments of `fit_from`: an image, an object's pixels, and how seen.
 
@@ -239,10 +239,10 @@ def pixels_shown(
         region: As `object_region` returns it.
         camera: The camera.
         noise: Of its readings.
-        stride: Of an `Effort`.
+        readings: Of an `Effort`.
     """
     image = np.asarray(without_edges(image, region, noise))
-    return image, region, *pixel_indices(region, stride), camera, noise
+    return image, region, *pixel_indices(region, readings), camera, noise
 
 
 def _fit_traced(
@@ -263,16 +263,13 @@ def _fit_traced(
     # A mask that is known stays so: its pixels are found before anything is compiled.
     region = np.asarray(mask) if is_concrete(mask) else mask
     depth = without_edges(depth, jnp.asarray(region), noise)
-    taken = np.zeros(region.shape, bool)
-    taken[:: options.effort.stride, :: options.effort.stride] = True
-    region = region & taken
     sees = camera.sees(row, col)
     if sees is not None:
         region = jnp.asarray(region) & sees
     if isinstance(region, np.ndarray):
-        row, col = map(jnp.asarray, pixel_indices(region))
+        row, col = map(jnp.asarray, pixel_indices(region, options.effort.readings))
     else:
-        row, col = traced_indices(region)
+        row, col = traced_indices(region, options.effort.readings)
     settings = dataclasses.replace(
         settings,
         tolerance=min(options.effort.tolerance, TRACED_TOLERANCE),
