@@ -4,7 +4,7 @@ __all__ = ["fit_cylinders", "fit_or_failure", "side_by_side"]
 
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from typing import Any, Unpack
+from typing import Any, TypeVar, Unpack
 
 import jax
 import jax.numpy as jnp
@@ -23,6 +23,8 @@ from impostor_jax.fit.request import (
 from impostor_jax.fit.result import Fit
 from impostor_jax.fit.shapes import fit_shape
 from impostor_jax.primitives.cylinder import Cylinder
+
+Values = TypeVar("Values")
 
 
 def fit_cylinders(
@@ -75,20 +77,31 @@ def fit_cylinders(
         check_types(Cylinder, one, initial, count)
 
     asked = Options.of(options)
+    stacked: list[np.ndarray] = []
 
-    def fit(index: int) -> Fit:
+    def fit(index: int) -> Any:
         mask = None if masks is None else masks[index]
         start = None if initial is None else jax.tree.map(lambda a: a[index], initial)
         depth, own = depths[index], cameras[index]
-        return fit_or_failure(
+        found = fit_or_failure(
             lambda: fit_shape(CYLINDER, depth, own, mask, sigma, start, asked),
             CYLINDER, depth, own, mask, asked,
         )  # fmt: skip
+        leaves, tree = jax.tree.flatten(found)
+        if not stacked:
+            # The first fit, which is made alone.
+            stacked.extend(np.empty((count, *one.shape), one.dtype) for one in leaves)
+        # By NumPy, and at once: JAX would compile a program for each number of images,
+        # in 0.5 s, and need fresh memory for the images of all fits, 0.3 ms each.
+        for place, leaf in zip(stacked, leaves, strict=True):
+            place[index] = leaf
+        return tree
 
-    fits = side_by_side(fit, range(count))
+    tree = side_by_side(fit, range(count))[0]
     # In the precision of the fits, which is the effort's.
-    with jax.enable_x64(fits[0].rms.dtype == np.float64):
-        return jax.tree.map(lambda *leaves: jnp.stack(leaves), *fits)
+    is_double = any(place.dtype == np.float64 for place in stacked)
+    with jax.enable_x64(is_double):
+        return tree.unflatten(jax.device_put(stacked))
 
 
 def fit_or_failure(
@@ -119,12 +132,12 @@ def fit_or_failure(
             return no_guess(kind, np.asarray(region))
 
 
-def side_by_side(fit: Callable[[int], Fit], which: Sequence[int]) -> list[Fit]:
+def side_by_side(fit: Callable[[int], Values], which: Sequence[int]) -> list[Values]:
     """Fits of several numbers, in their order, in as many threads as cores."""
     # A precision that the caller's thread has set is not that of another one.
     is_double = jnp.result_type(float) == np.float64
 
-    def in_its_precision(number: int) -> Fit:
+    def in_its_precision(number: int) -> Values:
         with jax.enable_x64(is_double):
             return fit(number)
 

@@ -193,11 +193,11 @@ def checked_prior(
 def _nothing_known(parameters: tuple[str, ...], dtype: DTypeLike) -> Prior:
     """Made and brought to the device once, as `_settings`: both take 0.1 ms."""
     beliefs = {}
+    for name in parameters:
+        size = (3,) if name in ("center", "axis") else ()
+        beliefs[name] = (np.zeros(size, dtype), np.array(np.inf, dtype))
     with jax.ensure_compile_time_eval():
-        for name in parameters:
-            size = (3,) if name in ("center", "axis") else ()
-            beliefs[name] = (jnp.zeros(size, dtype), jnp.array(jnp.inf, dtype))
-        return Prior(**beliefs)
+        return jax.device_put(Prior(**beliefs))
 
 
 def check_types(

@@ -7,9 +7,11 @@ twice.
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pytest
 
 import impostor_jax as ij
 from impostor_jax.compiling import quickly_compiled
+from impostor_jax.fit import request
 from impostor_jax.fit.evidence import reading_terms
 from impostor_jax.fit.fittable import CYLINDER
 from impostor_jax.fit.options import Options
@@ -75,3 +77,40 @@ def test_another_question_of_the_same_image_compiles_nothing():
         ij.fit_cylinder(depth, CAMERA, mask, 2 * SIGMA, initial=can(), **options)
         ij.fit_cylinder(depth, CAMERA, mask, sigma=SIGMA)
     assert len(compiled.programs) == before
+
+
+@SMALL_IMAGES
+def test_another_number_of_images_compiles_nothing(caplog):
+    depth, mask = image()
+    ij.fit_cylinders(np.stack([depth] * 2), CAMERA, [mask] * 2, SIGMA)
+    with jax.log_compiles():
+        ij.fit_cylinders(np.stack([depth] * 3), CAMERA, [mask] * 3, SIGMA)
+    assert "Compiling" not in caplog.text
+    with jax.log_compiles():
+        jax.jit(lambda: 0)()
+    assert "Compiling" in caplog.text
+
+
+@pytest.mark.parametrize(
+    ("made", "once"),
+    [
+        (lambda: checked_noise(SIGMA), request._of_all),
+        (
+            lambda: checked_settings(CYLINDER, Options(), None, SIGMA),
+            request._settings,
+        ),
+        (
+            lambda: checked_prior(None, CYLINDER.parameters, None),
+            request._nothing_known,
+        ),
+    ],
+)
+def test_what_is_made_once_may_be_made_in_a_trace(made, once):
+    once.cache_clear()
+    traced = jax.jit(made)()
+    again = made()
+    assert again is made()
+    for leaf, expected in zip(
+        jax.tree.leaves(again), jax.tree.leaves(traced), strict=True
+    ):
+        np.testing.assert_array_equal(leaf, expected)
