@@ -15,10 +15,9 @@ __all__ = [
     "thinned",
 ]
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import cv2
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
@@ -174,16 +173,10 @@ def samples_of(
     places = np.flatnonzero(inner & np.isfinite(slopes[2]))
     normal_at = _looked_at(smooth, thinned(places)) if len(places) else points
     slopes = slopes.reshape(3, -1)[:, thinned(places)] if len(places) else 0 * points
-    given = Samples(
-        seen=some,
-        smooth=points,
-        copies=max(MAX_POINTS / len(index), 1),
-        normal_at=normal_at,
-        slopes=slopes,
-        num_normals=min(len(places), MAX_POINTS),
-        matrix=matrix,
-    )
-    return jax.tree.map(lambda part: np.asarray(part, np.float32), given)
+    copies, num_normals = max(MAX_POINTS / len(index), 1), min(len(places), MAX_POINTS)
+    given = (some, points, copies, normal_at, slopes, num_normals, matrix)
+    single: list[Any] = [np.asarray(part, np.float32) for part in given]
+    return Samples(*single)
 
 
 def _looked_at(
