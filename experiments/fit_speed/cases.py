@@ -9,6 +9,7 @@ __all__ = [
     "see_can",
     "single_cases",
     "time_fits",
+    "yardstick",
 ]
 
 import dataclasses
@@ -93,6 +94,12 @@ def single_cases(view: View) -> Calls:
     return calls
 
 
+def yardstick(view: View) -> Callable[[], Any]:
+    """NumPy's transform of the first image: what other machines can be compared by."""
+    image = view.depths[0].astype(float)
+    return lambda: np.fft.fft2(image)
+
+
 def batch_cases(view: View) -> Calls:
     """Fits of all images, but for `vmap.mask`, which takes the first `VMAPPED`."""
     calls: Calls = {}
@@ -113,8 +120,15 @@ def time_fits(
     calls: Mapping[str, Callable[[], ij.Fit]],
     repeats: int,
     warm_up: int = WARM_UP,
+    beside: Mapping[str, Callable[[], Any]] | None = None,
 ) -> dict[str, Timing]:
     """Time fits in turns, after each was compiled and found the can.
+
+    Args:
+        calls: The fits.
+        repeats: Timed calls of each.
+        warm_up: Calls before each block of them.
+        beside: What is no fit, and timed with them.
 
     Raises:
         ValueError: One of them failed.
@@ -122,4 +136,4 @@ def time_fits(
     for name, call in calls.items():
         if not np.all(call().success):
             raise ValueError(f"a fit that is timed must succeed, got a failure: {name}")
-    return time_in_turns(calls, repeats, warm_up)
+    return time_in_turns({**calls, **(beside or {})}, repeats, warm_up)

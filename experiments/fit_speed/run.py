@@ -25,6 +25,7 @@ from experiments.fit_speed.cases import (
     see_can,
     single_cases,
     time_fits,
+    yardstick,
 )
 from experiments.fit_speed.peers import peer_metrics
 from experiments.fit_speed.report import FIRST, FIRST_PARTS, draw, table
@@ -69,9 +70,11 @@ def single_metrics(view: View, config: Config) -> Iterator[Metric]:
     calls = single_cases(view)
     if config.quick:
         calls = {QUICK_CASE: calls[QUICK_CASE]}
-    timings = time_fits(calls, config.repeats)
+    timings = time_fits(calls, config.repeats, beside={"fft2": yardstick(view)})
     for case, timing in timings.items():
         yield from case_metrics(f"single.{case}", timing)
+    blocks = [np.median(timings[case].ms, axis=1) for case in ("balanced.mask", "fft2")]
+    yield sample("single.balanced_over_fft2.mask", blocks[0] / blocks[1], "1")
     for kind in ("mask", "no_mask"):
         blocks = [
             np.median(timings[case].ms, axis=1) if case in timings else np.zeros(0)
