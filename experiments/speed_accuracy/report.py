@@ -20,6 +20,9 @@ MOST_LOST = 0.05
 NOTABLE = 1.2
 """Factor in time or error beside the default from which a setting is named."""
 
+BEFORE = Path(__file__).parent / "before"
+"""Results of the presets with the solver before, at commit e4ff0d2."""
+
 Values = dict[str, float | None]
 Point = tuple[float, float]
 
@@ -140,7 +143,7 @@ def draw(folder: Path) -> None:
     figure = Figure(figsize=(13, 8), layout="constrained")
     above, below = figure.subplots(2, 3)
     for axes, name in zip(above, DIFFICULTIES, strict=True):
-        _scatter(axes, fit_points(values, name))
+        _scatter(axes, fit_points(values, name), fit_points(read_values(BEFORE), name))
         axes.set_title(f"fits, {name} images")
         axes.set_xlabel("time of a fit, ms")
         axes.yaxis.set_major_locator(LogLocator(subs=(1, 1.5, 2, 3, 5)))
@@ -172,8 +175,19 @@ def draw(folder: Path) -> None:
     )
 
 
-def _scatter(axes: Axes, points: dict[str, Point]) -> None:
+def _scatter(
+    axes: Axes, points: dict[str, Point], before: dict[str, Point] | None = None
+) -> None:
     best = front(points)
+    for name, point in (before or {}).items():
+        axes.plot(*point, "o", color="C3", markerfacecolor="none")
+        axes.annotate(
+            f"{name}, before",
+            point,
+            fontsize=6.5,
+            xytext=(4, 3),
+            textcoords="offset points",
+        )
     if best:
         axes.step(
             [points[name][0] for name in best],
