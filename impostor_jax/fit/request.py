@@ -128,16 +128,18 @@ def checked_noise(sigma: Any) -> AbstractDepthNoise:
         sigma = USUAL_SIGMA
     if isinstance(sigma, AbstractDepthNoise):
         return sigma
-    sigma = real_number("sigma", sigma, positive=True, unit="meters")
     dtype = _own_type()
-    if not is_concrete(sigma):
-        return ConstantNoise(jnp.asarray(sigma, dtype))
+    if not isinstance(sigma, float):
+        sigma = real_number("sigma", sigma, positive=True, unit="meters")
+        if not is_concrete(sigma):
+            return ConstantNoise(jnp.asarray(sigma, dtype))
     return _of_all(sigma, dtype)
 
 
 @functools.lru_cache(maxsize=16)
 def _of_all(sigma: float, dtype: DTypeLike) -> ConstantNoise:
-    """The same deviation of all readings; made once, since it takes 0.2 ms."""
+    """The same deviation of all readings; checked and made once: it takes 0.3 ms."""
+    sigma = real_number("sigma", sigma, positive=True, unit="meters")
     # An array, so that another value does not compile the fit again; of no trace, which
     # may be over when it is taken next.
     with jax.ensure_compile_time_eval():
