@@ -20,7 +20,7 @@ from impostor_jax.fit.body import AbstractBody, Readout, coordinates_of
 from impostor_jax.fit.deviations import deviations_of
 from impostor_jax.fit.evidence import Readings, Terms, crossing_terms, reading_terms
 from impostor_jax.fit.prior import prior_residuals
-from impostor_jax.fit.problem import Pixels, Problem
+from impostor_jax.fit.problem import Pixels, Problem, held
 from impostor_jax.fit.result import DISAGREEING, STATUSES, Fit, FitStatus
 from impostor_jax.fit.solve import STAGES, Solution, spread_of
 from impostor_jax.fit.uncertainty import free_covariance, score_covariance
@@ -95,7 +95,7 @@ def assess(problem: Problem, solution: Solution, correlated: bool) -> Assessment
     # The axis is signed so that its largest component in the world is positive.
     sign = in_world_frame(solution.body, camera).sign
     body = solution.body.reversed(jnp.where(settings.keep_ends, 1, sign))
-    readings = problem.held(lambda: reading_terms(pixels, body, problem.noise))
+    readings = held(body, lambda: reading_terms(pixels, body, problem.noise))
     terms, seen = readings.terms, readings.passing
     last = STAGES[-1]
     edges = crossing_terms(
@@ -111,7 +111,7 @@ def assess(problem: Problem, solution: Solution, correlated: bool) -> Assessment
         # on it.
         return used & (jnp.abs(terms.residual) <= 3 * wide) & ~seen.is_past_rim
 
-    inlier = problem.held(is_near)
+    inlier = held(body, is_near)
     crossing = (edges.weight > 0) & (jnp.abs(edges.residual) < 6)
     whitened = jnp.where(inlier, terms.residual, 0)
     shown = _cap_shown(readings, pixels.depth, wide)
@@ -137,7 +137,7 @@ def assess(problem: Problem, solution: Solution, correlated: bool) -> Assessment
     others = jnp.ones(scaled.shape[0] - ends_seen.size, bool)
     leans = jnp.where(jnp.concatenate([others, ends_seen]), 1, 0).astype(scaled.dtype)
     into = jnp.matmul(scaled.T * leans[None], carried, precision="highest")
-    beside = problem.held(lambda: on_border(problem.mask, problem.row, problem.col))
+    beside = held(body, lambda: on_border(problem.mask, problem.row, problem.col))
     of_all = _products(terms, inlier, into)
     of_border = _products(terms, inlier & beside, into)
     of_edges = _products(edges, crossing, into)
@@ -211,6 +211,8 @@ def assess(problem: Problem, solution: Solution, correlated: bool) -> Assessment
         blank = jnp.zeros((camera.height, camera.width), values.dtype)
         return blank.at[problem.row, problem.col].set(values, mode="drop")
 
+    # One image for two: writing pixels one by one takes longer than to compare all.
+    marks = image_of(jnp.where(used, jnp.where(inlier, 2, 1), 0).astype(jnp.int8))
     fit = Fit(
         shape=world.shape,
         std=jax.tree.map(lambda value: jnp.where(success, value, jnp.inf), std),
@@ -224,8 +226,8 @@ def assess(problem: Problem, solution: Solution, correlated: bool) -> Assessment
         num_starts=jnp.ones((), int),
         num_agreeing=jnp.ones((), int),
         residual=image_of(meters),
-        inliers=image_of(inlier),
-        region=image_of(used),
+        inliers=marks == 2,
+        region=marks > 0,
         num_pixels=count,
         rms=rms,
         chi2=chi2,
@@ -246,8 +248,7 @@ def _products(
     terms: Terms, counts: Bool[Array, " n"], into: Float[Array, "k c"]
 ) -> Float[Array, "m m"]:
     """Products of some rows of Jacobian and residual, in free coordinates."""
-    rows = jnp.concatenate([terms.gradient, terms.residual[None]])
-    rows = jnp.where(counts[None], rows, 0)
+    rows = jnp.where(counts[None], terms.rows, 0)
     natural = jnp.matmul(rows, rows.T, precision="highest")
     turn = jnp.zeros_like(natural).at[:-1, :-1].set(into).at[-1, -1].set(1)
     return jnp.matmul(

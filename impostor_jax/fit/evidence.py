@@ -33,7 +33,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from impostor_jax.fit.body import AbstractBody, Passing
-from impostor_jax.fit.problem import Edge, Pixels, deviation
+from impostor_jax.fit.problem import Edge, Pixels, deviation, held
 from impostor_jax.numerics import safe_divide, safe_sqrt
 from impostor_jax.sensor.base import AbstractDepthNoise
 
@@ -72,8 +72,8 @@ class Terms(eqx.Module):
     """Body less image along some rays, in standard deviations.
 
     Attributes:
-        residual: What the estimate leaves.
-        gradient: Its derivative in the natural coordinates.
+        rows: Derivative of what the estimate leaves in the natural coordinates, and
+            last that itself.
         weight: Inverse of the deviation of what is compared; 0 for rows that only fill
             up.
         widening: Factor on the width of the robust loss.
@@ -81,11 +81,20 @@ class Terms(eqx.Module):
             other; 0 for other rows.
     """
 
-    residual: Float[Array, " n"]
-    gradient: Float[Array, "c n"]
+    rows: Float[Array, "k n"]
     weight: Float[Array, " n"]
     widening: Float[Array, " n"]
     end: Float[Array, " n"]
+
+    @property
+    def residual(self) -> Float[Array, " n"]:
+        """What the estimate leaves."""
+        return self.rows[-1]
+
+    @property
+    def gradient(self) -> Float[Array, "c n"]:
+        """Its derivative in the natural coordinates."""
+        return self.rows[:-1]
 
 
 class Readings(NamedTuple):
@@ -114,11 +123,13 @@ def reading_terms(
             reading is blunted and grazing ones are compared in squares.
     """
     soft = soft * body.radius
-    seen = body.passing(pixels.direction, body.radius / 100)
+    seen = held(body, lambda: body.passing(pixels.direction, body.radius / 100))
     # An estimate that is far off must not have its rows weighed as if it were right.
     used = pixels.depth > 0
     near = jnp.clip(seen.depth, pixels.depth / 2, 2 * pixels.depth)
-    sigma = deviation(noise, jnp.where(used, near, 1), seen.cos_incidence)
+    sigma = held(
+        body, lambda: deviation(noise, jnp.where(used, near, 1), seen.cos_incidence)
+    )
     coarse = soft > GRAZING * sigma
     # How far in front of the nearest approach the reading lies, or behind from inside.
     sign = seen.sign
@@ -144,8 +155,7 @@ def reading_terms(
     gradient = body.of_reading(blunted, alpha, beta, seen.on_cap & ~grazing)
     blank = jnp.zeros_like(weight)
     terms = Terms(
-        residual=error * weight,
-        gradient=jnp.stack([part * weight for part in gradient]),
+        rows=_stacked([part * weight for part in (*gradient, error)]),
         weight=weight,
         widening=jnp.where(grazing, SQUARE_WIDTH, 1.0).astype(weight.dtype),
         end=blank,
@@ -187,7 +197,7 @@ def crossing_terms(
     """
     r, pixels = body.radius, edge.pixels
     chord = r / 10
-    seen = body.passing(pixels.direction, chord)
+    seen = held(body, lambda: body.passing(pixels.direction, chord))
     near = -jnp.sign(seen.local.direction.z[0])
     margins = body.margins(seen)
     kinds = margins.shape[0]
@@ -254,7 +264,7 @@ def crossing_terms(
     between = jax.tree.map(
         lambda field: pick((field[1:] + field[:1])[None]) / 2, pixels.direction
     )
-    passing = body.passing(between, chord)
+    passing = held(body, lambda: body.passing(between, chord))
     error, gradient = body.of_end(passing, end, side)
     zero = jnp.zeros_like(error)
     of_wall = body.of_reading(passing, zero, zero - 1, jnp.zeros(zero.shape, bool))
@@ -262,16 +272,25 @@ def crossing_terms(
     slack = jnp.where(is_wall, step / 2, 0)
     beyond = jnp.maximum(jnp.abs(error) - slack, 0)
     pulls = jnp.where(jnp.abs(error) < slack, 0, weight)
+    of_place = [
+        jnp.where(is_wall, own, of) * pulls
+        for own, of in zip(of_wall, gradient, strict=True)
+    ]
     end_width = jnp.where(is_first, FIRST_END_WIDTH, 1.0)
     return Terms(
-        residual=jnp.sign(error) * beyond * weight,
-        gradient=jnp.stack(
-            [
-                jnp.where(is_wall, own, of) * pulls
-                for own, of in zip(of_wall, gradient, strict=True)
-            ]
-        ),
+        rows=_stacked([*of_place, jnp.sign(error) * beyond * weight]),
         weight=weight,
         widening=jnp.where(is_wall, 1.0, end_width).astype(r.dtype),
         end=end,
     )
+
+
+def _stacked(rows: list[Float[Array, " n"]]) -> Float[Array, "k n"]:
+    """`jnp.stack` of rows that are computed.
+
+    Written one after the other: XLA does not vectorize a loop over all of them.
+    """
+    full = jnp.zeros((len(rows), *rows[0].shape), rows[0].dtype)
+    for number, row in enumerate(rows):
+        full = jax.lax.dynamic_update_index_in_dim(full, row, number, 0)
+    return full

@@ -9,6 +9,7 @@ __all__ = [
     "Settings",
     "deviation",
     "gather_pixels",
+    "held",
     "posed",
 ]
 
@@ -23,7 +24,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from impostor_jax.camera.base import AbstractCamera
 from impostor_jax.camera.pinhole import PinholeCamera
-from impostor_jax.fit.body import FreeDirections
+from impostor_jax.fit.body import AbstractBody, FreeDirections
 from impostor_jax.fit.prior import Prior
 from impostor_jax.geometry.vec3 import Vec3
 from impostor_jax.numerics import eps
@@ -136,20 +137,21 @@ class Problem(eqx.Module):
     camera: PinholeCamera
     kernel: str = eqx.field(static=True)
 
-    def held(self, function: Callable[[], Values]) -> Values:
-        """Value of a function, kept in memory for all that reads it.
 
-        XLA would compute it anew in each of the loops that need it. That the deviation
-        of a reading is positive only the run knows.
-        """
-        # So that it is traced once, for its shapes and for its value.
-        function = jax.jit(function)
-        shapes = jax.eval_shape(function)
+def held(body: AbstractBody, function: Callable[[], Values]) -> Values:
+    """Value of a function, kept in memory for all that reads it.
 
-        def never() -> Values:
-            return jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), shapes)
+    XLA would compute it anew in each of the loops that need it, but not what a branch
+    yields. That the radius of a body is not 0 only the run knows.
+    """
+    # So that it is traced once, for its shapes and for its value.
+    function = jax.jit(function)
+    shapes = jax.eval_shape(function)
 
-        return jax.lax.cond(self.nominal > 0, function, never)
+    def never() -> Values:
+        return jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), shapes)
+
+    return jax.lax.cond(body.radius != 0, function, never)
 
 
 def posed(

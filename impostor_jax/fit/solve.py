@@ -413,7 +413,8 @@ def _products(
         (terms.residual,),
         (jnp.ones_like(terms.residual),),
     )
-    rows = jnp.concatenate([terms.gradient * slope[None], robust[None]])
+    is_last = np.arange(terms.rows.shape[0]) == terms.rows.shape[0] - 1
+    rows = jnp.where(is_last[:, None], robust[None], terms.rows * slope[None])
     return jnp.matmul(rows, rows.T, precision="highest")
 
 
