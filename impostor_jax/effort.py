@@ -68,9 +68,9 @@ class Effort:
         starts: First guesses that a fit tries; there are 8 at most.
         all_starts: Whether it tries all of them, or more than one only where the first
             does not explain the readings.
-        tolerance: Length of a step at which a fit ends, in standard deviations. A
-            traced fit, whose derivatives are those of the minimum, takes at most 0.02,
-            and a frustum, whose taper settles slowly, 0.2.
+        tolerance: Length of a step at which a fit ends, in standard deviations. Where
+            it is differentiated it is at most 0.02, and of a frustum, whose taper
+            settles slowly, 0.2.
         max_steps: Of the solver, in each of the stages of a fit.
         kernel: Robust loss: "pseudo_huber", "cauchy" or "geman_mcclure"; or "squares",
             which is not robust.

@@ -95,7 +95,7 @@ def assess(problem: Problem, solution: Solution, correlated: bool) -> Assessment
     # The axis is signed so that its largest component in the world is positive.
     sign = in_world_frame(solution.body, camera).sign
     body = solution.body.reversed(jnp.where(settings.keep_ends, 1, sign))
-    readings = held(body, lambda: reading_terms(pixels, body, problem.noise))
+    readings = held(lambda: reading_terms(pixels, body, problem.noise))
     terms, seen = readings.terms, readings.passing
     last = STAGES[-1]
     edges = crossing_terms(
@@ -111,7 +111,7 @@ def assess(problem: Problem, solution: Solution, correlated: bool) -> Assessment
         # on it.
         return used & (jnp.abs(terms.residual) <= 3 * wide) & ~seen.is_past_rim
 
-    inlier = held(body, is_near)
+    inlier = held(is_near)
     crossing = (edges.weight > 0) & (jnp.abs(edges.residual) < 6)
     whitened = jnp.where(inlier, terms.residual, 0)
     shown = _cap_shown(readings, pixels.depth, wide)
@@ -137,7 +137,7 @@ def assess(problem: Problem, solution: Solution, correlated: bool) -> Assessment
     others = jnp.ones(scaled.shape[0] - ends_seen.size, bool)
     leans = jnp.where(jnp.concatenate([others, ends_seen]), 1, 0).astype(scaled.dtype)
     into = jnp.matmul(scaled.T * leans[None], carried, precision="highest")
-    beside = held(body, lambda: on_border(problem.mask, problem.row, problem.col))
+    beside = held(lambda: on_border(problem.mask, problem.row, problem.col))
     of_all = _products(terms, inlier, into)
     of_border = _products(terms, inlier & beside, into)
     of_edges = _products(edges, crossing, into)
@@ -326,8 +326,10 @@ def _status_code(
 ) -> Int[Array, ""]:
     """Code of the first thing that went wrong."""
     code = {status: STATUSES.index(status) for status in FitStatus}
+    # The steps of a radius that readings leave open grow for ever.
+    is_open = fits & ~determined
     return jnp.select(
-        [~finite, ~converged, ~fits, ~determined],
+        [~finite, ~converged & ~is_open, ~fits, ~determined],
         [
             jnp.array(code[FitStatus.NOT_FINITE]),
             jnp.array(code[FitStatus.STEP_LIMIT]),

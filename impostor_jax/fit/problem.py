@@ -24,7 +24,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from impostor_jax.camera.base import AbstractCamera
 from impostor_jax.camera.pinhole import PinholeCamera
-from impostor_jax.fit.body import AbstractBody, FreeDirections
+from impostor_jax.fit.body import FreeDirections
 from impostor_jax.fit.prior import Prior
 from impostor_jax.geometry.vec3 import Vec3
 from impostor_jax.numerics import eps
@@ -138,11 +138,12 @@ class Problem(eqx.Module):
     kernel: str = eqx.field(static=True)
 
 
-def held(body: AbstractBody, function: Callable[[], Values]) -> Values:
+def held(function: Callable[[], Values]) -> Values:
     """Value of a function, kept in memory for all that reads it.
 
     XLA would compute it anew in each of the loops that need it, but not what a branch
-    yields. That the radius of a body is not 0 only the run knows.
+    yields. That the branch is always taken is hidden from XLA, and is the same for all
+    problems of a batch, over which it stays a branch.
     """
     # So that it is traced once, for its shapes and for its value.
     function = jax.jit(function)
@@ -151,7 +152,8 @@ def held(body: AbstractBody, function: Callable[[], Values]) -> Values:
     def never() -> Values:
         return jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), shapes)
 
-    return jax.lax.cond(body.radius != 0, function, never)
+    always = jax.lax.optimization_barrier(jnp.array(True))
+    return jax.lax.cond(always, function, never)
 
 
 def posed(

@@ -230,7 +230,15 @@ def traced_indices(
         most: As in `pixel_indices`, but no more than `TRACED_READINGS`.
     """
     most = min(region.size, TRACED_READINGS, most or TRACED_READINGS)
-    rank = jnp.cumsum(region.reshape(-1))
+
+    def counted(count: Int[Array, " w"], row: Bool[Array, " w"]):
+        count = count + row.astype(count.dtype)
+        return count, count
+
+    # Row by row, in a tenth of the time of a sum along all pixels; so their order goes
+    # along columns.
+    counts, rank = jax.lax.scan(counted, jnp.zeros(region.shape[1], int), region)
+    rank = (rank + (jnp.cumsum(counts) - counts)[None]).T.reshape(-1)
     count = jnp.minimum(rank[-1], most)
     # Backwards, so that what only fills up comes first.
     place = jnp.arange(-(-most // BLOCK) * BLOCK - 1, -1, -1)
@@ -245,5 +253,5 @@ def traced_indices(
     # The first pixel of each rank; ranks are spread out where there are too many.
     wanted = place * jnp.maximum(rank[-1], most) // most + 1
     index = jnp.searchsorted(rank, wanted, side="left").astype(wanted.dtype)
-    row, col = jnp.divmod(jnp.where(used, index, region.size), region.shape[1])
-    return row, col
+    col, row = jnp.divmod(index, region.shape[0])
+    return jnp.where(used, row, region.shape[0]), jnp.where(used, col, 0)

@@ -49,7 +49,7 @@ from impostor_jax.fit.request import (
 from impostor_jax.fit.result import (
     Fit,
 )
-from impostor_jax.fit.solve import TRACED_TOLERANCE, solve
+from impostor_jax.fit.solve import solve
 from impostor_jax.primitives.base import (
     AbstractPrimitive,
     in_camera_frame,
@@ -270,11 +270,7 @@ def _fit_traced(
         row, col = map(jnp.asarray, pixel_indices(region, options.effort.readings))
     else:
         row, col = traced_indices(region, options.effort.readings)
-    settings = dataclasses.replace(
-        settings,
-        tolerance=min(options.effort.tolerance, TRACED_TOLERANCE),
-        refutes=True,
-    )
+    settings = dataclasses.replace(settings, refutes=True)
     shown = (jnp.asarray(depth), jnp.asarray(region), row, col, camera, noise)
     problem = posed(*shown, prior, settings, kernel=options.effort.kernel)
     solution = solve(problem, in_camera_frame(initial, camera))

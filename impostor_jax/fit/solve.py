@@ -9,7 +9,6 @@ block of readings that speaks for all; the last takes all of them.
 __all__ = [
     "STAGES",
     "STAGE_TOLERANCE",
-    "TRACED_TOLERANCE",
     "Solution",
     "solve",
     "spread_of",
@@ -65,10 +64,10 @@ STAGES = (
 STAGE_TOLERANCE = 0.2
 """Tolerance of an `Effort`, in deviations, for which the stages' steps are given."""
 
-TRACED_TOLERANCE = 0.02
-"""Largest one of a fit that may be differentiated. Derivatives are those of the point
-where it ends, and grazing readings change their form on the way: of a sphere of 44
-pixels they erred by 10 % with ten times this tolerance, and by 1e-4 with this."""
+FINE_TOLERANCE = 0.02
+"""Largest one of a fit that is differentiated. Derivatives are those of the point where
+it ends, and grazing readings change their form on the way: of a sphere of 44 pixels
+they erred by 10 % with ten times this tolerance, and by 1e-4 with this."""
 
 UNSETTLED = 10.0
 """Last step, in limits of the last stage, from which a fit has not converged."""
@@ -264,6 +263,11 @@ def _followed_jvp(given, changes):
     move with that, too.
     """
     (problem, start), (d_problem, _) = given, changes
+    problem = eqx.tree_at(
+        lambda p: p.settings.tolerance,
+        problem,
+        jnp.minimum(problem.settings.tolerance, FINE_TOLERANCE),
+    )
     solution = _followed(problem, start)
     free = problem.settings.free
     stage = _stage_at(-1, problem.unit.dtype)

@@ -180,18 +180,14 @@ def test_held_height_stays_where_an_end_is_not_seen():
 def test_traced_fit_agrees_with_the_plain_one():
     depth, mask = image()
     start = can()
-    # As near to its fixed point as a traced fit goes.
-    effort = ij.Effort(tolerance=0.02)
-    plain = ij.fit_cylinder(
-        depth, CAMERA, mask=mask, sigma=SIGMA, initial=start, effort=effort
-    )
+    # Both as near to their fixed point as a fit goes that is differentiated.
+    given = {"sigma": SIGMA, "initial": start, "effort": ij.Effort(tolerance=0.02)}
+    plain = ij.fit_cylinder(depth, CAMERA, mask=mask, **given)
 
     @jax.jit
     def fit(depths):
         return jax.vmap(
-            lambda depth: ij.fit_cylinder(
-                depth, CAMERA, mask=mask, sigma=SIGMA, initial=start
-            )
+            lambda depth: ij.fit_cylinder(depth, CAMERA, mask=mask, **given)
         )(depths)
 
     both = fit(jnp.stack([jnp.asarray(depth), jnp.asarray(image(seed=1)[0])]))

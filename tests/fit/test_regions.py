@@ -47,15 +47,16 @@ def test_traced_indices_take_each_pixel_once(count, most):
     region = np.zeros(40000, bool)
     chosen = np.random.default_rng(count).choice(40000, count, replace=False)
     region[chosen] = True
-    row, col = (np.asarray(x) for x in traced(region.reshape(200, 200), most))
+    # Column after column, as they are counted.
+    row, col = (np.asarray(x) for x in traced(region.reshape(200, 200).T, most))
     used = row < 200
-    index = row[used] * 200 + col[used]
+    index = col[used] * 200 + row[used]
     assert region[index].all()
     assert len(set(index)) == len(index) == min(count, most or TRACED_READINGS)
     # The last of them are evenly spread over the region's pixels, in their order.
     few = np.s_[-START_READINGS:]
     assert used[few].sum() == min(count, START_READINGS)
-    last = (row[few] * 200 + col[few])[used[few]]
+    last = (col[few] * 200 + row[few])[used[few]]
     rank = np.searchsorted(np.flatnonzero(region), last)
     thinned = max(count / (most or TRACED_READINGS), 1)
     assert not count or spread_evenly(rank / thinned, count / thinned)
