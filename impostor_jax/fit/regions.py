@@ -193,7 +193,7 @@ def bucket(count: int) -> int:
 def pixel_indices(
     region: Bool[np.ndarray, "h w"], most: int | None = None
 ) -> tuple[Int[np.ndarray, " n"], Int[np.ndarray, " n"]]:
-    """Rows and columns of a region's pixels, filled up to the size of a bucket.
+    """Rows and columns of a region's pixels, filled up to one of a few sizes.
 
     The last `START_READINGS` are evenly spread over the region; a row beyond the image,
     of which there may be some before the others, only fills up.
@@ -208,6 +208,8 @@ def pixel_indices(
     if most is not None and most < len(index):
         index = index[np.arange(most) * len(index) // most]
     count, size = len(index), bucket(len(index))
+    if most is not None:
+        size = min(size, -(-most // BLOCK) * BLOCK)
     is_some = np.zeros(count, bool)
     is_some[np.arange(START_READINGS) * count // START_READINGS] = True
     order = np.concatenate([index[~is_some], index[is_some]])
