@@ -65,7 +65,7 @@ class Effort:
         readings: Most that a fit takes of an object, evenly spread over it; all if
             None. Errors grow with the root of what is left out, and a larger image
             takes no longer.
-        starts: First guesses that a fit tries; there are 8 at most.
+        starts: First guesses that a fit tries; there are 9 at most.
         all_starts: Whether it tries all of them, or more than one only where the first
             does not explain the readings.
         tolerance: Length of a step at which a fit ends, in standard deviations. Where
