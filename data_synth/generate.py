@@ -280,11 +280,22 @@ def _interrupts_kept_back() -> Iterator[None]:
 
     They would print where they were, until `_begin_worker` has them ignore it.
     """
+    kept: list[int] = []
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    # Another thread may take it, and then the main one runs the handler all the same: a
+    # process whose start is cut short there prints that it was told nothing.
+    handler = None
+    if threading.current_thread() is threading.main_thread():
+        handler = signal.signal(signal.SIGINT, lambda number, _: kept.append(number))
     try:
         yield
     finally:
+        # None of another thread, and where it was not set by Python.
+        if handler is not None:
+            signal.signal(signal.SIGINT, handler)
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        if kept:
+            signal.raise_signal(signal.SIGINT)
 
 
 def _remove_partial(path: Path) -> None:
