@@ -63,8 +63,9 @@ class Effort:
         samples: Rays along each side of a pixel that tell that part, of any shape; with
             1 it is the exact area, of a whole cylinder or a sphere alone.
         readings: Most that a fit takes of an object, evenly spread over it; all if
-            None. Errors grow with the root of what is left out, and a larger image
-            takes no longer.
+            None. A larger image then takes no longer. Errors grow with the root of what
+            is left out, or more, and fewer than some thousand hardly show that a real
+            sensor's are correlated: say so.
         starts: First guesses that a fit tries; there are 9 at most.
         all_starts: Whether it tries all of them, or more than one only where the first
             does not explain the readings.
