@@ -5,15 +5,15 @@ presets are chosen. Nothing here needs JAX, so that a command line can be parsed
 it starts.
 """
 
-__all__ = ["EFFORTS", "Effort", "effort_of"]
+__all__ = ["EFFORTS", "MIN_READINGS", "Effort", "effort_of"]
 
 import dataclasses
 import math
 import typing
 from typing import Any, Literal
 
-FEWEST_READINGS = 50
-"""That a fit may be told to take."""
+MIN_READINGS = 50
+"""A fit with fewer readings is refused."""
 
 
 def _check(name: str, value: Any, kind: Any) -> None:
@@ -101,9 +101,9 @@ class Effort:
             raise ValueError(
                 f"tolerance must be positive deviations, got {self.tolerance}"
             )
-        if self.readings is not None and self.readings < FEWEST_READINGS:
+        if self.readings is not None and self.readings < MIN_READINGS:
             raise ValueError(
-                f"readings must be at least {FEWEST_READINGS}, got {self.readings}"
+                f"readings must be at least {MIN_READINGS}, got {self.readings}"
             )
         if self.outline == "hard" and self.samples > 1:
             raise ValueError(

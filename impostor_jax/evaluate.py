@@ -27,11 +27,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from impostor_jax.effort import Effort
+from impostor_jax.effort import MIN_READINGS, Effort
 from impostor_jax.fit.body import AbstractBody
 from impostor_jax.fit.fittable import KINDS
 from impostor_jax.fit.options import Options
-from impostor_jax.fit.request import MIN_READINGS
 from impostor_jax.fit.result import Fit
 from impostor_jax.fit.shapes import fit_shape
 from impostor_jax.io.dataset_shard import LabeledImage

@@ -20,9 +20,9 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from impostor_jax.camera.pinhole import PinholeCamera
+from impostor_jax.effort import MIN_READINGS
 from impostor_jax.fit.problem import BLOCK
 from impostor_jax.fit.request import (
-    MIN_READINGS,
     DepthImage,
     Mask,
     check_readings,

@@ -1,7 +1,6 @@
 """Checks of what a fit is asked."""
 
 __all__ = [
-    "MIN_READINGS",
     "DepthImage",
     "Mask",
     "TooFewReadingsError",
@@ -35,6 +34,7 @@ from impostor_jax.arguments import (
     real_number,
 )
 from impostor_jax.camera.pinhole import PinholeCamera
+from impostor_jax.effort import MIN_READINGS
 from impostor_jax.fit.fittable import Fittable
 from impostor_jax.fit.options import Options
 from impostor_jax.fit.prior import Prior
@@ -52,9 +52,6 @@ USUAL_SIGMA = 0.001
 
 DepthImage = Float[np.ndarray, "h w"] | Float[Array, "h w"]
 Mask = Bool[np.ndarray, "h w"] | Bool[Array, "h w"]
-
-MIN_READINGS = 50
-"""A fit with fewer readings is refused."""
 
 
 class TooFewReadingsError(ValueError):
