@@ -2,6 +2,7 @@
 
 __all__ = ["fit_cylinders", "fit_or_failure", "side_by_side"]
 
+import math
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any, TypeVar, Unpack
@@ -25,6 +26,9 @@ from impostor_jax.fit.shapes import fit_shape
 from impostor_jax.primitives.cylinder import Cylinder
 
 Values = TypeVar("Values")
+
+ALIGNMENT = 64
+"""Bytes to whose multiples XLA aligns what it computes with on processors."""
 
 
 def fit_cylinders(
@@ -90,7 +94,7 @@ def fit_cylinders(
         leaves, tree = jax.tree.flatten(found)
         if not stacked:
             # The first fit, which is made alone.
-            stacked.extend(np.empty((count, *one.shape), one.dtype) for one in leaves)
+            stacked.extend(_aligned((count, *one.shape), one.dtype) for one in leaves)
         # By NumPy, and at once: JAX would compile a program for each number of images,
         # in 0.5 s, and need fresh memory for the images of all fits, 0.3 ms each.
         for place, leaf in zip(stacked, leaves, strict=True):
@@ -102,6 +106,14 @@ def fit_cylinders(
     is_double = any(place.dtype == np.float64 for place in stacked)
     with jax.enable_x64(is_double):
         return tree.unflatten(jax.device_put(stacked))
+
+
+def _aligned(shape: tuple[int, ...], dtype: np.dtype) -> np.ndarray:
+    """Empty memory that JAX takes as it is; 0.6 ms an image if it had to copy."""
+    size = math.prod(shape) * dtype.itemsize
+    space = np.empty(size + ALIGNMENT, np.uint8)
+    start = -space.ctypes.data % ALIGNMENT
+    return space[start : start + size].view(dtype).reshape(shape)
 
 
 def fit_or_failure(

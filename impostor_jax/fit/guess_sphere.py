@@ -16,7 +16,7 @@ from impostor_jax.camera.pinhole import PinholeCamera
 from impostor_jax.compiling import quickly_compiled
 from impostor_jax.fit.ball import Ball
 from impostor_jax.fit.rounds import FEWEST_POINTS, median_of, round_through
-from impostor_jax.fit.surface import Samples, Surface, samples_of, surface_of
+from impostor_jax.fit.surface import Samples, Surface, guesses_by, surface_of
 
 NEAR = 0.1
 """Share of the points, those in the middle of the view, that tell how near it is."""
@@ -43,15 +43,10 @@ def guess_spheres(
         Spheres in the camera frame, the closest to the readings first; none where these
         admit no sphere.
     """
-    samples = samples_of(depth, region, camera, sigma)
-    if samples is None:
-        return []
-    balls, are_balls = quickly_compiled(_guessed)(samples)
-    known = np.asarray(are_balls).tolist()
-    return [ball for ball, is_ball in zip(balls, known, strict=True) if is_ball]
+    return guesses_by(quickly_compiled(_guessed), depth, region, camera, sigma)
 
 
-def _guessed(samples: Samples) -> tuple[list[Ball], Bool[Array, " g"]]:
+def _guessed(samples: Samples) -> tuple[Ball, Bool[Array, " g"]]:
     """Guesses, and which of them are any."""
     with jax.default_matmul_precision("highest"):
         surface = surface_of(samples)
@@ -64,8 +59,7 @@ def _guessed(samples: Samples) -> tuple[list[Ball], Bool[Array, " g"]]:
     order = jnp.argsort(misfit)
     dtype = jnp.result_type(float)
     balls = jax.tree.map(lambda field: field[order].astype(dtype), balls)
-    several = [jax.tree.map(lambda a, k=k: a[k], balls) for k in range(len(proposed))]
-    return several, jnp.isfinite(misfit[order])
+    return balls, jnp.isfinite(misfit[order])
 
 
 def _through(surface: Surface) -> Ball:

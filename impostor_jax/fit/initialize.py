@@ -16,10 +16,12 @@ program, so that it lets go of Python's lock: threads that fit side by side do n
 
 __all__ = ["first_guesses"]
 
+from functools import partial
+
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Bool, Float, Int, Shaped
 
 from impostor_jax.camera.pinhole import PinholeCamera
 from impostor_jax.compiling import quickly_compiled
@@ -35,7 +37,7 @@ from impostor_jax.fit.surface import (
     MAX_POINTS,
     Samples,
     Surface,
-    samples_of,
+    guesses_by,
     surface_of,
 )
 from impostor_jax.geometry.so3 import tangent_basis
@@ -90,32 +92,29 @@ def first_guesses(
         Guesses in the camera frame: the best of each axis first, those that lie closer
         to the readings before others; none where the readings admit no cylinder.
     """
-    samples = samples_of(depth, region, camera, sigma)
-    if samples is None:
-        return []
     guessed = quickly_compiled(_guessed, static_argnames="tapered")
-    bodies, are_bodies = guessed(samples, tapered=tapered)
-    known = np.asarray(are_bodies).tolist()
-    return [body for body, is_body in zip(bodies, known, strict=True) if is_body]
+    return guesses_by(partial(guessed, tapered=tapered), depth, region, camera, sigma)
 
 
-def _guessed(
-    samples: Samples, tapered: bool
-) -> tuple[list[RoundBody], Bool[Array, " g"]]:
+def _guessed(samples: Samples, tapered: bool) -> tuple[RoundBody, Bool[Array, " g"]]:
     """Guesses, and which of them are any."""
     dtype = jnp.result_type(float)
     with jax.default_matmul_precision("highest"):
         surface = surface_of(samples)
         axes, are_axes = _axes(surface, tapered)
-        body, misfit = _bodies_along(axes, are_axes, surface, tapered)
-    bodies = jax.tree.map(lambda field: field.astype(dtype), body)
-    several = [jax.tree.map(lambda a, k=k: a[k], bodies) for k in range(MOST_GUESSES)]
-    around, is_around = _around_camera(several[0])
+        bodies, misfit = _bodies_along(axes, are_axes, surface, tapered)
+    bodies = jax.tree.map(lambda field: field.astype(dtype), bodies)
+    best = jax.tree.map(lambda field: field[0], bodies)
+    around, is_around = _around_camera(best)
+    bodies = jax.tree.map(_with_second, bodies, around)
     are_bodies = jnp.isfinite(misfit)
-    return (
-        [several[0], around, *several[1:]],
-        jnp.insert(are_bodies, 1, is_around & are_bodies[0]),
-    )
+    return bodies, _with_second(are_bodies, is_around & are_bodies[0])
+
+
+def _with_second(
+    values: Shaped[Array, "g ..."], second: Shaped[Array, "..."]
+) -> Shaped[Array, "g+1 ..."]:
+    return jnp.concatenate([values[:1], second[None], values[1:]])
 
 
 def _around_camera(body: RoundBody) -> tuple[RoundBody, Bool[Array, ""]]:
