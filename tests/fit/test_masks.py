@@ -45,6 +45,40 @@ def errors(fit, truth):
     return np.abs(np.asarray(found))
 
 
+def test_pixels_beside_the_outline_are_no_reason_for_another_start():
+    # What a small mask leaves out is the object, and was taken for hidden background.
+    truth, sigma = can(), 0.003
+    maps = ij.render(truth, CAMERA, outputs=("depth", "mask"))
+    noise = np.random.default_rng(5).normal(0, sigma, maps.depth.shape)
+    depth = np.minimum(np.asarray(maps.depth), 0.65) + noise
+    mask = grown(np.asarray(maps.mask), -3)
+    fit = ij.fit_cylinder(depth.astype(np.float32), CAMERA, mask, sigma)
+    assert fit.success
+    assert fit.num_starts == 1
+
+
+def test_a_grazing_reading_at_a_rim_does_not_decide():
+    # Guess and truth lead to estimates that take one reading for the wall's or the
+    # cap's; taken for the wall's it told five times more than all others.
+    up = np.array([0.0, -np.cos(np.radians(70)), -np.sin(np.radians(70))])
+    truth = ij.Cylinder((0.02, 0.01, 0.8), up, 0.04, 0.12)
+    table = ij.Plane(np.asarray(truth.center) - 0.06 * up, up)
+    row, col = 180, 252
+    camera = ij.PinholeCamera(525.0, 525.0, 319.5 - col, 239.5 - row, 160, 120)
+    maps = ij.render(ij.Scene([truth, table]), camera, outputs=("depth", "index"))
+    noise = np.random.default_rng(2).normal(0, SIGMA, (480, 640))
+    depth = np.asarray(maps.depth) + noise[row : row + 120, col : col + 160]
+    mask = np.asarray(maps.index) == 0
+    mask &= np.indices(mask.shape)[0] < np.median(np.nonzero(mask)[0])
+    guessed, told = (
+        ij.fit_cylinder(depth.astype(np.float32), camera, mask, SIGMA, initial=start)
+        for start in (None, truth)
+    )
+    assert guessed.success
+    assert told.success
+    np.testing.assert_allclose(guessed.std.across_axis, told.std.across_axis, rtol=0.02)
+
+
 @pytest.mark.parametrize("pixels", [1, 2, 4])
 @pytest.mark.parametrize("scene", ["table", "wall"])
 def test_an_eroded_mask_is_a_part_of_the_object(scene, pixels):
