@@ -53,7 +53,6 @@ ORDER = {
     ),
     "rendering": (
         "maps",
-        "outline",
         "bounds",
         "scene",
         "blocks",
@@ -87,9 +86,9 @@ ORDER = {
         "depth_loss",
         "rounds",
         "sparse",
+        "body",
         "surface",
         "segment",
-        "body",
         "round_body",
         "ball",
         "initialize",
