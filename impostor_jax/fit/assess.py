@@ -22,7 +22,7 @@ from impostor_jax.fit.evidence import Readings, Terms, crossing_terms, reading_t
 from impostor_jax.fit.prior import prior_residuals
 from impostor_jax.fit.problem import Pixels, Problem, held
 from impostor_jax.fit.result import DISAGREEING, STATUSES, Fit, FitStatus
-from impostor_jax.fit.solve import STAGES, Solution, spread_of
+from impostor_jax.fit.solve import STAGES, Solution, in_coordinates, spread_of
 from impostor_jax.fit.uncertainty import free_covariance, score_covariance
 from impostor_jax.numerics import safe_divide, safe_sqrt
 from impostor_jax.primitives.base import in_world_frame
@@ -249,11 +249,7 @@ def _products(
 ) -> Float[Array, "m m"]:
     """Products of some rows of Jacobian and residual, in free coordinates."""
     rows = jnp.where(counts[None], terms.rows, 0)
-    natural = jnp.matmul(rows, rows.T, precision="highest")
-    turn = jnp.zeros_like(natural).at[:-1, :-1].set(into).at[-1, -1].set(1)
-    return jnp.matmul(
-        jnp.matmul(turn, natural, precision="highest"), turn.T, precision="highest"
-    )
+    return in_coordinates(jnp.matmul(rows, rows.T, precision="highest"), into)
 
 
 def _cap_shown(
