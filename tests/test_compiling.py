@@ -12,9 +12,12 @@ from jaxtyping import Array, Float
 import impostor_jax as ij
 from impostor_jax import compiling, program_store
 from impostor_jax.caching import compiled_folder
+from impostor_jax.compiling import compiled, computed_apart, computed_once
+from impostor_jax.geometry.vec3 import Vec3
+from tests.checks import AS_USERS_RUN
 
 CALLS = """
-import jax, jax.numpy as jnp
+import os, jax, jax.numpy as jnp
 from impostor_jax.compiling import kept
 traced = []
 def factor(matrix, turned):
@@ -24,7 +27,11 @@ def factor(matrix, turned):
 found = kept(factor, static_argnames="turned")(4 * jnp.eye(2), turned=True)
 assert found["factor"].tolist() == [[2, 0], [0, 2]], found
 assert jax.config.jax_compilation_cache_dir is None
-print(len(traced))
+jax.config.update("jax_compilation_cache_dir", os.environ["XDG_CACHE_HOME"] + "/jax")
+jax.config.update("jax_persistent_cache_min_compile_time_secs", 0)
+own = len(traced)
+jax.jit(factor, static_argnames="turned")(4 * jnp.eye(2), turned=True)
+print(own, len(traced) - own)
 """
 
 
@@ -67,7 +74,63 @@ def kept_anew():
     return compiling.kept.__wrapped__(times, static_argnames="factor")
 
 
+def polynomial(x):
+    """Cheap operations, which XLA would rather compute anew than keep."""
+    for k in range(20):
+        x = x * x + 0.01 * k
+    return x
+
+
+def depth_and_normal(values):
+    """Two loops that read the same values."""
+    return values, Vec3(values, 2 * values, 3 * values).stack()
+
+
+def operations(function, *arguments):
+    """Of a compiled call, as XLA counts them."""
+    program = jax.jit(function).lower(*arguments).compile(AS_USERS_RUN)
+    return program.cost_analysis()["flops"]
+
+
+@pytest.mark.parametrize(
+    "helped",
+    [lambda f, x: computed_once(f), computed_apart],
+    ids=["computed_once", "computed_apart"],
+)
+def test_xla_computes_anew_what_two_loops_read(helped):
+    """Where this fails, XLA has learned it: the helper that it names can go."""
+    x = jnp.linspace(0, 0.5, 96 * 64).reshape(64, 96)
+    once, reading = operations(polynomial, x), operations(depth_and_normal, x)
+    without = operations(lambda x: depth_and_normal(polynomial(x)), x)
+    assert without == pytest.approx(2 * once + reading, rel=0.05)
+    found = operations(lambda x: depth_and_normal(helped(lambda: polynomial(x), x)), x)
+    assert found == pytest.approx(once + reading, rel=0.05)
+
+
+def test_a_loop_of_one_turn_has_no_derivative_backwards_and_a_branch_has():
+    """Where this fails, `computed_apart` may serve as `computed_once`."""
+    assert jax.jit(jax.grad(lambda x: computed_once(lambda: x * x)))(3.0) == 6
+    with pytest.raises(ValueError, match="Reverse-mode differentiation does not work"):
+        jax.jit(jax.grad(lambda x: computed_apart(lambda: x * x, x)))(3.0)
+
+
+def test_what_is_not_compiled_together_is_many_programs(caplog):
+    """Where this fails, JAX joins single operations: `compiled` can go."""
+
+    def programs(function, size) -> int:
+        array = np.ones(size, np.float32)
+        caplog.clear()
+        with jax.log_compiles():
+            function(array)
+        return caplog.text.count("Finished XLA compilation")
+
+    # Of sizes that no other test has compiled for.
+    assert programs(compiled(lambda x: jnp.sin(jnp.abs(x) + x)), 1013) == 1
+    assert programs(lambda x: jnp.sin(jnp.abs(x) + x), 1019) == 3
+
+
 def test_the_older_generator_is_asked_for_where_there_is_one():
+    """Where this fails, XLA has no older one: `quickly_compiled` is `kept`."""
     assert compiling._known_options() == compiling.OLDER_GENERATOR
     assert compiling.quickly_compiled(times) is compiling.quickly_compiled(times)
 
@@ -93,11 +156,12 @@ def test_a_new_process_loads_what_another_has_kept_in_the_users_cache(
         assert done.stderr == ""
         return done.stdout.strip()
 
-    assert traced() == "1"
+    assert traced() == "1 1"
     assert len(list((compiled_folder() / "impostor_jax").iterdir())) == 1
-    assert traced() == "0"
+    # Where the second is 0, JAX traces nothing that its cache holds: `kept` can go.
+    assert traced() == "0 1"
     monkeypatch.setenv("JAX_ENABLE_COMPILATION_CACHE", "false")
-    assert traced() == "1"
+    assert traced() == "1 1"
     assert len(list((compiled_folder() / "impostor_jax").iterdir())) == 1
 
 
@@ -223,7 +287,9 @@ def test_what_a_users_class_takes_part_in_is_not_kept(folder, traces):
     assert not folder.exists()
 
 
-def test_a_render_is_kept(folder):
+def test_a_render_is_kept(folder, monkeypatch):
+    # Also where the tests' own cache has it, from which it comes without machine code.
+    monkeypatch.setattr(program_store, "MACHINE_CODE", (b"",))
     camera = ij.PinholeCamera(20, 20, 3.5, 2.5, 8, 6)
     maps = ij.render(ij.Sphere((0, 0, 2), 0.5), camera, ("depth",))
     assert maps.depth.min() == pytest.approx(1.5, abs=0.01)

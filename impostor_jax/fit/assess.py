@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from impostor_jax.compiling import computed_once
 from impostor_jax.fit.agreement import (
     contradiction,
     on_border,
@@ -20,9 +21,9 @@ from impostor_jax.fit.body import AbstractBody, Readout, coordinates_of
 from impostor_jax.fit.deviations import deviations_of
 from impostor_jax.fit.evidence import Readings, Terms, crossing_terms, reading_terms
 from impostor_jax.fit.prior import prior_residuals
-from impostor_jax.fit.problem import Pixels, Problem, held
+from impostor_jax.fit.problem import Pixels, Problem
 from impostor_jax.fit.result import DISAGREEING, STATUSES, Fit, FitStatus
-from impostor_jax.fit.solve import STAGES, Solution, spread_of
+from impostor_jax.fit.solve import STAGES, Solution, in_coordinates, spread_of
 from impostor_jax.fit.uncertainty import free_covariance, score_covariance
 from impostor_jax.numerics import safe_divide, safe_sqrt
 from impostor_jax.primitives.base import in_world_frame
@@ -98,7 +99,7 @@ def assess(problem: Problem, solution: Solution, correlated: bool) -> Assessment
     # The axis is signed so that its largest component in the world is positive.
     sign = in_world_frame(solution.body, camera).sign
     body = solution.body.reversed(jnp.where(settings.keep_ends, 1, sign))
-    readings = held(lambda: reading_terms(pixels, body, problem.noise))
+    readings = computed_once(lambda: reading_terms(pixels, body, problem.noise))
     terms, seen = readings.terms, readings.passing
     last = STAGES[-1]
     edges = crossing_terms(
@@ -114,7 +115,7 @@ def assess(problem: Problem, solution: Solution, correlated: bool) -> Assessment
         # on it.
         return used & (jnp.abs(terms.residual) <= 3 * wide) & ~seen.is_past_rim
 
-    inlier = held(is_near)
+    inlier = computed_once(is_near)
     crossing = (edges.weight > 0) & (jnp.abs(edges.residual) < 6)
     whitened = jnp.where(inlier, terms.residual, 0)
     shown = _cap_shown(readings, pixels.depth, wide)
@@ -140,7 +141,7 @@ def assess(problem: Problem, solution: Solution, correlated: bool) -> Assessment
     others = jnp.ones(scaled.shape[0] - ends_seen.size, bool)
     leans = jnp.where(jnp.concatenate([others, ends_seen]), 1, 0).astype(scaled.dtype)
     into = jnp.matmul(scaled.T * leans[None], carried, precision="highest")
-    beside = held(lambda: on_border(problem.mask, problem.row, problem.col))
+    beside = computed_once(lambda: on_border(problem.mask, problem.row, problem.col))
     # A reading of the wall that grazes it beside a rim may be the cap's as well: one of
     # them, if it counts, tells more of the radius than all others.
     at_rim = (jnp.abs(seen.rim - seen.wide) < problem.unit) & (seen.wide > 0)
@@ -256,11 +257,7 @@ def _products(
 ) -> Float[Array, "m m"]:
     """Products of some rows of Jacobian and residual, in free coordinates."""
     rows = jnp.where(counts[None], terms.rows, 0)
-    natural = jnp.matmul(rows, rows.T, precision="highest")
-    turn = jnp.zeros_like(natural).at[:-1, :-1].set(into).at[-1, -1].set(1)
-    return jnp.matmul(
-        jnp.matmul(turn, natural, precision="highest"), turn.T, precision="highest"
-    )
+    return in_coordinates(jnp.matmul(rows, rows.T, precision="highest"), into)
 
 
 def _cap_shown(

@@ -32,8 +32,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
+from impostor_jax.compiling import computed_once
 from impostor_jax.fit.body import AbstractBody, Passing
-from impostor_jax.fit.problem import Edge, Pixels, deviation, held
+from impostor_jax.fit.problem import Edge, Pixels, deviation
 from impostor_jax.numerics import safe_divide, safe_sqrt
 from impostor_jax.sensor.base import AbstractDepthNoise
 
@@ -123,11 +124,13 @@ def reading_terms(
             reading is blunted and grazing ones are compared in squares.
     """
     soft = soft * body.radius
-    seen = held(lambda: body.passing(pixels.direction, body.radius / 100))
+    seen = computed_once(lambda: body.passing(pixels.direction, body.radius / 100))
     # An estimate that is far off must not have its rows weighed as if it were right.
     used = pixels.depth > 0
     near = jnp.clip(seen.depth, pixels.depth / 2, 2 * pixels.depth)
-    sigma = held(lambda: deviation(noise, jnp.where(used, near, 1), seen.cos_incidence))
+    sigma = computed_once(
+        lambda: deviation(noise, jnp.where(used, near, 1), seen.cos_incidence)
+    )
     coarse = soft > GRAZING * sigma
     # How far in front of the nearest approach the reading lies, or behind from inside.
     sign = seen.sign
@@ -195,7 +198,7 @@ def crossing_terms(
     """
     r, pixels = body.radius, edge.pixels
     chord = r / 10
-    seen = held(lambda: body.passing(pixels.direction, chord))
+    seen = computed_once(lambda: body.passing(pixels.direction, chord))
     near = -jnp.sign(seen.local.direction.z[0])
     margins = body.margins(seen)
     kinds = margins.shape[0]
@@ -262,7 +265,7 @@ def crossing_terms(
     between = jax.tree.map(
         lambda field: pick((field[1:] + field[:1])[None]) / 2, pixels.direction
     )
-    passing = held(lambda: body.passing(between, chord))
+    passing = computed_once(lambda: body.passing(between, chord))
     error, gradient = body.of_end(passing, end, side)
     zero = jnp.zeros_like(error)
     of_wall = body.of_reading(passing, zero, zero - 1, jnp.zeros(zero.shape, bool))

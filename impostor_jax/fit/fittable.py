@@ -16,13 +16,7 @@ from impostor_jax.fit.ball import Ball
 from impostor_jax.fit.body import AbstractBody, coordinates_of
 from impostor_jax.fit.guess_sphere import guess_spheres
 from impostor_jax.fit.initialize import first_guesses
-from impostor_jax.fit.result import (
-    STATUSES,
-    Deviations,
-    Directions,
-    Fit,
-    FitStatus,
-)
+from impostor_jax.fit.result import STATUSES, Deviations, Directions, Fit, FitStatus
 from impostor_jax.fit.round_body import RoundBody
 from impostor_jax.fit.solve import STAGE_TOLERANCE
 from impostor_jax.primitives.base import AbstractPrimitive

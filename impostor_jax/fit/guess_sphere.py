@@ -16,7 +16,7 @@ from impostor_jax.camera.pinhole import PinholeCamera
 from impostor_jax.compiling import quickly_compiled
 from impostor_jax.fit.ball import Ball
 from impostor_jax.fit.rounds import FEWEST_POINTS, median_of, round_through
-from impostor_jax.fit.surface import Samples, Surface, guesses_by, surface_of
+from impostor_jax.fit.surface import Samples, guesses_by
 
 NEAR = 0.1
 """Share of the points, those in the middle of the view, that tell how near it is."""
@@ -49,10 +49,9 @@ def guess_spheres(
 def _guessed(samples: Samples) -> tuple[Ball, Bool[Array, " g"]]:
     """Guesses, and which of them are any."""
     with jax.default_matmul_precision("highest"):
-        surface = surface_of(samples)
-        proposed = [_through(surface), _along_normals(surface), _behind(surface)]
+        proposed = [_through(samples), _along_normals(samples), _behind(samples)]
     balls = jax.tree.map(lambda *fields: jnp.stack(fields), *proposed)
-    away = jnp.linalg.norm(surface.points[None] - balls.center[:, None], axis=-1)
+    away = jnp.linalg.norm(samples.points[None] - balls.center[:, None], axis=-1)
     radius = balls.radius[:, None]
     misfit = jnp.mean(jnp.minimum(jnp.abs(away - radius), 0.3 * radius), axis=1)
     misfit = jnp.where(balls.radius > 0, misfit, jnp.inf)
@@ -62,29 +61,29 @@ def _guessed(samples: Samples) -> tuple[Ball, Bool[Array, " g"]]:
     return balls, jnp.isfinite(misfit[order])
 
 
-def _through(surface: Surface) -> Ball:
+def _through(samples: Samples) -> Ball:
     """By least squares."""
-    are_all = jnp.ones((1, len(surface.points)), bool)
-    fewest = FEWEST_POINTS * surface.copies
-    found = round_through(surface.points.T[None], are_all, fewest=fewest)
+    are_all = jnp.ones((1, len(samples.points)), bool)
+    fewest = FEWEST_POINTS * samples.copies
+    found = round_through(samples.points.T[None], are_all, fewest=fewest)
     return Ball(found.center[0], found.radius[0])
 
 
-def _along_normals(surface: Surface) -> Ball:
+def _along_normals(samples: Samples) -> Ball:
     """The center lies a radius from each point against its normal."""
-    points, normals = surface.normal_points, surface.normals
+    points, normals = samples.normal_points, samples.normals
     # The normals face the camera, from outside and from inside: r has a sign.
     middle, mean = points.mean(axis=0), normals.mean(axis=0)
     away = normals - mean[None]
     radius = jnp.sum((points - middle[None]) * away) / jnp.sum(away**2)
-    radius = jnp.where(surface.num_normals >= FEWEST_POINTS, radius, jnp.nan)
+    radius = jnp.where(samples.num_normals >= FEWEST_POINTS, radius, jnp.nan)
     return Ball(middle - radius * mean, jnp.abs(radius))
 
 
-def _behind(surface: Surface) -> Ball:
+def _behind(samples: Samples) -> Ball:
     """As wide as the points appear, behind the nearest of them."""
-    distance = jnp.linalg.norm(surface.points, axis=1)
-    rays = surface.points / distance[:, None]
+    distance = jnp.linalg.norm(samples.points, axis=1)
+    rays = samples.points / distance[:, None]
     view = rays.mean(axis=0)
     view = view / jnp.linalg.norm(view)
     aside = jnp.linalg.norm(jnp.cross(rays, view[None]), axis=1)

@@ -33,13 +33,7 @@ from impostor_jax.fit.rounds import (
     median_of,
     round_through,
 )
-from impostor_jax.fit.surface import (
-    MAX_POINTS,
-    Samples,
-    Surface,
-    guesses_by,
-    surface_of,
-)
+from impostor_jax.fit.surface import MAX_POINTS, Samples, guesses_by
 from impostor_jax.geometry.so3 import tangent_basis
 
 MAX_AXES = 5
@@ -100,9 +94,8 @@ def _guessed(samples: Samples, tapered: bool) -> tuple[RoundBody, Bool[Array, " 
     """Guesses, and which of them are any."""
     dtype = jnp.result_type(float)
     with jax.default_matmul_precision("highest"):
-        surface = surface_of(samples)
-        axes, are_axes = _axes(surface, tapered)
-        bodies, misfit = _bodies_along(axes, are_axes, surface, tapered)
+        axes, are_axes = _axes(samples, tapered)
+        bodies, misfit = _bodies_along(axes, are_axes, samples, tapered)
     bodies = jax.tree.map(lambda field: field.astype(dtype), bodies)
     best = jax.tree.map(lambda field: field[0], bodies)
     around, is_around = _around_camera(best)
@@ -136,19 +129,19 @@ def _around_camera(body: RoundBody) -> tuple[RoundBody, Bool[Array, ""]]:
 
 
 def _axes(
-    surface: Surface, tapered: bool
+    samples: Samples, tapered: bool
 ) -> tuple[Float[Array, "k 3"], Bool[Array, " k"]]:
     """Likely axes, at least 10 degrees apart but for the longest direction.
 
     The second array tells which of the first are any.
     """
-    n = surface.normals
+    n, drawn = samples.normals, samples.drawn
     # Pairs of normals that are far apart in the image, in a fixed pattern.
     first = np.arange(40) * len(n) // 40
     apart = (np.array([[0.21], [0.38], [0.5]]) * len(n)).astype(int)
     others = n[(first + apart) % len(n)]
     pairs = jnp.cross(n[first][None], others).reshape(-1, 3)
-    candidates = [surface.drawn, n[first], pairs]
+    candidates = [drawn, n[first], pairs]
     least = [np.zeros(2), np.zeros(40), np.full(len(pairs), 0.3)]
     if tapered:
         # Normals of one angle with the axis end on a circle across it.
@@ -166,10 +159,10 @@ def _axes(
     _, vectors = jnp.linalg.eigh(n.T @ n)
     refined = _refined(jnp.concatenate([vectors[:, 2][None], axes[order]]), n, tapered)
     likeliest = refined[jnp.argmin(_unexplained(refined, n, tapered))]
-    longest, shortest = surface.drawn
+    longest, shortest = drawn
     axes = jnp.stack([likeliest, longest, *refined[:2], shortest, *refined[2:]])
     places = np.arange(len(axes))
-    are_any = (surface.num_normals >= FEWEST_POINTS) | (places == 1) | (places == 4)
+    are_any = (samples.num_normals >= FEWEST_POINTS) | (places == 1) | (places == 4)
     kept = _apart(axes, are_any)
     # A rod's image tells its axis better than its normals do, also where they are near.
     kept = (kept & (jnp.cumsum(kept) <= MAX_AXES)) | (places == 1)
@@ -234,26 +227,26 @@ def _refined(
 def _bodies_along(
     axes: Float[Array, "k 3"],
     are_axes: Bool[Array, " k"],
-    surface: Surface,
+    samples: Samples,
     tapered: bool,
 ) -> tuple[RoundBody, Float[Array, " g"]]:
     """Bodies from the circle that the wall makes, and from the disc of each cap.
 
     The best of each axis first; their misfit is infinite where there are no more.
     """
-    middle = surface.points.mean(axis=0)
+    middle = samples.points.mean(axis=0)
     # Frames whose third direction is the axis.
     frames = jnp.concatenate([jax.vmap(tangent_basis)(axes), axes[:, None]], axis=1)
     from_camera = frames @ middle[None, :, None]
-    local = frames @ (surface.points - middle[None]).T[None]
+    local = frames @ (samples.points - middle[None]).T[None]
     across, along = local[:, :2], local[:, 2]
-    caps = _caps(axes, surface, middle)
+    caps = _caps(axes, samples, middle)
     length = along.max(axis=1) - along.min(axis=1)
     on_cap = jnp.abs(along[:, None] - caps[..., None]) <= 0.05 * length[:, None, None]
     on_wall = ~jnp.any(on_cap, axis=1)
-    fewest = FEWEST_POINTS * surface.copies
+    fewest = FEWEST_POINTS * samples.copies
     circles = [
-        _silhouette(across, on_wall, from_camera[:, :2], surface.copies),
+        _silhouette(across, on_wall, from_camera[:, :2], samples.copies),
         round_through(across, on_wall, fewest=fewest),
     ]
     if tapered:
@@ -289,19 +282,19 @@ def _bodies_along(
 
 
 def _caps(
-    axes: Float[Array, "k 3"], surface: Surface, middle: Float[Array, "3"]
+    axes: Float[Array, "k 3"], samples: Samples, middle: Float[Array, "3"]
 ) -> Float[Array, "k 2"]:
     """Places along each axis, from a middle, of the caps that are seen; else NaN.
 
     A camera sees at most one cap from outside and both from between their planes.
     """
-    cosine, along = axes @ surface.normals.T, axes @ surface.normal_points.T
+    cosine, along = axes @ samples.normals.T, axes @ samples.normal_points.T
     sign = jnp.array([-1, 1], cosine.dtype)[None, :, None]
     # A cap that is seen edge on may give normals of either sign; one is true.
     facing = (sign * cosine[:, None] > CAP_COSINE) & (sign * along[:, None] < 0)
     # A few stray normals at the edge of the region do not make a cap.
     part = jnp.mean(facing, axis=-1, dtype=along.dtype)
-    is_seen = part >= jnp.maximum(8 / surface.num_normals, 0.03)
+    is_seen = part >= jnp.maximum(8 / samples.num_normals, 0.03)
     place = median_of(along[:, None], facing) - (axes @ middle[:, None])
     return jnp.where(is_seen, place, jnp.nan)
 

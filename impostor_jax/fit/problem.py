@@ -9,12 +9,8 @@ __all__ = [
     "Settings",
     "deviation",
     "gather_pixels",
-    "held",
     "posed",
 ]
-
-from collections.abc import Callable
-from typing import TypeVar
 
 import equinox as eqx
 import jax
@@ -29,8 +25,6 @@ from impostor_jax.fit.prior import Prior
 from impostor_jax.geometry.vec3 import Vec3
 from impostor_jax.numerics import eps
 from impostor_jax.sensor.base import AbstractDepthNoise
-
-Values = TypeVar("Values")
 
 BLOCK = 512
 """Readings that are summed at a time; the last of them, which are evenly spread over
@@ -136,24 +130,6 @@ class Problem(eqx.Module):
     settings: Settings
     camera: PinholeCamera
     kernel: str = eqx.field(static=True)
-
-
-def held(function: Callable[[], Values]) -> Values:
-    """Value of a function, kept in memory for all that reads it.
-
-    XLA would compute it anew in each of the loops that need it, but not what a branch
-    yields. That the branch is always taken is hidden from XLA, and is the same for all
-    problems of a batch, over which it stays a branch.
-    """
-    # So that it is traced once, for its shapes and for its value.
-    function = jax.jit(function)
-    shapes = jax.eval_shape(function)
-
-    def never() -> Values:
-        return jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), shapes)
-
-    always = jax.lax.optimization_barrier(jnp.array(True))
-    return jax.lax.cond(always, function, never)
 
 
 def posed(

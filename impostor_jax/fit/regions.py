@@ -22,11 +22,7 @@ from jaxtyping import Array, Bool, Float, Int
 from impostor_jax.camera.pinhole import PinholeCamera
 from impostor_jax.effort import MIN_READINGS
 from impostor_jax.fit.problem import BLOCK
-from impostor_jax.fit.request import (
-    DepthImage,
-    Mask,
-    check_readings,
-)
+from impostor_jax.fit.request import DepthImage, Mask, check_readings
 from impostor_jax.fit.segment import nearest_object
 from impostor_jax.fit.surface import cropped, middle_of, thinned
 from impostor_jax.sensor.base import AbstractDepthNoise, Reach

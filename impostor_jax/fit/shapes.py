@@ -46,14 +46,9 @@ from impostor_jax.fit.request import (
     checked_prior,
     checked_settings,
 )
-from impostor_jax.fit.result import (
-    Fit,
-)
+from impostor_jax.fit.result import Fit
 from impostor_jax.fit.solve import solve
-from impostor_jax.primitives.base import (
-    AbstractPrimitive,
-    in_camera_frame,
-)
+from impostor_jax.primitives.base import AbstractPrimitive, in_camera_frame
 from impostor_jax.sensor.base import AbstractDepthNoise
 
 

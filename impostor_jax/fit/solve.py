@@ -10,6 +10,7 @@ __all__ = [
     "STAGES",
     "STAGE_TOLERANCE",
     "Solution",
+    "in_coordinates",
     "solve",
     "spread_of",
 ]
@@ -339,13 +340,22 @@ def _told(problem: Problem, body: AbstractBody, stage: Stage) -> _Pass:
     scaled = _scaled(problem, body)
     of_readings, scale = _of_readings(problem, body, stage)
     total = of_readings + _beside(problem, body, stage, scale)
-    information = jnp.matmul(
-        jnp.matmul(scaled.T, total[:-1, :-1], precision="highest"),
-        scaled,
-        precision="highest",
-    )
-    pull = jnp.matmul(scaled.T, total[:-1, -1], precision="highest")
-    return _Pass(information, pull, scaled, of_readings[-1, -1])
+    total = in_coordinates(total, scaled.T)
+    return _Pass(total[:-1, :-1], total[:-1, -1], scaled, of_readings[-1, -1])
+
+
+def in_coordinates(
+    products: Float[Array, "k k"], into: Float[Array, "c c"]
+) -> Float[Array, "k k"]:
+    """Products of rows of [gradient, residual] from natural to other coordinates.
+
+    Args:
+        products: In natural coordinates.
+        into: Natural coordinates that each of the others moves, one a row.
+    """
+    turn = jnp.zeros_like(products).at[:-1, :-1].set(into).at[-1, -1].set(1)
+    turned = jnp.matmul(turn, products, precision="highest")
+    return jnp.matmul(turned, turn.T, precision="highest")
 
 
 def _scaled(problem: Problem, body: AbstractBody) -> Float[Array, "c c"]:

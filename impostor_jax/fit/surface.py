@@ -7,12 +7,10 @@ is left only some points are looked at, which is compiled.
 __all__ = [
     "MAX_POINTS",
     "Samples",
-    "Surface",
     "cropped",
     "guesses_by",
     "middle_of",
     "samples_of",
-    "surface_of",
     "thinned",
 ]
 
@@ -72,25 +70,49 @@ class Samples(NamedTuple):
     num_normals: Float[Array, ""]
     matrix: Float[Array, "3 3"]
 
+    @property
+    def points(self) -> Float[Array, "n 3"]:
+        """Some of the surface, in the camera frame."""
+        return _lifted(self.smooth, self.matrix)
 
-class Surface(NamedTuple):
-    """Points and normals of the region, and its directions, in the camera frame.
+    @property
+    def normal_points(self) -> Float[Array, "n 3"]:
+        """Where the normals are, in the camera frame."""
+        return _lifted(self.normal_at, self.matrix)
 
-    Attributes:
-        points: Some of it, `MAX_POINTS` or fewer of which some are there several times.
-        copies: How many times, about.
-        normals: They face the camera.
-        normal_points: Where those are.
-        num_normals: How many there were to choose from.
-        drawn: Directions in which the region is longest and shortest in the image.
-    """
+    @property
+    def normals(self) -> Float[Array, "n 3"]:
+        """They face the camera."""
+        focal = jnp.diagonal(self.matrix)[:2]
+        slopes = jnp.concatenate([self.slopes[:2] * focal[:, None], self.slopes[2:]])
+        return -_unit(slopes.T)
 
-    points: Float[Array, "n 3"]
-    copies: Float[Array, ""]
-    normals: Float[Array, "n 3"]
-    normal_points: Float[Array, "n 3"]
-    num_normals: Float[Array, ""]
-    drawn: Float[Array, "2 3"]
+    @property
+    def drawn(self) -> Float[Array, "2 3"]:
+        """Directions in which the region is longest and shortest in the image.
+
+        Noise as deep as the object is thick leaves nothing of the normals, but the
+        image of a rod is still long, and medians of many readings tell how its depth
+        changes. A disc is short along its axis where it is seen edge on, its axis
+        across the view.
+        """
+        middle = self.seen[:2].mean(axis=1)
+        pixels = self.seen[:2] - middle[:, None]
+        _, vectors = jnp.linalg.eigh(pixels @ pixels.T)
+        shortest, longest = vectors.T
+        place = longest @ pixels
+        parts = jnp.argsort(place).reshape(NUM_PARTS, -1)
+        offsets = place[parts].mean(axis=1)
+        offsets -= offsets.mean()
+        depths = median_of(self.seen[2][parts], jnp.ones(parts.shape, bool))
+        slope = offsets @ depths / jnp.maximum(offsets @ offsets, 1e-6)
+        focal = jnp.diagonal(self.matrix)[:2]
+        center = jnp.append((middle - self.matrix[:2, 2]) / focal, 1)
+        # A step along the image from the middle, at the depth there, moves it so.
+        lengthwise = jnp.append(longest / focal, 0) * depths.mean() + center * slope
+        across = jnp.append(shortest / focal, 0)
+        across -= center * (center @ across) / (center @ center)
+        return _unit(jnp.stack([lengthwise, across]))
 
 
 def cropped(region: Bool[np.ndarray, "h w"]) -> tuple[slice, slice]:
@@ -215,20 +237,6 @@ def _looked_at(
     return np.stack([col, row, image.ravel()[index]], dtype=np.float32)
 
 
-def surface_of(samples: Samples) -> Surface:
-    """Points, normals and directions of what is looked at of a region."""
-    focal = jnp.diagonal(samples.matrix)[:2]
-    slopes = jnp.concatenate([samples.slopes[:2] * focal[:, None], samples.slopes[2:]])
-    return Surface(
-        points=_lifted(samples.smooth, samples.matrix),
-        copies=samples.copies,
-        normals=-_unit(slopes.T),
-        normal_points=_lifted(samples.normal_at, samples.matrix),
-        num_normals=samples.num_normals,
-        drawn=_drawn(samples.seen, samples.matrix),
-    )
-
-
 def _lifted(
     pixels: Float[Array, "3 n"], matrix: Float[Array, "3 3"]
 ) -> Float[Array, "n 3"]:
@@ -259,34 +267,6 @@ def _slopes(
     col, row = np.arange(width), np.arange(height)[:, None]
     at_axis = z - x * (col - matrix[0, 2]) - y * (row - matrix[1, 2])
     return np.stack([x, y, at_axis])
-
-
-def _drawn(
-    seen: Float[Array, "3 n"], matrix: Float[Array, "3 3"]
-) -> Float[Array, "2 3"]:
-    """Directions in space along which the region is longest and shortest in the image.
-
-    Noise as deep as the object is thick leaves nothing of the normals, but the image of
-    a rod is still long, and medians of many readings tell how its depth changes. A disc
-    is short along its axis where it is seen edge on, its axis across the view.
-    """
-    middle = seen[:2].mean(axis=1)
-    pixels = seen[:2] - middle[:, None]
-    _, vectors = jnp.linalg.eigh(pixels @ pixels.T)
-    shortest, longest = vectors.T
-    place = longest @ pixels
-    parts = jnp.argsort(place).reshape(NUM_PARTS, -1)
-    offsets = place[parts].mean(axis=1)
-    offsets -= offsets.mean()
-    depths = median_of(seen[2][parts], jnp.ones(parts.shape, bool))
-    slope = offsets @ depths / jnp.maximum(offsets @ offsets, 1e-6)
-    focal = jnp.diagonal(matrix)[:2]
-    center = jnp.append((middle - matrix[:2, 2]) / focal, 1)
-    # A step along the image from the middle, at the depth there, moves the point so.
-    lengthwise = jnp.append(longest / focal, 0) * depths.mean() + center * slope
-    across = jnp.append(shortest / focal, 0)
-    across -= center * (center @ across) / (center @ center)
-    return _unit(jnp.stack([lengthwise, across]))
 
 
 def _unit(vectors: Float[Array, "n 3"]) -> Float[Array, "n 3"]:

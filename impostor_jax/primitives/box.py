@@ -38,12 +38,12 @@ from jaxtyping import Array, Float, Int
 from typing_extensions import override
 
 from impostor_jax.arguments import check_positive, check_rotation, float_arrays
+from impostor_jax.compiling import computed_apart
 from impostor_jax.geometry.frames import RigidTransform
 from impostor_jax.geometry.rays import Hit, Interval, Ray, slab_interval
 from impostor_jax.geometry.vec3 import Vec3
 from impostor_jax.primitives.base import AbstractPrimitive
 from impostor_jax.primitives.surface import (
-    computed_apart,
     facing,
     hit_tangent,
     within_range,

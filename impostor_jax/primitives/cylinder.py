@@ -45,6 +45,7 @@ from jaxtyping import Array, Float
 from typing_extensions import override
 
 from impostor_jax.arguments import check_direction, check_positive, float_arrays
+from impostor_jax.compiling import computed_apart
 from impostor_jax.geometry.frames import RigidTransform
 from impostor_jax.geometry.rays import Hit, Ray, slab_interval, wall_interval
 from impostor_jax.geometry.vec3 import Vec3, unit
@@ -52,7 +53,6 @@ from impostor_jax.numerics import has_square, safe_normalize, safe_sqrt
 from impostor_jax.primitives.base import AbstractPrimitive
 from impostor_jax.primitives.sector import sector, sector_fields
 from impostor_jax.primitives.surface import (
-    computed_apart,
     facing,
     hit_tangent,
     within_range,

@@ -5,9 +5,8 @@ ray's direction, dt = -(dF at the held t) / (n . d), whatever formula t came fro
 finite on every ray, and the same in forward and reverse mode.
 """
 
-__all__ = ["computed_apart", "facing", "hit_tangent", "within_range"]
+__all__ = ["facing", "hit_tangent", "within_range"]
 
-from collections.abc import Callable
 from typing import TypeVar
 
 import jax
@@ -19,31 +18,6 @@ from impostor_jax.geometry.vec3 import Vec3
 from impostor_jax.numerics import smallest_slope
 
 Values = TypeVar("Values")
-
-
-def computed_apart(
-    function: Callable[[], Values], witness: Float[Array, "..."]
-) -> Values:
-    """Value of a function, in a program of its own; without a derivative.
-
-    XLA otherwise writes every shared square root and quotient to a buffer of its own,
-    or computes it anew for all that reads it, and it fuses across any boundary but a
-    loop: a loop of one turn, counted at run time, takes a cylinder's 640x480 frame from
-    2.8 ms to 1.1 ms. A branch would save 0.05 ms more, but rounds a sphere seen by an
-    orthographic camera to 5 ulps where OpenGL's differs by less than 4.
-
-    Args:
-        function: What is computed.
-        witness: Any number that only the run knows.
-    """
-    # So that it is traced once, for its shapes and for its value.
-    function = jax.jit(function)
-    shapes = jax.eval_shape(function)
-    start = jax.tree.map(lambda field: jnp.zeros(field.shape, field.dtype), shapes)
-    # Always 1, but only the run knows: a bit pattern cut off to [1, 1].
-    bits = jax.lax.bitcast_convert_type(jnp.max(witness).astype(jnp.float32), jnp.int32)
-    turns = jnp.clip(bits, 1, 1)
-    return jax.lax.fori_loop(0, turns, lambda _, __: function(), start)
 
 
 def facing(n: Vec3, direction: Vec3, mask: Bool[Array, "*batch"]) -> Vec3:

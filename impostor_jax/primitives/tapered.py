@@ -22,12 +22,12 @@ import jax.numpy as jnp
 from jax.custom_derivatives import zero_from_primal
 from jaxtyping import Array, Bool, Float, Int
 
+from impostor_jax.compiling import computed_apart
 from impostor_jax.geometry.rays import Hit, Ray, cone_interval, plane_interval
 from impostor_jax.geometry.vec3 import Vec3
 from impostor_jax.numerics import eps, has_square, safe_divide, safe_sqrt
 from impostor_jax.primitives.sector import Sector
 from impostor_jax.primitives.surface import (
-    computed_apart,
     facing,
     hit_tangent,
     within_range,

@@ -1,8 +1,9 @@
 """Box in the image around any shape, from its exact outline.
 
 A cylinder or a frustum is the hull of its two end discs, a box that of its corners, and
-a sphere is seen within a cone; each has an explicit support function. What has no end,
-or an unknown one, may be seen anywhere.
+a sphere is seen within a cone. A camera in front of them keeps hulls, and each has an
+explicit support function: how far its image reaches in a direction. What has no end, or
+an unknown one, may be seen anywhere.
 """
 
 __all__ = ["ImageBounds", "image_bounds", "is_bounded"]
@@ -21,7 +22,6 @@ from impostor_jax.primitives.box import Box
 from impostor_jax.primitives.cylinder import Cylinder
 from impostor_jax.primitives.frustum import Frustum
 from impostor_jax.primitives.sphere import Sphere
-from impostor_jax.rendering.outline import disc_support, discs, sphere_support
 
 Corner = Float[Array, "2"]
 Disc = tuple[Vec3, Vec3, Float[Array, ""]]
@@ -85,7 +85,7 @@ def _discs_reach(
     reaches = []
     for c, a, r in ends:
         if is_central:
-            reaches.append(disc_support(c, a, r, n_x, n_y)[0])
+            reaches.append(_disc_support(c, a, r, n_x, n_y))
         else:
             across = safe_sqrt(1 - (n_x * a.x + n_y * a.y) ** 2)
             reaches.append(n_x * c.x + n_y * c.y + r * across)
@@ -97,9 +97,42 @@ def _discs_reach(
     )
 
 
+def _disc_support(
+    c: Vec3,
+    a: Vec3,
+    r: Float[Array, ""],
+    n_x: Float[Array, "4"],
+    n_y: Float[Array, "4"],
+) -> Float[Array, "4"]:
+    """Largest n.x over the image of a disc, wholly in front of a camera with a center.
+
+    The disc with center c, unit normal a and radius r has the dual conic
+    r^2 (I - a a^T) - c c^T: the line n.x = s of the plane z = 1 touches its image where
+    (n, -s) makes that form zero, a quadratic in s.
+
+    References:
+        Hartley and Zisserman (2004), section 2.2.3, for the dual conic.
+    """
+    zero, one = jnp.zeros_like(n_x), jnp.ones_like(n_x)
+    normal, forward = Vec3(n_x, n_y, zero), Vec3(zero, zero, one)
+
+    def across(v: Vec3, w: Vec3) -> Float[Array, "4"]:
+        return v.dot(w) - v.dot(a) * w.dot(a)
+
+    n_n, n_z = across(normal, normal), across(normal, forward)
+    z_z = across(forward, forward)
+    w = normal * c.z - forward * normal.dot(c)
+    # The discriminant of the quadratic, multiplied out: as it stands it cancels where
+    # the disc is small for its distance.
+    gap = r * r * (across(w, w) - r * r * (n_n * z_z - n_z * n_z))
+    height = c.z * c.z - r * r * z_z
+    return (normal.dot(c) * c.z - r * r * n_z + safe_sqrt(gap)) / height
+
+
 def _cylinder_reach(cylinder: Cylinder, is_central: bool):
-    a = Vec3.from_array(cylinder.axis).unit()
-    ends = [(c, a, cylinder.radius) for c in discs(cylinder)]
+    a, c = Vec3.from_array(cylinder.axis).unit(), Vec3.from_array(cylinder.center)
+    half = a * (cylinder.height / 2)
+    ends = [(end, a, cylinder.radius) for end in (c - half, c + half)]
     return _discs_reach(ends, is_central)
 
 
@@ -113,10 +146,15 @@ def _frustum_reach(frustum: Frustum, is_central: bool):
 def _sphere_reach(sphere: Sphere, is_central: bool):
     (x, y, z), r = sphere.center, sphere.radius
     n_x, n_y = jnp.array(SIDES, r.dtype)
+    reach = n_x * x + n_y * y
     if is_central:
-        reach = sphere_support(sphere, n_x, n_y)
+        # The plane through the camera and the line n.x = s is r away from the center:
+        # (n.c - s z)^2 = r^2 (1 + s^2).
+        square = (z - r) * (z + r)
+        root = safe_sqrt(reach * reach + square)
+        reach = (reach * z + r * root) / jnp.where(square == 0, 1, square)
     else:
-        reach = n_x * x + n_y * y + r
+        reach = reach + r
     return reach, z - r, z + r
 
 

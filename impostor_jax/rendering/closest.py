@@ -22,10 +22,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from impostor_jax.compiling import computed_apart
 from impostor_jax.geometry.rays import Hit, Ray
 from impostor_jax.geometry.vec3 import Vec3
 from impostor_jax.primitives.base import AbstractPrimitive
-from impostor_jax.primitives.surface import computed_apart
 from impostor_jax.rendering.bounds import image_bounds
 from impostor_jax.rendering.scene import Group
 

@@ -52,13 +52,6 @@ class AbstractOutline(eqx.Module):
         """Center of the body, and three vectors that turn and grow with it."""
 
     @abc.abstractmethod
-    def box(self) -> tuple[Float[Array, "2"], Float[Array, "2"]]:
-        """Smallest and largest (x, y) of the outline in the plane z = 1.
-
-        The whole plane where the body is not wholly in front of the camera.
-        """
-
-    @abc.abstractmethod
     def place(self, parameter: Float[Array, "*batch"]) -> Place:
         """Where on the body a point of the curve is; `parameter` is in [0, 4]."""
 

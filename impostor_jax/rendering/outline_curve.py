@@ -27,7 +27,6 @@ from impostor_jax.numerics import eps, safe_divide, safe_sqrt
 from impostor_jax.primitives.base import AbstractPrimitive, in_camera_frame
 from impostor_jax.primitives.cylinder import Cylinder
 from impostor_jax.primitives.sphere import Sphere
-from impostor_jax.rendering.outline import bounding_box
 from impostor_jax.rendering.outline_base import AbstractOutline, Place
 from impostor_jax.rendering.sphere_outline import sphere_outline
 
@@ -129,10 +128,6 @@ class Outline(AbstractOutline):
         # |c_a x - (a.x) c|^2 - r^2 (a.x)^2: where the ray x meets the plane of the rim.
         unit = jnp.eye(3, dtype=r.dtype)[None]
         return c_a * c_a * unit - c_a * mixed + (c_c - r * r) * outer
-
-    @override
-    def box(self) -> tuple[Float[Array, "2"], Float[Array, "2"]]:
-        return bounding_box(self.cylinder)
 
     @override
     def place(self, parameter: Float[Array, "*batch"]) -> Place:

@@ -13,14 +13,14 @@ from impostor_jax.primitives.base import AbstractPrimitive, in_camera_frame
 from impostor_jax.rendering.bounds import is_bounded
 from impostor_jax.rendering.closest import closest
 from impostor_jax.rendering.maps import GeometryMaps
-from impostor_jax.rendering.scene import Scene
+from impostor_jax.rendering.scene import Scene, Shown
 
-Seen = tuple[Float[Array, "h w"], Vec3 | None, Int[Array, "h w"]]
+FirstHit = tuple[Float[Array, "h w"], Vec3 | None, Int[Array, "h w"]]
 """What rays meet: the depth, the normal if it is wanted, and which shape that is."""
 
 
 def raycast(
-    primitive: AbstractPrimitive | Scene,
+    primitive: Shown,
     camera: AbstractCamera,
     row: Int[Array, "h w"],
     col: Int[Array, "h w"],
@@ -66,11 +66,11 @@ def raycast(
 
 
 def first_surface(
-    primitive: AbstractPrimitive | Scene,
+    primitive: Shown,
     camera: AbstractCamera,
     ray: Ray,
     with_normal: bool,
-) -> Seen:
+) -> FirstHit:
     """What rays meet first.
 
     Args:
@@ -86,7 +86,7 @@ def first_surface(
 
 def _see_one(
     primitive: AbstractPrimitive, camera: AbstractCamera, ray: Ray, with_normal: bool
-) -> Seen:
+) -> FirstHit:
     primitive = in_camera_frame(primitive, camera)
     hit = primitive.intersect(ray)
     normal = primitive.normal(ray, hit) if with_normal else None
@@ -95,7 +95,7 @@ def _see_one(
 
 def _see_scene(
     scene: Scene, camera: AbstractCamera, ray: Ray, with_normal: bool
-) -> Seen:
+) -> FirstHit:
     """Search among many shapes of a type; those alone or unbounded see every ray."""
     many, few = [], []
     for group in scene.seen_by(camera).groups:

@@ -28,14 +28,12 @@ from impostor_jax.rendering.bounds import is_bounded
 from impostor_jax.rendering.coverage import coverage
 from impostor_jax.rendering.maps import MISSES, OUTPUTS, GeometryMaps
 from impostor_jax.rendering.raycast import raycast
-from impostor_jax.rendering.scene import Scene
+from impostor_jax.rendering.scene import Scene, Shown
 from impostor_jax.rendering.tile import outline_tile
-
-Seen = AbstractPrimitive | Scene
 
 
 def render(
-    primitive: Seen,
+    primitive: Shown,
     camera: AbstractCamera,
     outputs: Sequence[str] = ("depth", "normal", "mask"),
     tile: Tile | None = None,
@@ -89,7 +87,7 @@ def render(
         raise ValueError(f"outputs must be a sequence of names, got {outputs!r}")
     for name in outputs:
         one_of("outputs", name, OUTPUTS)
-    if not isinstance(primitive, AbstractPrimitive | Scene):
+    if not isinstance(primitive, Shown):
         raise ValueError(
             "primitive must be a shape, or an ij.Scene of a list of shapes, got "
             f"{type(primitive).__name__}"
@@ -136,7 +134,7 @@ def _with_miss(maps: GeometryMaps, miss: float | Float[Array, ""]) -> GeometryMa
     return dataclasses.replace(maps, depth=depth, range=range_, point=point)
 
 
-def _samples(primitive: Seen, effort: Effort) -> int:
+def _samples(primitive: Shown, effort: Effort) -> int:
     """Rays along each side of a pixel for the coverage; 0 for the exact area."""
     if effort.outline == "hard":
         return 1
@@ -150,7 +148,7 @@ def _samples(primitive: Seen, effort: Effort) -> int:
     return 0
 
 
-def _has_tile(primitive: Seen, camera: AbstractCamera) -> bool:
+def _has_tile(primitive: Shown, camera: AbstractCamera) -> bool:
     """Whether the tile around what is seen is smaller than the frame, and known."""
     return (
         isinstance(primitive, AbstractPrimitive)
@@ -169,7 +167,7 @@ def _on_grid(tile: Tile, camera: AbstractCamera, stride: int) -> Tile:
 
 @partial(kept, static_argnames=("outputs", "stride", "samples"))
 def _render(
-    primitive: Seen,
+    primitive: Shown,
     camera: AbstractCamera,
     tile: Tile | None,
     outputs: tuple[str, ...],
@@ -208,7 +206,7 @@ def _render(
 
 
 def _sampled_coverage(
-    primitive: Seen,
+    primitive: Shown,
     camera: AbstractCamera,
     row: Int[Array, "h w"],
     col: Int[Array, "h w"],

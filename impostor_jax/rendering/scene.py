@@ -6,7 +6,7 @@ what else may be seen anywhere, are each cast at every ray, and fill no bucket. 
 that a scene does not hold are in no program.
 """
 
-__all__ = ["Group", "Scene"]
+__all__ = ["Group", "Scene", "Shown"]
 
 from collections.abc import Sequence
 from typing import Any
@@ -96,6 +96,10 @@ class Scene(eqx.Module):
 
         groups = tuple(moved(group) for group in self.groups)
         return eqx.tree_at(lambda scene: scene.groups, self, groups)
+
+
+Shown = AbstractPrimitive | Scene
+"""What can be rendered."""
 
 
 def _as_batch(shape: AbstractPrimitive, dtype: np.dtype) -> AbstractPrimitive:

@@ -18,7 +18,6 @@ from impostor_jax.geometry.so3 import tangent_basis
 from impostor_jax.geometry.vec3 import Vec3
 from impostor_jax.numerics import safe_divide, safe_norm, safe_normalize, safe_sqrt
 from impostor_jax.primitives.sphere import Sphere
-from impostor_jax.rendering.outline import sphere_box
 from impostor_jax.rendering.outline_base import AbstractOutline, Place
 
 
@@ -76,10 +75,6 @@ class SphereOutline(AbstractOutline):
         frame = jnp.stack([self.toward, across[0], across[1]])
         radii = self.sphere.radius * jax.lax.stop_gradient(frame)
         return jnp.stack([self.sphere.center, *radii])
-
-    @override
-    def box(self) -> tuple[Float[Array, "2"], Float[Array, "2"]]:
-        return sphere_box(self.sphere)
 
     @override
     def place(self, parameter: Float[Array, "*batch"]) -> Place:

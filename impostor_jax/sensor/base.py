@@ -10,7 +10,6 @@ __all__ = [
     "AbstractDepthNoise",
     "Reach",
     "Scalar",
-    "compiled",
     "cos_incidence",
     "has_surface",
     "noise_model",
@@ -18,11 +17,9 @@ __all__ = [
 ]
 
 import abc
-from collections.abc import Callable
-from typing import Any, TypeVar, cast
+from typing import Any
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
@@ -32,7 +29,6 @@ from impostor_jax.sensor.draws import normal_draws
 
 Scalar = float | Float[Array, ""]
 Reach = int | Int[Array, ""]
-Method = TypeVar("Method", bound=Callable)
 
 NO_READING = 0.0
 """A missing reading, as in depth files.
@@ -100,15 +96,6 @@ class AbstractDepthNoise(eqx.Module):
             In depth, with what was drawn held; 0 for readings that are rounded or
             missing.
         """
-
-
-def compiled(method: Method) -> Method:
-    """`jax.jit`, typed as what it wraps, so that the method may override another.
-
-    For `sample`: called as it is on 640x480 pixels, step by step, three nested parts
-    take 149 ms and 4.7 s the first time, and 85 ms and 2.8 s compiled.
-    """
-    return cast(Method, jax.jit(method))
 
 
 def cos_incidence(

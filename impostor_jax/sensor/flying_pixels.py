@@ -15,11 +15,11 @@ from typing_extensions import override
 
 from impostor_jax.arguments import bounded_number
 from impostor_jax.camera.base import AbstractCamera
+from impostor_jax.compiling import compiled
 from impostor_jax.sensor.base import (
     AbstractDepthNoise,
     Reach,
     Scalar,
-    compiled,
     has_surface,
     noise_model,
 )

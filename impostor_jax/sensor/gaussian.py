@@ -10,10 +10,10 @@ from typing_extensions import override
 
 from impostor_jax.arguments import real_number
 from impostor_jax.camera.base import AbstractCamera
+from impostor_jax.compiling import compiled
 from impostor_jax.sensor.base import (
     AbstractDepthNoise,
     Reach,
-    compiled,
     has_surface,
     scattered,
 )

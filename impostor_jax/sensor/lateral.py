@@ -15,11 +15,11 @@ from typing_extensions import override
 
 from impostor_jax.arguments import angle_below_grazing, bounded_number
 from impostor_jax.camera.base import AbstractCamera
+from impostor_jax.compiling import compiled
 from impostor_jax.sensor.base import (
     AbstractDepthNoise,
     Reach,
     Scalar,
-    compiled,
     cos_incidence,
     has_surface,
     noise_model,

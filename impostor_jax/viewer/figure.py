@@ -5,38 +5,42 @@ __all__ = ["fitted_outline", "overlay_figure", "write_overlay"]
 from pathlib import Path
 from typing import Any
 
-import jax.numpy as jnp
+import jax
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Array, Bool, Float
 from matplotlib.figure import Figure
 
 from impostor_jax.camera.pinhole import PinholeCamera
 from impostor_jax.fit.result import Fit
 from impostor_jax.io.atomic import write_atomically
-from impostor_jax.primitives.base import AbstractPrimitive, in_camera_frame
+from impostor_jax.primitives.base import AbstractPrimitive
 from impostor_jax.primitives.cylinder import Cylinder
-from impostor_jax.rendering.outline import in_front, outline_points
+from impostor_jax.primitives.sphere import Sphere
+from impostor_jax.rendering.image_curve import image_curve
 from impostor_jax.rendering.render import render
+
+OUTLINE_STEPS = 1024
+"""Points of an outline: at most 2 pixels apart at 640x480."""
 
 
 def fitted_outline(
-    cylinder: Cylinder, camera: PinholeCamera
+    shape: Cylinder | Sphere, camera: PinholeCamera
 ) -> Float[np.ndarray, "n 2"] | None:
-    """Closed outline of a cylinder in image coordinates (u, v), in pixels.
+    """Closed outline of a shape in image coordinates (u, v), in pixels.
 
-    None where the cylinder is not wholly in front of the camera.
+    It is exact in the image and may be pulled towards it beyond. None where there is no
+    outline in front of the camera.
     """
-    cylinder = in_camera_frame(cylinder, camera)
-    if not bool(in_front(cylinder)):
-        return None
-    corners = np.asarray(outline_points(cylinder))
-    closed = np.concatenate([corners, corners[:1]])
-    # Straight edges bend under a lens: fill them with points.
-    steps = np.linspace(0, 1, 8, endpoint=False)[None, :, None]
-    filled = closed[:-1, None] * (1 - steps) + closed[1:, None] * steps
-    points = np.concatenate([filled.reshape(-1, 2), corners[:1]])
-    rays = np.concatenate([points, np.ones_like(points[:, :1])], axis=1)
-    return np.asarray(camera.project(jnp.asarray(rays, corners.dtype)))
+    pixels, visible = _outline(shape, camera)
+    return np.concatenate([pixels, pixels[:1]]) if bool(visible) else None
+
+
+@jax.jit
+def _outline(
+    shape: Cylinder | Sphere, camera: PinholeCamera
+) -> tuple[Float[Array, "n 2"], Bool[Array, ""]]:
+    curve = image_curve(shape, camera, camera.frame)
+    return curve.even_steps(OUTLINE_STEPS, margin=1).pixels, curve.visible
 
 
 def overlay_figure(fit: Fit, depth: Any, camera: PinholeCamera) -> Figure:
@@ -86,9 +90,10 @@ def overlay_figure(fit: Fit, depth: Any, camera: PinholeCamera) -> Figure:
 
 
 def _draw_outline(axes: Any, shape: AbstractPrimitive, camera: PinholeCamera) -> None:
-    outline = fitted_outline(shape, camera) if isinstance(shape, Cylinder) else None
-    if outline is not None:
-        axes.plot(*outline.T, color="red", linewidth=1.2)
+    if isinstance(shape, Cylinder | Sphere):
+        outline = fitted_outline(shape, camera)
+        if outline is not None:
+            axes.plot(*outline.T, color="red", linewidth=1.2)
         return
     mask = render(shape, camera, outputs=("mask",)).mask
     if mask is not None and bool(mask.any()) and not bool(mask.all()):

@@ -1,6 +1,5 @@
 """A preset of small images, and datasets of it that tests share."""
 
-import dataclasses
 from concurrent.futures import Executor, Future
 from pathlib import Path
 
@@ -54,10 +53,3 @@ def checksums(folder: Path) -> dict[str, str]:
     files = sorted((folder / "checksums").iterdir())
     lines = [line for file in files for line in file.read_text().splitlines()]
     return {line[66:]: line[:64] for line in lines}
-
-
-def without_noise(preset: Preset = SMALL) -> Preset:
-    """The same scenes, read with hardly any noise."""
-    return dataclasses.replace(
-        preset, sensor=ij.ConstantNoise(1e-9), projector_baseline=None
-    )

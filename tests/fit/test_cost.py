@@ -11,14 +11,14 @@ import pytest
 
 import impostor_jax as ij
 from impostor_jax.compiling import quickly_compiled
-from impostor_jax.fit import request
+from impostor_jax.fit import evidence, request
 from impostor_jax.fit.evidence import reading_terms
 from impostor_jax.fit.fittable import CYLINDER
 from impostor_jax.fit.options import Options
 from impostor_jax.fit.problem import Pixels
 from impostor_jax.fit.request import checked_noise, checked_prior, checked_settings
 from impostor_jax.fit.shapes import fit_from, pixels_shown
-from tests.checks import compiled_cost
+from tests.checks import AS_USERS_RUN, compiled_cost
 from tests.fit.bodies import body_of, rays
 from tests.fit.scenes import CAMERA, SIGMA, can, image
 from tests.groups import SMALL_IMAGES
@@ -43,6 +43,23 @@ def test_a_cylinder_has_no_gradient_of_a_slope():
 def test_a_constant_sigma_needs_no_incidence():
     plain = cost_of_readings(can(), ij.ConstantNoise(SIGMA))
     assert (plain < cost_of_readings(can(), ij.StructuredLight())).all()
+
+
+def test_the_rows_of_readings_are_computed_once(monkeypatch):
+    def operations() -> float:
+        def products(direction, depth, body):
+            pixels = Pixels(direction, depth, depth > 0)
+            terms = reading_terms(pixels, body, ij.ConstantNoise(SIGMA)).terms
+            return jnp.matmul(terms.rows, terms.rows.T, precision="highest")
+
+        given = rays(can(), np.float32, 512), jnp.ones(512), body_of(can())
+        program = jax.jit(products).lower(*given).compile(AS_USERS_RUN)
+        return program.cost_analysis()["flops"]
+
+    once = operations()
+    monkeypatch.setattr(evidence, "computed_once", lambda function: function())
+    # Measured: 1.6 times. Where this fails, XLA does it by itself.
+    assert operations() > 1.3 * once
 
 
 def test_a_fit_is_one_program_that_asks_the_host_nothing():

@@ -8,7 +8,7 @@ image is the line n.q = h touches it: with l = (n_x, n_y, -h) and l' its part ac
 axis, l.c + r |l'| = 0, a quadratic equation in h.
 """
 
-__all__ = ["outline_distance"]
+__all__ = ["disc_support", "outline_distance"]
 
 import math
 from collections.abc import Sequence
@@ -55,11 +55,11 @@ def outline_distance(
 
 def _beyond(n, p, ends, a, r, sqrt):
     """How far a point lies beyond the line across n that touches the image."""
-    reach = max(_support(n, end, a, r, sqrt) for end in ends)
+    reach = max(disc_support(n, end, a, r, sqrt) for end in ends)
     return n[0] * p[0] + n[1] * p[1] - reach
 
 
-def _support(n, c, a, r, sqrt):
+def disc_support(n, c, a, r, sqrt):
     """Largest n.q of the disc's image: the outer root in h of the tangent planes."""
     # l = m - h e with m = (n, 0) and e = (0, 0, 1); |l'|^2 = l.l - (l.a)^2.
     m_c, m_a = n[0] * c[0] + n[1] * c[1], n[0] * a[0] + n[1] * a[1]

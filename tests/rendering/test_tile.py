@@ -1,10 +1,8 @@
 import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
 
 import impostor_jax as ij
-from impostor_jax.rendering.outline import in_front, outline_points, support
 from tests.cases import CAMERAS
 from tests.rendering import exact
 
@@ -19,7 +17,6 @@ SHAPES = {
 
 
 outline_box = jax.jit(ij.outline_box)
-reach = jax.jit(support)
 
 
 @pytest.fixture(params=SHAPES)
@@ -53,28 +50,6 @@ def test_tile_shows_all_of_the_cylinder(shape, camera):
     part = ij.render(cylinder, camera, outputs=("mask",), tile=tile).mask
     assert int(part.sum()) == int(whole.sum())
     assert tile.height == camera.height or tile.height % 16 == 0
-
-
-def test_outline_is_tight_around_dense_points_of_the_rims(shape):
-    cylinder = ij.Cylinder(*shape)
-    assert bool(in_front(cylinder))
-    a = np.asarray(cylinder.axis, float)
-    across = np.linalg.svd(a[None])[2][1:]
-    angle = np.linspace(0, 2 * np.pi, 2000)[:, None]
-    ring = float(cylinder.radius) * (
-        np.cos(angle) * across[0] + np.sin(angle) * across[1]
-    )
-    rims = np.concatenate(
-        [np.asarray(cylinder.center) + s * shape[3] / 2 * a + ring for s in (-1, 1)]
-    )
-    image = rims[:, :2] / rims[:, 2:]
-    direction = np.linspace(0, 2 * np.pi, 97)
-    n = np.stack([np.cos(direction), np.sin(direction)]).astype(np.float32)
-    expected = (image @ n).max(axis=0)
-    found, x, y = reach(cylinder, *jnp.asarray(n))
-    np.testing.assert_allclose(found, expected, atol=2e-6)
-    np.testing.assert_allclose(n[0] * x + n[1] * y, found, atol=2e-6)
-    assert outline_points(cylinder, 40).shape == (40, 2)
 
 
 def test_tile_with_a_margin_holds_all_of_the_covered_area():
