@@ -20,11 +20,11 @@ from experiments.extremes.rays import (
     over_the_image,
 )
 from experiments.extremes.report import draw, tables
+from experiments.oracle.claims import DECISION, Errors, errors_of
+from experiments.oracle.condition import Reference, reference
+from experiments.oracle.extremes import Rays, extreme_rays
 from experiments.recording import Metric, result_folder, save_run
 from impostor_jax.numerics import eps
-from tests.oracle.claims import DECISION, Errors, errors_of
-from tests.oracle.condition import Reference, reference
-from tests.oracle.extremes import Rays, extreme_rays
 
 HERE = Path(__file__).parent
 

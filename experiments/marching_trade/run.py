@@ -25,12 +25,12 @@ from experiments.marching_trade.scenes import (
     land,
     over_land,
 )
+from experiments.oracle import heightfield as oracle
 from experiments.recording import Metric, result_folder, save_run
 from impostor_jax.geometry.rays import Hit, Ray
 from impostor_jax.numerics import eps
 from impostor_jax.primitives.heightfield import Heightfield
 from impostor_jax.primitives.heightfield_march import MARCHES, March
-from tests.oracle import heightfield as oracle
 
 HERE = Path(__file__).parent
 
