@@ -1,9 +1,11 @@
 """How long calls take: in turns in one process, or as the first of new processes."""
 
 __all__ = [
+    "COLUMNS",
     "WARM_UP",
     "Timing",
     "case_metrics",
+    "case_row",
     "exponent",
     "in_new_process",
     "peak_memory_mb",
@@ -21,13 +23,14 @@ import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import jax
 import numpy as np
 from jaxtyping import Float
 
-from experiments.recording import Metric
+from experiments.markdown import three_digits
+from experiments.recording import Metric, Results
 
 BLOCKS = 10
 """Turns that a case gets; its calls are spread over them."""
@@ -92,13 +95,15 @@ def in_new_process(module: str, arguments: Sequence[str], cache: Path) -> Any:
     return json.loads(done.stdout)
 
 
-def sample(name: str, values: Any, unit: str) -> Metric:
+def sample(
+    name: str, values: Any, unit: str, better: Literal["lower", "higher"] = "lower"
+) -> Metric:
     """Median and interquartile range; nothing where nothing was measured."""
     values = np.asarray([value for value in np.ravel(values) if value is not None])
     if not values.size:
-        return Metric(name, None, None, unit, "lower", 0)
+        return Metric(name, None, None, unit, better, 0)
     low, middle, high = (float(q) for q in np.percentile(values, (25, 50, 75)))
-    return Metric(name, middle, high - low, unit, "lower", values.size)
+    return Metric(name, middle, high - low, unit, better, values.size)
 
 
 def case_metrics(case: str, timing: Timing | None) -> list[Metric]:
@@ -111,6 +116,16 @@ def case_metrics(case: str, timing: Timing | None) -> list[Metric]:
         Metric(f"{case}.minimum", least, None, "ms", "lower", n),
         Metric(f"{case}.page_faults", timing.page_faults, None, "1/call", "lower", n),
     ]
+
+
+COLUMNS = ("median, ms", "spread, ms", "minimum, ms", "page faults")
+"""Of a table of cases."""
+
+
+def case_row(results: Results, case: str, label: str) -> list[str]:
+    """Row of a case; blank where it could not run."""
+    others = (results.values.get(f"{case}.{n}") for n in ("minimum", "page_faults"))
+    return [label, *map(three_digits, (*results.pair(f"{case}.median"), *others))]
 
 
 def exponent(

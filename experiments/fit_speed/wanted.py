@@ -1,6 +1,6 @@
-"""What is wanted of fits, and whether a run met it."""
+"""What is wanted of fits."""
 
-__all__ = ["WANTED", "Wish", "is_met"]
+__all__ = ["WANTED", "Wish"]
 
 import dataclasses
 
@@ -37,8 +37,3 @@ WANTED = (
 )
 """Medians. A mask has at most 10000 pixels; a first fit is timed from after the import
 of JAX."""
-
-
-def is_met(wish: Wish, value: float | None) -> bool | None:
-    """Whether a value will do; None where it was not measured."""
-    return None if value is None else value <= wish.most

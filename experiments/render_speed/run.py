@@ -4,25 +4,21 @@ What is compared is timed in turns, a block of calls each, so that all meet the 
 in one state and their ratios are fair. Before that, all must draw the same image.
 """
 
-__all__ = ["Config", "run"]
+__all__ = ["Config", "measure"]
 
 import contextlib
 import dataclasses
 import gc
 import math
-import sys
 import tempfile
-import time
 from pathlib import Path
 
 import numpy as np
-import tyro
 
-from experiments.recording import Metric, result_folder, save_run
-from experiments.render_speed.cases import make_camera, make_can, make_view
+from experiments.recording import Metric
 from experiments.render_speed.kernel import compile_kernel
 from experiments.render_speed.names import FIRST, GROUPS, RATIOS
-from experiments.render_speed.report import draw, table
+from experiments.render_speed.report import draw, tables
 from experiments.render_speed.scaling import measure_scaling
 from experiments.render_speed.workloads import (
     Calls,
@@ -30,6 +26,8 @@ from experiments.render_speed.workloads import (
     can_calls,
     scene_calls,
 )
+from experiments.running import RunConfig, main
+from experiments.scenes import make_view
 from experiments.timing import (
     Timing,
     case_metrics,
@@ -38,8 +36,6 @@ from experiments.timing import (
     time_in_turns,
 )
 from impostor_jax.glsl.offscreen import DriverError, OffscreenRenderer
-
-HERE = Path(__file__).parent
 
 SEED = 0
 
@@ -56,23 +52,17 @@ FIRST_CALL = "experiments.render_speed.first_call"
 
 
 @dataclasses.dataclass(frozen=True)
-class Config:
+class Config(RunConfig):
     """Measure how long renders and gradients take, beside other programs."""
-
-    quick: bool = False
-    """Small images, few cylinders and calls: a trial of the code, no measurement."""
 
     repeats: int = 200
     """Timed calls of a case of the can; slower cases take a share of them."""
 
-    output: Path | None = None
-    """Folder of the results; the experiment's own by default, a temporary one with
-    --quick."""
-
 
 def measure(config: Config) -> list[Metric]:
     """Measure all cases, ratios, curves and first calls."""
-    camera = make_camera(SHRINK if config.quick else 1)
+    shrink = SHRINK if config.quick else 1
+    camera = make_view(640 // shrink, 480 // shrink)
     metrics: list[Metric] = []
     timings: dict[str, Timing] = {}
     with tempfile.TemporaryDirectory() as folder, contextlib.ExitStack() as stack:
@@ -146,36 +136,5 @@ def measure_first_calls(config: Config) -> list[Metric]:
     return metrics
 
 
-def run(config: Config) -> Path:
-    """Measure, record and draw; returns the folder of the results.
-
-    Raises:
-        ValueError: `repeats` is not positive, the code is not committed, or two
-            programs do different work.
-    """
-    if config.repeats < 1:
-        raise ValueError(f"repeats must be at least 1, got {config.repeats}")
-    folder = result_folder(config.output, HERE, quick=config.quick)
-    if config.quick:
-        config = dataclasses.replace(config, repeats=min(config.repeats, 2))
-    start = time.perf_counter()
-    metrics = measure(config)
-    save_run(
-        folder,
-        metrics,
-        config,
-        seed=SEED,
-        dtype=str(make_can().radius.dtype),
-        seconds=time.perf_counter() - start,
-        quick=config.quick,
-    )
-    draw(folder)
-    return folder
-
-
 if __name__ == "__main__":
-    try:
-        written = run(tyro.cli(Config))
-    except ValueError as error:
-        sys.exit(str(error))
-    print(f"{table(written)}\n\nwritten to {written}")
+    main(Config, measure, draw, tables, Config(repeats=2))

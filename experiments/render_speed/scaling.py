@@ -12,14 +12,10 @@ from jaxtyping import Array, Float
 
 import impostor_jax as ij
 from experiments.recording import Metric
-from experiments.render_speed.cases import (
-    make_can,
-    make_many,
-    make_view,
-    squared_difference,
-)
+from experiments.render_speed.cases import make_many, squared_difference
 from experiments.render_speed.kernel import Kernel
 from experiments.render_speed.workloads import OUTPUTS, Calls
+from experiments.scenes import make_can, make_view
 from experiments.timing import exponent, sample, time_in_turns
 
 SEED = 2
