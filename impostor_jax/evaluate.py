@@ -197,11 +197,10 @@ def _less(
     if isinstance(found, RoundBody) and isinstance(true, RoundBody):
         opposed = jnp.sum(found.axis * true.axis) < 0
         turn = jnp.where(opposed, -1, 1).astype(found.axis.dtype)
-        found, true = (
-            (found, true.reversed(turn))
-            if about_found
-            else (found.reversed(turn), true)
-        )
+        if about_found:
+            true = true.reversed(turn)
+        else:
+            found = found.reversed(turn)
     near: Any = found if about_found else true
     one, other = (body.readout(near, ends_seen) for body in (found, true))
     return jnp.concatenate(

@@ -4,17 +4,16 @@ __all__ = ["Config", "measure"]
 
 import dataclasses
 import importlib.util
-import time
-from collections.abc import Callable, Iterator, Sequence
-from typing import Any, TypeVar
+from collections.abc import Iterator, Sequence
+from typing import Any
 
-import jax
 import numpy as np
 from jaxtyping import Bool, Float
 
 import impostor_jax as ij
 from experiments.errors import bound, error
 from experiments.fit_accuracy.report import draw, tables
+from experiments.fitting import Fits, bias, fit_all, over_bound
 from experiments.recording import Metric
 from experiments.running import RunConfig, main
 from experiments.scenes import (
@@ -27,8 +26,6 @@ from experiments.scenes import (
     draw_scene,
 )
 from impostor_jax.fit.fittable import CYLINDER
-
-T = TypeVar("T")
 
 CASES = {
     f"{degrees:.0f}deg.{name}": Case((degrees, degrees), sigma, outliers)
@@ -74,90 +71,32 @@ class Config(RunConfig):
     one."""
 
 
-@dataclasses.dataclass(frozen=True)
-class Fits:
-    """Fits of many views by one program, those that failed left out.
-
-    Attributes:
-        errors: In the coordinates of `Fit.covariance`.
-        deviations: That were reported; None where a program reports none.
-        bounds: Cramér-Rao bound of all the mask's pixels.
-        bounds_facing: The same without those seen at a cosine below 0.3.
-        failures: Number of views without a fit.
-        seconds: Median time of a fit.
-    """
-
-    errors: Float[np.ndarray, "n 7"]
-    deviations: Float[np.ndarray, "n 7"] | None
-    bounds: Float[np.ndarray, "n 7"]
-    bounds_facing: Float[np.ndarray, "n 7"]
-    failures: int
-    seconds: float
-
-
-def fit_views(views: Sequence[View], with_bounds: bool = True, **options: Any) -> Fits:
+def fit_views(views: Sequence[View], **options: Any) -> Fits:
     """Fit each view as a user would, with no start."""
 
     def fit(view: View) -> ij.Fit:
-        done = ij.fit_cylinder(
+        return ij.fit_cylinder(
             view.depth, CAMERA, mask=view.mask, sigma=view.sigma, **options
         )
-        return jax.block_until_ready(done)
 
     fit(views[0])
-    fits, seconds = _timed(fit, views)
-    good = [(view, fit) for view, fit in zip(views, fits, strict=True) if fit.success]
-    variances = [np.diagonal(np.asarray(fit.covariance)) for _, fit in good]
-    bounds = [
-        [bound(view, least) for least in (0.0, 0.3)]
-        if with_bounds
-        else [np.full(7, np.nan)] * 2
-        for view, _ in good
-    ]
-    of_all = np.array(bounds).reshape(-1, 2, 7)
-    errors = [error(fit.cylinder, view.shape) for view, fit in good]
-    return Fits(
-        errors=np.array(errors).reshape(-1, 7),
-        deviations=np.sqrt(variances).reshape(-1, 7),
-        bounds=of_all[:, 0],
-        bounds_facing=of_all[:, 1],
-        failures=len(views) - len(good),
-        seconds=float(np.median(seconds)),
-    )
+    return fit_all(fit, views)
 
 
 def fit_by_peer(peer: str, views: Sequence[View]) -> Fits:
     """Fit the points of each view's wall, which spares a program the caps."""
     from experiments.fit_accuracy.peers import PEERS, points_of
 
-    def fit(view: View):
+    def fit(view: View) -> ij.Cylinder | None:
         points = points_of(view.depth, on_wall[id(view)], CAMERA)
         try:
-            found = PEERS[peer](points, view.sigma, view.shape)
+            line = PEERS[peer](points, view.sigma, view.shape)
+            return ij.Cylinder(*line, 1.0)
         except Exception:
             return None
-        return found if np.all(np.isfinite(found[2])) else None
 
     on_wall = {id(view): _on_wall(view) for view in views}
-    lines, seconds = _timed(fit, views)
-    good = [(v, line) for v, line in zip(views, lines, strict=True) if line is not None]
-    errors, bounds = [], []
-    for view, (point, axis, radius) in good:
-        can = view.shape
-        assert isinstance(can, ij.Cylinder)
-        # The point of the axis that is nearest to the can's center.
-        center = np.asarray(can.center, float)
-        point = point + axis * ((center - point) @ axis)
-        errors.append(error(ij.Cylinder(point, axis, radius, can.height), can))
-        bounds.append(bound(view))
-    return Fits(
-        errors=np.array(errors).reshape(-1, 7),
-        deviations=None,
-        bounds=np.array(bounds).reshape(-1, 7),
-        bounds_facing=np.full((len(good), 7), np.nan),
-        failures=len(views) - len(good),
-        seconds=float(np.median(seconds)),
-    )
+    return fit_all(fit, views)
 
 
 def _on_wall(view: View) -> Bool[np.ndarray, "h w"]:
@@ -170,51 +109,23 @@ def _on_wall(view: View) -> Bool[np.ndarray, "h w"]:
     return view.mask & (along < float(can.height) / 2 * (1 - 1e-4))
 
 
-def _timed(
-    fit: Callable[[View], T], views: Sequence[View]
-) -> tuple[list[T], list[float]]:
-    """What a fit returns for each view, and the seconds that it takes."""
-    done, seconds = [], []
-    for view in views:
-        start = time.perf_counter()
-        done.append(fit(view))
-        seconds.append(time.perf_counter() - start)
-    return done, seconds
-
-
-def case_metrics(name: str, fits: Fits) -> list[Metric]:
+def case_metrics(name: str, fits: Fits) -> Iterator[Metric]:
     """Error over the bound, bias and coverage of one case."""
-    n = len(fits.errors)
-    total = n + fits.failures
-    metrics = [
-        Metric(f"{name}.failures", fits.failures, None, "1", "lower", total),
-        Metric(f"{name}.time", 1e3 * fits.seconds, None, "ms", "lower", total),
-    ]
-    if not n:
-        return metrics
-    rms, spread = _rms(fits.errors), np.std(fits.errors, axis=0)
+    yield from fits.counts(name)
+    if not (n := len(fits.views)):
+        return
+    bounds, deviations = fits.bounds(), fits.deviations
+    facing = fits.bounds(least_cosine=0.3) if len(deviations) else bounds
     for k in DETERMINED:
         label, unit = f"{name}.{CYLINDER.coordinates[k]}", "rad" if k < 2 else "m"
-        relative = 1 / np.sqrt(2 * n)
-        ratio = rms[k] / _rms(fits.bounds)[k]
-        bias = np.mean(fits.errors[:, k]) / spread[k]
-        metrics += [
-            _metric(f"{label}.rmse", rms[k], rms[k] * relative, unit, n),
-            _metric(f"{label}.over_bound", ratio, ratio * relative, "1", n),
-            _metric(f"{label}.bias_over_spread", bias, 1 / np.sqrt(n), "1", n),
-        ]
-        if fits.deviations is not None:
-            facing = rms[k] / _rms(fits.bounds_facing)[k]
-            metrics += [
-                _metric(f"{label}.over_bound_of_facing", facing, facing * relative,
-                        "1", n),
-                _coverage(label, fits.errors[:, k], fits.deviations[:, k]),
-            ]  # fmt: skip
-    return metrics
-
-
-def _rms(values: Float[np.ndarray, "n 7"]) -> Float[np.ndarray, "7"]:
-    return np.sqrt(np.mean(values**2, axis=0))
+        off = fits.errors[:, k]
+        rms = np.sqrt(np.mean(off**2))
+        yield _metric(f"{label}.rmse", rms, rms / np.sqrt(2 * n), unit, n)
+        yield over_bound(f"{label}.over_bound", off, bounds[:, k])
+        yield bias(f"{label}.bias_over_spread", off)
+        if len(deviations):
+            yield over_bound(f"{label}.over_bound_of_facing", off, facing[:, k])
+            yield _coverage(label, off, deviations[:, k])
 
 
 def _metric(name: str, value: float, spread: float, unit: str, n: int) -> Metric:
@@ -226,17 +137,11 @@ def _coverage(
 ) -> Metric:
     """Part of the 95 percent intervals that hold the truth, of those that end."""
     known = np.isfinite(deviations)
-    part, n = float(np.mean(_holds(errors, deviations)[known])), int(np.sum(known))
-    return Metric.share(f"{label}.coverage_95", part, n)
+    holds = np.abs(errors[known]) <= NORMAL_95 * deviations[known]
+    return Metric.share(f"{label}.coverage_95", float(np.mean(holds)), len(holds))
 
 
-def _holds(
-    errors: Float[np.ndarray, "*n"], deviations: Float[np.ndarray, "*n"]
-) -> Bool[np.ndarray, "*n"]:
-    return np.abs(errors) <= NORMAL_95 * deviations
-
-
-def interval_metrics(name: str, count: int) -> list[Metric]:
+def interval_metrics(name: str, count: int) -> Iterator[Metric]:
     """Coverage of the intervals of each coordinate."""
     case = INTERVALS[name]
     errors = "correlated" if case.correlation else "independent"
@@ -244,20 +149,19 @@ def interval_metrics(name: str, count: int) -> list[Metric]:
     # All images of a measurement at once would not fit into memory.
     for seeds in np.array_split(np.arange(count), -(-count // 50)):
         views = [draw_can(case, int(seed)) for seed in seeds]
-        parts.append(fit_views(views, with_bounds=False, errors=errors))
-    deviations = [part.deviations for part in parts if part.deviations is not None]
-    found, reported = np.concatenate([p.errors for p in parts]), np.vstack(deviations)
-    return [
-        _coverage(f"interval.{name}.{coordinate}", found[:, k], reported[:, k])
-        for k, coordinate in enumerate(CYLINDER.coordinates)
-    ]
+        parts.append(fit_views(views, errors=errors))
+    found, reported = (
+        np.concatenate([getattr(part, field) for part in parts])
+        for field in ("errors", "deviations")
+    )
+    for k, coordinate in enumerate(CYLINDER.coordinates):
+        yield _coverage(f"interval.{name}.{coordinate}", found[:, k], reported[:, k])
 
 
 def height_metrics(seeds: int) -> list[Metric]:
     """Height with both ends seen and the mask an outline."""
     views = [draw_can(INTERVALS["white"], seed) for seed in range(seeds)]
-    fits = fit_views(views, with_bounds=False, mask_meaning="outline")
-    assert fits.deviations is not None
+    fits = fit_views(views, mask_meaning="outline")
     known = np.isfinite(fits.deviations[:, 6])
     pixels = fits.errors[known, 6] / (DISTANCE / CAMERA.matrix()[0, 0])
     n = len(pixels)

@@ -3,15 +3,13 @@
 __all__ = ["Config", "measure"]
 
 import dataclasses
-import time
 from collections.abc import Iterator
 
-import jax
 import numpy as np
 
 import impostor_jax as ij
-from experiments.errors import bound, error
 from experiments.fit_shapes.report import CHI_SQUARED, COORDINATES, draw, tables
+from experiments.fitting import bias, fit_all, over_bound
 from experiments.recording import Metric
 from experiments.running import RunConfig, main
 from experiments.scenes import CAMERA, View, draw_ball, draw_cup
@@ -65,29 +63,21 @@ def measure(config: Config) -> Iterator[Metric]:
 def compared(label: str, views: list[View]) -> Iterator[Metric]:
     """Errors over the bound, biases, and failures, of fits without a start."""
     kind = label.split(".")[0]
-    errors, bounds, seconds = [], [], []
-    for view in views:
-        started = time.perf_counter()
-        fit = FITS[kind](view.depth, CAMERA, mask=view.mask, sigma=view.sigma)
-        jax.block_until_ready(fit.shape)
-        seconds.append(time.perf_counter() - started)
-        if fit.success:
-            errors.append(error(fit.shape, view.shape))
-            bounds.append([bound(view, reachable=r) for r in (False, True)])
-    n = len(errors)
-    yield Metric(f"{label}.failures", len(views) - n, None, "images", "lower", n)
-    each = float(np.median(seconds)) * 1e3
-    yield Metric(f"{label}.time", each, None, "ms", "lower", n)
-    all_errors, all_bounds = np.array(errors), np.array(bounds)
-    for index, name in enumerate(COORDINATES[kind]):
-        off = all_errors[:, index]
-        for which, suffix in enumerate(("over_bound", "over_reachable")):
-            least = all_bounds[:, which, index]
-            ratio = float(np.sqrt(np.mean(off**2) / np.mean(least**2)))
-            spread = ratio / np.sqrt(2 * n)
-            yield Metric(f"{label}.{name}.{suffix}", ratio, spread, "1", "lower", n)
-        bias = float(np.mean(off) / np.std(off))
-        yield Metric(f"{label}.{name}.bias", bias, 1 / np.sqrt(n), "1", "lower", n)
+
+    def fit(view: View) -> ij.Fit:
+        return FITS[kind](view.depth, CAMERA, mask=view.mask, sigma=view.sigma)
+
+    fits = fit_all(fit, views)
+    yield from fits.counts(label)
+    bounds = {
+        "over_bound": fits.bounds(),
+        "over_reachable": fits.bounds(reachable=True),
+    }
+    for k, name in enumerate(COORDINATES[kind]):
+        off = fits.errors[:, k]
+        for suffix, least in bounds.items():
+            yield over_bound(f"{label}.{name}.{suffix}", off, least[:, k])
+        yield bias(f"{label}.{name}.bias", off)
 
 
 def tested(taper: float, config: Config) -> Iterator[Metric]:
