@@ -13,10 +13,11 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
 from pathlib import Path
+from typing import TypeVar
 
 import cv2
 import numpy as np
@@ -46,6 +47,8 @@ from impostor_jax.io.atomic import write_json
 from impostor_jax.io.dataset import read_dataset, read_manifest, sensor_of
 from impostor_jax.io.depth_image import png_bytes, write_image
 from impostor_jax.sensor.gaussian import ConstantNoise
+
+P, R = TypeVar("P"), TypeVar("R")
 
 PRESET = "tabletop_cans"
 
@@ -171,7 +174,8 @@ def _made(preset: Path, output: Path, count: int, config: Config) -> Made:
     started = time.perf_counter()
     process = _command("generate", *words, config=config, stdout=subprocess.PIPE)
     assert process.stdout is not None
-    text = process.stdout.read()
+    with process.stdout:
+        text = process.stdout.read()
     _, status, usage = os.wait4(process.pid, 0)
     seconds = time.perf_counter() - started
     process.returncode = os.waitstatus_to_exitcode(status)
@@ -214,8 +218,15 @@ def _coding_seconds(whole: Path, workers: int) -> float:
     """Time of all processes to code a dataset's pictures and nothing else."""
     paths = [str(path) for path in sorted(whole.glob("train/*/*/*.png"))]
     parts = [paths[k::workers] for k in range(workers)]
-    with ProcessPoolExecutor(workers, get_context("spawn")) as pool:
-        return sum(pool.map(_coded, parts))
+    return sum(_in_processes(_coded, parts))
+
+
+def _in_processes(function: Callable[[P], R], parts: Sequence[P]) -> list[R]:
+    """What a function makes of each part; of one alone in this process."""
+    if len(parts) == 1:
+        return [function(parts[0])]
+    with ProcessPoolExecutor(len(parts), get_context("spawn")) as pool:
+        return list(pool.map(function, parts))
 
 
 def _coded(paths: Sequence[str]) -> float:
@@ -308,21 +319,20 @@ def _num_shards(folder: Path) -> int:
 def fitted(whole: Path, config: Config) -> Iterator[Metric]:
     """Errors against visibility, and coverage of the intervals."""
     step = config.workers
-    with ProcessPoolExecutor(step, get_context("spawn")) as pool:
-        for name, erode_px in (("fit", 0), ("eroded", 1)):
-            most = config.eroded if erode_px else config.count
-            parts = [(whole, erode_px, most, first, step) for first in range(step)]
-            found = list(pool.map(_fitted_part, parts))
-            outcomes = [outcome for part, _ in found for outcome in part]
-            times = [milliseconds for _, part in found for milliseconds in part]
-            yield sample(f"{name}.time", times, "ms")
-            for label, some in [("all", outcomes), *by_visibility(outcomes).items()]:
-                yield from _summary(f"{name}.{label}", some)
-            good = [outcome for outcome in outcomes if outcome.success]
-            for coordinate in CYLINDER.coordinates:
-                scaled = standardized(good, coordinate)
-                label = f"{name}.{coordinate}"
-                yield from _coverage(label, coverage(scaled), scaled.size)
+    for name, erode_px in (("fit", 0), ("eroded", 1)):
+        most = config.eroded if erode_px else config.count
+        parts = [(whole, erode_px, most, first, step) for first in range(step)]
+        found = _in_processes(_fitted_part, parts)
+        outcomes = [outcome for part, _ in found for outcome in part]
+        times = [milliseconds for _, part in found for milliseconds in part]
+        yield sample(f"{name}.time", times, "ms")
+        for label, some in [("all", outcomes), *by_visibility(outcomes).items()]:
+            yield from _summary(f"{name}.{label}", some)
+        good = [outcome for outcome in outcomes if outcome.success]
+        for coordinate in CYLINDER.coordinates:
+            scaled = standardized(good, coordinate)
+            label = f"{name}.{coordinate}"
+            yield from _coverage(label, coverage(scaled), scaled.size)
 
 
 def _fitted_part(
