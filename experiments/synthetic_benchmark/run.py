@@ -48,7 +48,8 @@ from impostor_jax.io.dataset import read_dataset, read_manifest, sensor_of
 from impostor_jax.io.depth_image import png_bytes, write_image
 from impostor_jax.sensor.gaussian import ConstantNoise
 
-P, R = TypeVar("P"), TypeVar("R")
+P = TypeVar("P")
+R = TypeVar("R")
 
 PRESET = "tabletop_cans"
 

@@ -10,14 +10,22 @@ import pytest
 
 from experiments.markdown import tables_of
 from experiments.recording import Results
-from tests.groups import LARGE_IMAGES
+from tests.groups import LARGE_IMAGES, SMALL_IMAGES
 
 ROOT = Path(__file__).parents[2]
 EXPERIMENTS = sorted(path.parent.name for path in ROOT.glob("experiments/*/run.py"))
 
+SMALL = ("fit_speed", "synthetic_benchmark")
+"""Those whose quick runs fit images of 160x120."""
 
-@LARGE_IMAGES
-@pytest.mark.parametrize("name", EXPERIMENTS)
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(name, marks=SMALL_IMAGES if name in SMALL else LARGE_IMAGES)
+        for name in EXPERIMENTS
+    ],
+)
 def test_quick_run_writes_its_metrics(name, tmp_path, monkeypatch):
     # In this process, where another test may have compiled the same.
     command = ["run", "--quick", "--output", str(tmp_path)]
