@@ -2,14 +2,49 @@
 
 __all__ = ["FIRST", "FIRST_PARTS", "draw", "tables"]
 
+from typing import NamedTuple
+
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter
 
-from experiments.fit_speed.wanted import WANTED
 from experiments.markdown import table, three_digits
+from experiments.plots import bars
 from experiments.recording import Results
 from experiments.timing import COLUMNS, case_row
+
+
+class Wish(NamedTuple):
+    """A number that must not be exceeded.
+
+    Attributes:
+        label: What it is of.
+        metric: Its name in `results.json`.
+        most: The largest value that will do.
+        unit: Of `most` and of the metric.
+    """
+
+    label: str
+    metric: str
+    most: float
+    unit: str = "ms"
+
+
+WANTED = (
+    Wish("`balanced`, mask", "single.balanced.mask.median", 5),
+    Wish("`balanced`, mask, start given", "single.initial.mask.median", 3),
+    Wish("`fast`, mask", "single.fast.mask.median", 2),
+    Wish("291 pixels, start given", "scaling.pixels_from_start.291.median", 1),
+    Wish("batch of `balanced`, mask, an image", "batch.balanced.mask.median", 4),
+    Wish("`jit(vmap)`, start given, an image", "batch.vmap.mask.median", 4),
+    Wish("`balanced`, no mask", "single.balanced.no_mask.median", 20),
+    Wish("`fast` over `exact`, mask", "single.fast_over_exact.mask", 0.25, "1"),
+    Wish("`balanced` over `fft2`", "single.balanced_over_fft2.mask", 0.5, "1"),
+    Wish("first fit, empty cache", "first.balanced.empty.without_jax", 4000),
+    Wish("first fit, filled cache", "first.balanced.filled.without_jax", 1200),
+)
+"""Medians. A mask has at most 10000 pixels; a first fit is timed from after the import
+of JAX."""
 
 CASES = {
     "single.balanced.mask": "balanced, mask",
@@ -122,39 +157,19 @@ def draw(results: Results) -> dict[str, Figure]:
 
 
 def _bars(results: Results) -> Figure:
-    bars = {f"{case}.median": label for case, label in CASES.items()} | {
+    labels = {f"{case}.median": label for case, label in CASES.items()} | {
         f"first.{case}.without_jax": f"first: {label}" for case, label in FIRST.items()
     }
-    shown = {
-        label: results.pair(name)
-        for name, label in bars.items()
-        if results.values.get(name) is not None
-    }
-    medians = np.array([median for median, _ in shown.values()], float)
-    spreads = np.array([spread for _, spread in shown.values()], float)
     figure = Figure(figsize=(8, 6.5), layout="constrained")
     axes = figure.subplots()
     beside = ("peer.", "single.fft2")
-    others = {label for case, label in CASES.items() if case.startswith(beside)}
-    axes.barh(
-        list(shown),
-        medians,
-        xerr=spreads / 2,
-        color=["C7" if label in others else "C0" for label in shown],
-        error_kw={"capsize": 3},
+    shown = bars(
+        axes, results, labels, lambda name: "C7" if name.startswith(beside) else "C0"
     )
-    for row, (median, spread) in enumerate(zip(medians, spreads, strict=True)):
-        where = 1.15 * (median + spread / 2)
-        axes.text(where, row, f"{three_digits(median)} ms", va="center", fontsize=8)
     marks = [
-        (wish.most, list(shown).index(bars[wish.metric]))
-        for wish in WANTED
-        if bars.get(wish.metric) in shown
+        (wish.most, shown.index(wish.metric)) for wish in WANTED if wish.metric in shown
     ]
     axes.plot(*np.transpose(marks), "C3|", markersize=16, mew=3, label="wanted")
-    axes.set_xscale("log")
-    axes.set_xlim(medians.min() / 8, medians.max() * 8)
-    axes.invert_yaxis()
     axes.set_xlabel("median time in ms; whiskers as wide as the interquartile range")
     axes.legend()
     return figure

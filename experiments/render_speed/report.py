@@ -7,6 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from experiments.markdown import table, three_digits
+from experiments.plots import bars
 from experiments.recording import Results
 from experiments.render_speed.names import FIRST, GROUPS, RATIOS, Group
 from experiments.timing import COLUMNS, case_row
@@ -21,6 +22,9 @@ CURVE_LABELS = {
 
 BUSY = 1.5
 """Median of C over its minimum that only a busy machine shows."""
+
+OURS = ("frame", "depth", "tile", "loss", "scene", "mixed")
+"""What the names of our cases begin with."""
 
 Points = list[tuple[int, float, float]]
 
@@ -65,8 +69,8 @@ def tables(results: Results) -> str:
 def draw(results: Results) -> dict[str, Figure]:
     """Draw the medians as bars and the scaling as curves, on logarithmic axes."""
     rows = [len(group.labels) for group in GROUPS.values()]
-    bars = Figure(figsize=(9, 1.5 + 0.27 * sum(rows)), layout="constrained")
-    panels = bars.subplots(len(GROUPS), 1, sharex=True, height_ratios=rows)
+    medians = Figure(figsize=(9, 1.5 + 0.27 * sum(rows)), layout="constrained")
+    panels = medians.subplots(len(GROUPS), 1, sharex=True, height_ratios=rows)
     for axes, (name, group) in zip(panels, GROUPS.items(), strict=True):
         _bars(axes, results, name, group)
     panels[-1].set_xlabel(
@@ -78,7 +82,7 @@ def draw(results: Results) -> dict[str, Figure]:
     ):
         _lines(axes, results, name)
         axes.set_xlabel(label)
-    return {"render_speed": bars, "scaling": curves}
+    return {"render_speed": medians, "scaling": curves}
 
 
 def _ratios(results: Results) -> list[str]:
@@ -106,22 +110,15 @@ def _ratios(results: Results) -> list[str]:
 
 def _bars(axes: Axes, results: Results, name: str, group: Group) -> None:
     """One bar for each case that was measured; those of C stand out."""
-    labels = []
-    for case, label in group.labels.items():
-        median, spread = results.pair(f"{name}.{case}.median")
-        if median is None or spread is None:
-            continue
-        row = len(labels)
-        labels.append(label)
-        color = "tab:blue" if _is_ours(case) else "tab:gray"
-        color = "tab:orange" if case.split("_")[0] == "c" else color
-        axes.barh(row, median, xerr=spread / 2, color=color, error_kw={"capsize": 2})
-        where = 1.1 * (median + spread / 2)
-        axes.text(where, row, f"{three_digits(median)} ms", va="center", fontsize=8)
-    axes.set_yticks(range(len(labels)), labels, fontsize=8)
-    axes.set_xscale("log")
-    axes.margins(x=0.15)
-    axes.invert_yaxis()
+
+    def color(metric: str) -> str:
+        first = metric.split(".")[1].split("_")[0]
+        return {"c": "tab:orange"}.get(
+            first, "tab:blue" if first in OURS else "tab:gray"
+        )
+
+    labels = {f"{name}.{case}.median": label for case, label in group.labels.items()}
+    bars(axes, results, labels, color)
     axes.set_title(group.title, loc="left", fontsize=9, fontweight="bold")
     axes.grid(axis="x", alpha=0.3)
 
@@ -158,7 +155,3 @@ def _curves(results: Results, name: str) -> dict[str, Points]:
             point = int(rest[2]), median, results.spreads[metric]
             found.setdefault(rest[1], []).append(point)
     return found
-
-
-def _is_ours(case: str) -> bool:
-    return case.split("_")[0] in ("frame", "depth", "tile", "loss", "scene", "mixed")
