@@ -35,10 +35,23 @@ def three_digits(value: float | None) -> str:
 
 def tables_of(readme: str) -> str:
     """What stands between the marks of a README."""
-    return readme.split(BEGIN)[1].split(END)[0]
+    return _parts(readme)[1]
 
 
 def with_tables(readme: str, tables: str) -> str:
     """A README with other tables between its marks."""
-    before, rest = readme.split(BEGIN)
-    return before + BEGIN + tables + END + rest.split(END)[1]
+    before, _, after = _parts(readme)
+    return before + BEGIN + tables + END + after
+
+
+def _parts(readme: str) -> tuple[str, str, str]:
+    """What stands before the marks, between them and behind.
+
+    Raises:
+        ValueError: The marks are not there.
+    """
+    before, begin, rest = readme.partition(BEGIN)
+    tables, end, after = rest.partition(END)
+    if not begin or not end:
+        raise ValueError(f"README.md must have the marks {BEGIN!r} and {END!r}")
+    return before, tables, after
