@@ -6,7 +6,8 @@ __all__ = [
     "Timing",
     "case_metrics",
     "case_row",
-    "exponent",
+    "first_calls",
+    "growth",
     "in_new_process",
     "peak_memory_mb",
     "sample",
@@ -21,7 +22,7 @@ import resource
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal
 
@@ -128,22 +129,28 @@ def case_row(results: Results, case: str, label: str) -> list[str]:
     return [label, *map(three_digits, (*results.pair(f"{case}.median"), *others))]
 
 
-def exponent(
-    sizes: Sequence[int], times: Sequence[float]
-) -> tuple[float | None, float | None]:
+def first_calls(
+    label: str, records: Sequence[Mapping[str, Any]], units: Mapping[str, str]
+) -> Iterator[Metric]:
+    """What processes tell of their first calls, by the part and with its unit."""
+    for part, unit in units.items():
+        yield sample(f"{label}.{part}", [record[part] for record in records], unit)
+
+
+def growth(name: str, sizes: Sequence[int], times: Sequence[float]) -> Metric:
     """Slope of the logarithms by least squares, and its standard error.
 
     None where there are too few sizes.
     """
-    if len(sizes) < 2:
-        return None, None
+    n = len(sizes)
+    if n < 2:
+        return Metric(name, None, None, "1", "lower", n)
     x, y = np.log(sizes), np.log(times)
     x, y = x - x.mean(), y - y.mean()
     slope = float(x @ y / (x @ x))
-    if len(sizes) < 3:
-        return slope, None
     rest = y - slope * x
-    return slope, float(np.sqrt(rest @ rest / (len(sizes) - 2) / (x @ x)))
+    error = None if n < 3 else float(np.sqrt(rest @ rest / (n - 2) / (x @ x)))
+    return Metric(name, slope, error, "1", "lower", n)
 
 
 def peak_memory_mb() -> float | None:

@@ -30,7 +30,13 @@ from experiments.fit_speed.scaling import FEW, MANY, scaling_metrics
 from experiments.recording import Metric
 from experiments.running import RunConfig, main
 from experiments.scenes import SIGMA
-from experiments.timing import Timing, case_metrics, in_new_process, sample
+from experiments.timing import (
+    Timing,
+    case_metrics,
+    first_calls,
+    in_new_process,
+    sample,
+)
 
 PROCESSES = 3
 """New processes in which a first fit is timed."""
@@ -101,9 +107,7 @@ def first_metrics(view: View, scratch: Path) -> Iterator[Metric]:
     arguments = ["balanced", str(batch)]
     records["batch.filled"] = [in_new_process(FIRST_CALL, arguments, filled)]
     for case in FIRST:
-        for part, unit in FIRST_PARTS.items():
-            values = [record[part] for record in records[case]]
-            yield sample(f"first.{case}.{part}", values, unit)
+        yield from first_calls(f"first.{case}", records[case], FIRST_PARTS)
 
 
 def _save(

@@ -11,6 +11,7 @@ import dataclasses
 import gc
 import math
 import tempfile
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -31,6 +32,7 @@ from experiments.scenes import make_view
 from experiments.timing import (
     Timing,
     case_metrics,
+    first_calls,
     in_new_process,
     sample,
     time_in_turns,
@@ -48,6 +50,9 @@ SHRINK = 4
 FEW = 4
 """Cylinders of every scene of a quick run, for which one program is compiled."""
 
+FIRST_UNITS = {"call": "ms", "import": "ms", "arguments": "ms", "memory": "MB"}
+"""What is told of a first call."""
+
 FIRST_CALL = "experiments.render_speed.first_call"
 
 
@@ -59,11 +64,10 @@ class Config(RunConfig):
     """Timed calls of a case of the can; slower cases take a share of them."""
 
 
-def measure(config: Config) -> list[Metric]:
+def measure(config: Config) -> Iterator[Metric]:
     """Measure all cases, ratios, curves and first calls."""
     shrink = SHRINK if config.quick else 1
     camera = make_view(640 // shrink, 480 // shrink)
-    metrics: list[Metric] = []
     timings: dict[str, Timing] = {}
     with tempfile.TemporaryDirectory() as folder, contextlib.ExitStack() as stack:
         renderer = None
@@ -89,17 +93,17 @@ def measure(config: Config) -> list[Metric]:
             repeats = math.ceil(group.share * config.repeats)
             found = time_in_turns(calls_of(name), repeats, group.warm_up)
             for case in group.labels:
-                metrics += case_metrics(f"{name}.{case}", found.get(case))
+                yield from case_metrics(f"{name}.{case}", found.get(case))
             timings |= {f"{name}.{case}": timing for case, timing in found.items()}
-        metrics += measure_scaling(
+        yield from measure_scaling(
             camera, tools.kernel, config.repeats, quick=config.quick
         )
-    return metrics + ratios(timings) + measure_first_calls(config)
+    yield from ratios(timings)
+    yield from measure_first_calls(config)
 
 
-def ratios(timings: dict[str, Timing]) -> list[Metric]:
+def ratios(timings: dict[str, Timing]) -> Iterator[Metric]:
     """Ratios of two cases' medians, block by block, and of their minima."""
-    metrics = []
     for name, ratio in RATIOS.items():
         values, least = np.zeros(0), None
         if ratio.top in timings and ratio.bottom in timings:
@@ -109,13 +113,12 @@ def ratios(timings: dict[str, Timing]) -> list[Metric]:
             medians = (np.median(ms[:n], axis=1) for ms in (top, bottom))
             values = np.divide(*medians) / ratio.scale
             least = float(top.min() / bottom.min() / ratio.scale)
-        metrics.append(sample(f"ratio.{name}", values, "1"))
+        yield sample(f"ratio.{name}", values, "1")
         label = f"ratio.{name}.of_minima"
-        metrics.append(Metric(label, least, None, "1", "lower", values.size))
-    return metrics
+        yield Metric(label, least, None, "1", "lower", values.size)
 
 
-def measure_first_calls(config: Config) -> list[Metric]:
+def measure_first_calls(config: Config) -> Iterator[Metric]:
     """Time the first render of new processes, in pairs that share a cache."""
     arguments = [str(SHRINK if config.quick else 1)]
     records: dict[str, list[dict[str, float | None]]] = {kind: [] for kind in FIRST}
@@ -123,17 +126,8 @@ def measure_first_calls(config: Config) -> list[Metric]:
         with tempfile.TemporaryDirectory() as cache:
             for found in records.values():
                 found.append(in_new_process(FIRST_CALL, arguments, Path(cache)))
-    metrics = []
     for kind, found in records.items():
-        for name, unit in (
-            ("call", "ms"),
-            ("import", "ms"),
-            ("arguments", "ms"),
-            ("memory", "MB"),
-        ):
-            values = [record[name] for record in found]
-            metrics.append(sample(f"first.{kind}.{name}", values, unit))
-    return metrics
+        yield from first_calls(f"first.{kind}", found, FIRST_UNITS)
 
 
 if __name__ == "__main__":
