@@ -149,11 +149,9 @@ def interval_metrics(name: str, count: int) -> Iterator[Metric]:
     # All images of a measurement at once would not fit into memory.
     for seeds in np.array_split(np.arange(count), -(-count // 50)):
         views = [draw_can(case, int(seed)) for seed in seeds]
-        parts.append(fit_views(views, errors=errors))
-    found, reported = (
-        np.concatenate([getattr(part, field) for part in parts])
-        for field in ("errors", "deviations")
-    )
+        fits = fit_views(views, errors=errors)
+        parts.append((fits.errors, fits.deviations))
+    found, reported = map(np.concatenate, zip(*parts, strict=True))
     for k, coordinate in enumerate(CYLINDER.coordinates):
         yield _coverage(f"interval.{name}.{coordinate}", found[:, k], reported[:, k])
 
@@ -165,11 +163,11 @@ def height_metrics(seeds: int) -> list[Metric]:
     known = np.isfinite(fits.deviations[:, 6])
     pixels = fits.errors[known, 6] / (DISTANCE / CAMERA.matrix()[0, 0])
     n = len(pixels)
-    rms, bias = np.sqrt(np.mean(pixels**2)), np.mean(pixels)
+    rms, mean = np.sqrt(np.mean(pixels**2)), np.mean(pixels)
     return [
         Metric("height.failures", seeds - n, None, "1", "lower", seeds),
         _metric("height.rmse", rms, rms / np.sqrt(2 * n), "pixel", n),
-        _metric("height.bias", bias, rms / np.sqrt(n), "pixel", n),
+        _metric("height.bias", mean, rms / np.sqrt(n), "pixel", n),
         _coverage("height", fits.errors[:, 6], fits.deviations[:, 6]),
     ]
 
