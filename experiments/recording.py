@@ -1,19 +1,11 @@
 """Results of an experiment, with all that is needed to repeat it."""
 
-__all__ = [
-    "Metric",
-    "read_spreads",
-    "read_values",
-    "result_folder",
-    "save_run",
-    "three_digits",
-]
+__all__ = ["Metric", "Results", "check_clean", "save_run"]
 
 import dataclasses
 import json
 import os
-import tempfile
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal
 
@@ -44,13 +36,55 @@ class Metric:
     better: Literal["lower", "higher"]
     n: int
 
+    @staticmethod
+    def share(
+        name: str, part: float | None, n: int, better: Any = "higher"
+    ) -> "Metric":
+        """A part of `n`, with its standard error; None where there are none."""
+        spread = None if part is None else float((part * (1 - part) / n) ** 0.5)
+        return Metric(name, part, spread, "1", better, n)
+
+
+@dataclasses.dataclass(frozen=True)
+class Results:
+    """What an experiment has found.
+
+    Attributes:
+        values: Of each metric, by its name; None if unknown.
+        spreads: The same of the spreads.
+    """
+
+    values: dict[str, Any]
+    spreads: dict[str, Any]
+
+    @staticmethod
+    def read(folder: Path) -> "Results":
+        """Those of a folder's `results.json`."""
+        metrics = json.loads((folder / "results.json").read_text())["metrics"]
+        values, spreads = (
+            {metric["name"]: metric[field] for metric in metrics}
+            for field in ("value", "spread")
+        )
+        return Results(values, spreads)
+
+    def pair(self, name: str) -> tuple[Any, Any]:
+        """Value and spread; None where it was not measured."""
+        return self.values.get(name), self.spreads.get(name)
+
+    def cases(self, start: str, end: str) -> list[str]:
+        """Names of metrics that begin and end so, without their end."""
+        return [
+            name.removesuffix(end)
+            for name in self.values
+            if name.startswith(start) and name.endswith(end)
+        ]
+
 
 def save_run(
     folder: Path,
     metrics: Sequence[Metric],
-    config: Any,
+    config: Mapping[str, Any],
     *,
-    seed: int,
     dtype: str,
     seconds: float,
     quick: bool,
@@ -60,8 +94,7 @@ def save_run(
     Args:
         folder: The experiment's folder; a temporary one where `quick`.
         metrics: What was measured.
-        config: Dataclass of settings, as they were used.
-        seed: Of all that was drawn.
+        config: Settings, as they were used.
         dtype: Floating-point type of the computation.
         seconds: Wall time of the run.
         quick: Whether this is a trial, which may run on uncommitted code.
@@ -73,64 +106,24 @@ def save_run(
     if len(set(names)) < len(names):
         raise ValueError(f"metrics must have names of their own, got {names}")
     if not quick:
-        _check_clean(folder)
+        check_clean(folder)
     device = jax.devices()[0]
-    settings = {
-        name: str(value) if isinstance(value, Path) else value
-        for name, value in dataclasses.asdict(config).items()
-    }
     record = {
         "commit": git_output("rev-parse", "HEAD"),
         "quick": quick,
-        "seed": seed,
+        "seed": config.get("seed", 0),
         "dtype": dtype,
         "seconds": seconds,
         "device": {"platform": device.platform, "kind": device.device_kind},
         "machine": {"cpu": cpu_model(), "cores": os.cpu_count()},
         "versions": package_versions(),
-        "config": settings,
+        "config": config,
         "metrics": [dataclasses.asdict(metric) for metric in metrics],
     }
     write_json(folder / "results.json", record)
 
 
-def read_values(folder: Path) -> dict[str, Any]:
-    """Value of each metric of a folder's `results.json`, by name; None if unknown."""
-    return {name: value for name, (value, _) in read_spreads(folder).items()}
-
-
-def read_spreads(folder: Path) -> dict[str, tuple[float | None, float | None]]:
-    """Value and spread of each metric of a folder's `results.json`, by name."""
-    record = json.loads((folder / "results.json").read_text())
-    return {m["name"]: (m["value"], m["spread"]) for m in record["metrics"]}
-
-
-def three_digits(value: float | None) -> str:
-    """Three digits, or all that stand before the point; nothing for None."""
-    if value is None:
-        return ""
-    return f"{value:.0f}" if abs(value) >= 100 else f"{value:.3g}"
-
-
-def result_folder(output: Path | None, home: Path, *, quick: bool) -> Path:
-    """Folder of a run's results; before a long run, refuse code that no commit has.
-
-    Args:
-        output: Where the user wants them.
-        home: The experiment's own folder, the default; a trial gets a temporary one.
-        quick: Whether this is a trial.
-
-    Raises:
-        ValueError: The code is not committed.
-    """
-    if output is None:
-        output = Path(tempfile.mkdtemp()) if quick else home
-    if not quick:
-        _check_clean(output)
-    return output
-
-
-def _check_clean(folder: Path) -> None:
+def check_clean(folder: Path) -> None:
     """Refuse a tree that no commit describes.
 
     The files that a run writes into `folder` do not count. Without git nothing is
@@ -145,9 +138,8 @@ def _check_clean(folder: Path) -> None:
     pathspecs = [":(top)"]
     if folder.resolve().is_relative_to(root):
         own = folder.resolve().relative_to(root).as_posix()
-        pathspecs += [
-            f":(top,exclude){own}/{name}" for name in ("results.json", "figures")
-        ]
+        written = ("results.json", "figures", "README.md")
+        pathspecs += [f":(top,exclude){own}/{name}" for name in written]
     changed = git_output(
         "status", "--porcelain", "--untracked-files=all", "--", *pathspecs
     )

@@ -1,10 +1,13 @@
 """How long calls take: in turns in one process, or as the first of new processes."""
 
 __all__ = [
+    "COLUMNS",
     "WARM_UP",
     "Timing",
     "case_metrics",
-    "exponent",
+    "case_row",
+    "first_calls",
+    "growth",
     "in_new_process",
     "peak_memory_mb",
     "sample",
@@ -19,15 +22,16 @@ import resource
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import jax
 import numpy as np
 from jaxtyping import Float
 
-from experiments.recording import Metric
+from experiments.markdown import three_digits
+from experiments.recording import Metric, Results
 
 BLOCKS = 10
 """Turns that a case gets; its calls are spread over them."""
@@ -92,13 +96,15 @@ def in_new_process(module: str, arguments: Sequence[str], cache: Path) -> Any:
     return json.loads(done.stdout)
 
 
-def sample(name: str, values: Any, unit: str) -> Metric:
+def sample(
+    name: str, values: Any, unit: str, better: Literal["lower", "higher"] = "lower"
+) -> Metric:
     """Median and interquartile range; nothing where nothing was measured."""
     values = np.asarray([value for value in np.ravel(values) if value is not None])
     if not values.size:
-        return Metric(name, None, None, unit, "lower", 0)
+        return Metric(name, None, None, unit, better, 0)
     low, middle, high = (float(q) for q in np.percentile(values, (25, 50, 75)))
-    return Metric(name, middle, high - low, unit, "lower", values.size)
+    return Metric(name, middle, high - low, unit, better, values.size)
 
 
 def case_metrics(case: str, timing: Timing | None) -> list[Metric]:
@@ -113,22 +119,38 @@ def case_metrics(case: str, timing: Timing | None) -> list[Metric]:
     ]
 
 
-def exponent(
-    sizes: Sequence[int], times: Sequence[float]
-) -> tuple[float | None, float | None]:
+COLUMNS = ("median, ms", "spread, ms", "minimum, ms", "page faults")
+"""Of a table of cases."""
+
+
+def case_row(results: Results, case: str, label: str) -> list[str]:
+    """Row of a case; blank where it could not run."""
+    others = (results.values.get(f"{case}.{n}") for n in ("minimum", "page_faults"))
+    return [label, *map(three_digits, (*results.pair(f"{case}.median"), *others))]
+
+
+def first_calls(
+    label: str, records: Sequence[Mapping[str, Any]], units: Mapping[str, str]
+) -> Iterator[Metric]:
+    """What processes tell of their first calls, by the part and with its unit."""
+    for part, unit in units.items():
+        yield sample(f"{label}.{part}", [record[part] for record in records], unit)
+
+
+def growth(name: str, sizes: Sequence[int], times: Sequence[float]) -> Metric:
     """Slope of the logarithms by least squares, and its standard error.
 
     None where there are too few sizes.
     """
-    if len(sizes) < 2:
-        return None, None
+    n = len(sizes)
+    if n < 2:
+        return Metric(name, None, None, "1", "lower", n)
     x, y = np.log(sizes), np.log(times)
     x, y = x - x.mean(), y - y.mean()
     slope = float(x @ y / (x @ x))
-    if len(sizes) < 3:
-        return slope, None
     rest = y - slope * x
-    return slope, float(np.sqrt(rest @ rest / (len(sizes) - 2) / (x @ x)))
+    error = None if n < 3 else float(np.sqrt(rest @ rest / (n - 2) / (x @ x)))
+    return Metric(name, slope, error, "1", "lower", n)
 
 
 def peak_memory_mb() -> float | None:

@@ -11,6 +11,7 @@ __all__ = [
     "Summary",
     "by_visibility",
     "coverage",
+    "difference",
     "evaluate",
     "standardized",
     "summarize",
@@ -18,8 +19,10 @@ __all__ = [
 ]
 
 import dataclasses
+import functools
 import itertools
 from collections.abc import Iterable, Iterator, Sequence
+from typing import Any
 
 import cv2
 import jax
@@ -32,6 +35,7 @@ from impostor_jax.fit.body import AbstractBody
 from impostor_jax.fit.fittable import KINDS
 from impostor_jax.fit.options import Options
 from impostor_jax.fit.result import Fit
+from impostor_jax.fit.round_body import RoundBody
 from impostor_jax.fit.shapes import fit_shape
 from impostor_jax.io.dataset_shard import LabeledImage
 from impostor_jax.primitives.base import AbstractPrimitive
@@ -136,13 +140,7 @@ def _errors(
     fit: Fit, truth: AbstractPrimitive
 ) -> tuple[dict[str, float], dict[str, float]]:
     """Errors and deviations of the coordinates that the image determines."""
-    kind = KINDS[type(truth)]
-    with jax.enable_x64(True):
-        found, true = (
-            kind.body.of(jax.tree.map(lambda x: jnp.asarray(x, np.float64), shape))
-            for shape in (fit.shape, truth)
-        )
-        values = np.asarray(_off(found, true, fit.ends_seen))
+    values = difference(fit.shape, truth, ends_seen=fit.ends_seen)
     variances = np.diag(np.asarray(fit.covariance, np.float64))
     known = np.isfinite(variances) & (variances > 0)
     if not fit.height_observed:
@@ -158,16 +156,53 @@ def _errors(
     return errors, deviations
 
 
-@jax.jit
-def _off(
-    found: AbstractBody, true: AbstractBody, ends_seen: Bool[Array, " e"]
-) -> Float[Array, " m"]:
-    """Coordinates of a body that was found, less those of the true one.
+def difference(
+    found: AbstractPrimitive,
+    true: AbstractPrimitive,
+    *,
+    about_found: bool = True,
+    ends_seen: bool | Bool[Array, " e"] = True,
+) -> Float[np.ndarray, " m"]:
+    """Found less true, in the coordinates of `Fit.covariance` and double precision.
 
     Centers that lie apart along the axis, where an end is not seen, are not compared
-    across it: what is beside the fitted center is another point of the true axis.
+    across it: what is beside the fitted center is another point of the true axis. The
+    axes are turned the same way.
+
+    Args:
+        found: What a fit says is there.
+        true: What is there.
+        about_found: Whether the vectors across the axis, and the ends, are those of
+            what was found; else of the truth.
+        ends_seen: Whether each end is seen. Of one that is not, a radius is that of the
+            wall.
     """
-    one, other = (body.readout(found, ends_seen) for body in (found, true))
+    kind = KINDS[type(true)]
+    with jax.enable_x64(True):
+        one, other = (
+            kind.body.of(jax.tree.map(lambda x: jnp.asarray(x, np.float64), shape))
+            for shape in (found, true)
+        )
+        seen = jnp.broadcast_to(jnp.asarray(ends_seen), (len(one.ends),))
+        return np.asarray(_less(one, other, about_found, seen))
+
+
+@functools.partial(jax.jit, static_argnums=2)
+def _less(
+    found: AbstractBody,
+    true: AbstractBody,
+    about_found: bool,
+    ends_seen: Bool[Array, " e"],
+) -> Float[Array, " m"]:
+    if isinstance(found, RoundBody) and isinstance(true, RoundBody):
+        opposed = jnp.sum(found.axis * true.axis) < 0
+        turn = jnp.where(opposed, -1, 1).astype(found.axis.dtype)
+        if about_found:
+            true = true.reversed(turn)
+        else:
+            found = found.reversed(turn)
+    near: Any = found if about_found else true
+    one, other = (body.readout(near, ends_seen) for body in (found, true))
     return jnp.concatenate(
         [jnp.atleast_1d(one[name] - other[name]) for name in found.coordinates]
     )

@@ -4,10 +4,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-AS_USERS_RUN = {"xla_cpu_use_fusion_emitters": True}
-"""Options for `jax.jit` that undo the flags of `conftest.py`: for what is promised of
-rounding errors, which are those of users."""
+from experiments.oracle import claims
 
+AS_USERS_RUN = claims.AS_USERS_RUN
 
 QUICKLY = {"xla_backend_optimization_level": 0}
 """Options for programs that take longer to compile than to run: XLA's optimizations

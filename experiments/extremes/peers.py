@@ -10,9 +10,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from tests.oracle.claims import depth
-from tests.oracle.condition import FIELDS
-from tests.oracle.extremes import Rays
+from experiments.oracle.claims import depth
+from experiments.oracle.condition import FIELDS
+from experiments.oracle.extremes import Rays
 
 Depths = Float[np.ndarray, " n"]
 

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 from jaxtyping import Float
 
-from tests.oracle.extremes import Rays
+from experiments.oracle.extremes import Rays
 
 Vectors = Float[np.ndarray, "n 3"]
 

@@ -1,32 +1,22 @@
 """Measure how exact the cylinder is at the extremes, beside other formulas."""
 
-__all__ = ["Config", "run"]
+__all__ = ["Config", "measure"]
 
 import dataclasses
-import sys
-import time
 from collections.abc import Iterator
-from pathlib import Path
 
 import numpy as np
-import tyro
 from jaxtyping import Bool, Float
 
 from experiments.extremes.peers import FORMULAS
-from experiments.extremes.rays import (
-    EXTREMES,
-    at_incidence,
-    at_tilt,
-    over_the_image,
-)
-from experiments.extremes.report import draw, tables
-from experiments.recording import Metric, result_folder, save_run
+from experiments.extremes.rays import EXTREMES, at_incidence, at_tilt, over_the_image
+from experiments.extremes.report import PERCENTS, draw, tables
+from experiments.oracle.claims import DECISION, Errors, errors_of
+from experiments.oracle.condition import Reference, reference
+from experiments.oracle.extremes import Rays, extreme_rays
+from experiments.recording import Metric
+from experiments.running import RunConfig, main
 from impostor_jax.numerics import eps
-from tests.oracle.claims import DECISION, Errors, errors_of
-from tests.oracle.condition import Reference, reference
-from tests.oracle.extremes import Rays, extreme_rays
-
-HERE = Path(__file__).parent
 
 CHUNK = 50_000
 
@@ -44,7 +34,7 @@ TILTS = (1e-7, 1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 0.1, 0.5, 1.0, 1.57)
 
 
 @dataclasses.dataclass(frozen=True)
-class Config:
+class Config(RunConfig):
     """Errors in ulps over all extremes, and beside other formulas."""
 
     rays: int = 1_000_000
@@ -53,37 +43,16 @@ class Config:
     """Rays of every other case, cast by all."""
     seed: int = 0
     """Of all draws."""
-    quick: bool = False
-    """Few rays, into a temporary folder."""
-    output: Path | None = None
-    """Folder for the results; that of the experiment if None."""
+    stride: int = 1
+    """Of the steps along the two planes of extremes, which are taken."""
 
 
-def run(config: Config) -> int:
-    """Cast, compare and write; returns the exit code."""
-    started = time.perf_counter()
-    folder = result_folder(config.output, HERE, quick=config.quick)
-    if config.quick:
-        config = dataclasses.replace(config, rays=2000, each=20)
-    metrics = [
-        *all_together(config.rays, config.seed),
-        *maps(config.each, config.seed, 4 if config.quick else 1),
-        *side_by_side(10 * config.each, config.seed),
-        *table(config.each, config.seed),
-    ]
-    seconds = time.perf_counter() - started
-    save_run(
-        folder,
-        metrics,
-        config,
-        seed=config.seed,
-        dtype="float32",
-        seconds=seconds,
-        quick=config.quick,
-    )
-    draw(folder)
-    print(tables(folder))
-    return 0
+def measure(config: Config) -> Iterator[Metric]:
+    """Cast and compare."""
+    yield from all_together(config.rays, config.seed)
+    yield from maps(config.each, config.seed, config.stride)
+    yield from side_by_side(10 * config.each, config.seed)
+    yield from table(config.each, config.seed)
 
 
 def all_together(count: int, seed: int) -> Iterator[Metric]:
@@ -103,7 +72,7 @@ def all_together(count: int, seed: int) -> Iterator[Metric]:
     yield metric("not_finite", bad, "rays", count)
     for name in ("depth", "depth_ulps", "gradient", "gradient_relative"):
         values = found[name]
-        for percent in (50, 99, 99.9, 100):
+        for percent in PERCENTS:
             value = float(np.percentile(values, percent))
             yield metric(f"{name}.p{percent:g}", value, "eps", len(values))
     for name, bound in (("depth", 8), ("gradient", 16)):
@@ -197,4 +166,4 @@ def _is_wrong(
 
 
 if __name__ == "__main__":
-    sys.exit(run(tyro.cli(Config)))
+    main(Config, measure, draw, tables, Config(rays=2000, each=20, stride=4))

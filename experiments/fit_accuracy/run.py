@@ -1,32 +1,41 @@
 """Fit many noisy images of one can, and random scenes, and compare with the bound."""
 
-__all__ = ["Config", "run"]
+__all__ = ["Config", "measure"]
 
 import dataclasses
 import importlib.util
-import sys
-import time
-from collections.abc import Callable, Sequence
-from pathlib import Path
-from typing import Any, TypeVar
+from collections.abc import Iterator, Sequence
+from typing import Any
 
-import jax
 import numpy as np
-import tyro
 from jaxtyping import Bool, Float
 
 import impostor_jax as ij
-from experiments.fit_accuracy.bound import bound, error
-from experiments.fit_accuracy.cases import CAMERA, CASES, DISTANCE, Case, View, draw
-from experiments.fit_accuracy.report import draw as draw_figures
-from experiments.fit_accuracy.report import tables
-from experiments.fit_accuracy.scenes import SENSOR, random_scene
-from experiments.recording import Metric, result_folder, save_run
+from experiments.errors import bound, error
+from experiments.fit_accuracy.report import draw, tables
+from experiments.fitting import Fits, bias, fit_all, over_bound
+from experiments.recording import Metric
+from experiments.running import RunConfig, main
+from experiments.scenes import (
+    CAMERA,
+    DISTANCE,
+    SENSOR,
+    Case,
+    View,
+    draw_can,
+    draw_scene,
+)
 from impostor_jax.fit.fittable import CYLINDER
 
-T = TypeVar("T")
-
-HERE = Path(__file__).parent
+CASES = {
+    f"{degrees:.0f}deg.{name}": Case((degrees, degrees), sigma, outliers)
+    for degrees in (90.0, 60.0, 30.0, 10.0)
+    for name, sigma, outliers in (
+        ("1mm", 1e-3, 0.0),
+        ("3mm", 3e-3, 0.0),
+        ("outliers", 1e-3, 0.1),
+    )
+}
 
 DETERMINED = (0, 1, 2, 3, 5)
 """Coordinates that the depths determine in every case: not the ends."""
@@ -42,11 +51,8 @@ NORMAL_95 = 1.96
 
 
 @dataclasses.dataclass(frozen=True)
-class Config:
+class Config(RunConfig):
     """Measure the accuracy of fits."""
-
-    quick: bool = False
-    """Few images of one case: a trial of the code, no measurement."""
 
     seeds: int = 200
     """Images of each case."""
@@ -57,147 +63,69 @@ class Config:
     scenes: int = 1000
     """Random scenes."""
 
+    peers: bool = True
+    """Whether other programs fit, too."""
+
     peer_seeds: int = 20
-    """Images of each case that the other programs fit: some take ten seconds for one.
-    0 leaves them out."""
-
-    output: Path | None = None
-    """Folder of the results; the experiment's own by default, a temporary one with
-    --quick."""
+    """Images of each case that the other programs fit: some take ten seconds for
+    one."""
 
 
-@dataclasses.dataclass(frozen=True)
-class Fits:
-    """Fits of many views by one program, those that failed left out.
-
-    Attributes:
-        errors: In the coordinates of `Fit.covariance`.
-        deviations: That were reported; None where a program reports none.
-        bounds: Cramér-Rao bound of all the mask's pixels.
-        bounds_facing: The same without those seen at a cosine below 0.3.
-        failures: Number of views without a fit.
-        seconds: Median time of a fit.
-    """
-
-    errors: Float[np.ndarray, "n 7"]
-    deviations: Float[np.ndarray, "n 7"] | None
-    bounds: Float[np.ndarray, "n 7"]
-    bounds_facing: Float[np.ndarray, "n 7"]
-    failures: int
-    seconds: float
-
-
-def fit_views(
-    views: Sequence[View], sigma: float, with_bounds: bool = True, **options: Any
-) -> Fits:
+def fit_views(views: Sequence[View], **options: Any) -> Fits:
     """Fit each view as a user would, with no start."""
 
     def fit(view: View) -> ij.Fit:
-        done = ij.fit_cylinder(
-            view.depth, CAMERA, mask=view.mask, sigma=sigma, **options
+        return ij.fit_cylinder(
+            view.depth, CAMERA, mask=view.mask, sigma=view.sigma, **options
         )
-        return jax.block_until_ready(done)
 
     fit(views[0])
-    fits, seconds = _timed(fit, views)
-    good = [(view, fit) for view, fit in zip(views, fits, strict=True) if fit.success]
-    variances = [np.diagonal(np.asarray(fit.covariance)) for _, fit in good]
-    bounds = [
-        [bound(view.can, CAMERA, view.mask, sigma, least) for least in (0.0, 0.3)]
-        if with_bounds
-        else [np.full(7, np.nan)] * 2
-        for view, _ in good
-    ]
-    of_all = np.array(bounds).reshape(-1, 2, 7)
-    errors = [error(fit.cylinder, view.can) for view, fit in good]
-    return Fits(
-        errors=np.array(errors).reshape(-1, 7),
-        deviations=np.sqrt(variances).reshape(-1, 7),
-        bounds=of_all[:, 0],
-        bounds_facing=of_all[:, 1],
-        failures=len(views) - len(good),
-        seconds=float(np.median(seconds)),
-    )
+    return fit_all(fit, views)
 
 
-def fit_by_peer(peer: str, views: Sequence[View], sigma: float) -> Fits:
+def fit_by_peer(peer: str, views: Sequence[View]) -> Fits:
     """Fit the points of each view's wall, which spares a program the caps."""
     from experiments.fit_accuracy.peers import PEERS, points_of
 
-    def fit(view: View):
+    def fit(view: View) -> ij.Cylinder | None:
+        points = points_of(view.depth, on_wall[id(view)], CAMERA)
         try:
-            found = PEERS[peer](
-                points_of(view.depth, view.wall, CAMERA), sigma, view.can
-            )
+            line = PEERS[peer](points, view.sigma, view.shape)
+            return ij.Cylinder(*line, 1.0)
         except Exception:
             return None
-        return found if np.all(np.isfinite(found[2])) else None
 
-    lines, seconds = _timed(fit, views)
-    good = [(v, line) for v, line in zip(views, lines, strict=True) if line is not None]
-    errors, bounds = [], []
-    for view, (point, axis, radius) in good:
-        # The point of the axis that is nearest to the can's center.
-        center = np.asarray(view.can.center, float)
-        point = point + axis * ((center - point) @ axis)
-        found = ij.Cylinder(point, axis, radius, view.can.height)
-        errors.append(error(found, view.can))
-        bounds.append(bound(view.can, CAMERA, view.mask, sigma))
-    return Fits(
-        errors=np.array(errors).reshape(-1, 7),
-        deviations=None,
-        bounds=np.array(bounds).reshape(-1, 7),
-        bounds_facing=np.full((len(good), 7), np.nan),
-        failures=len(views) - len(good),
-        seconds=float(np.median(seconds)),
-    )
+    on_wall = {id(view): _on_wall(view) for view in views}
+    return fit_all(fit, views)
 
 
-def _timed(
-    fit: Callable[[View], T], views: Sequence[View]
-) -> tuple[list[T], list[float]]:
-    """What a fit returns for each view, and the seconds that it takes."""
-    done, seconds = [], []
-    for view in views:
-        start = time.perf_counter()
-        done.append(fit(view))
-        seconds.append(time.perf_counter() - start)
-    return done, seconds
+def _on_wall(view: View) -> Bool[np.ndarray, "h w"]:
+    """Pixels whose ray hits the wall of the can."""
+    can = view.shape
+    assert isinstance(can, ij.Cylinder)
+    point = np.asarray(ij.render(can, CAMERA, outputs=("point",)).point)
+    offset = np.where(view.mask[..., None], point, 0) - np.asarray(can.center)
+    along = np.abs(offset @ np.asarray(can.axis))
+    return view.mask & (along < float(can.height) / 2 * (1 - 1e-4))
 
 
-def case_metrics(name: str, fits: Fits) -> list[Metric]:
+def case_metrics(name: str, fits: Fits) -> Iterator[Metric]:
     """Error over the bound, bias and coverage of one case."""
-    n = len(fits.errors)
-    total = n + fits.failures
-    metrics = [
-        Metric(f"{name}.failures", fits.failures, None, "1", "lower", total),
-        Metric(f"{name}.time", 1e3 * fits.seconds, None, "ms", "lower", total),
-    ]
-    if not n:
-        return metrics
-    rms, spread = _rms(fits.errors), np.std(fits.errors, axis=0)
+    yield from fits.counts(name)
+    if not (n := len(fits.views)):
+        return
+    bounds, deviations = fits.bounds(), fits.deviations
+    facing = fits.bounds(least_cosine=0.3) if len(deviations) else bounds
     for k in DETERMINED:
         label, unit = f"{name}.{CYLINDER.coordinates[k]}", "rad" if k < 2 else "m"
-        relative = 1 / np.sqrt(2 * n)
-        ratio = rms[k] / _rms(fits.bounds)[k]
-        bias = np.mean(fits.errors[:, k]) / spread[k]
-        metrics += [
-            _metric(f"{label}.rmse", rms[k], rms[k] * relative, unit, n),
-            _metric(f"{label}.over_bound", ratio, ratio * relative, "1", n),
-            _metric(f"{label}.bias_over_spread", bias, 1 / np.sqrt(n), "1", n),
-        ]
-        if fits.deviations is not None:
-            facing = rms[k] / _rms(fits.bounds_facing)[k]
-            metrics += [
-                _metric(f"{label}.over_bound_of_facing", facing, facing * relative,
-                        "1", n),
-                _coverage(label, fits.errors[:, k], fits.deviations[:, k]),
-            ]  # fmt: skip
-    return metrics
-
-
-def _rms(values: Float[np.ndarray, "n 7"]) -> Float[np.ndarray, "7"]:
-    return np.sqrt(np.mean(values**2, axis=0))
+        off = fits.errors[:, k]
+        rms = np.sqrt(np.mean(off**2))
+        yield _metric(f"{label}.rmse", rms, rms / np.sqrt(2 * n), unit, n)
+        yield over_bound(f"{label}.over_bound", off, bounds[:, k])
+        yield bias(f"{label}.bias_over_spread", off)
+        if len(deviations):
+            yield over_bound(f"{label}.over_bound_of_facing", off, facing[:, k])
+            yield _coverage(label, off, deviations[:, k])
 
 
 def _metric(name: str, value: float, spread: float, unit: str, n: int) -> Metric:
@@ -209,48 +137,37 @@ def _coverage(
 ) -> Metric:
     """Part of the 95 percent intervals that hold the truth, of those that end."""
     known = np.isfinite(deviations)
-    part, n = float(np.mean(_holds(errors, deviations)[known])), int(np.sum(known))
-    spread = float(np.sqrt(part * (1 - part) / n))
-    return Metric(f"{label}.coverage_95", part, spread, "1", "higher", n)
+    holds = np.abs(errors[known]) <= NORMAL_95 * deviations[known]
+    return Metric.share(f"{label}.coverage_95", float(np.mean(holds)), len(holds))
 
 
-def _holds(
-    errors: Float[np.ndarray, "*n"], deviations: Float[np.ndarray, "*n"]
-) -> Bool[np.ndarray, "*n"]:
-    return np.abs(errors) <= NORMAL_95 * deviations
-
-
-def interval_metrics(name: str, count: int) -> list[Metric]:
+def interval_metrics(name: str, count: int) -> Iterator[Metric]:
     """Coverage of the intervals of each coordinate."""
     case = INTERVALS[name]
     errors = "correlated" if case.correlation else "independent"
     parts = []
     # All images of a measurement at once would not fit into memory.
     for seeds in np.array_split(np.arange(count), -(-count // 50)):
-        views = [draw(case, int(seed)) for seed in seeds]
-        parts.append(fit_views(views, case.sigma, with_bounds=False, errors=errors))
-    deviations = [part.deviations for part in parts if part.deviations is not None]
-    found, reported = np.concatenate([p.errors for p in parts]), np.vstack(deviations)
-    return [
-        _coverage(f"interval.{name}.{coordinate}", found[:, k], reported[:, k])
-        for k, coordinate in enumerate(CYLINDER.coordinates)
-    ]
+        views = [draw_can(case, int(seed)) for seed in seeds]
+        fits = fit_views(views, errors=errors)
+        parts.append((fits.errors, fits.deviations))
+    found, reported = map(np.concatenate, zip(*parts, strict=True))
+    for k, coordinate in enumerate(CYLINDER.coordinates):
+        yield _coverage(f"interval.{name}.{coordinate}", found[:, k], reported[:, k])
 
 
 def height_metrics(seeds: int) -> list[Metric]:
     """Height with both ends seen and the mask an outline."""
-    case = INTERVALS["white"]
-    views = [draw(case, seed) for seed in range(seeds)]
-    fits = fit_views(views, case.sigma, with_bounds=False, mask_meaning="outline")
-    assert fits.deviations is not None
+    views = [draw_can(INTERVALS["white"], seed) for seed in range(seeds)]
+    fits = fit_views(views, mask_meaning="outline")
     known = np.isfinite(fits.deviations[:, 6])
     pixels = fits.errors[known, 6] / (DISTANCE / CAMERA.matrix()[0, 0])
     n = len(pixels)
-    rms, bias = np.sqrt(np.mean(pixels**2)), np.mean(pixels)
+    rms, mean = np.sqrt(np.mean(pixels**2)), np.mean(pixels)
     return [
         Metric("height.failures", seeds - n, None, "1", "lower", seeds),
         _metric("height.rmse", rms, rms / np.sqrt(2 * n), "pixel", n),
-        _metric("height.bias", bias, rms / np.sqrt(n), "pixel", n),
+        _metric("height.bias", mean, rms / np.sqrt(n), "pixel", n),
         _coverage("height", fits.errors[:, 6], fits.deviations[:, 6]),
     ]
 
@@ -259,16 +176,16 @@ def scene_metrics(count: int) -> list[Metric]:
     """Random scenes, with no start given."""
     within, far, failed = 0, [], 0
     for seed in range(count):
-        scene = random_scene(seed)
-        fit = ij.fit_cylinder(scene.depth, CAMERA, mask=scene.mask, sigma=SENSOR)
+        view = draw_scene(seed)
+        fit = ij.fit_cylinder(view.depth, CAMERA, mask=view.mask, sigma=SENSOR)
         if not bool(fit.success):
             failed += 1
             continue
         deviation = np.sqrt(np.diagonal(np.asarray(fit.covariance)))
-        off = np.abs(error(fit.cylinder, scene.cylinder))
+        off = np.abs(error(fit.cylinder, view.shape))
         ratio = np.where(np.isfinite(deviation), off / deviation, 0).max()
         if ratio > 5:
-            least = bound(scene.cylinder, CAMERA, scene.mask, scene.sigma)
+            least = bound(view)
             least = np.maximum(np.where(np.isfinite(least), least, 0), deviation)
             ratio = np.where(np.isfinite(deviation), off / least, 0).max()
         within += ratio <= 5
@@ -276,71 +193,40 @@ def scene_metrics(count: int) -> list[Metric]:
             far.append(seed)
     if far:
         print("false successes, seeds:", *far)
-    share = within / count
     return [
-        Metric("scenes.within_5", share, float(np.sqrt(share * (1 - share) / count)),
-               "1", "higher", count),
+        Metric.share("scenes.within_5", within / count, count),
         Metric("scenes.failures", failed / count, None, "1", "lower", count),
         Metric("scenes.false_success", len(far) / count, None, "1", "lower", count),
-    ]  # fmt: skip
+    ]
 
 
-def run(config: Config) -> Path:
-    """Measure and record; returns the folder of the results.
+def measure(config: Config) -> Iterator[Metric]:
+    """Measure all cases.
 
     Raises:
-        ValueError: A count is not positive, the other programs are not installed, or
-            the code is not committed.
+        ValueError: The other programs are not installed.
     """
-    for name in ("seeds", "draws", "scenes"):
-        if getattr(config, name) < 1:
-            raise ValueError(f"{name} must be at least 1, got {getattr(config, name)}")
-    cases, noises = tuple(CASES), tuple(INTERVALS)
-    if config.quick:
-        # No heights and no scenes: each needs a program of its own to be compiled.
-        config = dataclasses.replace(config, seeds=2, draws=2, scenes=1, peer_seeds=0)
-        cases, noises = ("60deg.1mm",), ("white",)
-    if config.peer_seeds and importlib.util.find_spec("cylfit") is None:
+    if config.peers and importlib.util.find_spec("cylfit") is None:
         raise ValueError(
             "the other programs are not installed: pip install '.[bench]', or leave "
-            "them out with --peer-seeds 0"
+            "them out with --no-peers"
         )
-    folder = result_folder(config.output, HERE, quick=config.quick)
-    start = time.perf_counter()
-    metrics = []
-    for name in cases:
-        views = [draw(CASES[name], seed) for seed in range(config.seeds)]
-        metrics += case_metrics(name, fit_views(views, CASES[name].sigma))
-        if name in PEER_CASES and config.peer_seeds:
+    for name in ("60deg.1mm",) if config.quick else CASES:
+        views = [draw_can(CASES[name], seed) for seed in range(config.seeds)]
+        yield from case_metrics(name, fit_views(views))
+        if name in PEER_CASES and config.peers:
             from experiments.fit_accuracy.peers import PEERS
 
             for peer in PEERS:
-                fits = fit_by_peer(peer, views[: config.peer_seeds], CASES[name].sigma)
-                metrics += case_metrics(f"{peer}.{name}", fits)
-        print(name, f"{time.perf_counter() - start:.0f} s")
+                fits = fit_by_peer(peer, views[: config.peer_seeds])
+                yield from case_metrics(f"{peer}.{name}", fits)
+    for name in ("white",) if config.quick else INTERVALS:
+        yield from interval_metrics(name, config.draws)
     if not config.quick:
-        metrics += height_metrics(config.seeds)
-    for name in noises:
-        metrics += interval_metrics(name, config.draws)
-    print("intervals", f"{time.perf_counter() - start:.0f} s")
-    if not config.quick:
-        metrics += scene_metrics(config.scenes)
-    save_run(
-        folder,
-        metrics,
-        config,
-        seed=0,
-        dtype=str(ij.Cylinder((0, 0, 1), (0, 0, 1), 1, 1).radius.dtype),
-        seconds=time.perf_counter() - start,
-        quick=config.quick,
-    )
-    draw_figures(folder)
-    return folder
+        # Each needs a program of its own to be compiled.
+        yield from height_metrics(config.seeds)
+        yield from scene_metrics(config.scenes)
 
 
 if __name__ == "__main__":
-    try:
-        written = run(tyro.cli(Config))
-    except ValueError as problem:
-        sys.exit(str(problem))
-    print(f"{tables(written)}\n\nwritten to {written}")
+    main(Config, measure, draw, tables, Config(seeds=2, draws=2, peers=False))

@@ -1,31 +1,20 @@
 """Fit many noisy balls and cups, compare with the bound, and test cups and cans."""
 
-__all__ = ["Config", "run"]
+__all__ = ["Config", "measure"]
 
 import dataclasses
-import sys
-import time
 from collections.abc import Iterator
-from pathlib import Path
 
-import jax
 import numpy as np
-import tyro
 
 import impostor_jax as ij
-from experiments.fit_accuracy.cases import CAMERA
-from experiments.fit_shapes.report import draw, tables
-from experiments.fit_shapes.scenes import (
-    COORDINATES,
-    View,
-    bound,
-    draw_ball,
-    draw_cup,
-    error,
-)
-from experiments.recording import Metric, result_folder, save_run
+from experiments.fit_shapes.report import CHI_SQUARED, COORDINATES, draw, tables
+from experiments.fitting import bias, fit_all, over_bound
+from experiments.recording import Metric
+from experiments.running import RunConfig, main
+from experiments.scenes import CAMERA, View, draw_ball, draw_cup
 
-HERE = Path(__file__).parent
+FITS = {"sphere": ij.fit_sphere, "frustum": ij.fit_frustum}
 
 NOISE = {"1mm": 1e-3, "3mm": 3e-3}
 
@@ -43,7 +32,7 @@ LEVEL = 0.01
 
 
 @dataclasses.dataclass(frozen=True)
-class Config:
+class Config(RunConfig):
     """Measure the accuracy of fits of spheres and frusta, and the test of a taper."""
 
     seeds: int = 200
@@ -54,76 +43,41 @@ class Config:
     """Of the cups that are tested."""
     seed: int = 0
     """Of all draws."""
-    quick: bool = False
-    """Two images of one case: a trial of the code, no measurement."""
-    output: Path | None = None
-    """Folder for the results; that of the experiment if None, a temporary one with
-    --quick."""
 
 
-def run(config: Config) -> int:
-    """Fit, test and write; returns the exit code."""
-    started = time.perf_counter()
-    folder = result_folder(config.output, HERE, quick=config.quick)
-    if config.quick:
-        config = dataclasses.replace(config, seeds=2)
-    metrics: list[Metric] = []
+def measure(config: Config) -> Iterator[Metric]:
+    """Compare fits with the bound, and test for a taper."""
     for noise, sigma in list(NOISE.items())[: 1 if config.quick else None]:
         rng = np.random.default_rng(config.seed)
         balls = [draw_ball(sigma, rng) for _ in range(config.seeds)]
-        metrics += compared(f"sphere.{noise}", balls, sigma)
+        yield from compared(f"sphere.{noise}", balls)
         for angle, degrees in {} if config.quick else ANGLES.items():
             rng = np.random.default_rng(config.seed)
             cups = [draw_cup(TAPER, degrees, sigma, rng) for _ in range(config.seeds)]
-            metrics += compared(f"frustum.{angle}.{noise}", cups, sigma)
+            yield from compared(f"frustum.{angle}.{noise}", cups)
     if not config.quick:
         for taper in (0.0, config.taper / 10, config.taper):
-            metrics += tested(taper, config)
-    save_run(
-        folder,
-        metrics,
-        config,
-        seed=config.seed,
-        dtype="float32",
-        seconds=time.perf_counter() - started,
-        quick=config.quick,
-    )
-    draw(folder)
-    print(tables(folder))
-    return 0
+            yield from tested(taper, config)
 
 
-def compared(label: str, views: list[View], sigma: float) -> Iterator[Metric]:
+def compared(label: str, views: list[View]) -> Iterator[Metric]:
     """Errors over the bound, biases, and failures, of fits without a start."""
     kind = label.split(".")[0]
-    errors, bounds, seconds = [], [], []
-    for view in views:
-        started = time.perf_counter()
-        if kind == "sphere":
-            fit = ij.fit_sphere(view.depth, CAMERA, mask=view.mask, sigma=sigma)
-            estimate = fit.sphere
-        else:
-            fit = ij.fit_frustum(view.depth, CAMERA, mask=view.mask, sigma=sigma)
-            estimate = fit.frustum
-        jax.block_until_ready(estimate)
-        seconds.append(time.perf_counter() - started)
-        if fit.success:
-            errors.append(error(estimate, view.shape))
-            bounds.append([bound(view, sigma, reachable=r) for r in (False, True)])
-    n = len(errors)
-    yield Metric(f"{label}.failures", len(views) - n, None, "images", "lower", n)
-    each = float(np.median(seconds)) * 1e3
-    yield Metric(f"{label}.time", each, None, "ms", "lower", n)
-    all_errors, all_bounds = np.array(errors), np.array(bounds)
-    for index, name in enumerate(COORDINATES[kind]):
-        off = all_errors[:, index]
-        for which, suffix in enumerate(("over_bound", "over_reachable")):
-            least = all_bounds[:, which, index]
-            ratio = float(np.sqrt(np.mean(off**2) / np.mean(least**2)))
-            spread = ratio / np.sqrt(2 * n)
-            yield Metric(f"{label}.{name}.{suffix}", ratio, spread, "1", "lower", n)
-        bias = float(np.mean(off) / np.std(off))
-        yield Metric(f"{label}.{name}.bias", bias, 1 / np.sqrt(n), "1", "lower", n)
+
+    def fit(view: View) -> ij.Fit:
+        return FITS[kind](view.depth, CAMERA, mask=view.mask, sigma=view.sigma)
+
+    fits = fit_all(fit, views)
+    yield from fits.counts(label)
+    bounds = {
+        "over_bound": fits.bounds(),
+        "over_reachable": fits.bounds(reachable=True),
+    }
+    for k, name in enumerate(COORDINATES[kind]):
+        off = fits.errors[:, k]
+        for suffix, least in bounds.items():
+            yield over_bound(f"{label}.{name}.{suffix}", off, least[:, k])
+        yield bias(f"{label}.{name}.bias", off)
 
 
 def tested(taper: float, config: Config) -> Iterator[Metric]:
@@ -138,16 +92,14 @@ def tested(taper: float, config: Config) -> Iterator[Metric]:
         statistics.append(float(test.statistic))
         needed.append(bool(test.is_needed(LEVEL)))
     n, known = len(needed), np.array(statistics)[np.isfinite(statistics)]
-    share = float(np.mean(needed))
-    spread = float(np.sqrt(share * (1 - share) / n))
     better = "higher" if taper else "lower"
-    yield Metric(f"{label}.needed", share, spread, "part", better, n)
+    yield Metric.share(f"{label}.needed", float(np.mean(needed)), n, better)
     yield Metric(f"{label}.failures", n - len(known), None, "images", "lower", n)
-    for percent in (5, 50, 95, 99):
+    for percent in CHI_SQUARED:
         value = float(np.percentile(known, percent))
         name = f"{label}.statistic.p{percent}"
         yield Metric(name, value, None, "1", better, len(known))
 
 
 if __name__ == "__main__":
-    sys.exit(run(tyro.cli(Config)))
+    main(Config, measure, draw, tables, Config(seeds=2))

@@ -22,7 +22,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 import impostor_jax as ij
-from experiments.render_speed.cases import SIGMA, make_camera, make_can, noisy_image
+from experiments.scenes import SIGMA, make_can, make_view, with_noise
 from experiments.timing import WARM_UP, Timing, time_in_turns
 from impostor_jax.effort import EFFORTS
 
@@ -55,18 +55,12 @@ class View:
 
 def see_can(scale: float, count: int) -> View:
     """Images by a camera with `scale` times as many rows and columns as 640x480."""
-    can, whole = make_can(), make_camera()
-    camera = ij.PinholeCamera(
-        fx=scale * whole.fx,
-        fy=scale * whole.fy,
-        cx=scale * (whole.cx + 0.5) - 0.5,
-        cy=scale * (whole.cy + 0.5) - 0.5,
-        width=round(scale * whole.width),
-        height=round(scale * whole.height),
-    )
+    can, camera = make_can(), make_view(round(640 * scale), round(480 * scale))
     maps = ij.render(can, camera)
     depth = np.asarray(maps.depth)
-    depths = np.stack([noisy_image(depth, seed) for seed in range(count)])
+    depths = np.stack(
+        [with_noise(depth, SIGMA, np.random.default_rng(k)) for k in range(count)]
+    )
     return View(can, camera, np.asarray(maps.mask), depths)
 
 

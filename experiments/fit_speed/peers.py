@@ -14,7 +14,7 @@ from jaxtyping import Float
 
 from experiments.fit_speed.cases import View, fit_one
 from experiments.recording import Metric
-from experiments.render_speed.cases import SIGMA
+from experiments.scenes import SIGMA
 from experiments.timing import Timing, case_metrics, time_in_turns
 
 NAMES = ("pcl", "scipy", "cylfit", "scikit-spatial", "pyransac3d")

@@ -1,16 +1,50 @@
 """The tables and the figures of the README, from results.json."""
 
-__all__ = ["FIRST", "FIRST_PARTS", "draw", "table"]
+__all__ = ["FIRST", "FIRST_PARTS", "draw", "tables"]
 
-from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter
 
-from experiments.fit_speed.wanted import WANTED, is_met
-from experiments.recording import read_spreads, three_digits
-from impostor_jax.io.atomic import write_atomically
+from experiments.markdown import table, three_digits
+from experiments.plots import bars
+from experiments.recording import Results
+from experiments.timing import COLUMNS, case_row
+
+
+class Wish(NamedTuple):
+    """A number that must not be exceeded.
+
+    Attributes:
+        label: What it is of.
+        metric: Its name in `results.json`.
+        most: The largest value that will do.
+        unit: Of `most` and of the metric.
+    """
+
+    label: str
+    metric: str
+    most: float
+    unit: str = "ms"
+
+
+WANTED = (
+    Wish("`balanced`, mask", "single.balanced.mask.median", 5),
+    Wish("`balanced`, mask, start given", "single.initial.mask.median", 3),
+    Wish("`fast`, mask", "single.fast.mask.median", 2),
+    Wish("291 pixels, start given", "scaling.pixels_from_start.291.median", 1),
+    Wish("batch of `balanced`, mask, an image", "batch.balanced.mask.median", 4),
+    Wish("`jit(vmap)`, start given, an image", "batch.vmap.mask.median", 4),
+    Wish("`balanced`, no mask", "single.balanced.no_mask.median", 20),
+    Wish("`fast` over `exact`, mask", "single.fast_over_exact.mask", 0.25, "1"),
+    Wish("`balanced` over `fft2`", "single.balanced_over_fft2.mask", 0.5, "1"),
+    Wish("first fit, empty cache", "first.balanced.empty.without_jax", 4000),
+    Wish("first fit, filled cache", "first.balanced.filled.without_jax", 1200),
+)
+"""Medians. A mask has at most 10000 pixels; a first fit is timed from after the import
+of JAX."""
 
 CASES = {
     "single.balanced.mask": "balanced, mask",
@@ -66,119 +100,90 @@ CURVES = {
 }
 """What a fit grows with, and where it starts."""
 
-Values = dict[str, tuple[float | None, float | None]]
 
-NOTHING = (None, None)
-
-
-def table(folder: Path) -> str:
-    """Results of a folder in Markdown; what was not measured is left blank."""
-    values = read_spreads(folder)
-    lines = ["| wanted | at most | measured | met |", "|---|--:|--:|---|"]
+def tables(results: Results) -> str:
+    """What is wanted, warm and first fits, and growth; blank where not measured."""
+    values, rows = results.values, []
     for wish in WANTED:
-        value = values.get(wish.metric, NOTHING)[0]
+        value = values.get(wish.metric)
         unit = "" if wish.unit == "1" else f" {wish.unit}"
-        met = {True: "yes", False: "no", None: ""}[is_met(wish, value)]
-        cells = (f"{three_digits(wish.most)}{unit}", three_digits(value), met)
-        lines.append(f"| {wish.label} | {' | '.join(cells)} |")
-    lines += [
-        "",
-        "| case | median, ms | spread, ms | minimum, ms | page faults |",
-        "|---|--:|--:|--:|--:|",
+        met = "" if value is None else "yes" if value <= wish.most else "no"
+        most = f"{three_digits(wish.most)}{unit}"
+        rows.append([wish.label, most, three_digits(value), met])
+    blocks = [
+        table(["wanted", "at most", "measured", "met"], rows),
+        table(
+            ["case", *COLUMNS],
+            (case_row(results, case, label) for case, label in CASES.items()),
+        ),
     ]
-    lines += [_row(label, _case(values, case)) for case, label in CASES.items()]
-    lines += ["", "| program | error of the radius, mm |", "|---|--:|"]
-    for name in (
-        *(case for case in CASES if case.startswith("peer.")),
-        "peer.balanced",
-    ):
-        label = CASES.get(name, "balanced, mask")
-        lines.append(_row(label, values.get(f"{name}.radius_error", NOTHING)[:1]))
+    peers = {case: label for case, label in CASES.items() if case.startswith("peer.")}
+    rows = [
+        [label, three_digits(values.get(f"{case}.radius_error"))]
+        for case, label in {**peers, "peer.balanced": "balanced, mask"}.items()
+    ]
+    blocks.append(table(["program", "error of the radius, mm"], rows))
     head = [f"{part.replace('_', ' ')}, {unit}" for part, unit in FIRST_PARTS.items()]
-    lines += ["", f"| first fit | {' | '.join(head)} |", "|---|" + "--:|" * len(head)]
-    for case, label in FIRST.items():
-        cells = [
-            _with_spread(values.get(f"first.{case}.{part}", NOTHING))
-            for part in FIRST_PARTS
+    rows = [
+        [
+            label,
+            *(_with_spread(results, f"first.{case}.{part}") for part in FIRST_PARTS),
         ]
-        lines.append(f"| {label} | {' | '.join(cells)} |")
+        for case, label in FIRST.items()
+    ]
+    blocks.append(table(["first fit", *head], rows))
     for curve, (label, start) in CURVES.items():
-        slope = _with_spread(values[f"scaling.{curve}.exponent"])
-        name = f"{label}, {start}"
-        lines += [
-            "",
-            f"| {name} | median, ms | spread, ms | minimum, ms | page faults |",
-            "|--:|--:|--:|--:|--:|",
+        rows = [
+            case_row(results, f"scaling.{curve}.{size}", str(size))
+            for size in _sizes(results, curve)
         ]
-        lines += [
-            _row(str(size), _case(values, f"scaling.{curve}.{size}"))
-            for size in sizes_of(values, curve)
+        blocks += [
+            table([f"{label}, {start}", *COLUMNS], rows),
+            f"Exponent: {_with_spread(results, f'scaling.{curve}.exponent')}.",
         ]
-        lines += ["", f"Exponent: {slope}."]
-    return "\n".join(lines)
+    return "\n\n".join(blocks)
 
 
-def sizes_of(values: Values, curve: str) -> list[int]:
+def _sizes(results: Results, curve: str) -> list[int]:
     """Sizes at which a curve was measured."""
-    names = [name.split(".") for name in values if name.startswith(f"scaling.{curve}.")]
-    return sorted(int(name[2]) for name in names if name[3:] == ["median"])
+    start = f"scaling.{curve}."
+    cases = results.cases(start, ".median")
+    return sorted(int(case.removeprefix(start)) for case in cases)
 
 
-def draw(folder: Path) -> None:
-    """Draw a folder's warm and first fits as bars, and what they grow with."""
-    values = read_spreads(folder)
-    write_atomically(folder / "figures" / "fit_speed.png", _bars(values).savefig)
-    write_atomically(folder / "figures" / "scaling.png", _curves(values).savefig)
+def draw(results: Results) -> dict[str, Figure]:
+    """Draw warm and first fits as bars, and what they grow with."""
+    return {"fit_speed": _bars(results), "scaling": _curves(results)}
 
 
-def _bars(values: Values) -> Figure:
-    bars = {f"{case}.median": label for case, label in CASES.items()} | {
+def _bars(results: Results) -> Figure:
+    labels = {f"{case}.median": label for case, label in CASES.items()} | {
         f"first.{case}.without_jax": f"first: {label}" for case, label in FIRST.items()
     }
-    shown = {
-        label: values[name]
-        for name, label in bars.items()
-        if values.get(name, NOTHING)[0] is not None
-    }
-    medians = np.array([median for median, _ in shown.values()], float)
-    spreads = np.array([spread for _, spread in shown.values()], float)
     figure = Figure(figsize=(8, 6.5), layout="constrained")
     axes = figure.subplots()
     beside = ("peer.", "single.fft2")
-    others = {label for case, label in CASES.items() if case.startswith(beside)}
-    axes.barh(
-        list(shown),
-        medians,
-        xerr=spreads / 2,
-        color=["C7" if label in others else "C0" for label in shown],
-        error_kw={"capsize": 3},
+    shown = bars(
+        axes, results, labels, lambda name: "C7" if name.startswith(beside) else "C0"
     )
-    for row, (median, spread) in enumerate(zip(medians, spreads, strict=True)):
-        where = 1.15 * (median + spread / 2)
-        axes.text(where, row, f"{three_digits(median)} ms", va="center", fontsize=8)
     marks = [
-        (wish.most, list(shown).index(bars[wish.metric]))
-        for wish in WANTED
-        if bars.get(wish.metric) in shown
+        (wish.most, shown.index(wish.metric)) for wish in WANTED if wish.metric in shown
     ]
     axes.plot(*np.transpose(marks), "C3|", markersize=16, mew=3, label="wanted")
-    axes.set_xscale("log")
-    axes.set_xlim(medians.min() / 8, medians.max() * 8)
-    axes.invert_yaxis()
     axes.set_xlabel("median time in ms; whiskers as wide as the interquartile range")
     axes.legend()
     return figure
 
 
-def _curves(values: Values) -> Figure:
+def _curves(results: Results) -> Figure:
     figure = Figure(figsize=(11, 3.6), layout="constrained")
     labels = list(dict.fromkeys(label for label, _ in CURVES.values()))
     panels = dict(zip(labels, figure.subplots(1, len(labels)), strict=True))
     for curve, (label, start) in CURVES.items():
-        sizes = sizes_of(values, curve)
-        pairs = [values[f"scaling.{curve}.{size}.median"] for size in sizes]
+        sizes = _sizes(results, curve)
+        pairs = [results.pair(f"scaling.{curve}.{size}.median") for size in sizes]
         medians, spreads = np.array(pairs, float).T
-        slope = _with_spread(values[f"scaling.{curve}.exponent"])
+        slope = _with_spread(results, f"scaling.{curve}.exponent")
         name = f"{start}: exponent {slope}" if slope else start
         axes = panels[label]
         axes.errorbar(sizes, medians, spreads / 2, fmt="o-", capsize=3, label=name)
@@ -196,22 +201,6 @@ def _curves(values: Values) -> Figure:
     return figure
 
 
-def _case(values: Values, case: str) -> tuple[float | None, ...]:
-    """Median, spread, minimum and page faults."""
-    least, faults = (
-        values.get(f"{case}.{name}", NOTHING)[0] for name in ("minimum", "page_faults")
-    )
-    return (*values.get(f"{case}.median", NOTHING), least, faults)
-
-
-def _row(label: str, numbers: tuple[float | None, ...]) -> str:
-    return f"| {' | '.join([label, *map(three_digits, numbers)])} |"
-
-
-def _with_spread(pair: tuple[float | None, float | None]) -> str:
-    value, spread = pair
-    return (
-        three_digits(value)
-        if spread is None
-        else f"{three_digits(value)} ({three_digits(spread)})"
-    )
+def _with_spread(results: Results, name: str) -> str:
+    value, spread = map(three_digits, results.pair(name))
+    return f"{value} ({spread})" if spread else value

@@ -4,18 +4,15 @@ Warm fits that are compared are timed in turns, a block of calls each, so that a
 the machine in one state and their ratios are fair.
 """
 
-__all__ = ["Config", "run"]
+__all__ = ["Config", "measure"]
 
 import dataclasses
 import math
-import sys
 import tempfile
-import time
 from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
-import tyro
 from jaxtyping import Bool, Float
 
 from experiments.fit_speed.cases import (
@@ -28,13 +25,18 @@ from experiments.fit_speed.cases import (
     yardstick,
 )
 from experiments.fit_speed.peers import peer_metrics
-from experiments.fit_speed.report import FIRST, FIRST_PARTS, draw, table
+from experiments.fit_speed.report import FIRST, FIRST_PARTS, draw, tables
 from experiments.fit_speed.scaling import FEW, MANY, scaling_metrics
-from experiments.recording import Metric, result_folder, save_run
-from experiments.render_speed.cases import SIGMA
-from experiments.timing import Timing, case_metrics, in_new_process, sample
-
-HERE = Path(__file__).parent
+from experiments.recording import Metric
+from experiments.running import RunConfig, main
+from experiments.scenes import SIGMA
+from experiments.timing import (
+    Timing,
+    case_metrics,
+    first_calls,
+    in_new_process,
+    sample,
+)
 
 PROCESSES = 3
 """New processes in which a first fit is timed."""
@@ -49,20 +51,12 @@ QUICK_CASE = "balanced.mask"
 
 
 @dataclasses.dataclass(frozen=True)
-class Config:
+class Config(RunConfig):
     """Measure how long fits take."""
-
-    quick: bool = False
-    """Small images, few calls, one compiled program and no other processes: a trial of
-    the code, no measurement."""
 
     repeats: int = 60
     """Timed calls of each warm fit; of batches and growing sizes a tenth and a fifth of
     it."""
-
-    output: Path | None = None
-    """Folder of the results; the experiment's own by default, a temporary one with
-    --quick."""
 
 
 def single_metrics(view: View, config: Config) -> Iterator[Metric]:
@@ -113,9 +107,7 @@ def first_metrics(view: View, scratch: Path) -> Iterator[Metric]:
     arguments = ["balanced", str(batch)]
     records["batch.filled"] = [in_new_process(FIRST_CALL, arguments, filled)]
     for case in FIRST:
-        for part, unit in FIRST_PARTS.items():
-            values = [record[part] for record in records[case]]
-            yield sample(f"first.{case}.{part}", values, unit)
+        yield from first_calls(f"first.{case}", records[case], FIRST_PARTS)
 
 
 def _save(
@@ -131,7 +123,7 @@ def _save(
 
 
 def measure(config: Config) -> Iterator[Metric]:
-    """Measure all cases."""
+    """Measure all cases; a trial compiles one program and starts no process."""
     sizes = FEW if config.quick else MANY
     view = see_can(sizes.scales[0] if config.quick else 1.0, max(sizes.images))
     yield from single_metrics(view, config)
@@ -143,36 +135,5 @@ def measure(config: Config) -> Iterator[Metric]:
             yield from first_metrics(view.first(BATCH), Path(scratch))
 
 
-def run(config: Config) -> Path:
-    """Measure, record and draw; returns the folder of the results.
-
-    Raises:
-        ValueError: `repeats` is not positive, a fit failed, or the code is not
-            committed.
-    """
-    if config.repeats < 1:
-        raise ValueError(f"repeats must be at least 1, got {config.repeats}")
-    folder = result_folder(config.output, HERE, quick=config.quick)
-    if config.quick:
-        config = dataclasses.replace(config, repeats=min(config.repeats, 2))
-    start = time.perf_counter()
-    metrics = list(measure(config))
-    save_run(
-        folder,
-        metrics,
-        config,
-        seed=0,
-        dtype="float32",
-        seconds=time.perf_counter() - start,
-        quick=config.quick,
-    )
-    draw(folder)
-    return folder
-
-
 if __name__ == "__main__":
-    try:
-        written = run(tyro.cli(Config))
-    except ValueError as error:
-        sys.exit(str(error))
-    print(f"{table(written)}\n\nwritten to {written}")
+    main(Config, measure, draw, tables, Config(repeats=2))

@@ -10,7 +10,7 @@ import numpy as np
 import impostor_jax as ij
 from experiments.fit_speed.cases import View, fit_one, fit_several, see_can, time_fits
 from experiments.recording import Metric
-from experiments.timing import case_metrics, exponent
+from experiments.timing import case_metrics, growth
 
 
 @dataclasses.dataclass(frozen=True)
@@ -80,6 +80,4 @@ def curve_metrics(
     for size, timing in timings.items():
         yield from case_metrics(f"scaling.{name}.{size}", timing)
     medians = [float(np.median(timings[size].ms)) for size in named]
-    value, error = exponent(list(calls), medians)
-    n = len(medians)
-    yield Metric(f"scaling.{name}.exponent", value, error, "1", "lower", n)
+    yield growth(f"scaling.{name}.exponent", list(calls), medians)

@@ -1,39 +1,52 @@
 """The tables of the README from results.json."""
 
-__all__ = ["tables"]
+__all__ = ["draw", "tables"]
 
-from pathlib import Path
+from matplotlib.figure import Figure
 
-from experiments.recording import read_spreads, read_values
+from experiments.markdown import table
+from experiments.recording import Results
 
 DERIVATIVES = ("depth.radius", "depth.height", "depth.axis", "coverage.radius")
 
 
-def tables(folder: Path) -> str:
-    """Results of a folder in Markdown."""
-    values, spreads = read_values(folder), read_spreads(folder)
-    lines = ["| shape | part of the image |", "|---|--:|"]
-    for key, value in values.items():
-        if key.endswith(".seen"):
-            lines.append(f"| {key.split('.')[1]} | {100 * value:.1f} % |")
-    lines += ["", "| derivative | largest deviation from differences |", "|---|--:|"]
-    for name in DERIVATIVES:
-        value = values[f"gradients.{name}.worst"]
-        lines.append(f"| {name.replace('.', ' in ')} | {value:.1e} |")
-    lines += ["", "| fit | found |", "|---|--:|"]
-    for key, (value, spread) in spreads.items():
-        if not key.startswith("fits.") or key == "fits.size" or value is None:
+def tables(results: Results) -> str:
+    """Parts of the image, derivatives, fits, and sizes of the pictures."""
+    values = results.values
+    seen = [
+        [case.split(".")[1], f"{100 * values[f'{case}.seen']:.1f} %"]
+        for case in results.cases("", ".seen")
+    ]
+    worst = [
+        [name.replace(".", " in "), f"{values[f'gradients.{name}.worst']:.1e}"]
+        for name in DERIVATIVES
+    ]
+    found = []
+    for key in results.cases("fits.", ""):
+        (value, spread), name = results.pair(key), " ".join(key.split(".")[1:])
+        if key == "fits.size":
             continue
-        name = " ".join(key.split(".")[1:])
         if key.endswith(".p_value"):
-            lines.append(f"| {name} | {value:.2g} |")
+            found.append([name, f"{value:.2g}"])
         elif spread is None:
-            lines.append(f"| {name} | {1e3 * value:.2f} mm |")
+            found.append([name, f"{1e3 * value:.2f} mm"])
         else:
-            std = f"{1e3 * value:.3f} mm (std {1e3 * spread:.3f})"
-            lines.append(f"| {name} | {std} |")
-    lines += ["", "| picture | kB |", "|---|--:|"]
-    for key, value in values.items():
-        if key.endswith(".size"):
-            lines.append(f"| {key.split('.')[0]} | {value / 1000:.0f} |")
-    return "\n".join(lines)
+            found.append([name, f"{1e3 * value:.3f} mm (std {1e3 * spread:.3f})"])
+    sizes = [
+        [picture, f"{values[f'{picture}.size'] / 1000:.0f}"]
+        for picture in results.cases("", ".size")
+    ]
+    return "\n\n".join(
+        (
+            table(["shape", "part of the image"], seen),
+            table(["derivative", "largest deviation from differences"], worst),
+            table(["fit", "found"], found),
+            table(["picture", "kB"], sizes),
+        )
+    )
+
+
+def draw(results: Results) -> dict[str, Figure]:
+    """Nothing: the pictures are drawn where they are measured."""
+    del results
+    return {}

@@ -2,13 +2,11 @@
 
 __all__ = ["draw", "tables"]
 
-from pathlib import Path
-
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from experiments.recording import read_values
-from impostor_jax.io.atomic import write_atomically
+from experiments.markdown import number, percent, table
+from experiments.recording import Results
 
 Values = dict[str, float | None]
 
@@ -27,37 +25,35 @@ LABELS = {
 COLUMNS = ("lost", "astray", "error.p50", "error.p99", "time")
 
 
-def tables(folder: Path) -> str:
-    """Results of a folder in Markdown."""
-    values = read_values(folder)
-    lines = []
+def tables(results: Results) -> str:
+    """Settings on each terrain, and what was checked."""
+    values, blocks = results.values, []
     for name in ("smooth", "steep"):
-        lines += ["", f"| {name} | lost | astray | error 50 % | 99 % | us a ray |"]
-        lines += ["|---|--:|--:|--:|--:|--:|"]
-        marches = [k.split(".lost")[0] for k in values if k.startswith(f"{name}.march")]
-        rows = {f"{name}.{key}": label for key, label in LABELS.items()}
-        for key in marches:
+        labels = {f"{name}.{key}": label for key, label in LABELS.items()}
+        for key in results.cases(f"{name}.march", ".lost"):
             factor, steps = key.rsplit(".march.", 1)[1].split("_")
-            rows[key] = f"{factor}, {steps} steps, stop at 0.02 m"
-        for key, label in rows.items():
+            labels[key] = f"{factor}, {steps} steps, stop at 0.02 m"
+        rows = []
+        for key, label in labels.items():
             if f"{key}.lost" not in values:
                 continue
-            found = [values[f"{key}.{column}"] for column in COLUMNS]
-            lost, astray, half, most, each = found
-            cells = [_percent(lost), _percent(astray), _meters(half), _meters(most)]
-            lines.append(f"| {label} | {' | '.join(cells)} | {each:.3g} |")
-    lines += ["", "| check | found |", "|---|--:|"]
+            lost, astray, half, most, each = (values[f"{key}.{c}"] for c in COLUMNS)
+            parts, errors = map(percent, (lost, astray)), map(_meters, (half, most))
+            rows.append([label, *parts, *errors, number(each)])
+        head = [name, "lost", "astray", "error 50 %", "99 %", "us a ray"]
+        blocks.append(table(head, rows))
+    checks = []
     for key, value in values.items():
         if key.split(".")[0] in ("safe", "derivative") or ".normal." in key:
-            lines.append(f"| {key} | {value:.6g} |")
+            checks.append([key, f"{value:.6g}"])
         elif ".reference." in key:
-            lines.append(f"| {key} | {value:.2g} |")
-    return "\n".join(lines)
+            checks.append([key, f"{value:.2g}"])
+    return "\n\n".join([*blocks, table(["check", "found"], checks)])
 
 
-def draw(folder: Path) -> None:
+def draw(results: Results) -> dict[str, Figure]:
     """Missed surface and depth error against time, for both terrains."""
-    values = read_values(folder)
+    values = results.values
     figure = Figure(figsize=(10, 7), layout="constrained")
     axes = figure.subplots(2, 2, sharex=True, sharey="row")
     for column, name in zip(axes.T, ("smooth", "steep"), strict=True):
@@ -69,10 +65,7 @@ def draw(folder: Path) -> None:
     axes[1, 0].set_ylabel("median depth error of the others, m")
     handles, labels = axes[0, 0].get_legend_handles_labels()
     figure.legend(handles, labels, fontsize=8, ncols=4, loc="outside lower center")
-    write_atomically(
-        folder / "figures" / "marching_trade.png",
-        lambda temporary: figure.savefig(temporary, dpi=90, format="png"),
-    )
+    return {"marching_trade": figure}
 
 
 def _curves(axes: Axes, values: Values, name: str, quantity: str) -> None:
@@ -110,9 +103,5 @@ def _curves(axes: Axes, values: Values, name: str, quantity: str) -> None:
     axes.grid(alpha=0.3)
 
 
-def _percent(value: float | None) -> str:
-    return "-" if value is None else f"{100 * value:.3g} %"
-
-
 def _meters(value: float | None) -> str:
-    return "-" if value is None else f"{value:.2g} m"
+    return "" if value is None else f"{value:.2g} m"

@@ -1,19 +1,16 @@
 """Measure what marching costs and misses, and that the safe setting misses nothing."""
 
-__all__ = ["Config", "run"]
+__all__ = ["Config", "measure"]
 
 import dataclasses
 import itertools
-import sys
 import time
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-import tyro
 from jaxtyping import Float
 
 from experiments.marching_trade.report import draw, tables
@@ -25,14 +22,13 @@ from experiments.marching_trade.scenes import (
     land,
     over_land,
 )
-from experiments.recording import Metric, result_folder, save_run
+from experiments.oracle import heightfield as oracle
+from experiments.recording import Metric
+from experiments.running import RunConfig, main
 from impostor_jax.geometry.rays import Hit, Ray
 from impostor_jax.numerics import eps
 from impostor_jax.primitives.heightfield import Heightfield
 from impostor_jax.primitives.heightfield_march import MARCHES, March
-from tests.oracle import heightfield as oracle
-
-HERE = Path(__file__).parent
 
 FACTORS = (0.1, 0.2, 0.4, 0.8)
 STEPS = (16, 64, 256, 1024)
@@ -52,7 +48,7 @@ Depths = Float[np.ndarray, " n"]
 
 
 @dataclasses.dataclass(frozen=True)
-class Config:
+class Config(RunConfig):
     """Marches over two terrains, and checks of the safe setting."""
 
     rays: int = 3000
@@ -63,34 +59,13 @@ class Config:
     """Of the terrain along each side, where it is made a grid."""
     seed: int = 0
     """Of all draws."""
-    quick: bool = False
-    """Few rays and settings, into a temporary folder."""
-    output: Path | None = None
-    """Folder for the results; that of the experiment if None."""
 
 
-def run(config: Config) -> int:
-    """March, check and write; returns the exit code."""
-    started = time.perf_counter()
-    folder = result_folder(config.output, HERE, quick=config.quick)
-    if config.quick:
-        config = dataclasses.replace(config, rays=50, checked=500, samples=33)
-    metrics = [*never_missed(config)]
+def measure(config: Config) -> Iterator[Metric]:
+    """March and check."""
+    yield from never_missed(config)
     for name in ("smooth",) if config.quick else TERRAINS:
-        metrics += marched(name, config)
-    seconds = time.perf_counter() - started
-    save_run(
-        folder,
-        metrics,
-        config,
-        seed=config.seed,
-        dtype="float32",
-        seconds=seconds,
-        quick=config.quick,
-    )
-    draw(folder)
-    print(tables(folder))
-    return 0
+        yield from marched(name, config)
 
 
 def never_missed(config: Config) -> Iterator[Metric]:
@@ -257,4 +232,4 @@ def normals(name: str, rays: Rays, true: Depths) -> Iterator[Metric]:
 
 
 if __name__ == "__main__":
-    sys.exit(run(tyro.cli(Config)))
+    main(Config, measure, draw, tables, Config(rays=50, checked=500, samples=33))

@@ -2,109 +2,85 @@
 
 __all__ = ["draw", "tables"]
 
-from pathlib import Path
+from collections.abc import Iterator
 
 from matplotlib.figure import Figure
 
+from experiments.markdown import number, table, three_digits
 from experiments.mask_errors.scenes import MASKS
-from experiments.recording import read_spreads, read_values, three_digits
-from impostor_jax.io.atomic import write_atomically
+from experiments.recording import Results
 
 GROUPS = ("table", "small", "lying", "wall")
 
-Values = dict[str, float | None]
 
-
-def tables(folder: Path) -> str:
-    """Results of a folder in Markdown."""
-    values = read_values(folder)
-    lines = []
-    for noise in _noises(values):
-        head = (
-            f"| mask, {noise} | intervals that hold | table | small | lying | wall "
-            "| largest: table | small | lying | wall | beyond 5 | failed | ms |"
+def tables(results: Results) -> str:
+    """Cans with each mask, by their noise, and the presets."""
+    largest = ["largest: table", *GROUPS[1:]]
+    ends = ["beyond 5", "failed", "ms"]
+    blocks = []
+    for noise in _noises(results):
+        head = [f"mask, {noise}", "intervals that hold", *GROUPS, *largest, *ends]
+        blocks.append(table(head, _rows(results, noise)))
+    values, rows = results.values, []
+    for label in results.cases("preset.", ".failures"):
+        part, spread = results.pair(f"{label}.coverage_95")
+        rows.append(
+            [
+                label.split(".")[1],
+                str(values[f"{label}.number"]),
+                number(part, ".1%", spread),
+                three_digits(values[f"{label}.largest"]),
+                str(values[f"{label}.far"]),
+                str(values[f"{label}.wrong"]),
+                _failures(results, label),
+                three_digits(values[f"{label}.time"]),
+            ]
         )
-        lines += ["", head, "|---|" + "--:|" * 12]
-        for mask in MASKS:
-            label = f"{noise}.{mask}"
-            if f"{label}.all.failures" not in values:
-                continue
-            cells = [
-                _percent(values.get(f"{label}.{group}.coverage_95"))
-                for group in ("all", *GROUPS)
-            ]
-            cells += [
-                three_digits(values.get(f"{label}.{group}.largest")) for group in GROUPS
-            ]
-            cells += [
-                str(values[f"{label}.all.far"]),
-                _failures(values, f"{label}.all"),
-                three_digits(values[f"{label}.all.time"]),
-            ]
-            lines.append(f"| {mask} | {' | '.join(cells)} |")
-    lines += [
-        "",
-        "| preset | fits | intervals that hold | largest | beyond 5 | wrong | failed "
-        "| ms |",
-        "|---|" + "--:|" * 7,
-    ]
-    spreads = read_spreads(folder)
-    for label in _cases(values, "preset"):
-        part, spread = spreads[f"{label}.coverage_95"]
-        number = values[f"{label}.number"]
-        assert part is not None
-        assert spread is not None
-        cells = [
-            str(number),
-            f"{_percent(part)} ({_percent(spread)})",
-            three_digits(values[f"{label}.largest"]),
-            str(values[f"{label}.far"]),
-            str(values[f"{label}.wrong"]),
-            _failures(values, label),
-            three_digits(values[f"{label}.time"]),
+    head = ["preset", "fits", "intervals that hold", "largest", "beyond 5", "wrong"]
+    return "\n\n".join([*blocks, table([*head, "failed", "ms"], rows)])
+
+
+def _rows(results: Results, noise: str) -> Iterator[list[str]]:
+    values = results.values
+    for mask in MASKS:
+        label = f"{noise}.{mask}"
+        if f"{label}.all.failures" not in values:
+            continue
+        held = (values.get(f"{label}.{g}.coverage_95") for g in ("all", *GROUPS))
+        largest = (values.get(f"{label}.{group}.largest") for group in GROUPS)
+        yield [
+            mask,
+            *(number(part, ".1%") for part in held),
+            *map(three_digits, largest),
+            str(values[f"{label}.all.far"]),
+            _failures(results, f"{label}.all"),
+            three_digits(values[f"{label}.all.time"]),
         ]
-        lines.append(f"| {label.split('.')[1]} | {' | '.join(cells)} |")
-    return "\n".join(lines)
 
 
-def _cases(values: Values, kind: str) -> list[str]:
-    return [
-        name.removesuffix(".failures")
-        for name in values
-        if name.startswith(f"{kind}.") and name.endswith(".failures")
-    ]
-
-
-def _noises(values: Values) -> list[str]:
+def _noises(results: Results) -> list[str]:
     """What the first part of a can's metrics says."""
-    return list(
-        dict.fromkeys(
-            name.split(".")[0] for name in values if not name.startswith("preset.")
-        )
-    )
+    firsts = dict.fromkeys(name.split(".")[0] for name in results.values)
+    return [first for first in firsts if first != "preset"]
 
 
-def _percent(part: float | None) -> str:
-    return "" if part is None else f"{part:.1%}"
-
-
-def _failures(values: Values, label: str) -> str:
+def _failures(results: Results, label: str) -> str:
     """The number, and of which status."""
     start = f"{label}.status."
     parts = [
         f"{number} {name.removeprefix(start)}"
-        for name, number in values.items()
+        for name, number in results.values.items()
         if name.startswith(start)
     ]
     return ", ".join(parts) or "0"
 
 
-def draw(folder: Path) -> None:
+def draw(results: Results) -> dict[str, Figure]:
     """Coverage and largest error against what is wrong with the mask."""
-    values = read_values(folder)
+    values = results.values
     figure = Figure(figsize=(10, 6), layout="constrained")
     grid = figure.subplots(2, 2, sharex=True, squeeze=False)
-    for column, noise in enumerate(_noises(values)):
+    for column, noise in enumerate(_noises(results)):
         for row, quantity in enumerate(("coverage_95", "largest")):
             axes = grid[row, column]
             for group in GROUPS:
@@ -128,7 +104,4 @@ def draw(folder: Path) -> None:
     grid[0, 0].set_ylabel("95 % intervals that hold")
     grid[1, 0].set_ylabel("largest error in deviations")
     grid[0, 0].legend()
-    write_atomically(
-        folder / "figures" / "mask_errors.png",
-        lambda temporary: figure.savefig(temporary, dpi=90, format="png"),
-    )
+    return {"mask_errors": figure}

@@ -1,44 +1,36 @@
 """Fit cans with masks that are not theirs, and the cylinders of all presets."""
 
-__all__ = ["Config", "run"]
+__all__ = ["Config", "measure"]
 
 import dataclasses
-import sys
 import tempfile
 import time
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from pathlib import Path
 
 import jax
 import numpy as np
-import tyro
 
 from data_synth.generate import generate
 from data_synth.presets import PRESETS
 from experiments.mask_errors.report import draw, tables
 from experiments.mask_errors.scenes import (
-    CAMERA,
     MASKS,
     SCENES,
     TRUE_MASK,
     Scene,
     clean_view,
 )
-from experiments.recording import Metric, result_folder, save_run
-from impostor_jax.evaluate import (
-    Outcome,
-    coverage,
-    evaluate,
-    summarize,
-)
+from experiments.recording import Metric
+from experiments.running import RunConfig, main
+from experiments.scenes import CAMERA
+from experiments.timing import sample
+from impostor_jax.evaluate import Outcome, coverage, evaluate, summarize
 from impostor_jax.fit.fittable import CYLINDER
 from impostor_jax.io.dataset import read_dataset
 from impostor_jax.io.dataset_shard import LabeledImage
 from impostor_jax.sensor.base import AbstractDepthNoise
 from impostor_jax.sensor.gaussian import ConstantNoise
-
-HERE = Path(__file__).parent
 
 NOISE = {"1mm": 1e-3, "3mm": 3e-3}
 
@@ -53,7 +45,7 @@ COSTLY = "inside_pipe"
 
 
 @dataclasses.dataclass(frozen=True)
-class Config:
+class Config(RunConfig):
     """Measure how far off fits are whose masks are not the object's."""
 
     seeds: int = 5
@@ -64,12 +56,6 @@ class Config:
     """Of the preset with the camera in a pipe, whose fits take longest."""
     seed: int = 0
     """Of all draws."""
-    quick: bool = False
-    """Two masks of one can and an image of one preset: a trial of the code, no
-    measurement."""
-    output: Path | None = None
-    """Folder for the results; that of the experiment if None, a temporary one with
-    --quick."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -87,48 +73,21 @@ class Fitted:
     milliseconds: float
 
 
-def run(config: Config) -> int:
-    """Fit, count and write; returns the exit code.
-
-    Raises:
-        ValueError: A count is not positive, or the code is not committed.
-    """
-    for name in ("seeds", "images", "images_inside"):
-        if getattr(config, name) < 1:
-            raise ValueError(f"{name} must be at least 1, got {getattr(config, name)}")
-    started = time.perf_counter()
-    folder = result_folder(config.output, HERE, quick=config.quick)
-    noises, scenes, presets = list(NOISE), list(SCENES), list(PRESETS)
-    masks = list(MASKS)
+def measure(config: Config) -> Iterator[Metric]:
+    """Fit cans with each mask, then the cylinders of each preset."""
+    noises, scenes, masks, presets = NOISE, list(SCENES), list(MASKS), list(PRESETS)
     if config.quick:
-        config = dataclasses.replace(config, seeds=1, images=1, images_inside=1)
-        noises, scenes, presets = noises[:1], ["table.30deg"], ["bench"]
-        masks = [TRUE_MASK, "+2 px"]
-    metrics: list[Metric] = []
-    for noise in noises:
+        noises, scenes, masks = {"1mm": 1e-3}, ["table.30deg"], [TRUE_MASK, "+2 px"]
+        presets = ["bench"]
+    for noise, sigma in noises.items():
         for mask in masks:
             fits: list[Fitted] = []
             for scene in scenes:
-                fits += masked(SCENES[scene], NOISE[noise], mask, config)
-            metrics += of_mask(f"{noise}.{mask}", fits)
-            print(noise, mask, f"{time.perf_counter() - started:.0f} s", flush=True)
-    for preset in presets:
-        metrics += counted(
-            f"preset.{preset}", of_preset(preset, config), CYLINDER.coordinates
-        )
-        print(preset, f"{time.perf_counter() - started:.0f} s", flush=True)
-    save_run(
-        folder,
-        metrics,
-        config,
-        seed=config.seed,
-        dtype="float32",
-        seconds=time.perf_counter() - started,
-        quick=config.quick,
-    )
-    draw(folder)
-    print(tables(folder))
-    return 0
+                fits += masked(SCENES[scene], sigma, mask, config)
+            yield from of_mask(f"{noise}.{mask}", fits)
+    for name in presets:
+        fits = of_preset(name, config)
+        yield from counted(f"preset.{name}", fits, CYLINDER.coordinates)
 
 
 def masked(scene: Scene, sigma: float, mask: str, config: Config) -> Iterator[Fitted]:
@@ -199,22 +158,15 @@ def counted(
     for status, number in Counter(o.status for o in outcomes if not o.success).items():
         yield Metric(f"{label}.status.{status}", number, None, "fits", "lower", n)
     part = coverage(scaled)["95 %"] if scaled.size else None
-    spread = None if part is None else float(np.sqrt(part * (1 - part) / scaled.size))
-    yield Metric(f"{label}.coverage_95", part, spread, "1", "higher", scaled.size)
+    yield Metric.share(f"{label}.coverage_95", part, scaled.size)
     most = float(largest.max()) if off else None
     yield Metric(f"{label}.largest", most, None, "deviations", "lower", len(off))
     far = int(np.sum(largest > FAR))
     yield Metric(f"{label}.far", far, None, "fits", "lower", len(off))
     wrong = summarize(outcomes).wrong
     yield Metric(f"{label}.wrong", wrong, None, "fits", "lower", len(off))
-    low, middle, high = np.percentile([f.milliseconds for f in fits], (25, 50, 75))
-    each, range_ = float(middle), float(high - low)
-    yield Metric(f"{label}.time", each, range_, "ms", "lower", n)
+    yield sample(f"{label}.time", [fit.milliseconds for fit in fits], "ms")
 
 
 if __name__ == "__main__":
-    try:
-        code = run(tyro.cli(Config))
-    except ValueError as problem:
-        sys.exit(str(problem))
-    sys.exit(code)
+    main(Config, measure, draw, tables, Config(seeds=1, images=1, images_inside=1))

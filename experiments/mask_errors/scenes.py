@@ -1,24 +1,22 @@
 """Cans on a table and before a wall, and masks that are not theirs."""
 
-__all__ = ["CAMERA", "MASKS", "SCENES", "TRUE_MASK", "Scene", "clean_view"]
+__all__ = ["MASKS", "SCENES", "TRUE_MASK", "Scene", "clean_view"]
 
 import dataclasses
 from collections.abc import Callable
 
 import cv2
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
 import impostor_jax as ij
-from experiments.fit_accuracy.cases import CAMERA, DISTANCE
+from experiments.scenes import CAMERA, DISTANCE, Image, Mask
 
 PLACE = np.array([0.02, 0.01, DISTANCE])
 """Center of every can, in meters."""
 
 WALL = DISTANCE + 0.3
 """Distance of the wall, in meters."""
-
-Mask = Bool[np.ndarray, "h w"]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -77,7 +75,7 @@ SCENES = {
 """By name."""
 
 
-def clean_view(scene: Scene) -> tuple[Float[np.ndarray, "h w"], Mask]:
+def clean_view(scene: Scene) -> tuple[Image, Mask]:
     """Depth without noise, 0 where nothing is, and the can's mask."""
     both = ij.Scene([scene.can, scene.ground])
     maps = ij.render(both, CAMERA, outputs=("depth", "index"))

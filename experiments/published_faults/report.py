@@ -2,72 +2,65 @@
 
 __all__ = ["draw", "tables"]
 
-from pathlib import Path
-
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from experiments.recording import read_values
+from experiments.markdown import table
+from experiments.recording import Results
 from impostor_jax.glsl.compare import angles_between
 from impostor_jax.glsl.conventions import DrawnMaps
-from impostor_jax.io.atomic import write_atomically
 
 Values = dict[str, float]
 
+PROGRAMS = ("published", "ours")
 
-def tables(folder: Path) -> str:
-    """Results of a folder in Markdown, a table for each fault."""
-    values = read_values(folder)
-    lines = ["| height / radius | published normals, deg: mean | worst | ours: worst |"]
-    lines += ["|--:|--:|--:|--:|"]
+
+def tables(results: Results) -> str:
+    """A table for each fault."""
+    values = results.values
+    rows = []
     for size in _sizes(values, "normals"):
-        lines.append(
-            f"| {size} | {values[f'normals.{size}.published.mean']:.1f} "
-            f"| {values[f'normals.{size}.published.worst']:.1f} "
-            f"| {values[f'normals.{size}.ours.worst']:.2g} |"
-        )
-    lines += [
-        "",
-        "| half height, units | cap at -axis flipped | cap at +axis flipped |",
-    ]
-    lines += ["|--:|--:|--:|"]
+        worst = values[f"normals.{size}.ours.worst"]
+        parts = (values[f"normals.{size}.published.{p}"] for p in ("mean", "worst"))
+        rows.append([size, *(f"{part:.1f}" for part in parts), f"{worst:.2g}"])
+    head = ["published normals, deg: mean", "worst", "ours: worst"]
+    blocks = [table(["height / radius", *head], rows)]
+    rows = []
     for size in _sizes(values, "caps"):
-        parts = [
-            f"{100 * values[f'caps.{size}.{cap}.published.flipped']:.0f} %"
-            for cap in ("minus", "plus")
-        ]
-        lines.append(f"| {size} | {' | '.join(parts)} |")
-    lines += ["", "| height / radius | distance / radius | published misses | ours |"]
-    lines += ["|--:|--:|--:|--:|"]
-    for size, distance in sorted({_cut(k) for k in values if k.startswith("cut.")}):
-        key = f"cut.{size:g}.{distance:g}"
-        lines.append(
-            f"| {size:g} | {distance:g} | {100 * values[f'{key}.published']:.1f} % "
-            f"| {100 * values[f'{key}.ours']:.1f} % |"
-        )
-    lines.append(
-        f"| 6, camera inside | 0.3 | {100 * values['inside.published']:.1f} % "
-        f"| {100 * values['inside.ours']:.1f} % |"
-    )
-    lines += [
-        "",
-        "| distance / radius | published depth, radii: median | 99 % | worst "
-        "| ours: median | 99 % | worst |",
-        "|--:|" + "--:|" * 6,
+        keys = (f"caps.{size}.{cap}.published.flipped" for cap in ("minus", "plus"))
+        rows.append([size, *(f"{100 * values[key]:.0f} %" for key in keys)])
+    head = ["half height, units", "cap at -axis flipped", "cap at +axis flipped"]
+    blocks.append(table(head, rows))
+    places = {
+        f"cut.{size:g}.{distance:g}": [f"{size:g}", f"{distance:g}"]
+        for size, distance in sorted({_cut(k) for k in values if k.startswith("cut.")})
+    }
+    rows = [
+        [*place, *(f"{100 * values[f'{key}.{n}']:.1f} %" for n in PROGRAMS)]
+        for key, place in {**places, "inside": ["6, camera inside", "0.3"]}.items()
     ]
-    for size in _sizes(values, "depth"):
-        cells = []
-        for name in ("published", "ours"):
-            key = f"depth.{size}.{name}"
-            cells += [f"{values[f'{key}.{p}']:.2g}" for p in ("median", "p99", "worst")]
-        lines.append(f"| {size} | {' | '.join(cells)} |")
-    return "\n".join(lines)
+    head = ["height / radius", "distance / radius", "published misses", "ours"]
+    blocks.append(table(head, rows))
+    rows = [
+        [
+            size,
+            *(
+                f"{values[f'depth.{size}.{name}.{part}']:.2g}"
+                for name in PROGRAMS
+                for part in ("median", "p99", "worst")
+            ),
+        ]
+        for size in _sizes(values, "depth")
+    ]
+    head = ["distance / radius", "published depth, radii: median", "99 %", "worst"]
+    blocks.append(table([*head, "ours: median", "99 %", "worst"], rows))
+    return "\n\n".join(blocks)
 
 
-def draw(folder: Path, published: DrawnMaps, ours: DrawnMaps) -> None:
+def draw(results: Results, published: DrawnMaps, ours: DrawnMaps) -> Figure:
     """Draw the faults: one view of both programs, normals and depth errors."""
-    values = read_values(folder)
+    values = results.values
     figure = Figure(figsize=(11, 6.5), layout="constrained")
     (first, second, wrong), (angle, cap, depth) = figure.subplots(2, 3)
     for axes, maps, title in (
@@ -105,8 +98,7 @@ def draw(folder: Path, published: DrawnMaps, ours: DrawnMaps) -> None:
         xlabel="distance / radius", ylabel="radii", title="error of the wall's depth"
     )
     depth.legend(fontsize="small")
-    path = folder / "figures" / "published_faults.png"
-    write_atomically(path, lambda partial: figure.savefig(partial, dpi=100))
+    return figure
 
 
 def _draw_difference(axes: Axes, published: DrawnMaps, ours: DrawnMaps) -> None:

@@ -4,27 +4,25 @@ The driver draws the published formulas and ours; both are compared with JAX in 
 precision, on the same parameters, rounded to single precision.
 """
 
-__all__ = ["Config", "run"]
+__all__ = ["Config", "measure"]
 
+import contextlib
 import dataclasses
-import sys
-import time
-from collections.abc import Sequence
-from pathlib import Path
+from collections.abc import Iterator, Sequence
 
 import jax
 import numpy as np
-import tyro
+from matplotlib.figure import Figure
 
 import impostor_jax as ij
-from experiments.published_faults.report import draw, tables
-from experiments.recording import Metric, result_folder, save_run
+from experiments.published_faults import report
+from experiments.published_faults.report import tables
+from experiments.recording import Metric, Results
+from experiments.running import RunConfig, main
 from impostor_jax.glsl.compare import angles_between
 from impostor_jax.glsl.conventions import DrawnMaps
 from impostor_jax.glsl.offscreen import OffscreenRenderer
 from impostor_jax.glsl.reference import draw_with_jax
-
-HERE = Path(__file__).parent
 
 SIZE = (320, 240)
 
@@ -42,13 +40,8 @@ DISTANCES = (3.0, 10.0, 30.0, 100.0, 300.0, 1e3, 3e3, 1e4)
 
 
 @dataclasses.dataclass(frozen=True)
-class Config:
+class Config(RunConfig):
     """Measure what goes wrong with the published formulas."""
-
-    quick: bool = False
-    """Fewer distances, into a temporary folder."""
-    output: Path | None = None
-    """Folder for the results; that of the experiment if None."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -200,41 +193,21 @@ def _metric(name: str, value: float, unit: str, count: int) -> Metric:
     return Metric(name, float(value), None, unit, "lower", int(count))
 
 
-def run(config: Config) -> Path:
-    """Measure all faults; returns the folder of the results.
+def measure(config: Config) -> Iterator[Metric]:
+    """Measure all faults."""
+    with contextlib.closing(Drivers()) as drivers:
+        yield from normal_metrics(drivers)
+        yield from cap_metrics(drivers)
+        yield from cut_metrics(drivers)
+        yield from depth_metrics(drivers, DISTANCES[:2] if config.quick else DISTANCES)
 
-    Raises:
-        ValueError: The code is not committed.
-    """
-    folder = result_folder(config.output, HERE, quick=config.quick)
-    start = time.perf_counter()
-    drivers = Drivers()
-    try:
-        metrics = [
-            *normal_metrics(drivers),
-            *cap_metrics(drivers),
-            *cut_metrics(drivers),
-            *depth_metrics(drivers, DISTANCES[:2] if config.quick else DISTANCES),
-        ]
+
+def draw(results: Results) -> dict[str, Figure]:
+    """Draw the faults, and one view of both programs."""
+    with contextlib.closing(Drivers()) as drivers:
         shown = drivers.views((0.5, 0.6, 0.5), 4.0, radius=0.1, slenderness=4.0)
-    finally:
-        drivers.close()
-    save_run(
-        folder,
-        metrics,
-        config,
-        seed=0,
-        dtype="float32",
-        seconds=time.perf_counter() - start,
-        quick=config.quick,
-    )
-    draw(folder, shown.published, shown.ours)
-    return folder
+    return {"published_faults": report.draw(results, shown.published, shown.ours)}
 
 
 if __name__ == "__main__":
-    try:
-        written = run(tyro.cli(Config))
-    except (ValueError, OSError) as error:
-        sys.exit(str(error))
-    print(f"{tables(written)}\n\nwritten to {written}")
+    main(Config, measure, draw, tables, Config())

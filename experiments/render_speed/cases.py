@@ -1,45 +1,12 @@
-"""What is seen: a can by one camera, and many small cylinders all over the view."""
+"""What is seen by one camera: many small cylinders, or shapes, all over the view."""
 
-__all__ = [
-    "SIGMA",
-    "make_camera",
-    "make_can",
-    "make_many",
-    "make_mixed",
-    "make_view",
-    "noisy_image",
-    "rows_of",
-    "squared_difference",
-]
+__all__ = ["make_many", "make_mixed", "rows_of", "squared_difference"]
 
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
 import impostor_jax as ij
-
-SIGMA = 0.001
-"""Deviation of a noisy image's readings, in meters."""
-
-WALL_DEPTH = 1.2
-"""Depth of the wall behind the can, in meters."""
-
-
-def make_can(grown: float = 1.0) -> ij.Cylinder:
-    """The can in the camera frame, its sizes multiplied by `grown`."""
-    return ij.Cylinder((0, 0, 0.8), (0.3, 0.8, 0.52), 0.04 * grown, 0.12 * grown)
-
-
-def make_view(width: int, height: int) -> ij.PinholeCamera:
-    """A camera that sees 63 degrees from left to right, in so many pixels."""
-    focal = 525 * width / 640
-    center = (width - 1) / 2, (height - 1) / 2
-    return ij.PinholeCamera(focal, focal, *center, width, height)
-
-
-def make_camera(shrink: int = 1) -> ij.PinholeCamera:
-    """The camera, or one of the same view and `shrink` times coarser pixels."""
-    return make_view(640 // shrink, 480 // shrink)
 
 
 def make_many(count: int, seed: int) -> ij.Cylinder:
@@ -81,12 +48,6 @@ def rows_of(cylinders: ij.Cylinder) -> Float[np.ndarray, "n 8"]:
     sizes = [np.asarray(x)[..., None] for x in (cylinders.radius, cylinders.height)]
     rows = np.concatenate([cylinders.center, cylinders.axis, *sizes], axis=-1)
     return np.atleast_2d(rows)
-
-
-def noisy_image(depth: Float[np.ndarray, "h w"], seed: int) -> Float[np.ndarray, "h w"]:
-    """Depth image with a wall behind the can, and noise."""
-    noise = np.random.default_rng(seed).normal(0, SIGMA, depth.shape)
-    return (np.minimum(depth, WALL_DEPTH) + noise).astype(depth.dtype)
 
 
 def squared_difference(

@@ -1,16 +1,16 @@
 """The tables and the figures of the README, from results.json."""
 
-__all__ = ["draw", "table"]
-
-from pathlib import Path
+__all__ = ["draw", "tables"]
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from experiments.recording import read_spreads, three_digits
+from experiments.markdown import table, three_digits
+from experiments.plots import bars
+from experiments.recording import Results
 from experiments.render_speed.names import FIRST, GROUPS, RATIOS, Group
-from impostor_jax.io.atomic import write_atomically
+from experiments.timing import COLUMNS, case_row
 
 CURVE_LABELS = {
     "pixels": "pixels of an image of one can",
@@ -23,130 +23,111 @@ CURVE_LABELS = {
 BUSY = 1.5
 """Median of C over its minimum that only a busy machine shows."""
 
-Spreads = dict[str, tuple[float | None, float | None]]
+OURS = ("frame", "depth", "tile", "loss", "scene", "mixed")
+"""What the names of our cases begin with."""
+
 Points = list[tuple[int, float, float]]
 
 
-def table(folder: Path) -> str:
-    """Results of a folder in Markdown; what was not measured is left blank."""
-    values = read_spreads(folder)
-    lines: list[str] = []
+FIRST_PARTS = {
+    "import": "import before it, ms",
+    "arguments": "its camera and cylinder, ms",
+    "memory": "peak resident memory, MB",
+}
+"""What is known of a first call besides its time."""
+
+
+def tables(results: Results) -> str:
+    """Cases, ratios, growth and first calls; blank where not measured."""
+    blocks = []
     for name, group in GROUPS.items():
-        lines += [
-            f"| {group.title} | median, ms | spread, ms | minimum, ms | page faults |",
-            "|---|--:|--:|--:|--:|",
-        ]
-        for case, label in group.labels.items():
-            others = (
-                values[f"{name}.{case}.{key}"][0] for key in ("minimum", "page_faults")
-            )
-            lines.append(_row(label, *values[f"{name}.{case}.median"], *others))
-        lines.append("")
-    lines += _ratio_lines(values)
-    lines += [
-        "",
-        "| time against | program | smallest, ms | largest, ms | exponent |",
-        "|---|---|--:|--:|--:|",
-    ]
+        rows = (
+            case_row(results, f"{name}.{c}", label) for c, label in group.labels.items()
+        )
+        blocks.append(table([group.title, *COLUMNS], rows))
+    blocks += _ratios(results)
+    rows = []
     for name, label in CURVE_LABELS.items():
-        for program, points in _curves(values, name).items():
-            exponent = values[f"scaling.{name}.{program}.exponent"][0]
-            ends = [
+        for program, points in _curves(results, name).items():
+            exponent = results.values[f"scaling.{name}.{program}.exponent"]
+            ends = (
                 f"{three_digits(time)} ({size})"
                 for size, time, _ in (points[0], points[-1])
-            ]
-            cells = [label, program, *ends, three_digits(exponent)]
-            lines.append(f"| {' | '.join(cells)} |")
-    lines += [
-        "",
-        "| in a new process | median | spread |",
-        "|---|--:|--:|",
+            )
+            rows.append([label, program, *ends, three_digits(exponent)])
+    head = ["time against", "program", "smallest, ms", "largest, ms", "exponent"]
+    blocks.append(table(head, rows))
+    rows = [
+        [text, *map(three_digits, results.pair(f"first.{kind}.{key}"))]
+        for kind, label in FIRST.items()
+        for key, text in {"call": f"{label}, ms", **FIRST_PARTS}.items()
     ]
-    for kind, label in FIRST.items():
-        for key, text in (
-            ("call", f"{label}, ms"),
-            ("import", "import before it, ms"),
-            ("arguments", "its camera and cylinder, ms"),
-            ("memory", "peak resident memory, MB"),
-        ):
-            lines.append(_row(text, *values[f"first.{kind}.{key}"]))
-    return "\n".join(lines)
+    blocks.append(table(["in a new process", "median", "spread"], rows))
+    return "\n\n".join(blocks)
 
 
-def draw(folder: Path) -> None:
+def draw(results: Results) -> dict[str, Figure]:
     """Draw the medians as bars and the scaling as curves, on logarithmic axes."""
-    values = read_spreads(folder)
     rows = [len(group.labels) for group in GROUPS.values()]
-    bars = Figure(figsize=(9, 1.5 + 0.27 * sum(rows)), layout="constrained")
-    panels = bars.subplots(len(GROUPS), 1, sharex=True, height_ratios=rows)
+    medians = Figure(figsize=(9, 1.5 + 0.27 * sum(rows)), layout="constrained")
+    panels = medians.subplots(len(GROUPS), 1, sharex=True, height_ratios=rows)
     for axes, (name, group) in zip(panels, GROUPS.items(), strict=True):
-        _bars(axes, values, name, group)
+        _bars(axes, results, name, group)
     panels[-1].set_xlabel(
         "median time in ms; whiskers as wide as the interquartile range"
     )
-    write_atomically(folder / "figures" / "render_speed.png", bars.savefig)
     curves = Figure(figsize=(10, 7), layout="constrained")
     for axes, (name, label) in zip(
         curves.subplots(2, 2).flat, CURVE_LABELS.items(), strict=True
     ):
-        _lines(axes, values, name)
+        _lines(axes, results, name)
         axes.set_xlabel(label)
-    write_atomically(folder / "figures" / "scaling.png", curves.savefig)
+    return {"render_speed": medians, "scaling": curves}
 
 
-def _ratio_lines(values: Spreads) -> list[str]:
+def _ratios(results: Results) -> list[str]:
     """The ratios beside what is wanted, and a word where the machine was busy."""
-    lines = [
-        "| ratio | median | spread | of minima | wanted | met |",
-        "|---|--:|--:|--:|--:|---|",
-    ]
+    values, rows = results.values, []
     for name, ratio in RATIOS.items():
-        value, spread = values[f"ratio.{name}"]
+        value, spread = results.pair(f"ratio.{name}")
         met = ""
         if value is not None and ratio.wanted is not None:
             met = "yes" if value <= ratio.wanted else "no"
-        least = values[f"ratio.{name}.of_minima"][0]
-        row = _row(ratio.label, value, spread, least, ratio.wanted)
-        lines.append(f"{row} {met} |")
+        numbers = (value, spread, values[f"ratio.{name}.of_minima"], ratio.wanted)
+        rows.append([ratio.label, *map(three_digits, numbers), met])
+    head = ["ratio", "median", "spread", "of minima", "wanted", "met"]
+    blocks = [table(head, rows)]
     for name, group in GROUPS.items():
         case = f"{name}.{next(iter(group.labels))}"  # of C
-        median, least = values[f"{case}.median"][0], values[f"{case}.minimum"][0]
-        if median is not None and least is not None and median > BUSY * least:
-            lines += [
-                "",
+        median, least = values[f"{case}.median"], values[f"{case}.minimum"]
+        if median is not None and median > BUSY * least:
+            blocks.append(
                 f"Of {group.title} C's median is {median / least:.1f} times its "
-                "minimum: the machine was busy, and the ratios to C do not hold.",
-            ]
-    return lines
+                "minimum: the machine was busy, and the ratios to C do not hold."
+            )
+    return blocks
 
 
-def _bars(axes: Axes, values: Spreads, name: str, group: Group) -> None:
+def _bars(axes: Axes, results: Results, name: str, group: Group) -> None:
     """One bar for each case that was measured; those of C stand out."""
-    labels = []
-    for case, label in group.labels.items():
-        median, spread = values[f"{name}.{case}.median"]
-        if median is None or spread is None:
-            continue
-        row = len(labels)
-        labels.append(label)
-        color = "tab:blue" if _is_ours(case) else "tab:gray"
-        color = "tab:orange" if case.split("_")[0] == "c" else color
-        axes.barh(row, median, xerr=spread / 2, color=color, error_kw={"capsize": 2})
-        where = 1.1 * (median + spread / 2)
-        axes.text(where, row, f"{three_digits(median)} ms", va="center", fontsize=8)
-    axes.set_yticks(range(len(labels)), labels, fontsize=8)
-    axes.set_xscale("log")
-    axes.margins(x=0.15)
-    axes.invert_yaxis()
+
+    def color(metric: str) -> str:
+        first = metric.split(".")[1].split("_")[0]
+        return {"c": "tab:orange"}.get(
+            first, "tab:blue" if first in OURS else "tab:gray"
+        )
+
+    labels = {f"{name}.{case}.median": label for case, label in group.labels.items()}
+    bars(axes, results, labels, color)
     axes.set_title(group.title, loc="left", fontsize=9, fontweight="bold")
     axes.grid(axis="x", alpha=0.3)
 
 
-def _lines(axes: Axes, values: Spreads, name: str) -> None:
+def _lines(axes: Axes, results: Results, name: str) -> None:
     """Time against size for each program, with its exponent in the legend."""
-    for program, points in _curves(values, name).items():
+    for program, points in _curves(results, name).items():
         size, median, spread = np.array(points).T
-        exponent = values[f"scaling.{name}.{program}.exponent"][0]
+        exponent = results.values[f"scaling.{name}.{program}.exponent"]
         label = {"jax": "render", "c": "C"}[program]
         if exponent is not None:
             label += f", exponent {exponent:.2f}"
@@ -165,22 +146,12 @@ def _lines(axes: Axes, values: Spreads, name: str) -> None:
     axes.legend()
 
 
-def _curves(values: Spreads, name: str) -> dict[str, Points]:
+def _curves(results: Results, name: str) -> dict[str, Points]:
     """Size, median and spread of the points of a curve, by program."""
     found: dict[str, Points] = {}
-    for metric, (median, spread) in values.items():
+    for metric, median in results.values.items():
         kind, *rest = metric.split(".")
-        if kind != "scaling" or rest[0] != name or rest[2] == "exponent":
-            continue
-        assert median is not None
-        assert spread is not None
-        found.setdefault(rest[1], []).append((int(rest[2]), median, spread))
+        if kind == "scaling" and rest[0] == name and rest[2] != "exponent":
+            point = int(rest[2]), median, results.spreads[metric]
+            found.setdefault(rest[1], []).append(point)
     return found
-
-
-def _is_ours(case: str) -> bool:
-    return case.split("_")[0] in ("frame", "depth", "tile", "loss", "scene", "mixed")
-
-
-def _row(label: str, *numbers: float | None) -> str:
-    return f"| {' | '.join([label, *map(three_digits, numbers)])} |"

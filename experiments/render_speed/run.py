@@ -4,25 +4,22 @@ What is compared is timed in turns, a block of calls each, so that all meet the 
 in one state and their ratios are fair. Before that, all must draw the same image.
 """
 
-__all__ = ["Config", "run"]
+__all__ = ["Config", "measure"]
 
 import contextlib
 import dataclasses
 import gc
 import math
-import sys
 import tempfile
-import time
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
-import tyro
 
-from experiments.recording import Metric, result_folder, save_run
-from experiments.render_speed.cases import make_camera, make_can, make_view
+from experiments.recording import Metric
 from experiments.render_speed.kernel import compile_kernel
 from experiments.render_speed.names import FIRST, GROUPS, RATIOS
-from experiments.render_speed.report import draw, table
+from experiments.render_speed.report import draw, tables
 from experiments.render_speed.scaling import measure_scaling
 from experiments.render_speed.workloads import (
     Calls,
@@ -30,16 +27,17 @@ from experiments.render_speed.workloads import (
     can_calls,
     scene_calls,
 )
+from experiments.running import RunConfig, main
+from experiments.scenes import make_view
 from experiments.timing import (
     Timing,
     case_metrics,
+    first_calls,
     in_new_process,
     sample,
     time_in_turns,
 )
 from impostor_jax.glsl.offscreen import DriverError, OffscreenRenderer
-
-HERE = Path(__file__).parent
 
 SEED = 0
 
@@ -52,28 +50,24 @@ SHRINK = 4
 FEW = 4
 """Cylinders of every scene of a quick run, for which one program is compiled."""
 
+FIRST_UNITS = {"call": "ms", "import": "ms", "arguments": "ms", "memory": "MB"}
+"""What is told of a first call."""
+
 FIRST_CALL = "experiments.render_speed.first_call"
 
 
 @dataclasses.dataclass(frozen=True)
-class Config:
+class Config(RunConfig):
     """Measure how long renders and gradients take, beside other programs."""
-
-    quick: bool = False
-    """Small images, few cylinders and calls: a trial of the code, no measurement."""
 
     repeats: int = 200
     """Timed calls of a case of the can; slower cases take a share of them."""
 
-    output: Path | None = None
-    """Folder of the results; the experiment's own by default, a temporary one with
-    --quick."""
 
-
-def measure(config: Config) -> list[Metric]:
+def measure(config: Config) -> Iterator[Metric]:
     """Measure all cases, ratios, curves and first calls."""
-    camera = make_camera(SHRINK if config.quick else 1)
-    metrics: list[Metric] = []
+    shrink = SHRINK if config.quick else 1
+    camera = make_view(640 // shrink, 480 // shrink)
     timings: dict[str, Timing] = {}
     with tempfile.TemporaryDirectory() as folder, contextlib.ExitStack() as stack:
         renderer = None
@@ -99,17 +93,17 @@ def measure(config: Config) -> list[Metric]:
             repeats = math.ceil(group.share * config.repeats)
             found = time_in_turns(calls_of(name), repeats, group.warm_up)
             for case in group.labels:
-                metrics += case_metrics(f"{name}.{case}", found.get(case))
+                yield from case_metrics(f"{name}.{case}", found.get(case))
             timings |= {f"{name}.{case}": timing for case, timing in found.items()}
-        metrics += measure_scaling(
+        yield from measure_scaling(
             camera, tools.kernel, config.repeats, quick=config.quick
         )
-    return metrics + ratios(timings) + measure_first_calls(config)
+    yield from ratios(timings)
+    yield from measure_first_calls(config)
 
 
-def ratios(timings: dict[str, Timing]) -> list[Metric]:
+def ratios(timings: dict[str, Timing]) -> Iterator[Metric]:
     """Ratios of two cases' medians, block by block, and of their minima."""
-    metrics = []
     for name, ratio in RATIOS.items():
         values, least = np.zeros(0), None
         if ratio.top in timings and ratio.bottom in timings:
@@ -119,13 +113,12 @@ def ratios(timings: dict[str, Timing]) -> list[Metric]:
             medians = (np.median(ms[:n], axis=1) for ms in (top, bottom))
             values = np.divide(*medians) / ratio.scale
             least = float(top.min() / bottom.min() / ratio.scale)
-        metrics.append(sample(f"ratio.{name}", values, "1"))
+        yield sample(f"ratio.{name}", values, "1")
         label = f"ratio.{name}.of_minima"
-        metrics.append(Metric(label, least, None, "1", "lower", values.size))
-    return metrics
+        yield Metric(label, least, None, "1", "lower", values.size)
 
 
-def measure_first_calls(config: Config) -> list[Metric]:
+def measure_first_calls(config: Config) -> Iterator[Metric]:
     """Time the first render of new processes, in pairs that share a cache."""
     arguments = [str(SHRINK if config.quick else 1)]
     records: dict[str, list[dict[str, float | None]]] = {kind: [] for kind in FIRST}
@@ -133,49 +126,9 @@ def measure_first_calls(config: Config) -> list[Metric]:
         with tempfile.TemporaryDirectory() as cache:
             for found in records.values():
                 found.append(in_new_process(FIRST_CALL, arguments, Path(cache)))
-    metrics = []
     for kind, found in records.items():
-        for name, unit in (
-            ("call", "ms"),
-            ("import", "ms"),
-            ("arguments", "ms"),
-            ("memory", "MB"),
-        ):
-            values = [record[name] for record in found]
-            metrics.append(sample(f"first.{kind}.{name}", values, unit))
-    return metrics
-
-
-def run(config: Config) -> Path:
-    """Measure, record and draw; returns the folder of the results.
-
-    Raises:
-        ValueError: `repeats` is not positive, the code is not committed, or two
-            programs do different work.
-    """
-    if config.repeats < 1:
-        raise ValueError(f"repeats must be at least 1, got {config.repeats}")
-    folder = result_folder(config.output, HERE, quick=config.quick)
-    if config.quick:
-        config = dataclasses.replace(config, repeats=min(config.repeats, 2))
-    start = time.perf_counter()
-    metrics = measure(config)
-    save_run(
-        folder,
-        metrics,
-        config,
-        seed=SEED,
-        dtype=str(make_can().radius.dtype),
-        seconds=time.perf_counter() - start,
-        quick=config.quick,
-    )
-    draw(folder)
-    return folder
+        yield from first_calls(f"first.{kind}", found, FIRST_UNITS)
 
 
 if __name__ == "__main__":
-    try:
-        written = run(tyro.cli(Config))
-    except ValueError as error:
-        sys.exit(str(error))
-    print(f"{table(written)}\n\nwritten to {written}")
+    main(Config, measure, draw, tables, Config(repeats=2))

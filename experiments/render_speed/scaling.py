@@ -3,7 +3,7 @@
 __all__ = ["CURVES", "measure_scaling"]
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
 import jax
@@ -12,15 +12,11 @@ from jaxtyping import Array, Float
 
 import impostor_jax as ij
 from experiments.recording import Metric
-from experiments.render_speed.cases import (
-    make_can,
-    make_many,
-    make_view,
-    squared_difference,
-)
+from experiments.render_speed.cases import make_many, squared_difference
 from experiments.render_speed.kernel import Kernel
 from experiments.render_speed.workloads import OUTPUTS, Calls
-from experiments.timing import exponent, sample, time_in_turns
+from experiments.scenes import make_can, make_view
+from experiments.timing import growth, sample, time_in_turns
 
 SEED = 2
 
@@ -54,7 +50,7 @@ class Curve(NamedTuple):
 
 def measure_scaling(
     camera: ij.PinholeCamera, kernel: Kernel | None, repeats: int, quick: bool
-) -> list[Metric]:
+) -> Iterator[Metric]:
     """Time all curves, each with its sizes in turns, and fit their exponents.
 
     Args:
@@ -63,7 +59,6 @@ def measure_scaling(
         repeats: Timed calls of a case; a curve takes its share of them.
         quick: Whether this is a trial.
     """
-    metrics = []
     for name, curve in CURVES.items():
         calls: Calls = {}
         medians: dict[str, list[tuple[int, float]]] = {}
@@ -72,16 +67,14 @@ def measure_scaling(
                 calls[f"{program}.{curve.amount(size)}"] = call
         count = math.ceil(repeats * curve.share)
         for case, timing in time_in_turns(calls, count, warm_up=1).items():
-            metrics.append(sample(f"scaling.{name}.{case}", timing.ms, "ms"))
+            yield sample(f"scaling.{name}.{case}", timing.ms, "ms")
             program, amount = case.split(".")
             point = int(amount), float(np.median(timing.ms))
             medians.setdefault(program, []).append(point)
         for program, points in medians.items():
             label = f"scaling.{name}.{program}.exponent"
             amounts, times = zip(*points[-UPPER:], strict=True)
-            value, error = exponent(amounts, times)
-            metrics.append(Metric(label, value, error, "1", "lower", len(times)))
-    return metrics
+            yield growth(label, amounts, times)
 
 
 def _frames(width: int, camera: ij.PinholeCamera, kernel: Kernel | None) -> Calls:

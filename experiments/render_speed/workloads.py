@@ -10,12 +10,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 import impostor_jax as ij
-from experiments.render_speed.cases import (
-    make_can,
-    make_many,
-    make_mixed,
-    squared_difference,
-)
+from experiments.render_speed.cases import make_many, make_mixed, squared_difference
 from experiments.render_speed.drawing import Drawing, check_drawing
 from experiments.render_speed.kernel import Kernel
 from experiments.render_speed.peers import (
@@ -24,6 +19,7 @@ from experiments.render_speed.peers import (
     draw_with_numpy,
     draw_with_open3d,
 )
+from experiments.scenes import make_can
 from impostor_jax.glsl.offscreen import OffscreenRenderer
 
 Calls = dict[str, Callable[[], object]]

@@ -17,8 +17,9 @@ import jax
 import numpy as np
 
 import impostor_jax as ij
-from experiments.fit_accuracy.bound import error
-from experiments.speed_accuracy.scenes import CAMERA, DIFFICULTIES
+from experiments.errors import error
+from experiments.scenes import CAMERA
+from experiments.speed_accuracy.scenes import DIFFICULTIES
 from experiments.speed_accuracy.settings import FITS
 from experiments.timing import peak_memory_mb
 from impostor_jax.effort import Effort

@@ -1,6 +1,6 @@
 """The tables and the figures of the README, from results.json."""
 
-__all__ = ["draw", "front", "tables"]
+__all__ = ["draw", "tables"]
 
 from pathlib import Path
 
@@ -8,11 +8,11 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter
 
-from experiments.recording import read_values
+from experiments.markdown import number, percent, table
+from experiments.recording import Results
 from experiments.speed_accuracy.scenes import DIFFICULTIES, SHAPES
 from experiments.speed_accuracy.settings import FITS, RENDERS
 from impostor_jax.effort import EFFORTS
-from impostor_jax.io.atomic import write_atomically
 
 MOST_LOST = 0.05
 """Share of images that may fail or come out wrong with a setting that is compared."""
@@ -36,61 +36,51 @@ def front(points: dict[str, Point]) -> list[str]:
     return kept
 
 
-def tables(folder: Path) -> str:
-    """Results of a folder in Markdown."""
-    values = read_values(folder)
-    lines = []
+FIT_COLUMNS = {
+    "time": "time, ms",
+    "time_over_balanced": "over balanced",
+    "radius_over_bound": "radius",
+    "axis_over_bound": "axis",
+    "center_over_bound": "center",
+    "height": "height, mm",
+}
+
+RENDER_COLUMNS = {
+    "maps.time": "maps, ms",
+    "coverage.time": "coverage, ms",
+    "size": "maps, MB",
+    "depth.p50": "depth error, median",
+    "depth.p100": "largest",
+    "coverage.rms": "coverage error, RMS of edges",
+}
+
+
+def tables(results: Results) -> str:
+    """Fits by difficulty, memory, renders by shape, and a sentence for each dial."""
+    values, blocks = results.values, []
     for name in DIFFICULTIES:
-        if f"fit.balanced.{name}.time" not in values:
-            continue
-        lines += [
-            "",
-            f"| {name} | time, ms | over balanced | radius | axis | center "
-            "| height, mm | failed | wrong |",
-            "|---|--:|--:|--:|--:|--:|--:|--:|--:|",
-        ]
-        best = front(fit_points(values, name))
+        best, rows = front(fit_points(values, name)), []
         for setting in FITS:
             label = f"fit.{setting}.{name}"
-            if f"{label}.time" not in values:
-                continue
-            numbers = [
-                values[f"{label}.{quantity}"]
-                for quantity in (
-                    "time",
-                    "time_over_balanced",
-                    "radius_over_bound",
-                    "axis_over_bound",
-                    "center_over_bound",
-                    "height",
-                )
-            ]
-            shares = [values[f"{label}.{part}"] for part in ("failures", "wrong")]
-            cells = [*map(_number, numbers), *map(_percent, shares)]
-            mark = " *" if setting in best else ""
-            lines.append(f"| {setting}{mark} | {' | '.join(cells)} |")
-    lines += ["", "| setting | peak memory, MB |", "|---|--:|"]
-    for setting in FITS:
-        if f"fit.{setting}.memory" in values:
-            lines.append(f"| {setting} | {_number(values[f'fit.{setting}.memory'])} |")
+            if f"{label}.time" in values:
+                numbers = (number(values[f"{label}.{q}"]) for q in FIT_COLUMNS)
+                parts = (percent(values[f"{label}.{p}"]) for p in ("failures", "wrong"))
+                mark = " *" if setting in best else ""
+                rows.append([f"{setting}{mark}", *numbers, *parts])
+        if rows:
+            blocks.append(table([name, *FIT_COLUMNS.values(), "failed", "wrong"], rows))
+    memory = {setting: values.get(f"fit.{setting}.memory") for setting in FITS}
+    rows = [[setting, number(size)] for setting, size in memory.items() if size]
+    blocks.append(table(["setting", "peak memory, MB"], rows))
     for shape in SHAPES:
-        lines += [
-            "",
-            f"| {shape} | maps, ms | coverage, ms | maps, MB | depth error, median "
-            "| largest | coverage error, RMS of edges |",
-            "|---|--:|--:|--:|--:|--:|--:|",
-        ]
+        rows = []
         for setting in RENDERS:
             label = f"render.{setting}.{shape}"
-            if f"{label}.size" not in values:
-                continue
-            quantities = (
-                *("maps.time", "coverage.time", "size"),
-                *("depth.p50", "depth.p100", "coverage.rms"),
-            )
-            cells = [_number(values[f"{label}.{q}"]) for q in quantities]
-            lines.append(f"| {setting} | {' | '.join(cells)} |")
-    return "\n".join([*lines, "", *sentences(values)])
+            if f"{label}.size" in values:
+                numbers = (number(values[f"{label}.{q}"]) for q in RENDER_COLUMNS)
+                rows.append([setting, *numbers])
+        blocks.append(table([shape, *RENDER_COLUMNS.values()], rows))
+    return "\n\n".join([*blocks, "\n".join(sentences(values))]).rstrip()
 
 
 def sentences(values: Values) -> list[str]:
@@ -137,13 +127,13 @@ def fit_points(values: Values, name: str) -> dict[str, Point]:
     return points
 
 
-def draw(folder: Path) -> None:
+def draw(results: Results) -> dict[str, Figure]:
     """Error against time, for fits of each difficulty and renders of each shape."""
-    values = read_values(folder)
+    values, before = results.values, Results.read(BEFORE).values
     figure = Figure(figsize=(13, 8), layout="constrained")
     above, below = figure.subplots(2, 3)
     for axes, name in zip(above, DIFFICULTIES, strict=True):
-        _scatter(axes, fit_points(values, name), fit_points(read_values(BEFORE), name))
+        _scatter(axes, fit_points(values, name), fit_points(before, name))
         axes.set_title(f"fits, {name} images")
         axes.set_xlabel("time of a fit, ms")
         axes.yaxis.set_major_locator(LogLocator(subs=(1, 1.5, 2, 3, 5)))
@@ -169,10 +159,7 @@ def draw(folder: Path) -> None:
         axes.set_ylabel(label)
     lines, labels = above[0].get_legend_handles_labels()
     figure.legend(lines, labels, loc="outside lower center")
-    write_atomically(
-        folder / "figures" / "speed_accuracy.png",
-        lambda temporary: figure.savefig(temporary, dpi=90, format="png"),
-    )
+    return {"speed_accuracy": figure}
 
 
 def _scatter(
@@ -223,11 +210,3 @@ def _scatter(
     axes.xaxis.set_minor_formatter(NullFormatter())
     axes.yaxis.set_minor_formatter(NullFormatter())
     axes.grid(alpha=0.3)
-
-
-def _number(value: float | None) -> str:
-    return "-" if value is None else f"{value:.3g}"
-
-
-def _percent(value: float | None) -> str:
-    return "-" if value is None else f"{100 * value:.3g} %"

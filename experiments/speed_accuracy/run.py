@@ -4,26 +4,24 @@ Each setting of a fit runs in a process of its own, where it is timed in turns w
 default: the pace of a shared machine changes, but their ratio does not.
 """
 
-__all__ = ["Config", "run"]
+__all__ = ["Config", "measure"]
 
 import dataclasses
 import os
-import sys
 import tempfile
-import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 import jax
 import numpy as np
-import tyro
 
 import impostor_jax as ij
-from experiments.recording import Metric, result_folder, save_run
+from experiments.recording import Metric
+from experiments.running import RunConfig, main
+from experiments.scenes import CAMERA
 from experiments.speed_accuracy.report import draw, tables
 from experiments.speed_accuracy.scenes import (
-    CAMERA,
     DIFFICULTIES,
     SHAPES,
     Images,
@@ -32,8 +30,6 @@ from experiments.speed_accuracy.scenes import (
 from experiments.speed_accuracy.settings import FITS, RENDERS
 from experiments.timing import in_new_process, sample, time_in_turns
 from impostor_jax.effort import Effort
-
-HERE = Path(__file__).parent
 
 WRONG = 10.0
 """Reported deviations, and bounds, from which an estimate is wrong and not imprecise;
@@ -44,7 +40,7 @@ QUANTITIES = {"axis": (0, 1), "center": (2, 3), "radius": (5,)}
 
 
 @dataclasses.dataclass(frozen=True)
-class Config:
+class Config(RunConfig):
     """Measure what each dial costs and gives."""
 
     images: int = 100
@@ -53,50 +49,22 @@ class Config:
     """Of these, how many are timed."""
     repeats: int = 60
     """Timed calls of each render."""
-    quick: bool = False
-    """Few images and two settings: a trial of the code, no measurement."""
-    output: Path | None = None
-    """Folder of the results; the experiment's own by default, a temporary one with
-    --quick."""
 
 
-def run(config: Config) -> Path:
-    """Measure, record and draw; returns the folder of the results.
-
-    Raises:
-        ValueError: A count is not positive, or the code is not committed.
-    """
-    for name in ("images", "timed", "repeats"):
-        if getattr(config, name) < 1:
-            raise ValueError(f"{name} must be at least 1, got {getattr(config, name)}")
-    folder = result_folder(config.output, HERE, quick=config.quick)
+def measure(config: Config) -> Iterator[Metric]:
+    """Measure each setting of fits, then of renders."""
     fits, renders, difficulties = list(FITS), list(RENDERS), list(DIFFICULTIES)
     if config.quick:
-        config = dataclasses.replace(config, images=1, timed=1, repeats=2)
         fits, renders = ["balanced"], ["balanced", "samples=2"]
         difficulties = ["easy"]
-    start = time.perf_counter()
-    metrics = []
     with tempfile.TemporaryDirectory() as scratch:
         images = {name: make_images(name, config.images) for name in difficulties}
         for name, drawn in images.items():
             np.savez(Path(scratch) / f"{name}.npz", **vars(drawn))
         for setting in fits:
-            metrics += fit_metrics(setting, images, Path(scratch), config.timed)
-            print(setting, f"{time.perf_counter() - start:.0f} s", flush=True)
+            yield from fit_metrics(setting, images, Path(scratch), config.timed)
     for shape in SHAPES:
-        metrics += render_metrics(shape, renders, config.repeats)
-    save_run(
-        folder,
-        metrics,
-        config,
-        seed=0,
-        dtype="float32",
-        seconds=time.perf_counter() - start,
-        quick=config.quick,
-    )
-    draw(folder)
-    return folder
+        yield from render_metrics(shape, renders, config.repeats)
 
 
 def fit_metrics(
@@ -187,8 +155,4 @@ def render_metrics(shape: str, settings: list[str], repeats: int) -> Iterator[Me
 
 
 if __name__ == "__main__":
-    try:
-        written = run(tyro.cli(Config))
-    except ValueError as problem:
-        sys.exit(str(problem))
-    print(f"{tables(written)}\n\nwritten to {written}")
+    main(Config, measure, draw, tables, Config(images=1, timed=1, repeats=2))

@@ -1,6 +1,6 @@
 """Images of three difficulties, and shapes to render."""
 
-__all__ = ["CAMERA", "DIFFICULTIES", "SHAPES", "Images", "make_images"]
+__all__ = ["DIFFICULTIES", "SHAPES", "Images", "make_images"]
 
 import dataclasses
 from collections.abc import Callable
@@ -10,9 +10,8 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 import impostor_jax as ij
-from experiments.fit_accuracy.bound import bound
-from experiments.fit_accuracy.cases import CAMERA, Case, draw
-from experiments.fit_accuracy.scenes import SENSOR, random_scene
+from experiments.errors import bound
+from experiments.scenes import SENSOR, Case, draw_can, draw_scene, make_can
 
 DIFFICULTIES: dict[str, tuple[Case | None, Any]] = {
     "easy": (Case((40.0, 80.0)), 1e-3),
@@ -24,7 +23,7 @@ cylinder in clutter, cut off or behind something, with a sensor's noise and 10 %
 outliers: the case, None for these, and the noise that a fit is told."""
 
 SHAPES: dict[str, Callable[[], ij.Cylinder]] = {
-    "can": lambda: ij.Cylinder((0, 0, 0.8), (0.3, 0.8, 0.52), 0.04, 0.12),
+    "can": make_can,
     "rod": lambda: ij.Cylinder((0.1, 0.2, 3.0), (0.8, 0.4, 0.3), 0.005, 1.0),
     "pipe": lambda: ij.Cylinder((0.05, 0.0, 2.0), (0.05, 0.02, 1.0), 0.5, 6.0),
 }
@@ -54,17 +53,13 @@ def make_images(difficulty: str, count: int) -> Images:
     case, _ = DIFFICULTIES[difficulty]
     depth, mask, truth, bounds = [], [], [], []
     for seed in range(count):
-        if case is None:
-            scene = random_scene(seed)
-            can, sigma, image = scene.cylinder, scene.sigma, scene.depth
-            seen = scene.mask
-        else:
-            view = draw(case, seed)
-            can, sigma, image, seen = view.can, case.sigma, view.depth, view.mask
-        depth.append(np.asarray(image, np.float32))
-        mask.append(seen)
+        view = draw_scene(seed) if case is None else draw_can(case, seed)
+        can = view.shape
+        assert isinstance(can, ij.Cylinder)
+        depth.append(view.depth)
+        mask.append(view.mask)
         truth.append([*can.center, *can.axis, can.radius, can.height])
-        bounds.append(bound(can, CAMERA, seen, sigma))
+        bounds.append(bound(view))
     return Images(
         np.array(depth), np.array(mask), np.array(truth, float), np.array(bounds)
     )

@@ -2,14 +2,12 @@
 
 __all__ = ["draw", "tables"]
 
-from pathlib import Path
-
 from matplotlib.figure import Figure
 
-from experiments.recording import read_spreads, read_values
+from experiments.markdown import number, table
+from experiments.recording import Results
 from impostor_jax.evaluate import LEVELS, by_visibility
 from impostor_jax.fit.fittable import CYLINDER
-from impostor_jax.io.atomic import write_atomically
 
 RUNS = {"fit": "visible masks", "eroded": "masks without their edge pixels"}
 
@@ -25,65 +23,71 @@ COLUMNS = {
 
 BINS = list(by_visibility([]))
 
+COORDINATES = CYLINDER.coordinates
 
-def tables(folder: Path) -> str:
-    """Results of a folder in Markdown."""
-    values = read_values(folder)
-    lines = ["| | whole command | after start | coding alone |", "|---|--:|--:|--:|"]
-    spreads = read_spreads(folder)
 
-    def cell(name: str, digits: str) -> str:
-        value, spread = spreads[name]
-        return f"{value:{digits}} ({spread:{digits}})"
+def tables(results: Results) -> str:
+    """Rates, what the time goes into, memory, and fits by visibility."""
+    values = results.values
 
-    rates = ("rate", "rate_after_start", "rate_of_coding_alone")
-    cells = [cell(f"speed.{name}", ".1f") for name in rates]
-    lines.append(f"| images/s | {' | '.join(cells)} |")
-    over = [cell(f"speed.{name}_over_coding", ".2f") for name in ("rate", "steady")]
-    lines.append(f"| over coding alone | {' | '.join(over)} | 1 |")
-    lines += ["", f"| | {' | '.join(STAGES)} |", "|---|" + "--:|" * len(STAGES)]
-    cells = [cell(f"time.{stage}", ".1f") for stage in STAGES]
-    lines.append(f"| ms an image | {' | '.join(cells)} |")
-    cells = [cell(f"share.{stage}", ".0%") for stage in STAGES]
-    lines.append(f"| share | {' | '.join(cells)} |")
-    memory = [
-        f"{value:.0f} MiB for {name.removeprefix('memory.').removesuffix('_images')}"
-        for name, value in values.items()
-        if name.startswith("memory.")
+    def cells(names: list[str], form: str) -> list[str]:
+        pairs = map(results.pair, names)
+        return [number(value, form, spread) for value, spread in pairs]
+
+    rates = ["speed.rate", "speed.rate_after_start", "speed.rate_of_coding_alone"]
+    over = ["speed.rate_over_coding", "speed.steady_over_coding"]
+    memory = (
+        f"{values[f'{case}_images']:.0f} MiB for {case.removeprefix('memory.')}"
+        for case in results.cases("memory.", "_images")
+    )
+    blocks = [
+        table(
+            ["", "whole command", "after start", "coding alone"],
+            [
+                ["images/s", *cells(rates, ".1f")],
+                ["over coding alone", *cells(over, ".2f"), "1"],
+            ],
+        ),
+        table(
+            ["", *STAGES],
+            [
+                ["ms an image", *cells([f"time.{s}" for s in STAGES], ".1f")],
+                ["share", *cells([f"share.{s}" for s in STAGES], ".0%")],
+            ],
+        ),
+        f"Largest process: {', '.join(memory)} images.\n"
+        f"Killed and resumed with equal bytes: {values['killed.equal']:.0%}.",
     ]
-    lines += ["", f"Largest process: {', '.join(memory)} images."]
-    lines.append(f"Killed and resumed with equal bytes: {values['killed.equal']:.0%}.")
     for name, title in RUNS.items():
-        lines += ["", f"With {title}, {values[f'{name}.time']:.0f} ms a fit:", ""]
         head = ["visible", "number", "failed", "wrong", *COLUMNS.values(), *LEVELS]
-        lines += [f"| {' | '.join(head)} |", "|---|" + "--:|" * (len(head) - 1)]
+        rows = []
         for row in [*BINS, "all"]:
             label = f"{name}.{row}"
-            counts = ("number", "failures", "wrong")
-            cells = [_cell(values[f"{label}.{count}"], ".0f") for count in counts]
-            cells += [_cell(values[f"{label}.{column}"], ".3f") for column in COLUMNS]
-            cells += [_cell(values[f"{label}.coverage.{n}"], ".1%") for n in LEVELS]
+            counts = (values[f"{label}.{c}"] for c in ("number", "failures", "wrong"))
+            errors = (values[f"{label}.{column}"] for column in COLUMNS)
+            parts = (values[f"{label}.coverage.{level}"] for level in LEVELS)
+            forms = ((counts, ".0f"), (errors, ".3f"), (parts, ".1%"))
             if values[f"{label}.number"]:
-                lines.append(f"| {row} | {' | '.join(cells)} |")
-        head = [name.replace("_", " ") for name in CYLINDER.coordinates]
-        lines += ["", f"| interval | {' | '.join(head)} |"]
-        lines.append("|---|" + "--:|" * len(CYLINDER.coordinates))
-        for level in LEVELS:
-            labels = [
-                f"{name}.{coordinate}.{level}" for coordinate in CYLINDER.coordinates
+                rows.append([row, *(number(x, f) for some, f in forms for x in some)])
+        blocks += [
+            f"With {title}, {values[f'{name}.time']:.0f} ms a fit:",
+            table(head, rows),
+        ]
+        rows = [
+            [
+                level,
+                *(number(values[f"{name}.{c}.{level}"], ".1%") for c in COORDINATES),
             ]
-            cells = [_cell(values[label], ".1%") for label in labels]
-            lines.append(f"| {level} | {' | '.join(cells)} |")
-    return "\n".join(lines)
+            for level in LEVELS
+        ]
+        head = ["interval", *(name.replace("_", " ") for name in COORDINATES)]
+        blocks.append(table(head, rows))
+    return "\n\n".join(blocks)
 
 
-def _cell(value: float | None, form: str) -> str:
-    return "" if value is None else format(value, form)
-
-
-def draw(folder: Path) -> None:
-    """Write the figure: errors and coverage against visibility."""
-    values, spreads = read_values(folder), read_spreads(folder)
+def draw(results: Results) -> dict[str, Figure]:
+    """Errors and coverage against visibility."""
+    values = results.values
     figure = Figure(figsize=(9, 3.6), layout="constrained")
     left, right = figure.subplots(1, 2)
     place = range(len(BINS))
@@ -93,7 +97,8 @@ def draw(folder: Path) -> None:
             what = column.removesuffix("_mm")
             left.plot(place, height, f"{color}o{style}", label=f"{what}, {title}")
         for (level, width), color in zip(LEVELS.items(), ("C2", "C3"), strict=True):
-            pairs = [spreads[f"{name}.{label}.coverage.{level}"] for label in BINS]
+            labels = [f"{name}.{label}.coverage.{level}" for label in BINS]
+            pairs = map(results.pair, labels)
             known = [(k, *pair) for k, pair in enumerate(pairs) if None not in pair]
             if known:
                 x, y, error = zip(*known, strict=True)
@@ -106,7 +111,4 @@ def draw(folder: Path) -> None:
         axes.set_xticks(list(place), BINS, rotation=30)
         axes.set_xlabel("visible part of the silhouette")
         axes.legend(fontsize=7)
-    write_atomically(
-        folder / "figures" / "synthetic_benchmark.png",
-        lambda partial: figure.savefig(partial, dpi=110),
-    )
+    return {"synthetic_benchmark": figure}

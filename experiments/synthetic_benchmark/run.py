@@ -1,6 +1,6 @@
 """Make a dataset, kill and resume it, and fit all of its cylinders."""
 
-__all__ = ["Config", "run"]
+__all__ = ["Config", "measure"]
 
 import dataclasses
 import functools
@@ -13,16 +13,14 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
 from pathlib import Path
-from typing import Literal
+from typing import TypeVar
 
 import cv2
 import numpy as np
-import tyro
-from jaxtyping import Float
 
 from data_synth.capture import BATCH, capture_keys
 from data_synth.distribution import Fixed
@@ -32,8 +30,10 @@ from data_synth.manifest import Manifest
 from data_synth.preset import CameraDraw, Preset, Rules
 from data_synth.presets import PRESETS
 from data_synth.preview import preview
-from experiments.recording import Metric, result_folder, save_run
+from experiments.recording import Metric
+from experiments.running import RunConfig, main
 from experiments.synthetic_benchmark.report import draw, tables
+from experiments.timing import sample
 from impostor_jax.evaluate import (
     Outcome,
     by_visibility,
@@ -48,7 +48,8 @@ from impostor_jax.io.dataset import read_dataset, read_manifest, sensor_of
 from impostor_jax.io.depth_image import png_bytes, write_image
 from impostor_jax.sensor.gaussian import ConstantNoise
 
-HERE = Path(__file__).parent
+P = TypeVar("P")
+R = TypeVar("R")
 
 PRESET = "tabletop_cans"
 
@@ -56,7 +57,7 @@ PICTURED = ("tabletop_cans", "hard", "inside_pipe")
 
 
 @dataclasses.dataclass(frozen=True)
-class Config:
+class Config(RunConfig):
     """Measure how fast datasets are made, whether a kill matters, and how fits do."""
 
     count: int = 1000
@@ -73,45 +74,23 @@ class Config:
     """Images whose cylinders are fitted without the edges of their masks, too."""
     seed: int = 0
     """Of the dataset and of the moments of the kills."""
-    quick: bool = False
-    """A few small images: a trial of the code, no measurement."""
-    output: Path | None = None
-    """Folder for the results; that of the experiment if None, a temporary one with
-    --quick."""
 
 
-def run(config: Config) -> int:
-    """Make, kill, fit and write; returns the exit code."""
-    started = time.perf_counter()
-    folder = result_folder(config.output, HERE, quick=config.quick)
-    preset = PRESETS[PRESET]
-    if config.quick:
-        config = dataclasses.replace(
-            config, count=4, workers=1, repeats=1, others=(), kills=1, eroded=1
-        )
-        preset = _small(preset)
+def measure(config: Config) -> Iterator[Metric]:
+    """Make datasets, kill runs, fit, and draw pictures."""
+    preset = _small(PRESETS[PRESET]) if config.quick else PRESETS[PRESET]
     # Processes share what they compile, and a second run compiles nothing.
     os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", tempfile.mkdtemp())
     os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.2")
+    assert config.output is not None
     with tempfile.TemporaryDirectory() as home:
         whole = Path(home) / "whole"
-        metrics = speed(preset, whole, config)
-        metrics += killed(Path(home), config)
-        metrics += fitted(whole, config)
+        yield from speed(preset, whole, config)
+        yield from killed(Path(home), config)
+        yield from fitted(whole, config)
         if not config.quick:
-            pictures(Path(home), folder / "figures" / "presets.png", config.seed)
-    save_run(
-        folder,
-        metrics,
-        config,
-        seed=config.seed,
-        dtype="float32",
-        seconds=time.perf_counter() - started,
-        quick=config.quick,
-    )
-    draw(folder)
-    print(tables(folder))
-    return 0
+            picture = config.output / "figures" / "presets.png"
+            pictures(Path(home), picture, config.seed)
 
 
 def _small(preset: Preset) -> Preset:
@@ -156,11 +135,11 @@ def speed(preset: Preset, whole: Path, config: Config) -> list[Metric]:
         "writing": ms["writing"],
     }
     metrics = [
-        _median("speed.rate", rate, "images/s", "higher"),
-        _median("speed.rate_after_start", steady, "images/s", "higher"),
-        _median("speed.rate_of_coding_alone", coding, "images/s", "higher"),
-        _median("speed.rate_over_coding", rate / coding, "1", "higher"),
-        _median("speed.steady_over_coding", steady / coding, "1", "higher"),
+        sample("speed.rate", rate, "images/s", "higher"),
+        sample("speed.rate_after_start", steady, "images/s", "higher"),
+        sample("speed.rate_of_coding_alone", coding, "images/s", "higher"),
+        sample("speed.rate_over_coding", rate / coding, "1", "higher"),
+        sample("speed.steady_over_coding", steady / coding, "1", "higher"),
     ]
     for count in sorted(runs):
         memory = runs[count].mebibytes
@@ -168,20 +147,9 @@ def speed(preset: Preset, whole: Path, config: Config) -> list[Metric]:
             Metric(f"memory.{count}_images", memory, None, "MiB", "lower", 1)
         )
     for stage, each in stages.items():
-        metrics.append(_median(f"time.{stage}", each, "ms", "lower"))
-        metrics.append(_median(f"share.{stage}", each / total, "1", "lower"))
+        metrics.append(sample(f"time.{stage}", each, "ms"))
+        metrics.append(sample(f"share.{stage}", each / total, "1"))
     return metrics
-
-
-def _median(
-    name: str,
-    values: Float[np.ndarray, " n"],
-    unit: str,
-    better: Literal["higher", "lower"],
-) -> Metric:
-    """Median and interquartile range of the repeats."""
-    low, middle, high = np.percentile(values, (25, 50, 75))
-    return Metric(name, float(middle), float(high - low), unit, better, len(values))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -207,7 +175,8 @@ def _made(preset: Path, output: Path, count: int, config: Config) -> Made:
     started = time.perf_counter()
     process = _command("generate", *words, config=config, stdout=subprocess.PIPE)
     assert process.stdout is not None
-    text = process.stdout.read()
+    with process.stdout:
+        text = process.stdout.read()
     _, status, usage = os.wait4(process.pid, 0)
     seconds = time.perf_counter() - started
     process.returncode = os.waitstatus_to_exitcode(status)
@@ -250,8 +219,15 @@ def _coding_seconds(whole: Path, workers: int) -> float:
     """Time of all processes to code a dataset's pictures and nothing else."""
     paths = [str(path) for path in sorted(whole.glob("train/*/*/*.png"))]
     parts = [paths[k::workers] for k in range(workers)]
-    with ProcessPoolExecutor(workers, get_context("spawn")) as pool:
-        return sum(pool.map(_coded, parts))
+    return sum(_in_processes(_coded, parts))
+
+
+def _in_processes(function: Callable[[P], R], parts: Sequence[P]) -> list[R]:
+    """What a function makes of each part; of one alone in this process."""
+    if len(parts) == 1:
+        return [function(parts[0])]
+    with ProcessPoolExecutor(len(parts), get_context("spawn")) as pool:
+        return list(pool.map(function, parts))
 
 
 def _coded(paths: Sequence[str]) -> float:
@@ -344,23 +320,20 @@ def _num_shards(folder: Path) -> int:
 def fitted(whole: Path, config: Config) -> Iterator[Metric]:
     """Errors against visibility, and coverage of the intervals."""
     step = config.workers
-    with ProcessPoolExecutor(step, get_context("spawn")) as pool:
-        for name, erode_px in (("fit", 0), ("eroded", 1)):
-            most = config.eroded if erode_px else config.count
-            parts = [(whole, erode_px, most, first, step) for first in range(step)]
-            found = list(pool.map(_fitted_part, parts))
-            outcomes = [outcome for part, _ in found for outcome in part]
-            times = [milliseconds for _, part in found for milliseconds in part]
-            each = float(np.median(times))
-            spread = float(np.diff(np.percentile(times, (25, 75)))[0])
-            yield Metric(f"{name}.time", each, spread, "ms", "lower", len(times))
-            for label, some in [("all", outcomes), *by_visibility(outcomes).items()]:
-                yield from _summary(f"{name}.{label}", some)
-            good = [outcome for outcome in outcomes if outcome.success]
-            for coordinate in CYLINDER.coordinates:
-                scaled = standardized(good, coordinate)
-                label = f"{name}.{coordinate}"
-                yield from _coverage(label, coverage(scaled), scaled.size)
+    for name, erode_px in (("fit", 0), ("eroded", 1)):
+        most = config.eroded if erode_px else config.count
+        parts = [(whole, erode_px, most, first, step) for first in range(step)]
+        found = _in_processes(_fitted_part, parts)
+        outcomes = [outcome for part, _ in found for outcome in part]
+        times = [milliseconds for _, part in found for milliseconds in part]
+        yield sample(f"{name}.time", times, "ms")
+        for label, some in [("all", outcomes), *by_visibility(outcomes).items()]:
+            yield from _summary(f"{name}.{label}", some)
+        good = [outcome for outcome in outcomes if outcome.success]
+        for coordinate in CYLINDER.coordinates:
+            scaled = standardized(good, coordinate)
+            label = f"{name}.{coordinate}"
+            yield from _coverage(label, coverage(scaled), scaled.size)
 
 
 def _fitted_part(
@@ -402,8 +375,7 @@ def _coverage(label: str, parts: dict[str, float], n: int) -> Iterator[Metric]:
     """Shares of errors within the intervals, with the standard error of n of them."""
     for level, part in parts.items():
         known = part if np.isfinite(part) else None
-        spread = None if known is None else float(np.sqrt(part * (1 - part) / n))
-        yield Metric(f"{label}.{level}", known, spread, "1", "higher", n)
+        yield Metric.share(f"{label}.{level}", known, n)
 
 
 def pictures(home: Path, output: Path, seed: int) -> None:
@@ -417,4 +389,5 @@ def pictures(home: Path, output: Path, seed: int) -> None:
 
 
 if __name__ == "__main__":
-    sys.exit(run(tyro.cli(Config)))
+    trial = Config(count=4, workers=1, repeats=1, others=(), kills=1, eroded=1)
+    main(Config, measure, draw, tables, trial)

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 import impostor_jax as ij
+from experiments.oracle.box import answer, face_margin, hit_margin
+from experiments.oracle.extreme_boxes import BoxRays, extreme_boxes
 from impostor_jax.geometry.rays import Ray
 from impostor_jax.geometry.vec3 import Vec3
 from impostor_jax.numerics import eps
 from impostor_jax.primitives.box import Box
 from tests.checks import AS_USERS_RUN, all_finite, in_chunks
-from tests.oracle.box import answer, face_margin, hit_margin
-from tests.oracle.extreme_boxes import BoxRays, extreme_boxes
 
 FIELDS = tuple(field.name for field in dataclasses.fields(BoxRays))
 EVERY = tuple(range(len(FIELDS)))

@@ -5,11 +5,11 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from experiments.oracle.cylinder import answer
 from impostor_jax.geometry.rays import Ray
 from impostor_jax.geometry.vec3 import Vec3
 from impostor_jax.numerics import eps
 from impostor_jax.primitives.cylinder import Cylinder
-from tests.oracle.cylinder import answer
 
 
 def cast(cylinder, origin, direction):

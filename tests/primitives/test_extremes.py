@@ -1,6 +1,7 @@
 """The cylinder where its formulas are strained: over all the extremes together.
 
-`tests.oracle` says what is exact, and how far rounding the inputs alone may move it.
+`experiments.oracle` says what is exact, and how far rounding the inputs alone may
+move it.
 """
 
 import hypothesis
@@ -10,13 +11,13 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from experiments.oracle.claims import DECISION, cast_all, depth, errors_of, one, slope
+from experiments.oracle.condition import FIELDS, reference
+from experiments.oracle.cylinder import answer
+from experiments.oracle.extremes import Rays, extreme_rays
 from impostor_jax.numerics import eps
 from impostor_jax.primitives.cylinder import Cylinder
 from tests.checks import all_finite
-from tests.oracle.claims import DECISION, cast_all, depth, errors_of, one, slope
-from tests.oracle.condition import FIELDS, reference
-from tests.oracle.cylinder import answer
-from tests.oracle.extremes import Rays, extreme_rays
 
 # What the module of the cylinder promises, in eps.
 DEPTH = 8

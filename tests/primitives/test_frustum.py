@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 import impostor_jax as ij
+from experiments.oracle.condition import decisions, frustum_bounds
+from experiments.oracle.frustum import answer, frustum_rays
 from impostor_jax.geometry.rays import Ray
 from impostor_jax.geometry.vec3 import Vec3
 from impostor_jax.numerics import eps
 from tests.checks import AS_USERS_RUN, all_finite
-from tests.oracle.condition import decisions, frustum_bounds
-from tests.oracle.frustum import answer, frustum_rays
 
 CAMERA = ij.PinholeCamera(60.0, 62.0, 31.5, 23.0, 64, 48)
 DECISION = 8

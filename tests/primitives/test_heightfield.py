@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import impostor_jax as ij
+from experiments.oracle import heightfield as oracle
 from impostor_jax.geometry.rays import Ray
 from impostor_jax.geometry.vec3 import Vec3
 from impostor_jax.numerics import eps
@@ -13,7 +14,6 @@ from impostor_jax.primitives.heightfield import Heightfield
 from impostor_jax.primitives.heightfield_march import MARCHES, March, free_step
 from impostor_jax.primitives.terrain import Terrain
 from tests.checks import central_difference
-from tests.oracle import heightfield as oracle
 
 EXTENT = ((-1.0, 1.0), (-0.5, 1.0))
 # Slopes of up to 87 degrees.

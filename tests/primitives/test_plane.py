@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 
 import impostor_jax as ij
+from experiments.oracle.extremes import extreme_rays
+from experiments.oracle.plane import answer, hit_margin
 from impostor_jax.geometry.rays import Ray
 from impostor_jax.geometry.vec3 import Vec3
 from impostor_jax.numerics import eps
 from impostor_jax.primitives.plane import Plane
 from tests.checks import AS_USERS_RUN, all_finite, in_chunks
-from tests.oracle.extremes import extreme_rays
-from tests.oracle.plane import answer, hit_margin
 
 EVERY = (0, 1, 2, 3)
 WITHOUT_NORMAL = (0, 1, 2, 6, 7, 8, 9, 10, 11)

@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 
 import impostor_jax as ij
+from experiments.oracle.extremes import extreme_rays
+from experiments.oracle.sphere import answer, distance
 from impostor_jax.geometry.rays import Ray
 from impostor_jax.geometry.vec3 import Vec3
 from impostor_jax.numerics import eps
 from impostor_jax.primitives.sphere import Sphere
 from tests.checks import AS_USERS_RUN, all_finite
-from tests.oracle.extremes import extreme_rays
-from tests.oracle.sphere import answer, distance
 
 
 def depth(origin, direction, center, radius):

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 import impostor_jax as ij
+from experiments.oracle.outline import outline_distance
 from impostor_jax.numerics import eps
 from tests.cases import CAMERAS
 from tests.checks import all_finite, central_difference
-from tests.oracle.outline import outline_distance
 from tests.rendering import exact
 from tests.rendering.test_coverage import MORE, SHAPES, traced
 

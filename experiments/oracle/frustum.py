@@ -15,7 +15,7 @@ import mpmath as mp
 import numpy as np
 from jaxtyping import Float
 
-from tests.oracle.cylinder import DIGITS, Vector, vector
+from experiments.oracle.cylinder import DIGITS, Vector, vector
 
 STEP = mp.mpf(10) ** -25
 

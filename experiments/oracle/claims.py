@@ -1,6 +1,15 @@
 """Errors of the cylinder in single precision, in the units of what it promises."""
 
-__all__ = ["DECISION", "Errors", "cast_all", "depth", "errors_of", "one", "slope"]
+__all__ = [
+    "AS_USERS_RUN",
+    "DECISION",
+    "Errors",
+    "cast_all",
+    "depth",
+    "errors_of",
+    "one",
+    "slope",
+]
 
 import dataclasses
 
@@ -10,13 +19,16 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float
 
+from experiments.oracle.condition import FIELDS, reference
+from experiments.oracle.extremes import Rays
 from impostor_jax.geometry.rays import Ray
 from impostor_jax.geometry.vec3 import Vec3
 from impostor_jax.numerics import eps
 from impostor_jax.primitives.cylinder import Cylinder
-from tests.checks import AS_USERS_RUN
-from tests.oracle.condition import FIELDS, reference
-from tests.oracle.extremes import Rays
+
+AS_USERS_RUN = {"xla_cpu_use_fusion_emitters": True}
+"""Options for `jax.jit` that undo the flags of the tests' `conftest.py`: for what is
+promised of rounding errors, which are those of users."""
 
 DECISION = 8
 """Relative change of the inputs, in eps, within which a decision may be wrong."""

@@ -1,7 +1,7 @@
 """How far rounding may move an answer: condition numbers, for a million rays.
 
 The formulas are not the package's, and run in double precision, a thousand rays in the
-time that `tests.oracle.cylinder` takes for one; that one checks these.
+time that `experiments.oracle.cylinder` takes for one; that one checks these.
 
 An input x_i, rounded, is known to a relative eps. To first order a result f is then
 known to eps sum |x_i df/dx_i|: over |f| this is its condition number, and over the eps
@@ -19,8 +19,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
+from experiments.oracle.extremes import Rays
 from impostor_jax.numerics import safe_norm, safe_sqrt
-from tests.oracle.extremes import Rays
 
 FIELDS = tuple(field.name for field in dataclasses.fields(Rays))
 CHUNK = 1000

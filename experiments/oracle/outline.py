@@ -15,7 +15,7 @@ from collections.abc import Sequence
 
 import mpmath as mp
 
-from tests.oracle.cylinder import DIGITS, vector
+from experiments.oracle.cylinder import DIGITS, vector
 
 NORMALS = 240
 

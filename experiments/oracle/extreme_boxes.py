@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 from jaxtyping import Float
 
-from tests.oracle.extremes import Draws, across
+from experiments.oracle.extremes import Draws, across
 
 
 @dataclasses.dataclass(frozen=True)

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import mpmath as mp
 
-from tests.oracle.cylinder import DIGITS, Answer, vector
+from experiments.oracle.cylinder import DIGITS, Answer, vector
 
 
 def answer(

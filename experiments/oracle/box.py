@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import mpmath as mp
 import numpy as np
 
-from tests.oracle.cylinder import DIGITS, Answer, Vector, vector
+from experiments.oracle.cylinder import DIGITS, Answer, Vector, vector
 
 
 def answer(

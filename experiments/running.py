@@ -1,0 +1,108 @@
+"""The command that every experiment is: measure, record, draw and write the tables."""
+
+__all__ = ["RunConfig", "main"]
+
+import dataclasses
+import inspect
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import TypeVar
+
+import jax.numpy as jnp
+import tyro
+from matplotlib.figure import Figure
+from tqdm import tqdm
+
+from experiments.markdown import with_tables
+from experiments.recording import Metric, Results, check_clean, save_run
+from impostor_jax.io.atomic import write_atomically, write_text
+
+DPI = 100
+"""Of the figures."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class RunConfig:
+    """What every experiment can be told, and no more than fields."""
+
+    quick: bool = False
+    """Few and small cases: a trial of the code, no measurement."""
+
+    output: Path | None = None
+    """Folder of the results; the experiment's own by default, a temporary one with
+    --quick."""
+
+
+Config = TypeVar("Config", bound=RunConfig)
+
+
+def main(
+    config_type: type[Config],
+    measure: Callable[[Config], Iterable[Metric]],
+    draw: Callable[[Results], Mapping[str, Figure]],
+    tables: Callable[[Results], str],
+    trial: Config,
+) -> None:
+    """Run an experiment as its command line says, and write what it finds.
+
+    Args:
+        config_type: Its settings; each field is a flag.
+        measure: Measures; the `output` that it is given is the folder of the results.
+        draw: Its figures by their names.
+        tables: What stands in its README between the marks.
+        trial: The settings of a quick run.
+    """
+    config = tyro.cli(config_type)
+    try:
+        _check_counts(config)
+        folder = config.output or Path(inspect.getfile(measure)).parent
+        if config.quick:
+            folder = config.output or Path(tempfile.mkdtemp())
+            config = dataclasses.replace(trial, quick=True)
+        else:
+            # Before a long run.
+            check_clean(folder)
+        started = time.perf_counter()
+        metrics = measure(dataclasses.replace(config, output=folder))
+        metrics = list(tqdm(metrics, unit=" metrics"))
+        seconds = time.perf_counter() - started
+        _record(config, folder, metrics, seconds)
+    except (ValueError, OSError) as problem:
+        sys.exit(str(problem))
+    results = Results.read(folder)
+    for name, figure in draw(results).items():
+        _save(figure, folder / "figures" / f"{name}.png")
+    text, readme = tables(results), folder / "README.md"
+    if readme.exists():
+        write_text(readme, with_tables(readme.read_text(), text))
+    print(f"{text}\n\nwritten to {folder}")
+
+
+def _record(
+    config: RunConfig, folder: Path, metrics: Sequence[Metric], seconds: float
+) -> None:
+    settings = dataclasses.asdict(config)
+    del settings["quick"], settings["output"]
+    dtype = str(jnp.zeros(()).dtype)
+    save_run(
+        folder, metrics, settings, dtype=dtype, seconds=seconds, quick=config.quick
+    )
+
+
+def _check_counts(config: RunConfig) -> None:
+    """Raise a `ValueError` where a number of things is less than one."""
+    for field in dataclasses.fields(config):
+        value = getattr(config, field.name)
+        # A seed, whose default is 0, is no number of things.
+        if type(value) is int and field.default and value < 1:
+            raise ValueError(f"{field.name} must be at least 1, got {value}")
+
+
+def _save(figure: Figure, path: Path) -> None:
+    def save(partial: Path) -> None:
+        figure.savefig(partial, dpi=DPI, format="png")
+
+    write_atomically(path, save)

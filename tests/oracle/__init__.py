@@ -1,1 +1,0 @@
-"""Exact answers, in 50 digits, from formulas that the package does not use."""
