@@ -9,9 +9,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from experiments.recording import read_values
-from impostor_jax.glsl.compare import angles_between
 from impostor_jax.glsl.conventions import DrawnMaps
 from impostor_jax.io.atomic import write_atomically
+from impostor_jax.parity.compare import angles_between
 
 Values = dict[str, float]
 

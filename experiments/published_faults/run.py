@@ -19,10 +19,10 @@ import tyro
 import impostor_jax as ij
 from experiments.published_faults.report import draw, tables
 from experiments.recording import Metric, result_folder, save_run
-from impostor_jax.glsl.compare import angles_between
 from impostor_jax.glsl.conventions import DrawnMaps
 from impostor_jax.glsl.offscreen import OffscreenRenderer
 from impostor_jax.glsl.reference import draw_with_jax
+from impostor_jax.parity.compare import angles_between
 
 HERE = Path(__file__).parent
 

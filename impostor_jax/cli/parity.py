@@ -28,13 +28,10 @@ class Parity:
 
     def run(self) -> int:
         """Run the command; returns the exit code."""
-        from impostor_jax.glsl.parity import (
-            open_renderer,
-            run_parity,
-            select,
-            write_parity,
-        )
         from impostor_jax.io.atomic import check_output_folder
+        from impostor_jax.parity.cases import select
+        from impostor_jax.parity.report import write_parity
+        from impostor_jax.parity.run import open_renderer, run_parity
 
         check_output_folder(self.output, ("parity.json", "parity.md"))
         chosen, done = select(self.camera, self.cases), []

@@ -9,7 +9,6 @@ import pytest
 import impostor_jax as ij
 from impostor_jax.glsl import offscreen
 from impostor_jax.glsl.billboard import near_pole_square
-from impostor_jax.glsl.compare import compare, edge_band
 from impostor_jax.glsl.conventions import depth_range
 from impostor_jax.glsl.impostors import Impostor
 from impostor_jax.glsl.offscreen import DriverError, OffscreenRenderer
@@ -18,6 +17,7 @@ from impostor_jax.glsl.reference import draw_with_jax
 from impostor_jax.glsl.request import batches_in_camera
 from impostor_jax.glsl.scene import scene_of
 from impostor_jax.glsl.webgl import WebglRenderer, page
+from impostor_jax.parity.compare import compare, edge_band
 
 moderngl = pytest.importorskip("moderngl")
 

@@ -5,12 +5,12 @@ import pytest
 
 import impostor_jax as ij
 from impostor_jax.glsl import scene
-from impostor_jax.glsl.compare import compare
-from impostor_jax.glsl.heightfield_cases import random_heights, seen_pose
 from impostor_jax.glsl.impostors import IMPOSTORS
 from impostor_jax.glsl.program import SAMPLES_PER_ROW, attributes
 from impostor_jax.glsl.reference import draw_with_jax
 from impostor_jax.glsl.scene import scene_of
+from impostor_jax.parity.compare import compare
+from impostor_jax.parity.flat_cases import random_heights, seen_pose
 from impostor_jax.primitives import PRIMITIVES
 
 CAMERA = ij.PinholeCamera(150.0, 140.0, 70.0, 66.0, width=160, height=120)

@@ -9,9 +9,8 @@ import pytest
 
 from impostor_jax.__main__ import main
 from impostor_jax.glsl import reference
-from impostor_jax.glsl.cases import CAMERAS
-from impostor_jax.glsl.known_differences import KNOWN_DIFFERENCES
-from impostor_jax.glsl.parity import select
+from impostor_jax.parity.cases import CAMERAS, select
+from impostor_jax.parity.known_differences import KNOWN_DIFFERENCES
 from tests.parity.as_users import draw
 
 pytest.importorskip("moderngl")

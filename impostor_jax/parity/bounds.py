@@ -4,9 +4,9 @@ __all__ = ["Verdict", "judge"]
 
 import dataclasses
 
-from impostor_jax.glsl.case import Case
-from impostor_jax.glsl.compare import Comparison
-from impostor_jax.glsl.known_differences import KNOWN_DIFFERENCES
+from impostor_jax.parity.case import Case
+from impostor_jax.parity.compare import Comparison
+from impostor_jax.parity.known_differences import KNOWN_DIFFERENCES
 
 FLIPS_ON_BAND = 0.02
 """Part of the pixels at an edge that may see something else."""
