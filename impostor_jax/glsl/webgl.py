@@ -104,11 +104,7 @@ class WebglRenderer:
         primitives: AbstractPrimitive | Sequence[AbstractPrimitive],
         camera: PinholeCamera | OrthographicCamera,
     ) -> DrawnMaps:
-        """Draw primitives as `OffscreenRenderer.draw` does.
-
-        The depth buffer cannot be read back: `buffer_depth` is NaN where something is
-        hit.
-        """
+        """Draw as `OffscreenRenderer.draw`, but for the depth buffer: none is read."""
         scene = scene_of(primitives, camera)
         message = _message(scene, self._as_published)
         found = self._page.evaluate("(scene) => drawScene(scene)", message)
@@ -118,8 +114,7 @@ class WebglRenderer:
             )
             for text in found
         )
-        window = np.full((camera.height, camera.width), np.nan, np.float32)
-        return maps_from_targets(position, normal, window, scene.stretch)
+        return maps_from_targets(position, normal, None, scene.stretch)
 
     def close(self) -> None:
         """Close the browser."""

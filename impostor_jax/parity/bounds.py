@@ -61,7 +61,7 @@ def judge(case: Case, found: Comparison, driver: str) -> list[Verdict]:
     values = {
         "flips_off_band": (float(found.flips_off_band), 0.0),
         "flips_on_band": (found.flips_on_band / band, FLIPS_ON_BAND),
-        "cap_flips": (found.cap_flips / band, FLIPS_ON_BAND),
+        "part_flips": (found.part_flips / band, FLIPS_ON_BAND),
         "depth_ulp.p99": (
             found.depth_ulp.p99,
             DEPTH_ULP / clearance if is_near else DEPTH_ULP,

@@ -45,7 +45,7 @@ class Comparison:
         num_band: Pixels of the band.
         flips_on_band: Pixels of the band where another primitive, or none, is seen.
         flips_off_band: The same off the band.
-        cap_flips: Pixels that see the same primitive, but cap in place of wall.
+        part_flips: Pixels that see another part of the same primitive, as cap for wall.
         depth_m: Depth, in meters, where both see the same primitive.
         depth_ulp: The same in units of the last place of the reference's depth.
         depth_relative: The same as a part of the reference's depth.
@@ -56,7 +56,7 @@ class Comparison:
     num_band: int
     flips_on_band: int
     flips_off_band: int
-    cap_flips: int
+    part_flips: int
     depth_m: Spread
     depth_ulp: Spread
     depth_relative: Spread
@@ -101,7 +101,7 @@ def compare(reference: DrawnMaps, drawn: DrawnMaps) -> Comparison:
         num_band=int(np.count_nonzero(band)),
         flips_on_band=int(np.count_nonzero(flips & band)),
         flips_off_band=int(np.count_nonzero(flips & ~band)),
-        cap_flips=int(np.count_nonzero((reference.on_cap != drawn.on_cap) & same)),
+        part_flips=int(np.count_nonzero((reference.part != drawn.part) & same)),
         depth_m=Spread.of(apart),
         depth_ulp=Spread.of(apart / ulp),
         depth_relative=Spread.of(apart / np.abs(true)),

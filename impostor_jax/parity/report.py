@@ -60,7 +60,7 @@ def _table(name: str, rows: Sequence[Row]) -> str:
         "Flips: pixels that see another primitive, or none, on the band one pixel to "
         "each side of an edge, and off it. Depth and normals where both see the same.",
         "",
-        "| case | hits | band | flips on | flips off | cap flips | depth, m: median "
+        "| case | hits | band | flips on | flips off | part flips | depth, m: median "
         "| 99.9 % | worst | depth, ulp: median | 99 % | 99.9 % | worst "
         "| depth, relative: 99.9 % | normal, deg: median | 99.9 % | worst | holds |",
         "|---|" + "--:|" * 16 + "---|",
@@ -70,7 +70,7 @@ def _table(name: str, rows: Sequence[Row]) -> str:
         meters, ulp, angle = found.depth_m, found.depth_ulp, found.normal_deg
         numbers = (
             found.num_hits, found.num_band, found.flips_on_band, found.flips_off_band,
-            found.cap_flips, meters.median, meters.p999, meters.worst, ulp.median,
+            found.part_flips, meters.median, meters.p999, meters.worst, ulp.median,
             ulp.p99, ulp.p999, ulp.worst, found.depth_relative.p999, angle.median,
             angle.p999, angle.worst,
         )  # fmt: skip

@@ -1,20 +1,29 @@
 """The matrix of cases, drawn by JAX and by a driver and compared pixel by pixel."""
 
-__all__ = ["RENDERERS", "Row", "open_renderer", "run_parity"]
+__all__ = ["RENDERERS", "Row", "drawn_by_jax", "open_renderer", "run_parity"]
 
 import dataclasses
 from collections.abc import Iterator, Sequence
+from typing import Literal
+
+import numpy as np
 
 from impostor_jax.arguments import one_of
+from impostor_jax.camera.base import AbstractCamera
+from impostor_jax.effort import Effort
 from impostor_jax.glsl.conventions import DrawnMaps
 from impostor_jax.glsl.offscreen import DRIVERS, OffscreenRenderer
-from impostor_jax.glsl.reference import draw_with_jax
 from impostor_jax.glsl.webgl import WebglRenderer
 from impostor_jax.parity.bounds import Verdict, judge
-from impostor_jax.parity.case import Case
+from impostor_jax.parity.case import Case, Primitives
 from impostor_jax.parity.compare import Comparison, compare
+from impostor_jax.rendering.render import render
+from impostor_jax.rendering.scene import Scene
 
 RENDERERS = (*DRIVERS, "webgl")
+
+OUTPUTS = ("depth", "point", "normal", "mask", "index", "part")
+"""Maps that both sides have."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -31,6 +40,25 @@ class Row:
     def holds(self) -> bool:
         """Whether every quantity is within its bound."""
         return all(verdict.holds for verdict in self.verdicts)
+
+
+def drawn_by_jax(
+    primitives: Primitives,
+    camera: AbstractCamera,
+    precision: Literal["float32", "float64"] | None = None,
+) -> DrawnMaps:
+    """What `render` makes of the primitives that a driver draws.
+
+    Args:
+        primitives: As `OffscreenRenderer.draw` takes them.
+        camera: As `OffscreenRenderer.draw` takes it.
+        precision: Of all numbers; JAX's own if None.
+    """
+    several = primitives if isinstance(primitives, Sequence) else (primitives,)
+    one = several[0] if len(several) == 1 and not several[0].batch_shape else None
+    seen = Scene(several) if one is None else one
+    maps = render(seen, camera, OUTPUTS, effort=Effort(precision=precision))
+    return DrawnMaps(**{name: np.asarray(getattr(maps, name)) for name in OUTPUTS})
 
 
 def open_renderer(
@@ -62,7 +90,7 @@ def run_parity(
         A row for each case as it is done.
     """
     for case in chosen:
-        reference = draw_with_jax(case.primitives, case.camera)
+        reference = drawn_by_jax(case.primitives, case.camera)
         drawn = renderer.draw(case.primitives, case.camera)
         found = compare(reference, drawn)
         yield Row(case, found, judge(case, found, driver), reference, drawn)

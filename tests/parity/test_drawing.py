@@ -13,11 +13,11 @@ from impostor_jax.glsl.conventions import depth_range
 from impostor_jax.glsl.impostors import Impostor
 from impostor_jax.glsl.offscreen import DriverError, OffscreenRenderer
 from impostor_jax.glsl.program import attributes
-from impostor_jax.glsl.reference import draw_with_jax
 from impostor_jax.glsl.request import batches_in_camera
 from impostor_jax.glsl.scene import scene_of
 from impostor_jax.glsl.webgl import WebglRenderer, page
 from impostor_jax.parity.compare import compare, edge_band
+from impostor_jax.parity.run import drawn_by_jax
 
 moderngl = pytest.importorskip("moderngl")
 
@@ -38,7 +38,7 @@ def test_pose_of_the_camera_is_used(renderer):
         [[0.0, -1, 0, 0.01], [1, 0, 0, 0.02], [0, 0, 1, 0.1], [0, 0, 0, 1]]
     )
     camera = ij.PinholeCamera(150.0, 140.0, 70.0, 66.0, 160, 120, None, False, turned)
-    found = compare(draw_with_jax(ROD, camera), renderer.draw(ROD, camera))
+    found = compare(drawn_by_jax(ROD, camera), renderer.draw(ROD, camera))
     assert found.flips_off_band == 0
     assert found.depth_relative.p999 < 1e-6
 
@@ -70,7 +70,7 @@ def test_closest_of_overlapping_cylinders_wins_in_any_order(renderer):
         )
         drawn, reference = (
             renderer.draw(several, CAMERA),
-            draw_with_jax(several, CAMERA),
+            drawn_by_jax(several, CAMERA),
         )
         off = ~edge_band(reference.index)
         np.testing.assert_array_equal(drawn.index[off], reference.index[off])
@@ -99,7 +99,7 @@ def test_closest_of_mixed_primitives_wins_in_any_order(renderer):
     for order in (list(scene), list(scene)[::-1], ["rod", "back", "can", "front"]):
         primitives = [scene[name] for name in order]
         drawn, reference = (
-            draw(primitives, CAMERA) for draw in (renderer.draw, draw_with_jax)
+            draw(primitives, CAMERA) for draw in (renderer.draw, drawn_by_jax)
         )
         off = ~edge_band(reference.index)
         np.testing.assert_array_equal(drawn.index[off], reference.index[off])
@@ -217,7 +217,7 @@ def test_published_cap_at_the_end_of_the_axis_flips_below_half_a_unit(
                 2 * half_height,
             )  # fmt: skip
             wrong, right = published.draw(can, CAMERA), renderer.draw(can, CAMERA)
-            cap = wrong.on_cap & right.on_cap
+            cap = (wrong.part > 0) & (right.part > 0)
             cosine = np.sum(wrong.normal * right.normal, axis=-1)[cap]
             flipped = sign > 0 and half_height < 0.5
             np.testing.assert_allclose(cosine, -1 if flipped else 1, atol=1e-5)
@@ -233,7 +233,7 @@ def test_published_camera_inside_sees_nothing(renderer):
 def test_published_normal_of_the_wall_is_that_of_a_sphere(renderer):
     with OffscreenRenderer(as_published=True) as published:
         wrong = published.draw(ROD, CAMERA)
-    wall = wrong.mask & ~wrong.on_cap
+    wall = wrong.part == 0
     outward = wrong.point[wall] - np.asarray(ROD.center)
     outward /= np.linalg.norm(outward, axis=-1, keepdims=True)
     np.testing.assert_allclose(wrong.normal[wall], outward, atol=1e-5)
@@ -282,9 +282,9 @@ def test_missing_browser_names_the_package(monkeypatch):
 
 
 def test_comparison_counts_what_differs():
-    reference = draw_with_jax(ROD, CAMERA)
+    reference = drawn_by_jax(ROD, CAMERA)
     same = compare(reference, reference)
-    assert same.flips_on_band == same.flips_off_band == same.cap_flips == 0
+    assert same.flips_on_band == same.flips_off_band == same.part_flips == 0
     assert same.depth_ulp.worst == same.normal_deg.worst == 0
     inner = reference.mask & ~edge_band(reference.index)
     row, col = np.argwhere(inner)[0]

@@ -42,7 +42,7 @@ Surface intersect(vec3 o, vec3 d) {
     vec3 n = normalize(q);  // Fault 1: that of a sphere.
     // Fault 2: compared with the unit axis, whatever the cylinder's size.
     if (on_cap) n = length(q + axis) > length(q) ? axis : -axis;
-    return Surface(t, n, on_cap);
+    return Surface(t, n, int(on_cap));
 }
 
 #else
@@ -63,7 +63,7 @@ Surface intersect(vec3 o, vec3 d) {
 
     vec3 q = o + d * t - center;
     vec3 n = on_cap ? axis : normalize(q - axis * dot(q, axis));
-    return Surface(t, facing(n, d), on_cap);
+    return Surface(t, facing(n, d), int(on_cap));
 }
 
 #endif

@@ -14,7 +14,7 @@ Surface intersect(vec3 o, vec3 d) {
     // Only the nearest root, even behind the camera.
     float t = (t_ca - sqrt(gap)) / length(d);
     if (!(t > 0.0)) return MISS;
-    return Surface(t, (o + t * d - center) / radius, false);
+    return Surface(t, (o + t * d - center) / radius, 0);
 }
 
 #else
@@ -26,7 +26,7 @@ Surface intersect(vec3 o, vec3 d) {
     float enter = foot + ball.lower, leave = foot + ball.upper;
     if (!(enter <= leave && leave > 0.0)) return MISS;
     float t = enter > 0.0 ? enter : leave;
-    return Surface(t, facing(normalize(o + d * t - center), d), false);
+    return Surface(t, facing(normalize(o + d * t - center), d), 0);
 }
 
 #endif
