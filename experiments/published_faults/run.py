@@ -4,7 +4,7 @@ The driver draws the published formulas and ours; both are compared with JAX in 
 precision, on the same parameters, rounded to single precision.
 """
 
-__all__ = ["Config", "run"]
+__all__ = ["SHADERS", "Config", "run"]
 
 import dataclasses
 import sys
@@ -24,6 +24,9 @@ from impostor_jax.parity.compare import angles_between
 from impostor_jax.parity.run import drawn_by_jax
 
 HERE = Path(__file__).parent
+
+SHADERS = HERE / "shaders"
+"""The published ones."""
 
 SIZE = (320, 240)
 
@@ -63,7 +66,7 @@ class Drivers:
     """Both programs on one driver."""
 
     def __init__(self) -> None:
-        self.published = OffscreenRenderer(as_published=True)
+        self.published = OffscreenRenderer(shaders=SHADERS)
         self.ours = OffscreenRenderer()
 
     def views(

@@ -21,8 +21,8 @@ class Parity:
     """Names of cases or patterns of them, such as 'perspective/distance *'."""
     driver: Literal["llvmpipe", "softpipe", "gpu", "webgl"] = "llvmpipe"
     """What draws: Mesa's drivers, the system's own, or headless Chromium."""
-    as_published: bool = False
-    """Draw the published formulas with their faults; parity is then broken."""
+    shaders: Path | None = None
+    """Folder whose shaders take the place of those of the same names."""
     output: Path = Path("impostor_parity")
     """Folder that the table and the pictures are written to."""
 
@@ -35,7 +35,7 @@ class Parity:
 
         check_output_folder(self.output, ("parity.json", "parity.md"))
         chosen, done = select(self.camera, self.cases), []
-        with open_renderer(self.driver, self.as_published) as renderer:
+        with open_renderer(self.driver, self.shaders) as renderer:
             print(f"{renderer.name}, {len(chosen)} cases")
             for row in run_parity(chosen, renderer, self.driver):
                 done.append(row)

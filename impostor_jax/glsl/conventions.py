@@ -46,18 +46,6 @@ vec4 clip_of_corner(vec2 corner) {
     return vec4(corner, 0.0, 1.0);
 }
 
-// Cut off by the near plane, as a mesh would be.
-vec4 clip_of_point(vec3 p) {
-#ifdef ORTHOGRAPHIC
-    return clip_of_pixel(focal * p.xy + principal);
-#else
-    vec4 center = clip_of_pixel(principal);
-    vec2 slope = 2.0 * focal / image_size * vec2(1.0, -1.0);
-    float near = 1e-3 * (depth_range.x + depth_range.y);
-    return vec4(center.xy * p.z + slope * p.xy, p.z - 2.0 * near, p.z);
-#endif
-}
-
 void ray_of_fragment(vec2 fragment, out vec3 o, out vec3 d) {
     vec2 pixel = vec2(fragment.x - 0.5, image_size.y - fragment.y - 0.5);
     vec2 plane = (pixel - principal) / focal;

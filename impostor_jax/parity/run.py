@@ -4,6 +4,7 @@ __all__ = ["RENDERERS", "Row", "drawn_by_jax", "open_renderer", "run_parity"]
 
 import dataclasses
 from collections.abc import Iterator, Sequence
+from pathlib import Path
 from typing import Literal
 
 import numpy as np
@@ -62,18 +63,18 @@ def drawn_by_jax(
 
 
 def open_renderer(
-    driver: str = "llvmpipe", as_published: bool = False
+    driver: str = "llvmpipe", shaders: Path | None = None
 ) -> OffscreenRenderer | WebglRenderer:
     """Open what draws; use it in a `with` block.
 
     Args:
         driver: "llvmpipe", "softpipe", "gpu" or "webgl".
-        as_published: Whether to draw the published formulas.
+        shaders: Folder whose shaders take the place of those of the same names.
     """
     one_of("driver", driver, RENDERERS)
     if driver == "webgl":
-        return WebglRenderer(as_published)
-    return OffscreenRenderer(driver, as_published)
+        return WebglRenderer(shaders)
+    return OffscreenRenderer(driver, shaders)
 
 
 def run_parity(

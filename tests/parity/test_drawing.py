@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 import impostor_jax as ij
+from experiments.published_faults.run import SHADERS
 from impostor_jax.glsl import offscreen
-from impostor_jax.glsl.billboard import near_pole_square
 from impostor_jax.glsl.conventions import depth_range
 from impostor_jax.glsl.impostors import Impostor
 from impostor_jax.glsl.offscreen import DriverError, OffscreenRenderer
@@ -135,28 +135,6 @@ def test_camera_inside_a_sphere_sees_its_wall_everywhere(renderer):
     assert (np.sum(drawn.normal * drawn.point, axis=-1) < 0).all()
 
 
-def test_square_through_the_near_pole_has_the_published_numbers():
-    # R = 5, D = 15: the tangents are 14.142 long.
-    distance, half_size = near_pole_square(5.0, 15.0)
-    assert distance == 10
-    assert half_size == pytest.approx(5 * 10 / np.sqrt(200))
-    assert half_size == pytest.approx(3.536, abs=5e-4)
-    # Its sides are seen at the angle of the tangents.
-    assert np.arctan(half_size / distance) == pytest.approx(np.arcsin(5 / 15))
-    with pytest.raises(ValueError, match="distance must be more than a positive"):
-        near_pole_square(5.0, 5.0)
-
-
-def test_published_square_holds_the_sphere_and_a_camera_inside_sees_nothing(renderer):
-    with OffscreenRenderer(as_published=True) as published:
-        drawn = published.draw(BALL, CAMERA)
-        inside = published.draw(ij.Sphere((0.1, 0.0, 0.2), 1.0), CAMERA)
-    found = compare(renderer.draw(BALL, CAMERA), drawn)
-    assert found.flips_off_band == 0
-    assert found.flips_on_band <= 2
-    assert not inside.mask.any()
-
-
 def test_lens_and_wrong_types_are_named():
     lens = ij.PinholeCamera(150.0, 150.0, 79.5, 59.5, 160, 120, (0.1, 0, 0, 0, 0))
     with pytest.raises(ValueError, match="camera must have no lens"):
@@ -198,7 +176,7 @@ def test_closed_renderer_draws_no_more(renderer):
 def test_renderers_side_by_side_keep_their_own_programs(renderer):
     # The second one's program was once drawn by the first, which had the same number.
     before = renderer.draw(ROD, CAMERA)
-    with OffscreenRenderer(as_published=True) as published:
+    with OffscreenRenderer(shaders=SHADERS) as published:
         wrong = published.draw(ROD, CAMERA)
         after = renderer.draw(ROD, CAMERA)
     np.testing.assert_array_equal(before.normal, after.normal)
@@ -209,7 +187,7 @@ def test_renderers_side_by_side_keep_their_own_programs(renderer):
 def test_published_cap_at_the_end_of_the_axis_flips_below_half_a_unit(
     renderer, half_height
 ):
-    with OffscreenRenderer(as_published=True) as published:
+    with OffscreenRenderer(shaders=SHADERS) as published:
         for sign in (1.0, -1.0):
             # The camera sees the cap at -axis where the axis points away from it.
             can = ij.Cylinder(
@@ -225,13 +203,13 @@ def test_published_cap_at_the_end_of_the_axis_flips_below_half_a_unit(
 
 def test_published_camera_inside_sees_nothing(renderer):
     pipe = ij.Cylinder((0.1, 0, 0.2), (0.2, 0.3, 1), 1.0, 8.0)
-    with OffscreenRenderer(as_published=True) as published:
+    with OffscreenRenderer(shaders=SHADERS) as published:
         assert not published.draw(pipe, CAMERA).mask.any()
     assert renderer.draw(pipe, CAMERA).mask.all()
 
 
 def test_published_normal_of_the_wall_is_that_of_a_sphere(renderer):
-    with OffscreenRenderer(as_published=True) as published:
+    with OffscreenRenderer(shaders=SHADERS) as published:
         wrong = published.draw(ROD, CAMERA)
     wall = wrong.part == 0
     outward = wrong.point[wall] - np.asarray(ROD.center)
