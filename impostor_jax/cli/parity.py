@@ -37,7 +37,7 @@ class Parity:
         chosen, done = select(self.camera, self.cases), []
         with open_renderer(self.driver, self.shaders) as renderer:
             print(f"{renderer.name}, {len(chosen)} cases")
-            for row in run_parity(chosen, renderer, self.driver):
+            for row in run_parity(chosen, renderer):
                 done.append(row)
                 for verdict in row.verdicts:
                     if not verdict.holds:

@@ -1,6 +1,13 @@
 """How far two renderings of one scene differ."""
 
-__all__ = ["Comparison", "Spread", "angles_between", "compare", "edge_band"]
+__all__ = [
+    "Comparison",
+    "Spread",
+    "angles_between",
+    "compare",
+    "edge_band",
+    "rounding",
+]
 
 import dataclasses
 
@@ -9,6 +16,8 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from impostor_jax.glsl.conventions import DrawnMaps
+from impostor_jax.numerics import eps
+from impostor_jax.parity.condition import Condition
 
 
 @dataclasses.dataclass(frozen=True)
@@ -107,3 +116,22 @@ def compare(reference: DrawnMaps, drawn: DrawnMaps) -> Comparison:
         depth_relative=Spread.of(apart / np.abs(true)),
         normal_deg=Spread.of(angle),
     )
+
+
+def rounding(
+    reference: DrawnMaps, drawn: DrawnMaps, condition: Condition
+) -> tuple[Spread, Spread]:
+    """Differences of depth and normal, over what eps in all inputs does to them."""
+    same = reference.mask & (reference.index == drawn.index)
+    true = reference.depth[same].astype(np.float64)
+    angle = angles_between(reference.normal[same], drawn.normal[same])
+    pairs = (
+        (np.abs(drawn.depth[same] - true), condition.depth),
+        (np.radians(angle), condition.normal),
+    )
+    spreads = []
+    for apart, of_inputs in pairs:
+        known_to = eps(reference.depth.dtype) * of_inputs[same].astype(np.float64)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            spreads.append(Spread.of(np.where(apart > 0, apart / known_to, 0.0)))
+    return spreads[0], spreads[1]

@@ -44,7 +44,7 @@ def single_boxes(kind: str) -> list[Case]:
         """A box `distance` units away, a bit `aside`, of a `size` in units."""
         center = np.array([*aside, distance]) * unit
         box = Box(center, _rotation(turn), np.array(size) * unit)
-        return Case(f"{kind}/{name}", box, camera_on(kind, distance, unit), distance)
+        return Case(f"{kind}/{name}", box, camera_on(kind, distance, unit))
 
     return [
         case("box"),
@@ -63,8 +63,7 @@ def single_planes(kind: str) -> list[Case]:
     camera = camera_of_kind(kind, 110.0 if kind == "perspective" else 50.0)
 
     def case(name, point, normal):
-        # Something without end is many times larger than its distance.
-        return Case(f"{kind}/{name}", Plane(point, normal), camera, 0.0)
+        return Case(f"{kind}/{name}", Plane(point, normal), camera)
 
     return [
         case("floor", (0.0, 0.5, 3.0), (0.1, -1.0, -0.8)),
@@ -81,7 +80,7 @@ def single_heightfields(kind: str) -> list[Case]:
         """What `field` makes of a pose; `center` is in units of `scale`."""
         pose = seen_pose(elevation, heading, scale * np.array(center))
         camera = camera_on(kind, center[2] / UNIT, scale * UNIT)
-        return Case(f"{kind}/{name}", field(pose), camera, center[2])
+        return Case(f"{kind}/{name}", field(pose), camera)
 
     def case(name, elevation=50.0, center=(0.1, 0.05, 6.0), heading=25.0, relief=GENTLE,
              interpolation="bilinear"):  # fmt: skip
@@ -147,7 +146,7 @@ def all_shapes(kind: str) -> list[Case]:
         Frustum((-0.7, 0.3, 2.0), (-0.3, 0.5, 1.8), 0.15, 0.08, caps=False),
     )
     camera = camera_of_kind(kind, 150.0 if kind == "perspective" else 70.0)
-    return [Case(f"{kind}/ten shapes", shapes, camera, 0.0)]
+    return [Case(f"{kind}/ten shapes", shapes, camera)]
 
 
 def random_heights(shape: tuple[int, int]) -> Float[np.ndarray, "n m"]:

@@ -27,7 +27,7 @@ def single_cylinders(kind: str) -> list[Case]:
         center = np.array([*aside, 0.0]) + np.array([0.0, 0.0, distance])
         cylinder = Cylinder(center * radius, axis, radius, slenderness * radius)
         camera = camera_on(kind, distance, radius)
-        return Case(f"{kind}/{name}", cylinder, camera, distance)
+        return Case(f"{kind}/{name}", cylinder, camera)
 
     across, along, oblique = (0.6, 0.8, 0.0), (0.0, 0.0, 1.0), (0.4, 0.6, 0.7)
     nearly = (math.sin(1e-3) * 0.6, math.sin(1e-3) * 0.8, math.cos(1e-3))
@@ -80,7 +80,7 @@ def single_spheres(kind: str) -> list[Case]:
         """A sphere `distance` radii away, a bit `aside`."""
         center = np.array([*aside, distance])
         camera = camera_on(kind, distance, radius)
-        return Case(f"{kind}/{name}", Sphere(center * radius, radius), camera, distance)
+        return Case(f"{kind}/{name}", Sphere(center * radius, radius), camera)
 
     found = [case(f"sphere, radius {r:g}", radius=r) for r in (1e-4, 1e-2, 1.0, 100.0)]
     # Ahead of the camera, whose distance from the center is then the depth.
@@ -125,7 +125,7 @@ def single_frusta(kind: str) -> list[Case]:
         center = np.array([*aside, distance]) * radius
         way = slenderness * radius * np.array(axis) / np.linalg.norm(axis)
         camera = camera_on(kind, distance, radius)
-        return Case(f"{kind}/{name}", make(center, way), camera, distance)
+        return Case(f"{kind}/{name}", make(center, way), camera)
 
     def case(name, axis=oblique, distance=10.0, slenderness=3.0, aside=(0.1, 0.2),
              ratio=0.4, sector=(), **openings):  # fmt: skip

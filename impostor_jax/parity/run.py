@@ -15,9 +15,10 @@ from impostor_jax.effort import Effort
 from impostor_jax.glsl.conventions import DrawnMaps
 from impostor_jax.glsl.offscreen import DRIVERS, OffscreenRenderer
 from impostor_jax.glsl.webgl import WebglRenderer
-from impostor_jax.parity.bounds import Verdict, judge
 from impostor_jax.parity.case import Case, Primitives
-from impostor_jax.parity.compare import Comparison, compare
+from impostor_jax.parity.compare import Comparison, Spread, compare, rounding
+from impostor_jax.parity.condition import condition_of
+from impostor_jax.parity.judge import Verdict, judge
 from impostor_jax.rendering.render import render
 from impostor_jax.rendering.scene import Scene
 
@@ -29,10 +30,22 @@ OUTPUTS = ("depth", "point", "normal", "mask", "index", "part")
 
 @dataclasses.dataclass(frozen=True)
 class Row:
-    """A case, what was measured, and whether it is within its bounds."""
+    """A case, what was measured, and whether it is within the bounds.
+
+    Attributes:
+        case: The case.
+        found: The differences.
+        depth: Those of depth, in eps times the condition number.
+        normal: Those of the normal.
+        verdicts: Each quantity beside its bound.
+        reference: What JAX drew.
+        drawn: What the driver drew.
+    """
 
     case: Case
     found: Comparison
+    depth: Spread
+    normal: Spread
     verdicts: list[Verdict]
     reference: DrawnMaps
     drawn: DrawnMaps
@@ -78,14 +91,9 @@ def open_renderer(
 
 
 def run_parity(
-    chosen: Sequence[Case], renderer: OffscreenRenderer | WebglRenderer, driver: str
+    chosen: Sequence[Case], renderer: OffscreenRenderer | WebglRenderer
 ) -> Iterator[Row]:
     """Draw cases with JAX and with a driver, and compare them.
-
-    Args:
-        chosen: The cases.
-        renderer: What draws them.
-        driver: Its name, as `open_renderer` takes it.
 
     Yields:
         A row for each case as it is done.
@@ -93,5 +101,8 @@ def run_parity(
     for case in chosen:
         reference = drawn_by_jax(case.primitives, case.camera)
         drawn = renderer.draw(case.primitives, case.camera)
+        condition = condition_of(case.primitives, case.camera, reference.index)
         found = compare(reference, drawn)
-        yield Row(case, found, judge(case, found, driver), reference, drawn)
+        depth, normal = rounding(reference, drawn, condition)
+        verdicts = judge(found, depth, normal)
+        yield Row(case, found, depth, normal, verdicts, reference, drawn)
