@@ -52,7 +52,12 @@ def shader_sources(
         dialect: "330" or "300 es".
         orthographic: Whether the camera's rays are parallel.
         shaders: Folder whose files take the place of those of the same names.
+
+    Raises:
+        ValueError: There is no such folder.
     """
+    if shaders is not None and not shaders.is_dir():
+        raise ValueError(f"shaders must be a folder with shaders, got {shaders}")
     head = f"#define SMALLEST_SLOPE {smallest_slope(np.float32):.9e}\n"
     head += f"#define EPS {eps(np.float32):.9e}\n"
     if orthographic:

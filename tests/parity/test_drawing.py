@@ -154,6 +154,12 @@ def test_driver_must_be_known_and_one_for_the_process(renderer):
         OffscreenRenderer("softpipe")
 
 
+def test_folder_of_shaders_must_be_there(renderer):
+    with OffscreenRenderer(shaders=SHADERS / "none") as nowhere:
+        with pytest.raises(ValueError, match="shaders must be a folder with shaders"):
+            nowhere.draw(ROD, CAMERA)
+
+
 def test_missing_driver_names_the_packages_to_install(monkeypatch):
     def fail(**settings):
         raise Exception("libEGL.so.1 not loaded")
