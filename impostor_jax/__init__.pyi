@@ -31,7 +31,6 @@ from .primitives.box import Box
 from .primitives.cylinder import Cylinder
 from .primitives.frustum import Frustum
 from .primitives.heightfield import Heightfield
-from .primitives.heightfield_march import March
 from .primitives.plane import Plane
 from .primitives.sphere import Sphere
 from .primitives.terrain import Terrain
@@ -79,7 +78,6 @@ __all__ = [
     "Heightfield",
     "LabeledImage",
     "LateralNoise",
-    "March",
     "OrthographicCamera",
     "Outline",
     "PinholeCamera",

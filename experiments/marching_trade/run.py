@@ -5,7 +5,8 @@ __all__ = ["Config", "measure"]
 import dataclasses
 import itertools
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from functools import partial
 from typing import Any
 
 import jax
@@ -13,6 +14,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
+from experiments.marching_trade.march import (
+    MARCHES,
+    March,
+    difference_normal,
+    march,
+)
 from experiments.marching_trade.report import draw, tables
 from experiments.marching_trade.scenes import (
     EXTENT,
@@ -28,7 +35,6 @@ from experiments.running import RunConfig, main
 from impostor_jax.geometry.rays import Hit, Ray
 from impostor_jax.numerics import eps
 from impostor_jax.primitives.heightfield import Heightfield
-from impostor_jax.primitives.heightfield_march import MARCHES, March
 
 FACTORS = (0.1, 0.2, 0.4, 0.8)
 STEPS = (16, 64, 256, 1024)
@@ -45,6 +51,8 @@ ASTRAY = 0.5
 """Meters behind the first crossing: the march has come out of another fold."""
 
 Depths = Float[np.ndarray, " n"]
+Cast = Callable[[Ray], Any]
+"""Ray parameters of the first hits."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -149,25 +157,33 @@ def marched(name: str, config: Config) -> Iterator[Metric]:
         true = np.asarray(field.intersect(as_rays(rays, "float64")).t)
     yield from reference(name, rays, true)
 
-    settings: dict[str, Any] = {
-        f"march.{factor:g}_{steps}": {"method": March(factor=factor, steps=steps)}
+    only_slope = land(name, "float32", lipschitz=terrain.lipschitz)
+    marches = {
+        f"march.{factor:g}_{steps}": March(factor=factor, steps=steps)
         for factor, steps in itertools.product(FACTORS, STEPS)
     }
-    settings |= {f"published.{k}": {"method": v} for k, v in MARCHES.items()}
-    settings |= {f"patient.{k}": {"method": v} for k, v in PATIENT.items()}
-    settings["safe.slope"] = {"lipschitz": terrain.lipschitz}
-    settings["safe.curvature"] = bounds
+    marches |= {f"published.{k}": v for k, v in MARCHES.items()}
+    marches |= {f"patient.{k}": v for k, v in PATIENT.items()}
+    casts: dict[str, Cast] = {
+        k: partial(march, only_slope, settings=v) for k, v in marches.items()
+    }
+    casts["safe.slope"] = _safe(only_slope)
+    casts["safe.curvature"] = _safe(land(name, "float32", **bounds))
     if config.quick:
-        settings = {k: v for k, v in settings.items() if k in ("march.0.2_64",)}
-    for setting, options in settings.items():
-        field = land(name, "float32", **options)
-        yield from compared(f"{name}.{setting}", field, rays, true)
+        casts = {k: v for k, v in casts.items() if k in ("march.0.2_64",)}
+    for setting, cast in casts.items():
+        yield from compared(f"{name}.{setting}", cast, rays, true)
     if not config.quick:
         x, z = (np.linspace(*ends, config.samples) for ends in EXTENT)
         grid = terrain(*jnp.meshgrid(jnp.asarray(x), jnp.asarray(z), indexing="ij"))
         field = Heightfield(grid, EXTENT, "bicubic")
-        yield from compared(f"{name}.safe.grid", field, rays, true)
+        yield from compared(f"{name}.safe.grid", _safe(field), rays, true)
         yield from normals(name, rays, true)
+
+
+def _safe(field: Heightfield) -> Cast:
+    """The package's own way."""
+    return lambda ray: field.intersect(ray).t
 
 
 def reference(name: str, rays: Rays, true: Depths) -> Iterator[Metric]:
@@ -188,16 +204,14 @@ def reference(name: str, rays: Rays, true: Depths) -> Iterator[Metric]:
     yield Metric(f"{name}.reference.gap", gap, None, "m", "lower", int(hit.sum()))
 
 
-def compared(
-    label: str, field: Heightfield, rays: Rays, true: Depths
-) -> Iterator[Metric]:
+def compared(label: str, cast: Cast, rays: Rays, true: Depths) -> Iterator[Metric]:
     """Depth error, part of the surface missed, and time of one setting."""
-    cast = as_rays(rays, "float32")
-    t = np.asarray(field.intersect(cast).t, float)
+    ray = as_rays(rays, "float32")
+    t = np.asarray(cast(ray), float)
     times = []
     for _ in range(3):
         started = time.perf_counter()
-        jax.block_until_ready(field.intersect(cast))
+        jax.block_until_ready(cast(ray))
         times.append(time.perf_counter() - started)
     hit = np.isfinite(true)
     lost = hit & ~np.isfinite(t)
@@ -219,11 +233,13 @@ def compared(
 def normals(name: str, rays: Rays, true: Depths) -> Iterator[Metric]:
     """Angle between the normal by differences and the analytic one, at the root."""
     with jax.enable_x64(True):
-        field, cast = land(name, "float64", method="fixed"), as_rays(rays, "float64")
+        lipschitz = TERRAINS[name].lipschitz
+        field = land(name, "float64", lipschitz=lipschitz)
+        cast = as_rays(rays, "float64")
         hit = Hit.on_one_piece(jnp.asarray(true))
         exact = field.normal(cast, hit)
         for label, epsilon in (("fixed", 0.02), ("proportional", 0.001 * hit.t)):
-            other = field.difference_normal(cast, hit, epsilon)
+            other = difference_normal(field, cast, hit, epsilon)
             sine = np.asarray(exact.cross(other).norm())[np.isfinite(true)]
             angle = float(np.degrees(np.median(np.arcsin(np.minimum(sine, 1)))))
             yield Metric(

@@ -8,8 +8,8 @@ from matplotlib.figure import Figure
 
 from experiments.markdown import table
 from experiments.recording import Results
-from impostor_jax.glsl.compare import angles_between
 from impostor_jax.glsl.conventions import DrawnMaps
+from impostor_jax.parity.compare import angles_between
 
 Values = dict[str, float]
 

@@ -4,13 +4,13 @@ The driver draws the published formulas and ours; both are compared with JAX in 
 precision, on the same parameters, rounded to single precision.
 """
 
-__all__ = ["Config", "measure"]
+__all__ = ["SHADERS", "Config", "measure"]
 
 import contextlib
 import dataclasses
 from collections.abc import Iterator, Sequence
+from pathlib import Path
 
-import jax
 import numpy as np
 from matplotlib.figure import Figure
 
@@ -19,10 +19,13 @@ from experiments.published_faults import report
 from experiments.published_faults.report import tables
 from experiments.recording import Metric, Results
 from experiments.running import RunConfig, main
-from impostor_jax.glsl.compare import angles_between
 from impostor_jax.glsl.conventions import DrawnMaps
 from impostor_jax.glsl.offscreen import OffscreenRenderer
-from impostor_jax.glsl.reference import draw_with_jax
+from impostor_jax.parity.compare import angles_between
+from impostor_jax.parity.run import drawn_by_jax
+
+SHADERS = Path(__file__).parent / "shaders"
+"""The published ones."""
 
 SIZE = (320, 240)
 
@@ -57,7 +60,7 @@ class Drivers:
     """Both programs on one driver."""
 
     def __init__(self) -> None:
-        self.published = OffscreenRenderer(as_published=True)
+        self.published = OffscreenRenderer(shaders=SHADERS)
         self.ours = OffscreenRenderer()
 
     def views(
@@ -80,22 +83,16 @@ class Drivers:
         """
         place = distance if depth is None else depth
         center = np.array([0.3, -0.2, place]) * radius
-        values = (center, axis, radius, slenderness * radius)
         focal = RADIUS_PX * distance
         width, height = SIZE
         camera = ij.PinholeCamera(
             focal, focal, (width - 1) / 2, (height - 1) / 2, width, height
         )
-        cylinder = ij.Cylinder(*values)
-        with jax.enable_x64(True):
-            fields = (cylinder.center, cylinder.axis, cylinder.radius, cylinder.height)
-            center, axis, *sizes = (np.asarray(field, np.float64) for field in fields)
-            wide = ij.Cylinder(center, axis, sizes[0], sizes[1])
-            exact = draw_with_jax(wide, camera)
+        cylinder = ij.Cylinder(center, axis, radius, slenderness * radius)
         return Views(
             self.published.draw(cylinder, camera),
             self.ours.draw(cylinder, camera),
-            exact,
+            drawn_by_jax(cylinder, camera, "float64"),
         )
 
     def close(self) -> None:
@@ -107,7 +104,7 @@ class Drivers:
 def angles(found: DrawnMaps, exact: DrawnMaps, on_cap: bool) -> np.ndarray:
     """Angles between the normals in degrees, where both see the wall, or a cap."""
     both = found.mask & exact.mask
-    both &= (found.on_cap == on_cap) & (exact.on_cap == on_cap)
+    both &= ((found.part > 0) == on_cap) & ((exact.part > 0) == on_cap)
     return angles_between(found.normal[both], exact.normal[both])
 
 
@@ -177,7 +174,7 @@ def depth_metrics(drivers: Drivers, distances: Sequence[float]) -> list[Metric]:
         views = drivers.views((0.6, 0.8, 0.2), distance)
         for name in ("published", "ours"):
             found = getattr(views, name)
-            both = found.mask & views.exact.mask & ~views.exact.on_cap & ~found.on_cap
+            both = (found.part == 0) & (views.exact.part == 0)
             apart = np.abs(found.depth[both] - views.exact.depth[both])
             for part, value in (
                 ("median", np.median(apart)),

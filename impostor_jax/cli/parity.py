@@ -21,26 +21,23 @@ class Parity:
     """Names of cases or patterns of them, such as 'perspective/distance *'."""
     driver: Literal["llvmpipe", "softpipe", "gpu", "webgl"] = "llvmpipe"
     """What draws: Mesa's drivers, the system's own, or headless Chromium."""
-    as_published: bool = False
-    """Draw the published formulas with their faults; parity is then broken."""
+    shaders: Path | None = None
+    """Folder whose shaders take the place of those of the same names."""
     output: Path = Path("impostor_parity")
     """Folder that the table and the pictures are written to."""
 
     def run(self) -> int:
         """Run the command; returns the exit code."""
-        from impostor_jax.glsl.parity import (
-            open_renderer,
-            run_parity,
-            select,
-            write_parity,
-        )
         from impostor_jax.io.atomic import check_output_folder
+        from impostor_jax.parity.cases import select
+        from impostor_jax.parity.report import write_parity
+        from impostor_jax.parity.run import open_renderer, run_parity
 
         check_output_folder(self.output, ("parity.json", "parity.md"))
         chosen, done = select(self.camera, self.cases), []
-        with open_renderer(self.driver, self.as_published) as renderer:
+        with open_renderer(self.driver, self.shaders) as renderer:
             print(f"{renderer.name}, {len(chosen)} cases")
-            for row in run_parity(chosen, renderer, self.driver):
+            for row in run_parity(chosen, renderer):
                 done.append(row)
                 for verdict in row.verdicts:
                     if not verdict.holds:

@@ -1,1 +1,1 @@
-"""The same impostors as shaders, drawn by an OpenGL driver, and parity with them."""
+"""The same impostors as shaders, drawn by an OpenGL driver."""

@@ -46,18 +46,6 @@ vec4 clip_of_corner(vec2 corner) {
     return vec4(corner, 0.0, 1.0);
 }
 
-// Cut off by the near plane, as a mesh would be.
-vec4 clip_of_point(vec3 p) {
-#ifdef ORTHOGRAPHIC
-    return clip_of_pixel(focal * p.xy + principal);
-#else
-    vec4 center = clip_of_pixel(principal);
-    vec2 slope = 2.0 * focal / image_size * vec2(1.0, -1.0);
-    float near = 1e-3 * (depth_range.x + depth_range.y);
-    return vec4(center.xy * p.z + slope * p.xy, p.z - 2.0 * near, p.z);
-#endif
-}
-
 void ray_of_fragment(vec2 fragment, out vec3 o, out vec3 d) {
     vec2 pixel = vec2(fragment.x - 0.5, image_size.y - fragment.y - 0.5);
     vec2 plane = (pixel - principal) / focal;
@@ -113,8 +101,9 @@ class DrawnMaps:
         normal: Unit normal; zero where nothing is hit.
         mask: Whether anything is hit.
         index: Which primitive is hit, counted through all drawn; -1 where none is.
-        on_cap: Whether the surface is a cap.
-        buffer_depth: The depth buffer's z in meters; `+inf` where nothing is hit.
+        part: Which piece of its surface, as of `GeometryMaps`; -1 where none is hit.
+        buffer_depth: The depth buffer's z in meters, `+inf` where nothing is hit; None
+            where it cannot be read.
     """
 
     depth: Float[np.ndarray, "h w"]
@@ -122,8 +111,8 @@ class DrawnMaps:
     normal: Float[np.ndarray, "h w 3"]
     mask: Bool[np.ndarray, "h w"]
     index: Int[np.ndarray, "h w"]
-    on_cap: Bool[np.ndarray, "h w"]
-    buffer_depth: Float[np.ndarray, "h w"]
+    part: Int[np.ndarray, "h w"]
+    buffer_depth: Float[np.ndarray, "h w"] | None = None
 
 
 def depth_range(
@@ -168,27 +157,30 @@ def uniforms(
 def maps_from_targets(
     position: Float[np.ndarray, "h w 4"],
     normal: Float[np.ndarray, "h w 4"],
-    window: Float[np.ndarray, "h w"],
+    window: Float[np.ndarray, "h w"] | None,
     stretch: DepthRange,
 ) -> DrawnMaps:
     """Maps from the float targets as OpenGL reads them back, the bottom row first.
 
     Args:
         position: Surface point and index; index -1 where nothing was drawn.
-        normal: Normal, and 1 on a cap.
-        window: The depth buffer.
+        normal: Normal and part.
+        window: The depth buffer; None where it cannot be read.
         stretch: Depths that the buffer spans.
     """
-    position, normal, window = position[::-1], normal[::-1], window[::-1]
+    position, normal = position[::-1], normal[::-1]
     mask = position[..., 3] >= 0
     point = np.where(mask[..., None], position[..., :3], np.inf)
-    buffer = stretch.meters(window.astype(np.float64))
+    buffer = None
+    if window is not None:
+        buffer = stretch.meters(window[::-1].astype(np.float64))
+        buffer = np.where(mask, buffer, np.inf)
     return DrawnMaps(
         depth=point[..., 2],
         point=point,
         normal=np.where(mask[..., None], normal[..., :3], 0),
         mask=mask,
         index=position[..., 3].astype(np.int32),
-        on_cap=mask & (normal[..., 3] > 0.5),
-        buffer_depth=np.where(mask, buffer, np.inf),
+        part=np.where(mask, normal[..., 3], -1).astype(np.int32),
+        buffer_depth=buffer,
     )

@@ -10,6 +10,7 @@ __all__ = ["DRIVERS", "DriverError", "OffscreenRenderer"]
 import contextlib
 import os
 from collections.abc import Sequence
+from pathlib import Path
 from types import TracebackType
 from typing import Any
 
@@ -48,7 +49,7 @@ class OffscreenRenderer:
 
     Args:
         driver: "llvmpipe", "softpipe", or "gpu" for the system's own.
-        as_published: Whether to draw with the published formulas and their faults.
+        shaders: Folder whose shaders take the place of those of the same names.
 
     Attributes:
         name: What the driver calls itself.
@@ -58,14 +59,14 @@ class OffscreenRenderer:
         DriverError: There is no such driver, or moderngl is missing.
     """
 
-    def __init__(self, driver: str = "llvmpipe", as_published: bool = False):
+    def __init__(self, driver: str = "llvmpipe", shaders: Path | None = None):
         one_of("driver", driver, DRIVERS)
         if _chosen and _chosen[0] != driver:
             raise ValueError(
                 f"driver must be {_chosen[0]!r}, which this process draws with "
                 f"already, got {driver!r}; use another process"
             )
-        self._as_published = as_published
+        self._shaders = shaders
         self._programs: dict[tuple[str, bool], Any] = {}
         self._context: Any = _context(driver)
         self.name = str(self._context.info["GL_RENDERER"])
@@ -161,7 +162,7 @@ class OffscreenRenderer:
         key = (impostor.name, orthographic)
         if key not in self._programs:
             vertex, fragment = shader_sources(
-                impostor, "330", orthographic, self._as_published
+                impostor, "330", orthographic, self._shaders
             )
             self._programs[key] = self._context.program(
                 vertex_shader=vertex, fragment_shader=fragment

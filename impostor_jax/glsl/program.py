@@ -3,6 +3,7 @@
 __all__ = ["SAMPLES_PER_ROW", "attributes", "shader_sources"]
 
 from importlib import resources
+from pathlib import Path
 
 import numpy as np
 
@@ -39,7 +40,10 @@ def _counters(impostor: Impostor) -> tuple[str, ...]:
 
 
 def shader_sources(
-    impostor: Impostor, dialect: str, orthographic: bool, as_published: bool
+    impostor: Impostor,
+    dialect: str,
+    orthographic: bool,
+    shaders: Path | None = None,
 ) -> tuple[str, str]:
     """Vertex and fragment shader of a primitive.
 
@@ -47,34 +51,35 @@ def shader_sources(
         impostor: How the primitive is drawn.
         dialect: "330" or "300 es".
         orthographic: Whether the camera's rays are parallel.
-        as_published: Whether to use the published formulas, with their faults, of those
-            primitives that have any.
+        shaders: Folder whose files take the place of those of the same names.
+
+    Raises:
+        ValueError: There is no such folder.
     """
+    if shaders is not None and not shaders.is_dir():
+        raise ValueError(f"shaders must be a folder with shaders, got {shaders}")
     head = f"#define SMALLEST_SLOPE {smallest_slope(np.float32):.9e}\n"
     head += f"#define EPS {eps(np.float32):.9e}\n"
     if orthographic:
         head += "#define ORTHOGRAPHIC\n"
-    if as_published:
-        head += "#define AS_PUBLISHED\n"
     head = HEADERS[dialect] + head + GLSL
-    folder = resources.files("impostor_jax.glsl") / "shaders"
-    billboard = folder / f"{impostor.billboard or impostor.name}.vert"
-    if not billboard.is_file():
-        billboard = folder / "whole_image.vert"
-    vertex = (folder / "billboard.glsl", billboard, folder / "main.vert")
-    fragment = [
-        folder / "rays.glsl",
-        folder / f"{impostor.name}.frag",
-        folder / "main.frag",
-    ]
+    own = resources.files("impostor_jax.glsl") / "shaders"
+
+    def text(*names: str) -> str:
+        """The first of the files that there is."""
+        folders = (own,) if shaders is None else (shaders, own)
+        files = (folder / name for name in names for folder in folders)
+        return next(file.read_text() for file in files if file.is_file())
+
+    billboard = text(f"{impostor.billboard or impostor.name}.vert", "whole_image.vert")
+    vertex = text("billboard.glsl") + billboard + text("main.vert")
+    fragment = text("rays.glsl") + text(f"{impostor.name}.frag") + text("main.frag")
     if impostor.samples:
         head += f"#define SAMPLES_PER_ROW {SAMPLES_PER_ROW}\n"
-        fragment.insert(0, folder / "samples.glsl")
+        fragment = text("samples.glsl") + fragment
     return (
-        head + _handed_over(impostor) + "".join(part.read_text() for part in vertex),
-        head
-        + _declared(impostor, "in")
-        + "".join(part.read_text() for part in fragment),
+        head + _handed_over(impostor) + vertex,
+        head + _declared(impostor, "in") + fragment,
     )
 
 

@@ -7,6 +7,7 @@ import json
 import shutil
 from collections.abc import Sequence
 from importlib import resources
+from pathlib import Path
 from types import TracebackType
 from typing import Any
 
@@ -39,7 +40,7 @@ FLAGS = (
 def page(
     primitives: AbstractPrimitive | Sequence[AbstractPrimitive],
     camera: PinholeCamera | OrthographicCamera,
-    as_published: bool = False,
+    shaders: Path | None = None,
 ) -> str:
     """HTML page that draws primitives with WebGL2 and needs nothing else.
 
@@ -48,9 +49,9 @@ def page(
     Args:
         primitives: As `OffscreenRenderer.draw` takes them.
         camera: Without a lens.
-        as_published: Whether to draw with the published formulas and their faults.
+        shaders: As of `OffscreenRenderer`.
     """
-    scene = _message(scene_of(primitives, camera), as_published)
+    scene = _message(scene_of(primitives, camera), shaders)
     # A script ends at the first "</", even inside a string.
     text = json.dumps(scene).replace("</", "<\\/")
     template = (resources.files("impostor_jax.glsl") / "page.html").read_text()
@@ -61,7 +62,7 @@ class WebglRenderer:
     """Draws primitives in headless Chromium; close it, or use it in a `with` block.
 
     Args:
-        as_published: Whether to draw with the published formulas and their faults.
+        shaders: As of `OffscreenRenderer`.
 
     Attributes:
         name: What the browser's driver calls itself.
@@ -70,7 +71,7 @@ class WebglRenderer:
         DriverError: There is no Chromium, or playwright is missing.
     """
 
-    def __init__(self, as_published: bool = False):
+    def __init__(self, shaders: Path | None = None):
         try:
             from playwright.sync_api import Error, sync_playwright
         except ImportError:
@@ -83,7 +84,7 @@ class WebglRenderer:
                 "no Chromium; on Debian: apt-get install --no-install-recommends "
                 "chromium"
             )
-        self._as_published = as_published
+        self._shaders = shaders
         self._playwright = sync_playwright().start()
         try:
             self._browser = self._playwright.chromium.launch(
@@ -92,7 +93,7 @@ class WebglRenderer:
             self._page = self._browser.new_page()
             one = Sphere((0, 0, 1), 0.1)
             camera = PinholeCamera(32.0, 32.0, 15.5, 15.5, 32, 32)
-            self._page.set_content(page(one, camera, as_published))
+            self._page.set_content(page(one, camera, shaders))
             self.name = str(self._page.evaluate(_NAME))
         except Error as error:
             self._playwright.stop()
@@ -104,13 +105,9 @@ class WebglRenderer:
         primitives: AbstractPrimitive | Sequence[AbstractPrimitive],
         camera: PinholeCamera | OrthographicCamera,
     ) -> DrawnMaps:
-        """Draw primitives as `OffscreenRenderer.draw` does.
-
-        The depth buffer cannot be read back: `buffer_depth` is NaN where something is
-        hit.
-        """
+        """Draw as `OffscreenRenderer.draw`, but for the depth buffer: none is read."""
         scene = scene_of(primitives, camera)
-        message = _message(scene, self._as_published)
+        message = _message(scene, self._shaders)
         found = self._page.evaluate("(scene) => drawScene(scene)", message)
         position, normal = (
             np.frombuffer(base64.b64decode(text), np.float32).reshape(
@@ -118,8 +115,7 @@ class WebglRenderer:
             )
             for text in found
         )
-        window = np.full((camera.height, camera.width), np.nan, np.float32)
-        return maps_from_targets(position, normal, window, scene.stretch)
+        return maps_from_targets(position, normal, None, scene.stretch)
 
     def close(self) -> None:
         """Close the browser."""
@@ -144,13 +140,13 @@ _NAME = """() => {
 }"""
 
 
-def _message(scene: Scene, as_published: bool) -> dict[str, Any]:
+def _message(scene: Scene, shaders: Path | None) -> dict[str, Any]:
     """What the page's `drawScene` takes."""
     draws = [
         {
             "name": draw.impostor.name,
             "sources": shader_sources(
-                draw.impostor, "300 es", scene.orthographic, as_published
+                draw.impostor, "300 es", scene.orthographic, shaders
             ),
             "attributes": attributes(draw.impostor),
             "instances": draw.rows.ravel().tolist(),

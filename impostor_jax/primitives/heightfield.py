@@ -6,9 +6,9 @@ function (`impostor_jax.primitives.heightfield_march`). Depth is not differentia
 through either but follows from the equation of the surface at the hit
 (`impostor_jax.primitives.surface`).
 
-Rounding. Walk and march run near the surface (`Ray.brought_near`). The hit of a safe
-method is closed in on from the ray's own side, by steps that provably do not cross, and
-a last step of Newton's is kept where it lowers the gap. The gap is then no more than
+Rounding. Walk and march run near the surface (`Ray.brought_near`). The hit is closed in
+on from the ray's own side, by steps that provably do not cross, and a last step of
+Newton's is kept where it lowers the gap. The gap is then no more than
 its rounding, and the depth as exact as a change of ray and heights by a few eps leaves
 it.
 """
@@ -38,7 +38,7 @@ from impostor_jax.primitives.heightfield_height import (
     function_surface,
     grid_surface,
 )
-from impostor_jax.primitives.heightfield_march import MARCHES, March, advance, march
+from impostor_jax.primitives.heightfield_march import advance
 from impostor_jax.primitives.surface import facing, hit_tangent
 
 Numbers = Float[Array, "*batch"]
@@ -62,12 +62,10 @@ class Heightfield(AbstractPrimitive):
             sets the dtype.
         interpolation: Of an array: "bilinear", or "bicubic" (Catmull-Rom, one-sided
             slopes at the border). Both pass through the samples.
-        method: "safe" passes over no crossing; "fixed", "proportional" and "secant"
-            march as published (`MARCHES`), as does a `March` of your own.
-        lipschitz: Bound of the slope of a function, in meters per meter. "safe" needs
-            it, and passes over nothing as long as it holds.
+        lipschitz: Bound of the slope of a function, in meters per meter, which needs
+            one: no crossing is passed over as long as it holds.
         curvature: Bound of a function's second derivative along any horizontal
-            direction, in 1/m. "safe" then closes in by tens of steps and not hundreds.
+            direction, in 1/m. A ray then closes in by tens of steps and not hundreds.
         world_from_field: Pose of its own frame; None where that is the world.
 
     Derivatives:
@@ -86,28 +84,24 @@ class Heightfield(AbstractPrimitive):
     curvature: Float[Array, ""] | None
     world_from_field: RigidTransform | None
     interpolation: str = eqx.field(static=True)
-    method: str | March = eqx.field(static=True)
 
     def __init__(
         self,
         height: Any,
         extent: Any,
         interpolation: str = "bilinear",
-        method: str | March = "safe",
         lipschitz: Any = None,
         curvature: Any = None,
         world_from_field: Any = None,
     ):
         one_of("interpolation", interpolation, INTERPOLATIONS)
-        if not isinstance(method, March):
-            one_of("method", method, ("safe", *MARCHES))
         extent = _checked_extent(extent)
         if callable(height):
             self.height = as_tree(height)
-            if method == "safe" and lipschitz is None:
+            if lipschitz is None:
                 raise ValueError(
-                    'lipschitz must bound the slope of height where method is "safe" '
-                    "and height is a function, got None"
+                    "lipschitz must bound the slope of height where that is a "
+                    "function, got None"
                 )
         else:
             grid = float_array("height", height, (None, None), "meters")
@@ -130,7 +124,6 @@ class Heightfield(AbstractPrimitive):
         self.curvature = _checked_bound("curvature", curvature, extent.dtype)
         self.world_from_field = RigidTransform.of(world_from_field)
         self.interpolation = interpolation
-        self.method = method
 
     @property
     @override
@@ -155,21 +148,6 @@ class Heightfield(AbstractPrimitive):
     @override
     def normal(self, ray: Ray, hit: Hit) -> Vec3:
         return _normal(self, ray, hit)
-
-    def difference_normal(self, ray: Ray, hit: Hit, epsilon: Any) -> Vec3:
-        """Normal by central differences, as shaders take it.
-
-        Args:
-            ray: That was cast.
-            hit: What it hit.
-            epsilon: Half the distance of the samples in meters, a number or one per
-                ray. Published are 0.02, and 0.001 times the distance of the hit.
-        """
-        p = self._hit_point(ray, hit)
-        e = jnp.where(hit.mask, jnp.asarray(epsilon, self.dtype), 1)
-        by_x = (self.surface(p.x + e, p.z)[0] - self.surface(p.x - e, p.z)[0]) / (2 * e)
-        by_z = (self.surface(p.x, p.z + e)[0] - self.surface(p.x, p.z - e)[0]) / (2 * e)
-        return self._facing_normal(by_x, by_z, ray, hit)
 
     @override
     def implicit(self, point: Vec3) -> Float[Array, "*batch"]:
@@ -279,10 +257,9 @@ def _trace(ray: Ray, field: Heightfield) -> Float[Array, "*batch"]:
     x, z = jnp.mean(field.extent, axis=-1)
     half_x, half_z = (field.extent[:, 1] - field.extent[:, 0]) / 2
     radius = jnp.sqrt(half_x * half_x + half_z * half_z)
-    points, slope = None, field.lipschitz
-    if slope is None:
-        slope = jnp.full((), jnp.inf, dtype)
+    slope, points = field.lipschitz, None
     if callable(field.height):
+        assert slope is not None
         y = field.surface(x, z)[0]
         relief = slope * radius
     else:
@@ -306,16 +283,13 @@ def _trace(ray: Ray, field: Heightfield) -> Float[Array, "*batch"]:
         p = Vec3(jnp.clip(p.x, -half_x, half_x), p.y, jnp.clip(p.z, -half_z, half_z))
         return field._gap(p + center)
 
-    if field.method == "safe" and points is not None:
+    if points is not None:
         t = first_crossing(points - y, near, half_x, half_z, span)
-    elif field.method == "safe":
+    else:
+        assert slope is not None
         # Rounding of x and z, which the slope multiplies, and of the heights.
         reach = slope * jnp.sum(jnp.max(jnp.abs(field.extent), axis=1)) + 2 * jnp.abs(y)
         t = advance(gap, near, span, reach, slope, field.curvature)
-    else:
-        settings = field.method
-        settings = settings if isinstance(settings, March) else MARCHES[settings]
-        t = march(gap, near, span, foot, settings)
     return jnp.where(jnp.isfinite(t), foot + t, jnp.inf)
 
 

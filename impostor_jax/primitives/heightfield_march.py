@@ -1,15 +1,13 @@
 """Marching along a ray towards a surface that is known by its gap alone.
 
 The gap is the height of a point above the surface. It is no distance: over steep ground
-a step in proportion to it passes through. `march` takes such steps, as shaders do; it
-is fast, and its error is measured in experiments/marching_trade. `advance` takes steps
-over which the gap provably keeps its sign, from a bound on how fast it may close
-(`free_step`).
+a step in proportion to it, as shaders take it, passes through
+(experiments/marching_trade). `advance` takes steps over which the gap provably keeps
+its sign, from a bound on how fast it may close (`free_step`).
 """
 
-__all__ = ["MARCHES", "March", "advance", "free_step", "march", "side_of"]
+__all__ = ["advance", "free_step", "side_of"]
 
-import dataclasses
 from collections.abc import Callable
 
 import jax
@@ -21,78 +19,6 @@ from impostor_jax.numerics import eps, safe_divide, safe_sqrt
 
 Numbers = Float[Array, "*batch"]
 Gap = Callable[[Numbers], Numbers]
-
-
-@dataclasses.dataclass(frozen=True)
-class March:
-    """How a shader marches; distances are in meters along the ray.
-
-    Attributes:
-        factor: Step over gap.
-        steps: Number of steps after which a ray is given up, as a miss.
-        threshold: Gap below which the surface is reached; meters, or meters per meter
-            of distance.
-        proportional: Whether the threshold grows with the distance.
-        secant: Whether the crossing is interpolated between the last two points.
-        far: Distance at which a ray is given up.
-    """
-
-    factor: float = 0.2
-    steps: int = 64
-    threshold: float = 0.02
-    proportional: bool = False
-    secant: bool = False
-    far: float = 100.0
-
-
-MARCHES = {
-    "fixed": March(),
-    "proportional": March(threshold=0.001, proportional=True),
-    "secant": March(threshold=0.001, proportional=True, secant=True),
-}
-"""The published settings, by name."""
-
-
-def march(
-    gap: Gap, ray: Ray, span: Interval, start: Numbers, settings: March
-) -> Numbers:
-    """Ray parameter where a march stops at the surface, `+inf` where it does not.
-
-    Args:
-        gap: Of the point at a ray parameter, in meters.
-        ray: The ray.
-        span: Stretch of the ray over the extent.
-        start: What to add to the ray parameter to count it from the camera.
-        settings: How to march.
-    """
-    active, t = _beginning(span)
-    side = _side(gap, t, jnp.zeros_like(t))
-    length = ray.direction.norm()
-
-    def turn(state):
-        count, t, step, last, active, found = state
-        now = side * gap(t)
-        distance = (start + t) * length
-        limit = settings.threshold * (distance if settings.proportional else 1.0)
-        arrives = active & (now < limit)
-        at = t
-        if settings.secant:
-            closed = last - now
-            ratio = now / jnp.where(closed > 0, closed, 1)
-            at = t + jnp.where(closed > 0, step * ratio, 0)
-        found = jnp.where(arrives, jnp.clip(at, span.lower, span.upper), found)
-        step = settings.factor * now / length
-        ahead = t + step
-        goes_on = (ahead <= span.upper) & ((start + ahead) * length <= settings.far)
-        active = active & ~arrives & goes_on
-        return count + 1, jnp.where(active, ahead, t), step, now, active, found
-
-    def is_open(state):
-        return (state[0] < settings.steps) & jnp.any(state[4])
-
-    none, never = jnp.zeros_like(t), jnp.full_like(t, jnp.inf)
-    state = (jnp.int32(0), t, none, none, active, never)
-    return jax.lax.while_loop(is_open, turn, state)[-1]
 
 
 MOST_STEPS = 1 << 14

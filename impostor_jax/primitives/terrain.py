@@ -18,7 +18,7 @@ class Terrain(eqx.Module):
     """Sum of octaves over the plane y = 0.
 
     The defaults are those of the terrain that the marching settings of
-    `impostor_jax.primitives.heightfield_march` were made for.
+    experiments/marching_trade were made for.
 
     Attributes:
         amplitude: Height of the first octave, in meters.

@@ -67,8 +67,8 @@ class _Lists(eqx.Module):
 
 def closest(
     groups: list[Group], rays: Ray, is_central: bool, with_normal: bool
-) -> tuple[Surface, Int[Array, "h w"]]:
-    """Depth and normal of the closest shape among those of all groups, and its place.
+) -> tuple[Surface, Int[Array, "h w"], Int[Array, "h w"]]:
+    """Depth and normal of the closest shape among those of all groups, place and part.
 
     Differentiable in the shapes and the rays.
 
@@ -81,7 +81,7 @@ def closest(
     """
     t, code = _search(*jax.lax.stop_gradient((groups, rays)), is_central)
     surface = _followed((groups, rays), t, code, with_normal)
-    return surface, code // PARTS
+    return surface, code // PARTS, code % PARTS // 2
 
 
 @partial(jax.custom_jvp, nondiff_argnums=(3,))

@@ -13,6 +13,7 @@ MISSES = {
     "normal": 0.0,
     "mask": False,
     "index": -1,
+    "part": -1,
     "coverage": 0.0,
 }
 """What each map holds where nothing is hit."""
@@ -30,6 +31,8 @@ class GeometryMaps(eqx.Module):
         normal: Unit normal that faces the camera; zero where nothing is hit.
         mask: Whether the pixel's center ray hits anything.
         index: Which shape of a scene is hit, counted from 0; -1 where none is.
+        part: Which piece of its surface, -1 where nothing is hit: of a cylinder or a
+            frustum 0 for the wall, then caps and cut faces; of a box the face, 0 to 5.
         coverage: Part of the pixel that is covered, in [0, 1], or a sample of it.
     """
 
@@ -39,4 +42,5 @@ class GeometryMaps(eqx.Module):
     normal: Float[Array, "h w 3"] | None = None
     mask: Bool[Array, "h w"] | None = None
     index: Int[Array, "h w"] | None = None
+    part: Int[Array, "h w"] | None = None
     coverage: Float[Array, "h w"] | None = None

@@ -15,8 +15,10 @@ from impostor_jax.rendering.closest import closest
 from impostor_jax.rendering.maps import GeometryMaps
 from impostor_jax.rendering.scene import Scene, Shown
 
-FirstHit = tuple[Float[Array, "h w"], Vec3 | None, Int[Array, "h w"]]
-"""What rays meet: the depth, the normal if it is wanted, and which shape that is."""
+Places = Int[Array, "h w"]
+FirstHit = tuple[Float[Array, "h w"], Vec3 | None, Places, Places]
+"""What rays meet: the depth, the normal if it is wanted, and which part of which shape
+that is, the shape first."""
 
 
 def raycast(
@@ -40,7 +42,7 @@ def raycast(
     """
     ray = camera.rays(row, col, primitive.dtype)
     with_normal = "normal" in outputs
-    t, normal, index = first_surface(primitive, camera, ray, with_normal)
+    t, normal, index, part = first_surface(primitive, camera, ray, with_normal)
     sees = camera.sees(row, col)
     if sees is not None:
         t = jnp.where(sees, t, jnp.inf)
@@ -62,6 +64,8 @@ def raycast(
         maps["mask"] = mask
     if "index" in outputs:
         maps["index"] = jnp.where(mask, index, -1)
+    if "part" in outputs:
+        maps["part"] = jnp.where(mask, part, -1)
     return GeometryMaps(**maps)
 
 
@@ -90,7 +94,7 @@ def _see_one(
     primitive = in_camera_frame(primitive, camera)
     hit = primitive.intersect(ray)
     normal = primitive.normal(ray, hit) if with_normal else None
-    return hit.t, normal, jnp.zeros(hit.t.shape, jnp.int32)
+    return hit.t, normal, jnp.zeros(hit.t.shape, jnp.int32), _numbers(hit)
 
 
 def _see_scene(
@@ -106,10 +110,11 @@ def _see_scene(
             few += [jax.tree.map(lambda x, k=k: x[k], group) for k in range(count)]
     shape = ray.direction.z.shape
     t, index = jnp.full(shape, jnp.inf, scene.dtype), jnp.full(shape, -1, jnp.int32)
+    part = index
     zero = jnp.zeros_like(t)
     normal = Vec3(zero, zero, zero) if with_normal else None
     if many:
-        (t, normal), place = closest(many, ray, camera.is_central, with_normal)
+        (t, normal), place, part = closest(many, ray, camera.is_central, with_normal)
         given = jnp.concatenate([group.index for group in many])
         index = given[jnp.maximum(place, 0)]
     for group in few:
@@ -121,4 +126,10 @@ def _see_scene(
             normal = only.normal(ray, own).where(nearer, normal)
         t = jnp.where(nearer, hit.t, t)
         index = jnp.where(nearer, group.index, index)
-    return t, normal, index
+        part = jnp.where(nearer, _numbers(hit), part)
+    return t, normal, index, part
+
+
+def _numbers(hit: Hit) -> Places:
+    """Parts in the type of the index, in either precision."""
+    return hit.part.astype(jnp.int32)

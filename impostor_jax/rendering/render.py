@@ -49,7 +49,7 @@ def render(
         primitive: One shape, in the world frame; map a batch with `jax.vmap`. Or a
             `Scene` of shapes, of which the closest is seen.
         camera: The camera; without a pose its frame is the world.
-        outputs: Any of depth, range, point, normal, mask, index and coverage.
+        outputs: Any of depth, range, point, normal, mask, index, part and coverage.
         tile: Block of pixels to render, the whole image if None. `outline_tile` gives
             the smallest one that shows the shape.
         effort: How much work it takes: "fast", "balanced" or "exact", or an `Effort`

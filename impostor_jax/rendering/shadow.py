@@ -98,7 +98,7 @@ def _lit(
             casting.append(group)
     if casting:
         rest = eqx.tree_at(lambda scene: scene.groups, scene, tuple(casting))
-        first, _, _ = first_surface(rest, eye, rays, False)
+        first, *_ = first_surface(rest, eye, rays, False)
         light = light & (first >= ahead * (1 - eps(depth.dtype, CLEARANCE)))
     return light
 

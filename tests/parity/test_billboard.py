@@ -16,7 +16,7 @@ def filled(renderer, primitive, camera):
     """Pixels of the billboard, all of it filled."""
     scene = scene_of(primitive, camera)
     (draw,) = scene.draws
-    vertex, _ = shader_sources(draw.impostor, "330", scene.orthographic, False)
+    vertex, _ = shader_sources(draw.impostor, "330", scene.orthographic)
     fill = "#version 330 core\nout vec4 color;\nvoid main() { color = vec4(1.0); }\n"
     size = (camera.width, camera.height)
     with renderer._context as context:

@@ -7,17 +7,17 @@ import numpy as np
 import pytest
 
 import impostor_jax as ij
+from experiments.published_faults.run import SHADERS
 from impostor_jax.glsl import offscreen
-from impostor_jax.glsl.billboard import near_pole_square
-from impostor_jax.glsl.compare import compare, edge_band
 from impostor_jax.glsl.conventions import depth_range
 from impostor_jax.glsl.impostors import Impostor
 from impostor_jax.glsl.offscreen import DriverError, OffscreenRenderer
 from impostor_jax.glsl.program import attributes
-from impostor_jax.glsl.reference import draw_with_jax
 from impostor_jax.glsl.request import batches_in_camera
 from impostor_jax.glsl.scene import scene_of
 from impostor_jax.glsl.webgl import WebglRenderer, page
+from impostor_jax.parity.compare import compare, edge_band
+from impostor_jax.parity.run import drawn_by_jax
 
 moderngl = pytest.importorskip("moderngl")
 
@@ -38,7 +38,7 @@ def test_pose_of_the_camera_is_used(renderer):
         [[0.0, -1, 0, 0.01], [1, 0, 0, 0.02], [0, 0, 1, 0.1], [0, 0, 0, 1]]
     )
     camera = ij.PinholeCamera(150.0, 140.0, 70.0, 66.0, 160, 120, None, False, turned)
-    found = compare(draw_with_jax(ROD, camera), renderer.draw(ROD, camera))
+    found = compare(drawn_by_jax(ROD, camera), renderer.draw(ROD, camera))
     assert found.flips_off_band == 0
     assert found.depth_relative.p999 < 1e-6
 
@@ -70,7 +70,7 @@ def test_closest_of_overlapping_cylinders_wins_in_any_order(renderer):
         )
         drawn, reference = (
             renderer.draw(several, CAMERA),
-            draw_with_jax(several, CAMERA),
+            drawn_by_jax(several, CAMERA),
         )
         off = ~edge_band(reference.index)
         np.testing.assert_array_equal(drawn.index[off], reference.index[off])
@@ -99,7 +99,7 @@ def test_closest_of_mixed_primitives_wins_in_any_order(renderer):
     for order in (list(scene), list(scene)[::-1], ["rod", "back", "can", "front"]):
         primitives = [scene[name] for name in order]
         drawn, reference = (
-            draw(primitives, CAMERA) for draw in (renderer.draw, draw_with_jax)
+            draw(primitives, CAMERA) for draw in (renderer.draw, drawn_by_jax)
         )
         off = ~edge_band(reference.index)
         np.testing.assert_array_equal(drawn.index[off], reference.index[off])
@@ -135,28 +135,6 @@ def test_camera_inside_a_sphere_sees_its_wall_everywhere(renderer):
     assert (np.sum(drawn.normal * drawn.point, axis=-1) < 0).all()
 
 
-def test_square_through_the_near_pole_has_the_published_numbers():
-    # R = 5, D = 15: the tangents are 14.142 long.
-    distance, half_size = near_pole_square(5.0, 15.0)
-    assert distance == 10
-    assert half_size == pytest.approx(5 * 10 / np.sqrt(200))
-    assert half_size == pytest.approx(3.536, abs=5e-4)
-    # Its sides are seen at the angle of the tangents.
-    assert np.arctan(half_size / distance) == pytest.approx(np.arcsin(5 / 15))
-    with pytest.raises(ValueError, match="distance must be more than a positive"):
-        near_pole_square(5.0, 5.0)
-
-
-def test_published_square_holds_the_sphere_and_a_camera_inside_sees_nothing(renderer):
-    with OffscreenRenderer(as_published=True) as published:
-        drawn = published.draw(BALL, CAMERA)
-        inside = published.draw(ij.Sphere((0.1, 0.0, 0.2), 1.0), CAMERA)
-    found = compare(renderer.draw(BALL, CAMERA), drawn)
-    assert found.flips_off_band == 0
-    assert found.flips_on_band <= 2
-    assert not inside.mask.any()
-
-
 def test_lens_and_wrong_types_are_named():
     lens = ij.PinholeCamera(150.0, 150.0, 79.5, 59.5, 160, 120, (0.1, 0, 0, 0, 0))
     with pytest.raises(ValueError, match="camera must have no lens"):
@@ -174,6 +152,12 @@ def test_driver_must_be_known_and_one_for_the_process(renderer):
         OffscreenRenderer("vulkan")
     with pytest.raises(ValueError, match="driver must be 'llvmpipe', which this"):
         OffscreenRenderer("softpipe")
+
+
+def test_folder_of_shaders_must_be_there(renderer):
+    with OffscreenRenderer(shaders=SHADERS / "none") as nowhere:
+        with pytest.raises(ValueError, match="shaders must be a folder with shaders"):
+            nowhere.draw(ROD, CAMERA)
 
 
 def test_missing_driver_names_the_packages_to_install(monkeypatch):
@@ -198,7 +182,7 @@ def test_closed_renderer_draws_no_more(renderer):
 def test_renderers_side_by_side_keep_their_own_programs(renderer):
     # The second one's program was once drawn by the first, which had the same number.
     before = renderer.draw(ROD, CAMERA)
-    with OffscreenRenderer(as_published=True) as published:
+    with OffscreenRenderer(shaders=SHADERS) as published:
         wrong = published.draw(ROD, CAMERA)
         after = renderer.draw(ROD, CAMERA)
     np.testing.assert_array_equal(before.normal, after.normal)
@@ -209,7 +193,7 @@ def test_renderers_side_by_side_keep_their_own_programs(renderer):
 def test_published_cap_at_the_end_of_the_axis_flips_below_half_a_unit(
     renderer, half_height
 ):
-    with OffscreenRenderer(as_published=True) as published:
+    with OffscreenRenderer(shaders=SHADERS) as published:
         for sign in (1.0, -1.0):
             # The camera sees the cap at -axis where the axis points away from it.
             can = ij.Cylinder(
@@ -217,7 +201,7 @@ def test_published_cap_at_the_end_of_the_axis_flips_below_half_a_unit(
                 2 * half_height,
             )  # fmt: skip
             wrong, right = published.draw(can, CAMERA), renderer.draw(can, CAMERA)
-            cap = wrong.on_cap & right.on_cap
+            cap = (wrong.part > 0) & (right.part > 0)
             cosine = np.sum(wrong.normal * right.normal, axis=-1)[cap]
             flipped = sign > 0 and half_height < 0.5
             np.testing.assert_allclose(cosine, -1 if flipped else 1, atol=1e-5)
@@ -225,15 +209,15 @@ def test_published_cap_at_the_end_of_the_axis_flips_below_half_a_unit(
 
 def test_published_camera_inside_sees_nothing(renderer):
     pipe = ij.Cylinder((0.1, 0, 0.2), (0.2, 0.3, 1), 1.0, 8.0)
-    with OffscreenRenderer(as_published=True) as published:
+    with OffscreenRenderer(shaders=SHADERS) as published:
         assert not published.draw(pipe, CAMERA).mask.any()
     assert renderer.draw(pipe, CAMERA).mask.all()
 
 
 def test_published_normal_of_the_wall_is_that_of_a_sphere(renderer):
-    with OffscreenRenderer(as_published=True) as published:
+    with OffscreenRenderer(shaders=SHADERS) as published:
         wrong = published.draw(ROD, CAMERA)
-    wall = wrong.mask & ~wrong.on_cap
+    wall = wrong.part == 0
     outward = wrong.point[wall] - np.asarray(ROD.center)
     outward /= np.linalg.norm(outward, axis=-1, keepdims=True)
     np.testing.assert_allclose(wrong.normal[wall], outward, atol=1e-5)
@@ -282,9 +266,9 @@ def test_missing_browser_names_the_package(monkeypatch):
 
 
 def test_comparison_counts_what_differs():
-    reference = draw_with_jax(ROD, CAMERA)
+    reference = drawn_by_jax(ROD, CAMERA)
     same = compare(reference, reference)
-    assert same.flips_on_band == same.flips_off_band == same.cap_flips == 0
+    assert same.flips_on_band == same.flips_off_band == same.part_flips == 0
     assert same.depth_ulp.worst == same.normal_deg.worst == 0
     inner = reference.mask & ~edge_band(reference.index)
     row, col = np.argwhere(inner)[0]

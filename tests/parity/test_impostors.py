@@ -5,12 +5,12 @@ import pytest
 
 import impostor_jax as ij
 from impostor_jax.glsl import scene
-from impostor_jax.glsl.compare import compare
-from impostor_jax.glsl.heightfield_cases import random_heights, seen_pose
 from impostor_jax.glsl.impostors import IMPOSTORS
 from impostor_jax.glsl.program import SAMPLES_PER_ROW, attributes
-from impostor_jax.glsl.reference import draw_with_jax
 from impostor_jax.glsl.scene import scene_of
+from impostor_jax.parity.compare import compare
+from impostor_jax.parity.flat_cases import random_heights, seen_pose
+from impostor_jax.parity.run import drawn_by_jax
 from impostor_jax.primitives import PRIMITIVES
 
 CAMERA = ij.PinholeCamera(150.0, 140.0, 70.0, 66.0, width=160, height=120)
@@ -37,7 +37,7 @@ def test_cylinder_that_is_not_whole_is_not_drawn_whole(renderer, opening):
     whole, part = ij.Cylinder(*place), ij.Cylinder(*place, **opening)
     drawn = renderer.draw([part, whole], CAMERA)
     assert {0, 1} <= set(np.unique(drawn.index)), "the whole one fills the gap"
-    drawn, reference = renderer.draw(part, CAMERA), draw_with_jax(part, CAMERA)
+    drawn, reference = renderer.draw(part, CAMERA), drawn_by_jax(part, CAMERA)
     assert compare(reference, drawn).flips_off_band == 0
     assert (drawn.depth != renderer.draw(whole, CAMERA).depth).any()
 
@@ -54,7 +54,7 @@ def test_cylinder_that_is_not_whole_is_drawn_with_the_frusta():
 def test_plane_is_drawn_to_its_horizon(renderer):
     """Beyond what the depth buffer tells apart, and in front of nothing."""
     floor = ij.Plane((0.0, 1e-3, 0.0), (0.0, 1.0, 1e-6))
-    drawn, reference = renderer.draw(floor, CAMERA), draw_with_jax(floor, CAMERA)
+    drawn, reference = renderer.draw(floor, CAMERA), drawn_by_jax(floor, CAMERA)
     np.testing.assert_array_equal(drawn.mask, reference.mask)
     np.testing.assert_allclose(
         drawn.depth[drawn.mask], reference.depth[drawn.mask], rtol=1e-6
@@ -97,7 +97,7 @@ def test_heightfields_of_any_grids_share_a_texture(renderer):
     (draw,) = scene_of(grounds, CAMERA).draws
     assert draw.rows[:, -2].tolist() == [0, 4, 4 + 40 * 30]
     assert draw.samples.shape == (2, SAMPLES_PER_ROW)
-    drawn, reference = renderer.draw(grounds, CAMERA), draw_with_jax(grounds, CAMERA)
+    drawn, reference = renderer.draw(grounds, CAMERA), drawn_by_jax(grounds, CAMERA)
     assert set(np.unique(drawn.index)) == {-1, 0, 1, 2}
     found = compare(reference, drawn)
     assert found.flips_off_band == 0
@@ -129,7 +129,7 @@ def test_camera_on_a_heightfield_sees_it_where_it_is_crossed_next(
         interpolation,
         world_from_field=seen_pose(20.0, 30.0, np.zeros(3)),
     )
-    drawn, reference = renderer.draw(here, CAMERA), draw_with_jax(here, CAMERA)
+    drawn, reference = renderer.draw(here, CAMERA), drawn_by_jax(here, CAMERA)
     assert drawn.mask.sum() > 200
     np.testing.assert_array_equal(drawn.mask, reference.mask)
     apart = np.abs(drawn.depth[drawn.mask] - reference.depth[drawn.mask])

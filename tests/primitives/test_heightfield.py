@@ -11,7 +11,7 @@ from impostor_jax.geometry.rays import Ray
 from impostor_jax.geometry.vec3 import Vec3
 from impostor_jax.numerics import eps
 from impostor_jax.primitives.heightfield import Heightfield
-from impostor_jax.primitives.heightfield_march import MARCHES, March, free_step
+from impostor_jax.primitives.heightfield_march import free_step
 from impostor_jax.primitives.terrain import Terrain
 from tests.checks import central_difference
 
@@ -215,28 +215,6 @@ def test_a_ray_from_the_surface_leaves_it():
     assert np.isposinf(np.asarray(first_hit(field, rays))).all()
 
 
-@pytest.mark.parametrize("method", [*MARCHES, March(factor=0.1, steps=256)])
-def test_marching_stops_near_the_surface(method):
-    field = land(method=method)
-    origin = [(x, 8.0, z) for x in (-5.0, 0.3, 7.0) for z in (-4.0, 2.0)]
-    rays = rays_of(origin, [(0.2, -1.0, 0.1)] * 6, jnp.float32)
-    t = first_hit(field, rays)
-    exact = first_hit(land(lipschitz=TERRAIN.lipschitz), rays)
-    np.testing.assert_allclose(t, exact, atol=0.05)
-
-
-def test_normals_by_differences_approach_the_analytic_one():
-    field = land(lipschitz=TERRAIN.lipschitz)
-    rays = rays_of([(0.3, 9.0, 0.2), (0, 9, 0)], [(0.1, -1, 0.3), (0, 1, 0)], "float32")
-    hit, exact = cast(field, rays)
-    distance = hit.t * rays.direction.norm()
-    difference_normal = jax.jit(Heightfield.difference_normal)
-    for epsilon in (0.02, 0.001 * distance):
-        found = difference_normal(field, rays, hit, epsilon).stack()
-        np.testing.assert_allclose(found, exact.stack(), atol=2e-3)
-        assert not np.asarray(found[1]).any()
-
-
 def test_a_batch_is_rendered_by_vmap():
     heights = jnp.asarray([0.0, 0.5])
     batch = Heightfield(jnp.ones((2, 3, 2)) * heights[:, None, None], EXTENT)
@@ -277,7 +255,6 @@ def test_distance_is_of_first_order_and_positive_beside():
         ((STEEP, ((1, -1), (0, 1))), {}, "x0 < x1 and z0 < z1, got"),
         ((STEEP, (0, 1)), {}, r"extent must be meters of shape \(2, 2\)"),
         ((STEEP, EXTENT, "cubic"), {}, "one of bilinear, bicubic; got 'cubic'"),
-        ((STEEP, EXTENT), {"method": "fast"}, "method must be one of safe, fixed"),
         ((TERRAIN, LAND), {}, "lipschitz must bound the slope of height"),
         ((TERRAIN, LAND), {"lipschitz": -1}, "lipschitz must be a number"),
         ((STEEP, EXTENT), {"lipschitz": 1}, "must be None for an array of heights"),

@@ -85,6 +85,19 @@ def test_the_closest_of_all_shapes_is_seen(name):
     np.testing.assert_allclose(np.asarray(maps.point)[hit][:, 2], depth[hit], rtol=1e-6)
 
 
+def test_the_part_that_is_seen_is_that_of_the_shape_alone():
+    # Boxes side by side and a single sector: both ways to cast a scene.
+    shapes = [*shapes_of(count=8, types=("box",)), *shapes_of(1, 1, ("sector",))]
+    maps = ij.render(ij.Scene(shapes), CAMERA, ("index", "part"))
+    index, part = np.asarray(maps.index), np.asarray(maps.part)
+    for k, shape in enumerate(shapes):
+        alone = np.asarray(ij.render(shape, CAMERA, ("part",)).part)
+        np.testing.assert_array_equal(part[index == k], alone[index == k])
+    np.testing.assert_array_equal(part < 0, index < 0)
+    assert {0, 1, 2, 3, 4} <= set(part[index < 8]), "faces of boxes"
+    assert part.dtype == np.int32
+
+
 def test_more_pairs_than_a_list_holds_take_more_rounds():
     # A sphere that reaches behind the camera is listed by all 24 cells; lists hold 4096
     # pairs. The last ones are seen, too.

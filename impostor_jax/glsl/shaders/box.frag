@@ -20,7 +20,9 @@ Surface intersect(vec3 o, vec3 d) {
     bool enters = enter > 0.0;
     vec3 bounds = enters ? vec3(x.lower, y.lower, z.lower)
                          : -vec3(x.upper, y.upper, z.upper);
-    vec3 a = bounds.x >= max(bounds.y, bounds.z) ? rotation[0]
-           : bounds.y >= bounds.z ? rotation[1] : rotation[2];
-    return Surface(enters ? enter : leave, facing(normalize(a), d), false);
+    int across = bounds.x >= max(bounds.y, bounds.z) ? 0 : bounds.y >= bounds.z ? 1 : 2;
+    vec3 a = rotation[across];
+    // A face that the ray enters looks against it, one that it leaves along it.
+    int face = 2 * across + int((dot(d, a) > 0.0) != enters);
+    return Surface(enters ? enter : leave, facing(normalize(a), d), face);
 }

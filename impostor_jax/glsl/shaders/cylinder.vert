@@ -5,16 +5,6 @@
 // of the outline, the larger of those of the two end discs. Fields: center, axis, radius,
 // height.
 
-#ifdef AS_PUBLISHED
-
-vec4 billboard(vec2 corner) {
-    // Fault 3: this square cuts off corners, and more in perspective.
-    float half_size = max(radius, height / 2.0);
-    return clip_of_point(center + vec3(corner * half_size, 0.0));
-}
-
-#else
-
 vec4 billboard(vec2 corner) {
     vec3 below = center - axis * (height / 2.0), above = center + axis * (height / 2.0);
     vec2 along = direction_of(seen_axis(center, axis));
@@ -27,5 +17,3 @@ vec4 billboard(vec2 corner) {
         && disc_in_front(above, axis, radius);
     return clip_of_rectangle(corner, n, ahead, m, beside, in_front);
 }
-
-#endif

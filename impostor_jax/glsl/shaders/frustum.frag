@@ -92,5 +92,5 @@ Surface intersect(vec3 o, vec3 d) {
         // The point of a cone has no direction from the axis.
         n = (out_of_axis > 0.0 ? radial / out_of_axis : vec3(0.0)) - a * slope;
     }
-    return Surface(t, facing(normalize(n), d), part == LOW_CAP || part == HIGH_CAP);
+    return Surface(t, facing(normalize(n), d), part);
 }

@@ -243,5 +243,5 @@ Surface intersect(vec3 o, vec3 d) {
     below = surface(cell, start + t * pace - vec2(cell));
     vec2 rise = below.yz * per_meter;
     vec3 n = rotation * normalize(vec3(-rise.x, 1.0, -rise.y));
-    return Surface(foot + t, facing(n, d), false);
+    return Surface(foot + t, facing(n, d), 0);
 }

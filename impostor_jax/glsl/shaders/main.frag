@@ -1,7 +1,7 @@
 // What every fragment does: meet its pixel's ray with the instance, and write the surface.
 
 layout(location = 0) out vec4 drawn_position;  // of the surface, and the primitive's index
-layout(location = 1) out vec4 drawn_normal;    // and whether the surface is a cap
+layout(location = 1) out vec4 drawn_normal;    // and which part of the surface
 
 void main() {
     vec3 o, d;
@@ -10,6 +10,6 @@ void main() {
     if (seen.t >= INFINITE) discard;
     vec3 p = o + d * seen.t;
     drawn_position = vec4(p, index);
-    drawn_normal = vec4(seen.normal, seen.on_cap ? 1.0 : 0.0);
+    drawn_normal = vec4(seen.normal, seen.part);
     gl_FragDepth = window_depth(p.z);
 }

@@ -7,5 +7,5 @@ Surface intersect(vec3 o, vec3 d) {
     if (abs(n_d) <= SMALLEST_SLOPE) return MISS;
     float t = height / n_d;
     if (!(t > 0.0)) return MISS;
-    return Surface(t, facing(unit_normal, d), false);
+    return Surface(t, facing(unit_normal, d), 0);
 }

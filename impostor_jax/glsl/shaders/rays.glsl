@@ -15,10 +15,10 @@ const Interval WHOLE = Interval(-INFINITE, INFINITE);
 struct Surface {
     float t;
     vec3 normal;
-    bool on_cap;
+    int part;  // as the primitive counts them from 0
 };
 
-const Surface MISS = Surface(INFINITE, vec3(0.0), false);
+const Surface MISS = Surface(INFINITE, vec3(0.0), 0);
 
 // The normal turned against the ray.
 vec3 facing(vec3 n, vec3 d) {

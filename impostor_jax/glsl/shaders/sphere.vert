@@ -3,27 +3,6 @@
 // The sphere's tangents from the camera form a cone, whose section with the plane z = 1
 // is an ellipse with one axis towards the principal point. Fields: center, radius.
 
-#ifdef AS_PUBLISHED
-
-// The square through the near pole that the tangents' cone touches
-// (glsl/billboard.py); it exists for a camera outside.
-vec4 billboard(vec2 corner) {
-#ifdef ORTHOGRAPHIC
-    return clip_of_point(center + radius * vec3(corner, -1.0));
-#else
-    float away = length(center);
-    vec3 w = center / away;
-    vec3 u = normalize(abs(w.x) < 0.5 ? cross(w, vec3(1.0, 0.0, 0.0))
-                                      : cross(w, vec3(0.0, 1.0, 0.0)));
-    float near = away - radius;
-    float half_size = radius * near / sqrt((away - radius) * (away + radius));
-    vec3 aside = corner.x * u + corner.y * cross(w, u);
-    return clip_of_point(near * w + half_size * aside);
-#endif
-}
-
-#else
-
 #ifdef ORTHOGRAPHIC
 
 float ball_support(vec2 n, vec3 c, float r) {
@@ -58,5 +37,3 @@ vec4 billboard(vec2 corner) {
         corner, n, ahead, m, beside, in_front(center, radius)
     );
 }
-
-#endif

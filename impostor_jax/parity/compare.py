@@ -1,6 +1,13 @@
 """How far two renderings of one scene differ."""
 
-__all__ = ["Comparison", "Spread", "angles_between", "compare", "edge_band"]
+__all__ = [
+    "Comparison",
+    "Spread",
+    "angles_between",
+    "compare",
+    "edge_band",
+    "rounding",
+]
 
 import dataclasses
 
@@ -9,6 +16,8 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from impostor_jax.glsl.conventions import DrawnMaps
+from impostor_jax.numerics import eps
+from impostor_jax.parity.condition import Condition
 
 
 @dataclasses.dataclass(frozen=True)
@@ -45,7 +54,7 @@ class Comparison:
         num_band: Pixels of the band.
         flips_on_band: Pixels of the band where another primitive, or none, is seen.
         flips_off_band: The same off the band.
-        cap_flips: Pixels that see the same primitive, but cap in place of wall.
+        part_flips: Pixels that see another part of the same primitive, as cap for wall.
         depth_m: Depth, in meters, where both see the same primitive.
         depth_ulp: The same in units of the last place of the reference's depth.
         depth_relative: The same as a part of the reference's depth.
@@ -56,7 +65,7 @@ class Comparison:
     num_band: int
     flips_on_band: int
     flips_off_band: int
-    cap_flips: int
+    part_flips: int
     depth_m: Spread
     depth_ulp: Spread
     depth_relative: Spread
@@ -101,9 +110,28 @@ def compare(reference: DrawnMaps, drawn: DrawnMaps) -> Comparison:
         num_band=int(np.count_nonzero(band)),
         flips_on_band=int(np.count_nonzero(flips & band)),
         flips_off_band=int(np.count_nonzero(flips & ~band)),
-        cap_flips=int(np.count_nonzero((reference.on_cap != drawn.on_cap) & same)),
+        part_flips=int(np.count_nonzero((reference.part != drawn.part) & same)),
         depth_m=Spread.of(apart),
         depth_ulp=Spread.of(apart / ulp),
         depth_relative=Spread.of(apart / np.abs(true)),
         normal_deg=Spread.of(angle),
     )
+
+
+def rounding(
+    reference: DrawnMaps, drawn: DrawnMaps, condition: Condition
+) -> tuple[Spread, Spread]:
+    """Differences of depth and normal, over what eps in all inputs does to them."""
+    same = reference.mask & (reference.index == drawn.index)
+    true = reference.depth[same].astype(np.float64)
+    angle = angles_between(reference.normal[same], drawn.normal[same])
+    pairs = (
+        (np.abs(drawn.depth[same] - true), condition.depth),
+        (np.radians(angle), condition.normal),
+    )
+    spreads = []
+    for apart, of_inputs in pairs:
+        known_to = eps(reference.depth.dtype) * of_inputs[same].astype(np.float64)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            spreads.append(Spread.of(np.where(apart > 0, apart / known_to, 0.0)))
+    return spreads[0], spreads[1]

@@ -11,7 +11,6 @@ __all__ = [
 
 import dataclasses
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -31,25 +30,18 @@ Primitives = AbstractPrimitive | Sequence[AbstractPrimitive]
 
 @dataclasses.dataclass(frozen=True)
 class Case:
-    """A scene with its camera.
-
-    Attributes:
-        name: "camera/scene".
-        primitives: In the camera frame.
-        camera: The camera.
-        distance_over_radius: Depth of the nearest center over its radius or another
-            measure of its size; 0 of something without end.
-    """
+    """A scene with its camera, which is the world; the name is "camera/scene"."""
 
     name: str
     primitives: Primitives
     camera: PinholeCamera | OrthographicCamera
-    distance_over_radius: float
 
     @property
     def count(self) -> int:
         """How many primitives there are."""
-        return sum(int(np.prod(one.batch_shape)) for one in _listed(self.primitives))
+        given = self.primitives
+        listed = given if isinstance(given, Sequence) else (given,)
+        return sum(int(np.prod(one.batch_shape)) for one in listed)
 
 
 def camera_of_kind(
@@ -95,15 +87,7 @@ def scattered(
 
 
 def scattered_case(name: str, kind: str, primitives: Primitives) -> Case:
-    """Case of scattered primitives, each with a center and a radius."""
-    nearest = min(
-        float(np.min(np.asarray(one.center)[..., 2] / np.asarray(one.radius)))
-        for one in _listed(primitives)
-    )
+    """Case of scattered primitives."""
     focal = 110.0 if kind == "perspective" else 100.0
     # Finer, since edges fill most of an image of so many.
-    return Case(name, primitives, camera_of_kind(kind, 2 * focal, 2), nearest)
-
-
-def _listed(primitives: Primitives) -> Sequence[Any]:
-    return primitives if isinstance(primitives, Sequence) else [primitives]
+    return Case(name, primitives, camera_of_kind(kind, 2 * focal, 2))
