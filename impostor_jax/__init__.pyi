@@ -35,6 +35,7 @@ from .primitives.heightfield_march import March
 from .primitives.plane import Plane
 from .primitives.sphere import Sphere
 from .primitives.terrain import Terrain
+from .primitives.torus import Torus
 from .rendering.coverage import coverage
 from .rendering.distance import signed_distance
 from .rendering.maps import GeometryMaps
@@ -97,6 +98,7 @@ __all__ = [
     "TaperTest",
     "Terrain",
     "Tile",
+    "Torus",
     "coverage",
     "depth_loss",
     "fit_cylinder",

@@ -43,6 +43,7 @@ ORDER = {
         "sphere",
         "frustum",
         "plane",
+        "torus",
         "box",
         "terrain",
         "heightfield_grid",
