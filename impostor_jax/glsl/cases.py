@@ -12,6 +12,7 @@ from impostor_jax.glsl.sphere_cases import (
     many_spheres,
     mixed_primitives,
     single_spheres,
+    single_tori,
 )
 
 CAMERAS = ("perspective", "orthographic")
@@ -22,6 +23,7 @@ FAMILIES = (
     single_spheres,
     many_spheres,
     mixed_primitives,
+    single_tori,
     single_frusta,
     single_boxes,
     single_planes,

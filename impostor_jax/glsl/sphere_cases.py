@@ -1,6 +1,6 @@
-"""Spheres, where a user goes and at the limits, alone and among cylinders."""
+"""Spheres, where a user goes and at the limits, alone and among cylinders; and tori."""
 
-__all__ = ["many_spheres", "mixed_primitives", "single_spheres"]
+__all__ = ["many_spheres", "mixed_primitives", "single_spheres", "single_tori"]
 
 import numpy as np
 
@@ -12,6 +12,7 @@ from impostor_jax.glsl.case import (
 )
 from impostor_jax.glsl.cylinder_cases import random_cylinders
 from impostor_jax.primitives.sphere import Sphere
+from impostor_jax.primitives.torus import Torus
 
 
 def single_spheres(kind: str) -> list[Case]:
@@ -37,6 +38,25 @@ def single_spheres(kind: str) -> list[Case]:
         case("inside a sphere, near its wall", 0.6, aside=(0.7, -0.38)),
     ]
     return found
+
+
+def single_tori(kind: str) -> list[Case]:
+    """One torus, from thin to almost without a hole."""
+
+    def case(name, minor, distance=10.0, axis=(0.3, -0.6, 0.7), aside=(0.1, 0.2)):
+        """A torus `distance` major radii away, a bit `aside`."""
+        center = np.array([*aside, distance]) * 0.05
+        torus = Torus(center, axis, 0.05, minor * 0.05)
+        camera = camera_on(kind, distance, 0.05)
+        return Case(f"{kind}/{name}", torus, camera, distance)
+
+    return [
+        case("torus", 0.4),
+        case("torus, hardly a hole", 0.99),
+        case("torus, far", 0.3, 1e3),
+        case("torus, edge on", 0.3, axis=(0.0, 1.0, 0.0), aside=(0.0, 0.0)),
+        case("torus, partly out of frame", 0.4, aside=(3.0, 1.5)),
+    ]
 
 
 def many_spheres(kind: str) -> list[Case]:

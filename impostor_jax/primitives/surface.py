@@ -3,9 +3,7 @@
 The hit point p satisfies F(p, parameters) = 0. With n the gradient of F in p and d the
 ray's direction, dt = -(dF at the held t) / (n . d), whatever formula t came from:
 finite on every ray, and the same in forward and reverse mode. So a primitive says how t
-is found and what F is (`implicit_hit`), and derives nothing. What the hit of a sphere, a
-cylinder or a round body moves by is written out in their own modules: with the same
-errors, products with all of their derivatives take half the time or less.
+is found and what F is (`implicit_hit`), and derives nothing.
 """
 
 __all__ = ["computed_apart", "facing", "hit_tangent", "implicit_hit", "within_range"]
