@@ -57,6 +57,9 @@ MOST_MISSED = 0.01
 """Share of them whose rays may miss the body: a wall that is too thin continues, past
 its outline, in a surface that noisy readings may lie on."""
 
+BESIDE = 1.0
+"""Pixels within a body's outline that may see through it."""
+
 MOST_HIDDEN = 0.02
 """Share, in readings, of the pixels around that may see through the body."""
 
@@ -138,8 +141,12 @@ def assess(problem: Problem, solution: Solution, correlated: bool) -> Assessment
     leans = jnp.where(jnp.concatenate([others, ends_seen]), 1, 0).astype(scaled.dtype)
     into = jnp.matmul(scaled.T * leans[None], carried, precision="highest")
     beside = held(lambda: on_border(problem.mask, problem.row, problem.col))
-    of_all = _products(terms, inlier, into)
-    of_border = _products(terms, inlier & beside, into)
+    # A reading of the wall that grazes it beside a rim may be the cap's as well: one of
+    # them, if it counts, tells more of the radius than all others.
+    at_rim = (jnp.abs(seen.rim - seen.wide) < problem.unit) & (seen.wide > 0)
+    tells = inlier & ~(readings.is_square & at_rim)
+    of_all = _products(terms, tells, into)
+    of_border = _products(terms, tells & beside, into)
     of_edges = _products(edges, crossing, into)
     world = in_world_frame(body, camera)
 
@@ -166,7 +173,7 @@ def assess(problem: Problem, solution: Solution, correlated: bool) -> Assessment
     if correlated:
         jacobian = jnp.matmul(into, terms.gradient, precision="highest")
         meat = score_covariance(
-            jnp.where(inlier[None], jacobian, 0).T,
+            jnp.where(tells[None], jacobian, 0).T,
             whitened,
             problem.row,
             problem.col,
@@ -310,11 +317,17 @@ def _explains(
 
 
 def _hidden(problem: Problem, body: AbstractBody) -> Float[Array, ""]:
-    """How many pixels off the object see what the body would hide."""
-    around = problem.around
+    """How many pixels off the object see what the body would hide.
+
+    Not those beside its outline, which are the object's where a mask is too small or
+    the radius a little too large: one of the few that are looked at stands for many.
+    """
+    around, camera = problem.around, problem.camera
     seen = body.passing(around.direction, body.radius / 100)
     sigma = problem.noise.sigma(seen.depth, seen.cos_incidence)
-    hides = body.covers(seen) & (around.depth > seen.depth + 5 * sigma)
+    margin = BESIDE * seen.nearest / jnp.minimum(camera.fx, camera.fy) + problem.unit
+    is_within = seen.square > 2 * body.radius * margin
+    hides = body.covers(seen) & is_within & (around.depth > seen.depth + 5 * sigma)
     return jnp.sum(hides, dtype=sigma.dtype) * problem.each
 
 
