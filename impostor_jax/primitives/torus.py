@@ -24,7 +24,8 @@ sum |x_i dt/dx_i| / t over center, axis, both radii, origin and direction; of 50
 over all extremes the worst erred by 0.77 of these eps. A hit is decided wrongly only
 where a change of the inputs by 8 eps decides otherwise; 0.43 was the most.
 
-Range. That of the sphere, for both radii.
+Range. That of the sphere, for both radii. All pixels take as many steps, so that none
+depends on the others: a 640x480 frame takes 11 times as long as a frustum's.
 """
 
 __all__ = ["Torus"]
