@@ -34,6 +34,7 @@ from .primitives.heightfield import Heightfield
 from .primitives.plane import Plane
 from .primitives.sphere import Sphere
 from .primitives.terrain import Terrain
+from .primitives.torus import Torus
 from .rendering.coverage import coverage
 from .rendering.distance import signed_distance
 from .rendering.maps import GeometryMaps
@@ -95,6 +96,7 @@ __all__ = [
     "TaperTest",
     "Terrain",
     "Tile",
+    "Torus",
     "coverage",
     "depth_loss",
     "fit_cylinder",

@@ -14,6 +14,7 @@ from impostor_jax.primitives.frustum import Frustum
 from impostor_jax.primitives.heightfield import Heightfield
 from impostor_jax.primitives.plane import Plane
 from impostor_jax.primitives.sphere import Sphere
+from impostor_jax.primitives.torus import Torus
 from impostor_jax.sensor.dropout import Dropout
 from impostor_jax.sensor.flying_pixels import FlyingPixels
 from impostor_jax.sensor.gaussian import ConstantNoise
@@ -36,6 +37,7 @@ PRIMITIVES = {
     "plane": lambda: Plane((0.1, -0.2, 3.0), (0.3, 0.8, 0.52)),
     "box": lambda: Box((0.1, -0.2, 3.0), TURNED, (0.8, 0.6, 1.4)),
     "sheet": lambda: Box((0.1, -0.2, 3.0), TURNED, (1.2, 0.9, 1e-4)),
+    "torus": lambda: Torus((0.1, -0.2, 3.0), (0.3, 0.8, 0.52), 0.5, 0.2),
     "heightfield": lambda: Heightfield(
         [[0.0, 0.3, -0.2], [0.4, -0.3, 0.1], [-0.1, 0.5, 0.2], [0.2, -0.2, 0.0]],
         ((-0.6, 0.6), (-0.5, 0.7)),
@@ -160,6 +162,9 @@ def holder(primitive):
     elif isinstance(primitive, Cylinder):
         c, a, r = primitive.center, primitive.axis, primitive.radius
         h = float(primitive.height) / 2
+    elif isinstance(primitive, Torus):
+        c, a, h = primitive.center, primitive.axis, float(primitive.minor_radius)
+        r = primitive.major_radius + h
     elif isinstance(primitive, Frustum):
         p1, p2 = np.asarray(primitive.p1, float), np.asarray(primitive.p2, float)
         h = np.linalg.norm(p2 - p1) / 2

@@ -65,6 +65,12 @@ class Vec3(eqx.Module):
         """Length; its derivative at the zero vector is 0."""
         return safe_sqrt(self.dot(self))
 
+    def length(self) -> Float[Array, "*batch"]:
+        """`norm` of a vector of any size: no square under- or overflows."""
+        largest = jnp.maximum(jnp.maximum(abs(self.x), abs(self.y)), abs(self.z))
+        largest = jax.lax.stop_gradient(jnp.where(largest > 0, largest, 1))
+        return (self * (1 / largest)).norm() * largest
+
     def normalize(self) -> "Vec3":
         """Scale to length 1; the zero vector stays as it is, with derivative 0."""
         length = self.norm()

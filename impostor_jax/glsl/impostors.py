@@ -35,6 +35,7 @@ from impostor_jax.primitives.heightfield_grid import all_control_points
 from impostor_jax.primitives.plane import Plane
 from impostor_jax.primitives.sector import sector
 from impostor_jax.primitives.sphere import Sphere
+from impostor_jax.primitives.torus import Torus
 
 Ball = tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, " n"]]
 """Centers and radii, in meters; `+inf` around a point of something without end."""
@@ -98,8 +99,21 @@ def _frustum_ball(frusta: Frustum) -> Ball:
     return (p1 + p2) / 2, np.asarray(reach)
 
 
-def _cylinder_values(cylinders: Cylinder) -> dict[str, Any]:
+def _torus_ball(tori: Torus) -> Ball:
+    return np.asarray(tori.center), np.asarray(tori.major_radius + tori.minor_radius)
+
+
+def _cylinder_values(cylinders: Cylinder | Torus) -> dict[str, Any]:
     return {**vars(cylinders), "axis": unit(jnp.asarray(cylinders.axis))}
+
+
+def _torus_values(tori: Torus) -> dict[str, Any]:
+    """Its own, and those of the cylinder around it."""
+    return {
+        **_cylinder_values(tori),
+        "radius": tori.major_radius + tori.minor_radius,
+        "height": 2 * tori.minor_radius,
+    }
 
 
 def _plane_values(planes: Plane) -> dict[str, Any]:
@@ -230,4 +244,18 @@ IMPOSTORS: dict[type[AbstractPrimitive], Impostor] = {
         "plane", {"point": 3, "unit_normal": 3}, _plane_ball, _plane_values
     ),
     Sphere: Impostor("sphere", {"center": 3, "radius": 1}, _sphere_ball),
+    Torus: Impostor(
+        "torus",
+        {
+            "center": 3,
+            "axis": 3,
+            "major_radius": 1,
+            "minor_radius": 1,
+            "radius": 1,
+            "height": 1,
+        },
+        _torus_ball,
+        _torus_values,
+        billboard="cylinder",
+    ),
 }

@@ -20,6 +20,7 @@ from impostor_jax.parity.round_cases import (
     single_cylinders,
     single_frusta,
     single_spheres,
+    single_tori,
 )
 
 CAMERAS = ("perspective", "orthographic")
@@ -30,6 +31,7 @@ FAMILIES = (
     single_spheres,
     many_spheres,
     mixed_primitives,
+    single_tori,
     single_frusta,
     single_boxes,
     single_planes,

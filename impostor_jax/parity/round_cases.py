@@ -1,4 +1,4 @@
-"""Cylinders, spheres and frusta, where a user goes and at the limits."""
+"""Cylinders, spheres, tori and frusta, where a user goes and at the limits."""
 
 __all__ = [
     "many_cylinders",
@@ -7,6 +7,7 @@ __all__ = [
     "single_cylinders",
     "single_frusta",
     "single_spheres",
+    "single_tori",
 ]
 
 import math
@@ -17,6 +18,7 @@ from impostor_jax.parity.case import Case, camera_on, scattered, scattered_case
 from impostor_jax.primitives.cylinder import Cylinder
 from impostor_jax.primitives.frustum import Frustum
 from impostor_jax.primitives.sphere import Sphere
+from impostor_jax.primitives.torus import Torus
 
 
 def single_cylinders(kind: str) -> list[Case]:
@@ -96,6 +98,24 @@ def single_spheres(kind: str) -> list[Case]:
         case("inside a sphere, near its wall", 0.6, aside=(0.7, -0.38)),
     ]
     return found
+
+
+def single_tori(kind: str) -> list[Case]:
+    """One torus, from thin to almost without a hole."""
+
+    def case(name, minor, distance=10.0, axis=(0.3, -0.6, 0.7), aside=(0.1, 0.2)):
+        """A torus `distance` major radii away, a bit `aside`."""
+        center = np.array([*aside, distance]) * 0.05
+        torus = Torus(center, axis, 0.05, minor * 0.05)
+        return Case(f"{kind}/{name}", torus, camera_on(kind, distance, 0.05))
+
+    return [
+        case("torus", 0.4),
+        case("torus, hardly a hole", 0.99),
+        case("torus, far", 0.3, 1e3),
+        case("torus, edge on", 0.3, axis=(0.0, 1.0, 0.0), aside=(0.0, 0.0)),
+        case("torus, partly out of frame", 0.4, aside=(3.0, 1.5)),
+    ]
 
 
 def many_spheres(kind: str) -> list[Case]:

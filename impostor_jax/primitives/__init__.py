@@ -9,6 +9,7 @@ __all__ = [
     "Heightfield",
     "Plane",
     "Sphere",
+    "Torus",
 ]
 
 from impostor_jax.primitives.base import AbstractPrimitive
@@ -18,6 +19,7 @@ from impostor_jax.primitives.frustum import Frustum
 from impostor_jax.primitives.heightfield import Heightfield
 from impostor_jax.primitives.plane import Plane
 from impostor_jax.primitives.sphere import Sphere
+from impostor_jax.primitives.torus import Torus
 
 PRIMITIVES: dict[str, type[AbstractPrimitive]] = {
     "box": Box,
@@ -26,4 +28,5 @@ PRIMITIVES: dict[str, type[AbstractPrimitive]] = {
     "heightfield": Heightfield,
     "plane": Plane,
     "sphere": Sphere,
+    "torus": Torus,
 }

@@ -27,13 +27,12 @@ are more than a thousandth of the largest number.
 
 __all__ = ["Box"]
 
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.custom_derivatives import zero_from_primal
 from jaxtyping import Array, Float, Int
 from typing_extensions import override
 
@@ -43,11 +42,7 @@ from impostor_jax.geometry.frames import RigidTransform
 from impostor_jax.geometry.rays import Hit, Interval, Ray, slab_interval
 from impostor_jax.geometry.vec3 import Vec3
 from impostor_jax.primitives.base import AbstractPrimitive
-from impostor_jax.primitives.surface import (
-    facing,
-    hit_tangent,
-    within_range,
-)
+from impostor_jax.primitives.surface import facing, implicit_hit
 
 Values = TypeVar("Values")
 
@@ -101,18 +96,18 @@ class Box(AbstractPrimitive):
 
     @override
     def intersect(self, ray: Ray) -> Hit:
-        t, face = _first_hit(ray, self)
+        t, face = implicit_hit(_trace, _equation, ray, self._cuboid())
         return Hit(t=t, on_cap=jnp.zeros(t.shape, bool), part=face)
 
     @override
     def normal(self, ray: Ray, hit: Hit) -> Vec3:
-        n = _of(hit.part, [a.normalize() for a in _axes(self)])
+        n = _of(hit.part, [a.normalize() for a in self._cuboid().axes])
         return facing(n, ray.direction, hit.mask)
 
     @override
     def implicit(self, point: Vec3) -> Float[Array, "*batch"]:
-        q = point - Vec3.from_array(self.center)
-        along = Vec3(*(jnp.abs(q.dot(a)) for a in _axes(self)))
+        center, axes, _ = self._cuboid()
+        along = Vec3(*(jnp.abs((point - center).dot(a)) for a in axes))
         beyond = along - Vec3.from_array(self.size / 2)
         x, y, z = beyond.x, beyond.y, beyond.z
         outside = Vec3(*(jnp.maximum(v, 0) for v in (x, y, z))).norm()
@@ -125,10 +120,24 @@ class Box(AbstractPrimitive):
         rotation = jnp.swapaxes(edges, -1, -2)
         return eqx.tree_at(lambda b: (b.center, b.rotation), self, (center, rotation))
 
+    def _cuboid(self) -> "_Cuboid":
+        axes = [Vec3.from_array(self.rotation[..., k]) for k in range(3)]
+        halves = [self.size[..., k] / 2 for k in range(3)]
+        return _Cuboid(Vec3.from_array(self.center), axes, halves)
 
-def _axes(box: Box) -> list[Vec3]:
-    """Directions of the edges; none of them need be of unit length."""
-    return [Vec3.from_array(box.rotation[..., k]) for k in range(3)]
+
+class _Cuboid(NamedTuple):
+    """The fields as the formulas take them.
+
+    Attributes:
+        center: The box's.
+        axes: Directions of the edges; none of them need be of unit length.
+        halves: Half of their lengths.
+    """
+
+    center: Vec3
+    axes: list[Vec3]
+    halves: list[Float[Array, "*#batch"]]
 
 
 def _of(face: Int[Array, "*batch"], values: list[Values]) -> Values:
@@ -139,10 +148,9 @@ def _of(face: Int[Array, "*batch"], values: list[Values]) -> Values:
     )
 
 
-def _bounds(ray: Ray, box: Box) -> tuple[Float[Array, "*batch"], list[Interval]]:
+def _bounds(ray: Ray, cuboid: _Cuboid) -> tuple[Float[Array, "*batch"], list[Interval]]:
     """Stretches of the ray in the slabs, less the parameter that comes first."""
-    center, axes = Vec3.from_array(box.center), _axes(box)
-    halves = [box.size[..., k] / 2 for k in range(3)]
+    center, axes, halves = cuboid
     # The point of the box that is nearest to the ray's origin.
     from_center, nearest = ray.origin - center, center
     for a, half in zip(axes, halves, strict=True):
@@ -152,10 +160,8 @@ def _bounds(ray: Ray, box: Box) -> tuple[Float[Array, "*batch"], list[Interval]]
     return foot, slabs
 
 
-@jax.custom_jvp
-@jax.jit
-def _first_hit(
-    ray: Ray, box: Box
+def _trace(
+    ray: Ray, cuboid: _Cuboid
 ) -> tuple[Float[Array, "*batch"], Int[Array, "*batch"]]:
     """Ray parameter of the first hit, `+inf` on a miss, and the face.
 
@@ -163,7 +169,7 @@ def _first_hit(
     """
 
     def trace() -> tuple[Float[Array, "*batch"], Int[Array, "*batch"]]:
-        foot, (x, y, z) = _bounds(ray, box)
+        foot, (x, y, z) = _bounds(ray, cuboid)
         lower = jnp.maximum(jnp.maximum(x.lower, y.lower), z.lower)
         upper = jnp.minimum(jnp.minimum(x.upper, y.upper), z.upper)
         enter, leave = foot + lower, foot + upper
@@ -175,30 +181,20 @@ def _first_hit(
             jnp.where(bounds[1] >= bounds[2], 1, 2),
         )
         # A face that the ray enters looks against it, one that it leaves along it.
-        rises = _of(2 * axis, [ray.direction.dot(a) > 0 for a in _axes(box)])
+        rises = _of(2 * axis, [ray.direction.dot(a) > 0 for a in cuboid.axes])
         face = 2 * axis + (rises != enters).astype(axis.dtype)
-        is_solid = jnp.min(box.size, axis=-1) > 0
+        first, second, third = cuboid.halves
+        is_solid = jnp.minimum(jnp.minimum(first, second), third) > 0
         hit = (lower <= upper) & (leave > 0) & is_solid
         return jnp.where(hit, jnp.where(enters, enter, leave), jnp.inf), face
 
-    return computed_apart(trace, box.size)
+    return computed_apart(trace, cuboid.halves[0])
 
 
-@_first_hit.defjvp
-@jax.jit
-def _first_hit_jvp(primals, tangents):
-    (ray, box), (d_ray, d_box) = primals, tangents
-    hit, face = _first_hit(ray, box)
-    mask = jnp.isfinite(hit)
-    t = jnp.where(mask, hit, 0)
-    d, a = ray.direction, _of(face, _axes(box))
-    q = ray.at(t) - Vec3.from_array(box.center)
-    side = jnp.where(face % 2 == 1, 1, -1).astype(t.dtype)
-    n, n_d, lean = a * side, d.dot(a) * side, q * -side
-    squares = q.dot(q) + t * t * d.dot(d)
-    flat = jnp.ones_like(n_d)
-    n, n_d, lean, t = within_range((n, n_d, lean, t), squares, flat, n_d)
-    d_half = _of(face, [d_box.size[..., k] / 2 for k in range(3)])
-    d_point = d_ray.at(t) - Vec3.from_array(d_box.center)
-    change = d_half - n.dot(d_point) + lean.dot(_of(face, _axes(d_box)))
-    return (hit, face), (hit_tangent(change, n_d, mask), zero_from_primal(face))
+def _equation(
+    point: Vec3, face: Int[Array, "*batch"], cuboid: _Cuboid
+) -> tuple[Float[Array, "*batch"], Float[Array, "*batch"]]:
+    """Of the plane of a face."""
+    side = jnp.where(face % 2 == 1, 1, -1).astype(point.x.dtype)
+    beyond = (point - cuboid.center).dot(_of(face, cuboid.axes)) * side
+    return beyond - _of(face, cuboid.halves), jnp.ones_like(beyond)

@@ -23,7 +23,6 @@ __all__ = ["Plane"]
 from typing import Any
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
@@ -35,7 +34,10 @@ from impostor_jax.geometry.rays import Hit, Ray
 from impostor_jax.geometry.vec3 import Vec3, unit
 from impostor_jax.numerics import safe_normalize, smallest_slope
 from impostor_jax.primitives.base import AbstractPrimitive
-from impostor_jax.primitives.surface import facing, hit_tangent, within_range
+from impostor_jax.primitives.surface import facing, implicit_hit
+
+_Point = tuple[Vec3, Vec3]
+"""A point, and the unit normal."""
 
 
 class Plane(AbstractPrimitive):
@@ -81,7 +83,7 @@ class Plane(AbstractPrimitive):
 
     @override
     def intersect(self, ray: Ray) -> Hit:
-        t = _first_hit(ray, self)
+        t, _ = implicit_hit(_trace, _equation, ray, self._point_and_normal())
         return Hit.on_one_piece(t)
 
     @override
@@ -90,8 +92,7 @@ class Plane(AbstractPrimitive):
 
     @override
     def implicit(self, point: Vec3) -> Float[Array, "*batch"]:
-        n = Vec3.from_array(self.unit_normal).unit()
-        return (point - Vec3.from_array(self.point)).dot(n)
+        return _equation(point, None, self._point_and_normal())[0]
 
     @override
     def transformed(self, target_from_source: RigidTransform) -> "Plane":
@@ -99,31 +100,24 @@ class Plane(AbstractPrimitive):
         normal = target_from_source.rotate(unit(self.unit_normal))
         return eqx.tree_at(lambda p: (p.point, p.unit_normal), self, (point, normal))
 
+    def _point_and_normal(self) -> _Point:
+        n = Vec3.from_array(self.unit_normal).unit()
+        return Vec3.from_array(self.point), n
 
-@jax.custom_jvp
-def _first_hit(ray: Ray, plane: Plane) -> Float[Array, "*batch"]:
+
+def _trace(ray: Ray, plane: _Point) -> tuple[Float[Array, "*batch"], None]:
     """Ray parameter of the hit, `+inf` on a miss."""
-    n = Vec3.from_array(plane.unit_normal).unit()
-    height = n.dot(Vec3.from_array(plane.point) - ray.origin)
+    point, n = plane
+    height = n.dot(point - ray.origin)
     n_d = n.dot(ray.direction)
     meets = jnp.abs(n_d) > smallest_slope(n_d.dtype)
     t = height / jnp.where(meets, n_d, 1)
-    return jnp.where(meets & (t > 0), t, jnp.inf)
+    return jnp.where(meets & (t > 0), t, jnp.inf), None
 
 
-@_first_hit.defjvp
-def _first_hit_jvp(primals, tangents):
-    (ray, plane), (d_ray, d_plane) = primals, tangents
-    hit = _first_hit(ray, plane)
-    mask = jnp.isfinite(hit)
-    t = jnp.where(mask, hit, 0)
-    n, d_normal = (Vec3.from_array(p.unit_normal) for p in (plane, d_plane))
-    n, d_normal = jax.jvp(Vec3.unit, (n,), (d_normal,))
-    d = ray.direction
-    q = ray.at(t) - Vec3.from_array(plane.point)
-    n_d = n.dot(d)
-    squares = q.dot(q) + t * t * d.dot(d)
-    n, n_d, q, t = within_range((n, n_d, q, t), squares, jnp.ones_like(n_d), n_d)
-    d_point = d_ray.at(t) - Vec3.from_array(d_plane.point)
-    change = -n.dot(d_point) - q.dot(d_normal)
-    return hit, hit_tangent(change, n_d, mask)
+def _equation(
+    p: Vec3, _: None, plane: _Point
+) -> tuple[Float[Array, "*batch"], Float[Array, "*batch"]]:
+    point, n = plane
+    height = n.dot(p - point)
+    return height, jnp.ones_like(height)

@@ -22,7 +22,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 from typing_extensions import override
 
 from impostor_jax.arguments import check_positive, float_arrays
@@ -32,11 +32,11 @@ from impostor_jax.geometry.rays import Hit, Ray, ball_interval
 from impostor_jax.geometry.vec3 import Vec3
 from impostor_jax.numerics import has_square
 from impostor_jax.primitives.base import AbstractPrimitive
-from impostor_jax.primitives.surface import (
-    facing,
-    hit_tangent,
-    within_range,
-)
+from impostor_jax.primitives.surface import facing, implicit_hit
+
+Numbers = Float[Array, "*batch"]
+_Ball = tuple[Vec3, Float[Array, "*#batch"]]
+"""Center and radius."""
 
 
 class Sphere(AbstractPrimitive):
@@ -78,7 +78,8 @@ class Sphere(AbstractPrimitive):
 
     @override
     def intersect(self, ray: Ray) -> Hit:
-        t = _first_hit(ray, self)
+        center = Vec3.from_array(self.center)
+        t, _ = implicit_hit(_trace, _equation, ray, (center, self.radius))
         return Hit.on_one_piece(t)
 
     @override
@@ -98,32 +99,26 @@ class Sphere(AbstractPrimitive):
         return eqx.tree_at(lambda s: s.center, self, center)
 
 
-@jax.custom_jvp
-def _first_hit(ray: Ray, sphere: Sphere) -> Float[Array, "*batch"]:
-    """Ray parameter of the first hit, `+inf` on a miss."""
+def _trace(ray: Ray, ball: _Ball) -> tuple[Numbers, Bool[Array, "*batch"]]:
+    """Ray parameter of the first hit, `+inf` on a miss, and whether there is one."""
+    center, r = ball
 
-    def trace() -> Float[Array, "*batch"]:
-        center, r = Vec3.from_array(sphere.center), sphere.radius
+    def trace() -> Numbers:
         near, foot = ray.brought_near(center, center, r)
-        ball = ball_interval(near, r)
-        enter, leave = foot + ball.lower, foot + ball.upper
+        stretch = ball_interval(near, r)
+        enter, leave = foot + stretch.lower, foot + stretch.upper
         hit = (enter <= leave) & (leave > 0) & has_square(r)
         return jnp.where(hit, jnp.where(enter > 0, enter, leave), jnp.inf)
 
-    return computed_apart(trace, sphere.radius)
+    t = computed_apart(trace, r)
+    return t, jnp.isfinite(t)
 
 
-@_first_hit.defjvp
-def _first_hit_jvp(primals, tangents):
-    (ray, sphere), (d_ray, d_sphere) = primals, tangents
-    hit = _first_hit(ray, sphere)
-    mask = jnp.isfinite(hit)
-    t = jnp.where(mask, hit, 0)
-    q = ray.at(t) - Vec3.from_array(sphere.center)
+def _equation(
+    point: Vec3, is_hit: Bool[Array, "*batch"], ball: _Ball
+) -> tuple[Numbers, Float[Array, "*#batch"]]:
+    center, r = ball
     # Counted in radii, so that no power of a small one is lost. A miss has no q.
-    n = (q * jnp.where(mask, 1 / sphere.radius, 0)).normalize()
-    n_d = n.dot(ray.direction)
-    squares = q.dot(q) + t * t * ray.direction.dot(ray.direction)
-    n, n_d, t = within_range((n, n_d, t), squares, sphere.radius, n_d)
-    change = d_sphere.radius - n.dot(d_ray.at(t) - Vec3.from_array(d_sphere.center))
-    return hit, hit_tangent(change, n_d, mask)
+    held = jax.lax.stop_gradient(r)
+    q = (point - center) * jnp.where(is_hit, 1 / held, 0)
+    return q.norm() * held - r, r

@@ -2,8 +2,8 @@
 
 A cylinder or a frustum is the hull of its two end discs, a box that of its corners, and
 a sphere is seen within a cone. A camera in front of them keeps hulls, and each has an
-explicit support function: how far its image reaches in a direction. What has no end, or
-an unknown one, may be seen anywhere.
+explicit support function: how far its image reaches in a direction. A torus is within
+the cylinder around it. What has no end, or an unknown one, may be seen anywhere.
 """
 
 __all__ = ["ImageBounds", "image_bounds", "is_bounded"]
@@ -22,6 +22,7 @@ from impostor_jax.primitives.box import Box
 from impostor_jax.primitives.cylinder import Cylinder
 from impostor_jax.primitives.frustum import Frustum
 from impostor_jax.primitives.sphere import Sphere
+from impostor_jax.primitives.torus import Torus
 
 Corner = Float[Array, "2"]
 Disc = tuple[Vec3, Vec3, Float[Array, ""]]
@@ -158,6 +159,14 @@ def _sphere_reach(sphere: Sphere, is_central: bool):
     return reach, z - r, z + r
 
 
+def _torus_reach(torus: Torus, is_central: bool):
+    height = 2 * torus.minor_radius
+    radius = torus.major_radius + torus.minor_radius
+    return _cylinder_reach(
+        Cylinder(torus.center, torus.axis, radius, height), is_central
+    )
+
+
 def _box_reach(box: Box, is_central: bool):
     sign = jnp.array([[i, j, k] for i in (-1, 1) for j in (-1, 1) for k in (-1, 1)])
     offset = sign.astype(box.dtype) * (box.size / 2)[None]
@@ -174,4 +183,5 @@ _BOUNDS: dict[type[AbstractPrimitive], Callable[[Any, bool], Any]] = {
     Cylinder: _cylinder_reach,
     Frustum: _frustum_reach,
     Sphere: _sphere_reach,
+    Torus: _torus_reach,
 }

@@ -57,7 +57,7 @@ TWO = {"type": "sphere", "center": [[0, 0, 1], [0, 0, 2]], "radius": [1, 2]}
         ({"version": 2, "shapes": [SPHERE]}, "version of .* must be 1, got 2"),
         ({"version": 1, "shapes": []}, "must be a list that is not empty"),
         ({"version": 1, "shapes": [SPHERE], "light": 1}, "unknown keys: light"),
-        ({"version": 1, "shapes": [{"type": "torus"}]}, r"type of shapes\[0\] must be"),
+        ({"version": 1, "shapes": [{"type": "knot"}]}, r"type of shapes\[0\] must be"),
         ({"version": 1, "shapes": [{"type": "sphere"}]}, "lacks center, radius"),
         ({"version": 1, "shapes": [SPHERE | {"size": 1}]}, "unknown keys: size"),
         (

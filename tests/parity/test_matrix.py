@@ -17,8 +17,8 @@ pytest.importorskip("moderngl")
 # both cameras, some of them near the camera.
 KINDS = (
     "oblique", "near, reaching behind", "sphere, distance 2", "inside a sphere",
-    "frustum", "sector of less than half a turn", "box", "floor", "heightfield",
-    "bicubic heightfield, among its peaks", "ten shapes",
+    "frustum", "sector of less than half a turn", "box", "torus", "floor",
+    "heightfield", "bicubic heightfield, among its peaks", "ten shapes",
 )  # fmt: skip
 SOME = tuple(f"{camera}/{kind}" for camera in CAMERAS for kind in KINDS)
 CHOSEN = {"llvmpipe": ("all",), "softpipe": SOME, "webgl": SOME}
@@ -63,7 +63,7 @@ def test_jax_and_the_driver_agree_on_every_case(driver, parity):
     named = {"webgl": "SwiftShader"}.get(driver, driver)
     assert named in record["driver"]
     table = (folder / "parity.md").read_text()
-    count = 85 if driver == "llvmpipe" else len(KINDS)
+    count = 90 if driver == "llvmpipe" else len(KINDS)
     for camera in CAMERAS:
         assert table.count(f"\n| {camera}/") == count
     assert len(list(folder.glob("*.png"))) == len(names) == 2 * count

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 import impostor_jax as ij
+from experiments.oracle.outline import disc_support
 from impostor_jax.numerics import eps
 from impostor_jax.rendering.bounds import image_bounds
 from tests.cases import CAMERAS
 from tests.checks import all_finite, central_difference
-from tests.oracle.outline import disc_support
 from tests.rendering import exact
 from tests.rendering.test_coverage import MORE, SHAPES
 

@@ -21,6 +21,7 @@ MAKERS = {
     "sphere": lambda c, a, r: ij.Sphere(c, r),
     "frustum": lambda c, a, r: ij.Frustum(c, c + 3 * r * a, r, 0.3 * r),
     "box": lambda c, a, r: ij.Box(c, np.eye(3), (r, 2 * r, 3 * r)),
+    "torus": lambda c, a, r: ij.Torus(c, a, r, 0.3 * r),
     "sector": lambda c, a, r: ij.Cylinder(c, a, r, 3 * r, 1.0, 4.0, caps=False),
 }
 ROUND = ("cylinder", "sphere")
