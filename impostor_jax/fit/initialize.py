@@ -98,7 +98,7 @@ def _guessed(samples: Samples, tapered: bool) -> tuple[RoundBody, Bool[Array, " 
         bodies, misfit = _bodies_along(axes, are_axes, samples, tapered)
     bodies = jax.tree.map(lambda field: field.astype(dtype), bodies)
     best = jax.tree.map(lambda field: field[0], bodies)
-    around, is_around = _around_camera(best)
+    around, is_around = _around_camera(best, samples.deepest.astype(dtype))
     bodies = jax.tree.map(_with_second, bodies, around)
     are_bodies = jnp.isfinite(misfit)
     return bodies, _with_second(are_bodies, is_around & are_bodies[0])
@@ -110,18 +110,24 @@ def _with_second(
     return jnp.concatenate([values[:1], second[None], values[1:]])
 
 
-def _around_camera(body: RoundBody) -> tuple[RoundBody, Bool[Array, ""]]:
+def _around_camera(
+    body: RoundBody, deepest: Float[Array, ""]
+) -> tuple[RoundBody, Bool[Array, ""]]:
     """The same wall, drawn out around a camera on its axis: a pipe seen from inside.
 
     What is seen of a pipe begins in front of the camera, as a can does that is seen end
-    on; the fit tells which it is.
+    on; the fit tells which it is. Its far end shows in so few pixels that only the
+    deepest of all readings tells it.
     """
     place = -jnp.sum(body.center * body.axis)
     aside = body.center + place * body.axis
     half = body.height / 2
     is_inside = jnp.sum(aside**2) <= (0.95 * body.radius) ** 2
-    low = jnp.minimum(-half, place - body.radius)
-    high = jnp.maximum(half, place + body.radius)
+    behind = jnp.sign(place)
+    # The axis of what is seen from inside leads away from the camera.
+    reach = (deepest - body.center[2]) / jnp.maximum(jnp.abs(body.axis[2]), 0.5)
+    far, near = -behind * jnp.maximum(half, reach), place + behind * body.radius
+    low, high = jnp.minimum(far, near), jnp.maximum(far, near)
     center = body.center + (low + high) / 2 * body.axis
     growth = None if body.growth is None else body.slope * (high - low) / 2
     around = RoundBody(center, body.axis, body.radius, high - low, growth)

@@ -59,6 +59,7 @@ class Samples(NamedTuple):
         slopes: There, of the inverse depth along columns and rows, and its value on the
             optical axis if it went on so.
         num_normals: How many there were to choose from, at most `MAX_POINTS`.
+        deepest: Largest depth of all that was smoothed.
         matrix: Of the camera.
     """
 
@@ -68,6 +69,7 @@ class Samples(NamedTuple):
     normal_at: Float[Array, "3 n"]
     slopes: Float[Array, "3 n"]
     num_normals: Float[Array, ""]
+    deepest: Float[Array, ""]
     matrix: Float[Array, "3 3"]
 
     @property
@@ -224,7 +226,8 @@ def samples_of(
     normal_at = _looked_at(smooth, thinned(places)) if len(places) else points
     slopes = slopes.reshape(3, -1)[:, thinned(places)] if len(places) else 0 * points
     copies, num_normals = max(MAX_POINTS / len(index), 1), min(len(places), MAX_POINTS)
-    given = (some, points, copies, normal_at, slopes, num_normals, matrix)
+    deepest = smooth.max()
+    given = (some, points, copies, normal_at, slopes, num_normals, deepest, matrix)
     single: list[Any] = [np.asarray(part, np.float32) for part in given]
     return Samples(*single)
 

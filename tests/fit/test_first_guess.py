@@ -115,3 +115,14 @@ def test_what_is_seen_through_a_hole_is_not_in_front():
     found = nearest_object(depth, SIGMA, 1 / 150, 50)
     assert not found[60, 80]
     assert found[10, 10]
+
+
+def test_the_far_end_of_a_pipe_is_seen_in_few_pixels():
+    # One pixel in a hundred shows its cap; of most readings it would end at half of it.
+    pipe = ij.Cylinder((0.0, 0.0, 1.5), (0.04, 0.03, 1.0), radius=0.2, height=5.0)
+    maps = ij.render(pipe, CAMERA, outputs=("depth", "mask"))
+    noise = np.random.default_rng(0).normal(0, SIGMA, maps.depth.shape)
+    depth = (np.asarray(maps.depth) + noise).astype(np.float32)
+    around = first_guesses(depth, np.asarray(maps.mask), CAMERA, SIGMA)[1]
+    far = around.center[2] + abs(around.axis[2]) * around.height / 2
+    assert abs(far - 4.0) < 0.2
