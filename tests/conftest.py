@@ -29,6 +29,12 @@ hypothesis.settings.register_profile(
 hypothesis.settings.load_profile("fixed")
 
 
+def pytest_addoption(parser):
+    parser.addoption(
+        "--full", action="store_true", help="draw all scenes of the parity matrix"
+    )
+
+
 @pytest.fixture(params=["float32", "float64"])
 def dtype(request):
     """Default floating-point type of the test."""
