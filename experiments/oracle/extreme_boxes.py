@@ -73,10 +73,6 @@ def extreme_boxes(count: int, seed: int, dtype: str = "float32") -> BoxRays:
     origin = choose([0.75, 0.15, 0.1], afar, inside, placed(on_face(2)))
     direction = target - origin
     direction /= np.max(np.abs(direction), axis=1, keepdims=True)
-    scale = log_uniform(1e-6, 1e6)[:, None]
-    # Half of the cameras are the origin of their frame, as in an image.
-    moved = rng.uniform(size=count)[:, None] < 0.5
-    center = np.where(moved, -origin, 0) * scale
-    origin = np.where(moved, 0, origin) * scale
+    origin, center, scale, _ = draws.placed(origin)
     rounded = (origin, direction, center, rotation, 2 * half * scale)
     return BoxRays(*(value.astype(dtype) for value in rounded))

@@ -55,6 +55,34 @@ class Draws:
         )
         return view, axis
 
+    def cameras(
+        self, target: Float[np.ndarray, "n 3"], view: Float[np.ndarray, "n 3"]
+    ) -> tuple[np.ndarray, ...]:
+        """Rays towards points, from inside to far away, and what they are scaled by.
+
+        Returns:
+            Origins, directions, where what lies at 0 comes to lie, and scales (n, 1).
+        """
+        clearance = self.log_uniform(1e-6, 1e6)
+        inside = self.rng.uniform(0, 1, self.count)[:, None]
+        distance = self.choose([0.8, 0.2], (1 + clearance)[:, None], inside)
+        origin, center, scale, moved = self.placed(target - view * distance)
+        return origin, view / np.where(moved, view[:, 2:], 1), center, scale
+
+    def placed(self, origin: Float[np.ndarray, "n 3"]) -> tuple[np.ndarray, ...]:
+        """Cameras in scenes of all sizes.
+
+        Half of them are the origin of their frame, as in an image.
+
+        Returns:
+            Origins, where what lies at 0 comes to lie, scales (n, 1), and which are the
+            origin of their frame (n, 1).
+        """
+        scale = self.log_uniform(1e-6, 1e6)[:, None]
+        moved = self.rng.uniform(size=self.count)[:, None] < 0.5
+        center = np.where(moved, -origin, 0) * scale
+        return np.where(moved, 0, origin) * scale, center, scale, moved
+
 
 def unit(v: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
     """Scale to length 1."""
@@ -105,17 +133,7 @@ def extreme_rays(count: int, seed: int, dtype: str = "float32") -> Rays:
         place + edge * graze,
         3 * rng.normal(size=(count, 3)) + place,
     )
-    clearance = log_uniform(1e-6, 1e6)
-    distance = choose(
-        [0.8, 0.2], (1 + clearance)[:, None], rng.uniform(0, 1, count)[:, None]
-    )
-    origin = target - view * distance
-    scale = log_uniform(1e-6, 1e6)[:, None]
-    # Half of the cameras are the origin of their frame, as in an image.
-    moved = rng.uniform(size=count)[:, None] < 0.5
-    center = np.where(moved, -origin, 0) * scale
-    origin = np.where(moved, 0, origin) * scale
-    direction = view / np.where(moved, view[:, 2:], 1)
+    origin, direction, center, scale = draws.cameras(target, view)
     values = (origin, direction, center, axis, radius * scale[:, 0], height)
     origin, direction, center, axis, radius, height = values
     height = height * scale[:, 0]

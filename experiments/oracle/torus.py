@@ -166,17 +166,7 @@ def extreme_tori(count: int, seed: int, dtype: str = "float32") -> TorusRays:
         (1 - r) * rng.uniform(0, 1, (count, 1)) * out,
         3 * rng.normal(size=(count, 3)),
     )
-    clearance = log_uniform(1e-6, 1e6)
-    distance = choose(
-        [0.8, 0.2], (1 + clearance)[:, None], rng.uniform(0, 1, count)[:, None]
-    )
-    origin = target - view * distance
-    scale = log_uniform(1e-6, 1e6)[:, None]
-    # Half of the cameras are the origin of their frame, as in an image.
-    moved = rng.uniform(size=count)[:, None] < 0.5
-    center = np.where(moved, -origin, 0) * scale
-    origin = np.where(moved, 0, origin) * scale
-    direction = view / np.where(moved, view[:, 2:], 1)
+    origin, direction, center, scale = draws.cameras(target, view)
     major = scale[:, 0]
     values = (origin, direction, center, axis, major, minor * major)
     return TorusRays(*(value.astype(dtype) for value in values))
