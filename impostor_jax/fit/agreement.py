@@ -64,7 +64,7 @@ def contradiction(
 
     Args:
         part: Products of the part's rows of Jacobian and residual, whitened to a
-            variance of 1, in scaled coordinates.
+            variance of 1, in free coordinates.
         pull_of_all: Of all rows, and of what is no row.
         covariance: Of the coordinates.
 

@@ -135,12 +135,12 @@ def assess(problem: Problem, solution: Solution, correlated: bool) -> Assessment
     rms = jnp.sqrt(jnp.sum(jnp.where(inlier, meters, 0) ** 2) / num_inliers)
     squares = jnp.sum(whitened**2)
 
-    scaled = body.scaled(settings.free, problem.unit, problem.unit)
+    basis = body.free_basis(settings.free, problem.unit, problem.unit)
     # An end that is not seen is free, though some readings beyond it may lean on it.
     # The ends are the last coordinates.
-    others = jnp.ones(scaled.shape[0] - ends_seen.size, bool)
-    leans = jnp.where(jnp.concatenate([others, ends_seen]), 1, 0).astype(scaled.dtype)
-    into = jnp.matmul(scaled.T * leans[None], carried, precision="highest")
+    others = jnp.ones(basis.shape[0] - ends_seen.size, bool)
+    leans = jnp.where(jnp.concatenate([others, ends_seen]), 1, 0).astype(basis.dtype)
+    into = jnp.matmul(basis.T * leans[None], carried, precision="highest")
     beside = computed_once(lambda: on_border(problem.mask, problem.row, problem.col))
     # A reading of the wall that grazes it beside a rim may be the cap's as well: one of
     # them, if it counts, tells more of the radius than all others.
@@ -152,11 +152,12 @@ def assess(problem: Problem, solution: Solution, correlated: bool) -> Assessment
     world = in_world_frame(body, camera)
 
     def read(free: Float[Array, " c"]) -> tuple[Readout, Float[Array, " p"]]:
-        moved = body.moved(jnp.matmul(scaled, free, precision="highest"), settings.free)
+        tangent = jnp.matmul(basis, free, precision="highest")
+        moved = body.retracted(tangent, settings.free)
         told = in_world_frame(moved, camera).readout(world, ends_seen)
         return told, prior_residuals(prior, moved)
 
-    change, known = jax.jacfwd(read)(jnp.zeros(scaled.shape[1], scaled.dtype))
+    change, known = jax.jacfwd(read)(jnp.zeros(basis.shape[1], basis.dtype))
     # What is held stays, whatever moves the place at which it is read.
     for name in filter(change.__contains__, settings.held):
         change[name] = jnp.where(settings.held[name], 0, change[name])

@@ -138,11 +138,11 @@ class Ball(AbstractBody):
         return zero, [zero] * 4
 
     @override
-    def moved(self, natural: Float[Array, "4"], free: FreeDirections) -> "Ball":
-        return Ball(self.center + natural[:3], self.radius * grown(natural[3]))
+    def retracted(self, tangent: Float[Array, "4"], free: FreeDirections) -> "Ball":
+        return Ball(self.center + tangent[:3], self.radius * grown(tangent[3]))
 
     @override
-    def scaled(
+    def free_basis(
         self,
         free: FreeDirections,
         unit: Float[Array, ""],

@@ -165,7 +165,7 @@ def local_ray(
 class AbstractBody(eqx.Module):
     """A shape as a fit moves it, in meters, in the camera's frame or the world's.
 
-    It moves in natural coordinates, in radians, meters and logarithms of lengths, that
+    It moves in tangent coordinates, in radians, meters and logarithms of lengths, that
     differ from shape to shape and are 0 where it is.
 
     Attributes:
@@ -231,7 +231,7 @@ class AbstractBody(eqx.Module):
     def of_reading(
         self, passing: Passing, alpha: Numbers, beta: Numbers, on_cap: Bool[Array, "*b"]
     ) -> list[Numbers]:
-        """Derivative of what is compared, in natural coordinates.
+        """Derivative of what is compared, in tangent coordinates.
 
         Args:
             passing: How the rays pass the body.
@@ -261,24 +261,24 @@ class AbstractBody(eqx.Module):
         """
 
     @abc.abstractmethod
-    def moved(
-        self, natural: Float[Array, " c"], free: FreeDirections
+    def retracted(
+        self, tangent: Float[Array, " c"], free: FreeDirections
     ) -> "AbstractBody":
-        """The body at natural coordinates.
+        """The retraction: the body at tangent coordinates.
 
         Args:
-            natural: Natural coordinates.
+            tangent: Tangent coordinates.
             free: As `free_directions` returns them.
         """
 
     @abc.abstractmethod
-    def scaled(
+    def free_basis(
         self,
         free: FreeDirections,
         unit: Float[Array, ""],
         end_unit: Float[Array, ""],
     ) -> Float[Array, "c c"]:
-        """Natural coordinates that one unit of each free coordinate moves.
+        """Tangent coordinates that one unit of each free coordinate moves, as columns.
 
         Levenberg-Marquardt damps with the identity, so all move the surface alike.
 
@@ -291,7 +291,7 @@ class AbstractBody(eqx.Module):
 
     @abc.abstractmethod
     def free_directions(self, fixed: tuple[str, ...]) -> Float[np.ndarray, "c c"]:
-        """Natural coordinates, or combinations of them, that are free to move.
+        """Tangent coordinates, or combinations of them, that are free to move.
 
         They are the columns; those of what is held are 0.
         """
@@ -329,7 +329,7 @@ class AbstractBody(eqx.Module):
                 it is not.
 
         Returns:
-            The body, and what of this one's natural coordinates moves the wall as one
+            The body, and what of this one's tangent coordinates moves the wall as one
             of the other's does.
         """
 

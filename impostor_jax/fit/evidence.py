@@ -73,7 +73,7 @@ class Terms(eqx.Module):
     """Body less image along some rays, in standard deviations.
 
     Attributes:
-        rows: Derivative of what the estimate leaves in the natural coordinates, and
+        rows: Derivative of what the estimate leaves in the tangent coordinates, and
             last that itself.
         weight: Inverse of the deviation of what is compared; 0 for rows that only fill
             up.
@@ -94,7 +94,7 @@ class Terms(eqx.Module):
 
     @property
     def gradient(self) -> Float[Array, "c n"]:
-        """Its derivative in the natural coordinates."""
+        """Its derivative in the tangent coordinates."""
         return self.rows[:-1]
 
 

@@ -48,7 +48,7 @@ SHORT = 2.0
 class RoundBody(AbstractBody):
     """A body about an axis, whose radius may change linearly along it.
 
-    Its natural coordinates are the tilt of the axis and the motion of the center along
+    Its tangent coordinates are the tilt of the axis and the motion of the center along
     the two vectors of `tangent_basis(axis)`, the logarithms of the radius, or of both
     ends' radii, and the motions of the ends along the axis. The ends, not center and
     height, are coordinates, and an end moves along the wall that is there: where one is
@@ -279,7 +279,7 @@ class RoundBody(AbstractBody):
     def of_reading(
         self, passing: Passing, alpha: Numbers, beta: Numbers, on_cap: Bool[Array, "*b"]
     ) -> list[Numbers]:
-        """Derivative of what is compared, in natural coordinates.
+        """Derivative of what is compared, in tangent coordinates.
 
         A cap's point stays in its plane; past the rim its distance from there counts.
         """
@@ -385,30 +385,32 @@ class RoundBody(AbstractBody):
         ]
 
     @override
-    def moved(self, natural: Float[Array, " c"], free: FreeDirections) -> "RoundBody":
+    def retracted(
+        self, tangent: Float[Array, " c"], free: FreeDirections
+    ) -> "RoundBody":
         basis = tangent_basis(self.axis)
         tilt, across = (
             jnp.matmul(part, basis, precision="highest")
-            for part in (natural[:2], natural[2:4])
+            for part in (tangent[:2], tangent[2:4])
         )
         axis = self.axis + tilt
-        shift = (natural[-2] + natural[-1]) / 2
-        height = self.height * grown((natural[-1] - natural[-2]) / self.height)
+        shift = (tangent[-2] + tangent[-1]) / 2
+        height = self.height * grown((tangent[-1] - tangent[-2]) / self.height)
         stretch = height - self.height
         center = self.center + across + self.axis * shift
         axis = axis * jax.lax.rsqrt(jnp.sum(axis * axis))
         if self.growth is None:
-            return RoundBody(center, axis, self.radius * grown(natural[4]), height)
+            return RoundBody(center, axis, self.radius * grown(tangent[4]), height)
         follows = self.slope * jnp.stack([shift - stretch / 2, shift + stretch / 2])
         own = jnp.stack([self.radius1, self.radius2])
-        radii = own * grown(natural[4:6]) + follows
+        radii = own * grown(tangent[4:6]) + follows
         radii = jnp.maximum(radii, LEAST_END * self.radius)
         radii = jnp.where(jnp.diagonal(free)[4:6] > 0, radii, own)
         radius, growth = (radii[0] + radii[1]) / 2, (radii[1] - radii[0]) / 2
         return RoundBody(center, axis, radius, height, growth)
 
     @override
-    def scaled(
+    def free_basis(
         self,
         free: FreeDirections,
         unit: Float[Array, ""],
@@ -421,13 +423,13 @@ class RoundBody(AbstractBody):
             radii = [jnp.maximum(end, least) for end in (self.radius1, self.radius2)]
         steps = [lever, lever, unit * one, unit * one, *(unit / r for r in radii)]
         steps = jnp.stack([*steps, end_unit * one, end_unit * one])
-        scaled = jnp.asarray(free) * steps[:, None]
+        basis = jnp.asarray(free) * steps[:, None]
         if self.growth is None:
-            return scaled
+            return basis
         # A radius that is held does not follow the wall to where its end goes.
         held = jnp.diagonal(free)[4:6, None] == 0
-        back = -self.slope * scaled[-2:] / jnp.stack(radii)[:, None]
-        return scaled.at[4:6].add(jnp.where(held, back, 0))
+        back = -self.slope * basis[-2:] / jnp.stack(radii)[:, None]
+        return basis.at[4:6].add(jnp.where(held, back, 0))
 
     @override
     def free_directions(self, fixed: tuple[str, ...]) -> Float[np.ndarray, "c c"]:

@@ -89,7 +89,7 @@ MOST_COARSE = 15
 """Steps of a stage but the last: on few readings some go to and fro for ever."""
 
 RIDGE = 3e-3
-"""Inverse width of the prior that keeps free coordinates in place, in scaled units."""
+"""Inverse width of the prior that keeps free coordinates in place, in their units."""
 
 SEARCHED = 16
 """Parts that an interval with the median is divided into, three times."""
@@ -113,19 +113,19 @@ class _Pass(NamedTuple):
     """What a pass over the image tells at an estimate.
 
     Attributes:
-        information: Of the scaled coordinates.
+        information: Of the free coordinates.
         pull: On these.
-        scaled: Natural coordinates that each of them moves.
+        basis: Tangent coordinates that one unit of each of them moves, as columns.
         loss: Of the readings.
     """
 
     information: Float[Array, "c c"]
     pull: Float[Array, " c"]
-    scaled: Float[Array, "c c"]
+    basis: Float[Array, "c c"]
     loss: Float[Array, ""]
 
     def step(self, damping: Float[Array, ""] | float = 0.0) -> Float[Array, " c"]:
-        """Damped step of Gauss and Newton, in scaled coordinates."""
+        """Damped step of Gauss and Newton, in free coordinates."""
         diagonal = jnp.diagonal(self.information)
         more = diagonal * (damping + eps(diagonal.dtype, 16)) + RIDGE**2
         damped = self.information + jnp.diag(more)
@@ -207,7 +207,7 @@ class _Staged(optx.AbstractFixedPointSolver):
         size = jnp.where(damping == 0, self.norm(moved), jnp.inf)
         ends = (size < self.limits[state.stage]) | (state.in_stage >= MOST_COARSE - 1)
         goes_further = ends & ~is_last
-        natural = jnp.matmul(told.scaled, moved, precision="highest")
+        tangent = jnp.matmul(told.basis, moved, precision="highest")
         state = _State(
             stage=state.stage + jnp.where(goes_further, 1, 0),
             in_stage=jnp.where(goes_further, 0, state.in_stage + 1),
@@ -218,7 +218,7 @@ class _Staged(optx.AbstractFixedPointSolver):
             wanted=wanted,
             left=jnp.where(is_last, size / self.limits[-1], jnp.inf),
         )
-        return body.moved(natural, self.free), state, told
+        return body.retracted(tangent, self.free), state, told
 
     @override
     def terminate(self, fn, y, args, options, state, tags):
@@ -272,18 +272,18 @@ def _followed_jvp(given, changes):
     solution = _followed(problem, start)
     free = problem.settings.free
     stage = _stage_at(-1, problem.unit.dtype)
-    scaled = _scaled(problem, solution.body)
+    basis = _free_basis(problem, solution.body)
 
     def body_at(moved: Float[Array, " c"]) -> AbstractBody:
-        natural = jnp.matmul(scaled, moved, precision="highest")
-        return solution.body.moved(natural, free)
+        tangent = jnp.matmul(basis, moved, precision="highest")
+        return solution.body.retracted(tangent, free)
 
     def pull_at(moved: Float[Array, " c"], problem: Problem) -> Float[Array, " c"]:
         at = body_at(moved)
         terms = reading_terms(problem.pixels, at, problem.noise).terms
         scale = _scale(problem, terms.residual[-BLOCK:], terms.weight[-BLOCK:])
         total = _products(problem, terms, scale) + _beside(problem, at, stage, scale)
-        return jnp.matmul(scaled.T, total[:-1, -1], precision="highest")
+        return jnp.matmul(basis.T, total[:-1, -1], precision="highest")
 
     still = jnp.zeros(free.shape[0], problem.unit.dtype)
     slope = jax.jacfwd(lambda moved: pull_at(moved, problem))(still)
@@ -302,8 +302,8 @@ def _through_stages(problem: Problem, start: AbstractBody) -> Solution:
 
     def led(body: AbstractBody, stage: Stage):
         told = _told(problem, body, stage)
-        natural = jnp.matmul(told.scaled, told.step(), precision="highest")
-        return body.moved(natural, settings.free), told
+        tangent = jnp.matmul(told.basis, told.step(), precision="highest")
+        return body.retracted(tangent, settings.free), told
 
     limits = np.array([stage.limit for stage in STAGES])
     found = optx.fixed_point(
@@ -337,35 +337,35 @@ def _stage_at(number: int | Int[Array, ""], dtype: DTypeLike) -> Stage:
 
 def _told(problem: Problem, body: AbstractBody, stage: Stage) -> _Pass:
     """Read the image at an estimate."""
-    scaled = _scaled(problem, body)
+    basis = _free_basis(problem, body)
     of_readings, scale = _of_readings(problem, body, stage)
     total = of_readings + _beside(problem, body, stage, scale)
-    total = in_coordinates(total, scaled.T)
-    return _Pass(total[:-1, :-1], total[:-1, -1], scaled, of_readings[-1, -1])
+    total = in_coordinates(total, basis.T)
+    return _Pass(total[:-1, :-1], total[:-1, -1], basis, of_readings[-1, -1])
 
 
 def in_coordinates(
     products: Float[Array, "k k"], into: Float[Array, "c c"]
 ) -> Float[Array, "k k"]:
-    """Products of rows of [gradient, residual] from natural to other coordinates.
+    """Products of rows of [gradient, residual] from tangent to other coordinates.
 
     Args:
-        products: In natural coordinates.
-        into: Natural coordinates that each of the others moves, one a row.
+        products: In tangent coordinates.
+        into: Tangent coordinates that each of the others moves, one a row.
     """
     turn = jnp.zeros_like(products).at[:-1, :-1].set(into).at[-1, -1].set(1)
     turned = jnp.matmul(turn, products, precision="highest")
     return jnp.matmul(turned, turn.T, precision="highest")
 
 
-def _scaled(problem: Problem, body: AbstractBody) -> Float[Array, "c c"]:
-    return body.scaled(problem.settings.free, problem.unit, problem.end_unit)
+def _free_basis(problem: Problem, body: AbstractBody) -> Float[Array, "c c"]:
+    return body.free_basis(problem.settings.free, problem.unit, problem.end_unit)
 
 
 def _of_readings(
     problem: Problem, body: AbstractBody, stage: Stage
 ) -> tuple[Float[Array, "k k"], Float[Array, ""]]:
-    """Products of the rows of [gradient, residual], in natural coordinates.
+    """Products of the rows of [gradient, residual], in tangent coordinates.
 
     The thousands of rows enter a step only so, and are taken block by block. The first
     of these tells what the width of the robust loss is multiplied by, too.
@@ -408,8 +408,8 @@ def _beside(
         stage.soft > 0,
     )
 
-    def known(natural: Float[Array, " c"]) -> Float[Array, " n"]:
-        return prior_residuals(problem.prior, body.moved(natural, settings.free))
+    def known(tangent: Float[Array, " c"]) -> Float[Array, " n"]:
+        return prior_residuals(problem.prior, body.retracted(tangent, settings.free))
 
     still = jnp.zeros(settings.free.shape[0], scale.dtype)
     beliefs = jnp.concatenate([jax.jacfwd(known)(still).T, known(still)[None]])
