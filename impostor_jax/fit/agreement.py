@@ -27,7 +27,7 @@ FEWEST_WITHIN = 50
 """Readings away from the border with which it is compared."""
 
 LEAST_TESTED = 1e-2
-"""Part of a direction's information, in what a part of the rows tells of it, that must
+"""Part of a direction's information, in what a part of the terms tells of it, that must
 come from the others for the two to be compared."""
 
 
@@ -55,17 +55,17 @@ def contradiction(
     pull_of_all: Float[Array, " k"],
     covariance: Float[Array, "k k"],
 ) -> Float[Array, ""]:
-    """Chi-squared by which a part of the rows pulls away from what all agree on.
+    """Chi-squared by which a part of the terms pulls away from what all agree on.
 
-    At the minimum the pulls of all rows, gradient times residual, add up to 0; what an
+    At the minimum the pulls of all terms, gradient times residual, add up to 0; what an
     estimate leaves of that, within its tolerance, is taken to there. The pulls of a
     part with the information P vary about 0 by P - P C P, with the covariance C of all:
     its own error less what the estimate took of it.
 
     Args:
-        part: Products of the part's rows of Jacobian and residual, whitened to a
+        part: Products of the part's terms of Jacobian and residual, whitened to a
             variance of 1, in free coordinates.
-        pull_of_all: Of all rows, and of what is no row.
+        pull_of_all: Of all terms, priors included.
         covariance: Of the coordinates.
 
     Returns:

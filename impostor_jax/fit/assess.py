@@ -37,7 +37,7 @@ held does not."""
 MOST_UNMET = 0.02
 """Share of the inliers whose rays may miss the shape."""
 
-MIN_END_ROWS = 5
+MIN_END_TERMS = 5
 """Fewest inlying readings of a cap, or crossings, that show an end."""
 
 MISSED_LOSS = 3.0
@@ -122,7 +122,7 @@ def assess(problem: Problem, solution: Solution, correlated: bool) -> Assessment
     ends = jnp.array(body.ends, shown.dtype)[:, None]
     counts = jnp.sum(inlier[None] & (shown[None] == ends), axis=1)
     counts += jnp.sum(crossing[None] & (edges.end[None] == ends), axis=1)
-    ends_seen = counts >= MIN_END_ROWS
+    ends_seen = counts >= MIN_END_TERMS
     outward = jnp.where(
         (inlier & ~seen.on_cap)[None], seen.along[None] * ends, -jnp.inf
     )
@@ -256,9 +256,9 @@ def assess(problem: Problem, solution: Solution, correlated: bool) -> Assessment
 def _products(
     terms: Terms, counts: Bool[Array, " n"], into: Float[Array, "k c"]
 ) -> Float[Array, "m m"]:
-    """Products of some rows of Jacobian and residual, in free coordinates."""
-    rows = jnp.where(counts[None], terms.rows, 0)
-    return in_coordinates(jnp.matmul(rows, rows.T, precision="highest"), into)
+    """Products of some terms of Jacobian and residual, in free coordinates."""
+    some = jnp.where(counts[None], terms.augmented, 0)
+    return in_coordinates(jnp.matmul(some, some.T, precision="highest"), into)
 
 
 def _cap_shown(

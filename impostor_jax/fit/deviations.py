@@ -44,11 +44,11 @@ def deviations_of(
         free: Which of them the image leaves free.
     """
     num_free = covariance.shape[0]
-    rows = [part.reshape(-1, num_free) for part in change.values()]
-    full, is_observed = spread(jnp.concatenate(rows), covariance, directions, free)
+    parts = [part.reshape(-1, num_free) for part in change.values()]
+    full, is_observed = spread(jnp.concatenate(parts), covariance, directions, free)
     variance = jnp.where(is_observed, jnp.diagonal(full), jnp.inf)
     std = jnp.sqrt(variance)
-    names = np.repeat([*change], [len(part) for part in rows])
+    names = np.repeat([*change], [len(part) for part in parts])
     std_of = OrderedDict(
         (name, std[np.flatnonzero(names == name)].reshape(part.shape[:-1]))
         for name, part in change.items()

@@ -1,4 +1,4 @@
-"""What a depth image says about a body, as rows of whitened residuals.
+"""What a depth image says about a body, as terms of a whitened residual vector.
 
 Two kinds of evidence. Every reading of the object tells the depth of its surface. And
 every place at the region's edge where the image shows that the object stops (background
@@ -73,16 +73,16 @@ class Terms(eqx.Module):
     """Body less image along some rays, in standard deviations.
 
     Attributes:
-        rows: Derivative of what the estimate leaves in the tangent coordinates, and
-            last that itself.
-        weight: Inverse of the deviation of what is compared; 0 for rows that only fill
-            up.
+        augmented: The augmented Jacobian, a term a column: the gradient in tangent
+            coordinates, and last the residual.
+        weight: Inverse of the standard deviation of what is compared; 0 for terms that
+            only fill up.
         widening: Factor on the width of the robust loss.
         end: Of a crossing of an end: -1 at `center - axis * height / 2`, 1 at the
-            other; 0 for other rows.
+            other; 0 for other terms.
     """
 
-    rows: Float[Array, "k n"]
+    augmented: Float[Array, "k n"]
     weight: Float[Array, " n"]
     widening: Float[Array, " n"]
     end: Float[Array, " n"]
@@ -90,12 +90,12 @@ class Terms(eqx.Module):
     @property
     def residual(self) -> Float[Array, " n"]:
         """What the estimate leaves."""
-        return self.rows[-1]
+        return self.augmented[-1]
 
     @property
     def gradient(self) -> Float[Array, "c n"]:
         """Its derivative in the tangent coordinates."""
-        return self.rows[:-1]
+        return self.augmented[:-1]
 
 
 class Readings(NamedTuple):
@@ -125,7 +125,7 @@ def reading_terms(
     """
     soft = soft * body.radius
     seen = computed_once(lambda: body.passing(pixels.direction, body.radius / 100))
-    # An estimate that is far off must not have its rows weighed as if it were right.
+    # An estimate that is far off must not have its terms weighed as if it were right.
     used = pixels.depth > 0
     near = jnp.clip(seen.depth, pixels.depth / 2, 2 * pixels.depth)
     sigma = computed_once(
@@ -156,7 +156,7 @@ def reading_terms(
     gradient = body.of_reading(blunted, alpha, beta, seen.on_cap & ~grazing)
     blank = jnp.zeros_like(weight)
     terms = Terms(
-        rows=_stacked([part * weight for part in (*gradient, error)]),
+        augmented=_stacked([part * weight for part in (*gradient, error)]),
         weight=weight,
         widening=jnp.where(grazing, SQUARE_WIDTH, 1.0).astype(weight.dtype),
         end=blank,
@@ -180,12 +180,12 @@ def crossing_terms(
     pixel of the region and its neighbor outside have between them. They are compared
     along the image direction that crosses it more steeply.
 
-    An end's place is uniform between the two pixels and independent from row to row:
-    its deviation is 1/sqrt(12) px. The wall's edge is straight, so along an image
-    direction all rows may have the same place in the grid: there the interval alone
-    counts, and all within it are as likely. It counts where the region is an outline;
-    that every pixel of a region must be hit would push one way only, and bias a radius
-    by up to its deviation.
+    An end's place is uniform between the two pixels and independent from one row of
+    pixels to the next: its standard deviation is 1/sqrt(12) px. The wall's edge is
+    straight, so along an image direction it may have the same place in the grid in all
+    of them: there the interval alone counts, and all within it are as likely. It counts
+    where the region is an outline; that every pixel of a region must be hit would push
+    one way only, and bias a radius by up to its standard deviation.
 
     Args:
         edge: Where the object may stop.
@@ -279,19 +279,19 @@ def crossing_terms(
     ]
     end_width = jnp.where(is_first, FIRST_END_WIDTH, 1.0)
     return Terms(
-        rows=_stacked([*of_place, jnp.sign(error) * beyond * weight]),
+        augmented=_stacked([*of_place, jnp.sign(error) * beyond * weight]),
         weight=weight,
         widening=jnp.where(is_wall, 1.0, end_width).astype(r.dtype),
         end=end,
     )
 
 
-def _stacked(rows: list[Float[Array, " n"]]) -> Float[Array, "k n"]:
-    """`jnp.stack` of rows that are computed.
+def _stacked(parts: list[Float[Array, " n"]]) -> Float[Array, "k n"]:
+    """`jnp.stack` of arrays that are computed.
 
     Written one after the other: XLA does not vectorize a loop over all of them.
     """
-    full = jnp.zeros((len(rows), *rows[0].shape), rows[0].dtype)
-    for number, row in enumerate(rows):
-        full = jax.lax.dynamic_update_index_in_dim(full, row, number, 0)
+    full = jnp.zeros((len(parts), *parts[0].shape), parts[0].dtype)
+    for number, part in enumerate(parts):
+        full = jax.lax.dynamic_update_index_in_dim(full, part, number, 0)
     return full

@@ -1,7 +1,7 @@
 """The compiled fit: from a start to the estimate, in the camera's frame.
 
 Each pass reads the image at the estimate, weights included, and gives the products of
-all rows; a damped Gauss-Newton step follows. So evaluation and step are one pass, and
+all terms; a damped Gauss-Newton step follows. So evaluation and step are one pass, and
 the fit ends where a step leads nowhere. The first stages blunt the outline and take a
 block of readings that speaks for all; the last takes all of them.
 """
@@ -258,10 +258,10 @@ def _followed(problem: Problem, start: AbstractBody) -> Solution:
 
 @_followed.defjvp
 def _followed_jvp(given, changes):
-    """The pull of all rows is 0 where a fit ends, and stays 0.
+    """The pull of all terms is 0 where a fit ends, and stays 0.
 
-    The products of the rows are not its derivative in the estimate: weights and targets
-    move with that, too.
+    The products of the terms are not its derivative in the estimate: weights and
+    targets move with that, too.
     """
     (problem, start), (d_problem, _) = given, changes
     problem = eqx.tree_at(
@@ -347,7 +347,7 @@ def _told(problem: Problem, body: AbstractBody, stage: Stage) -> _Pass:
 def in_coordinates(
     products: Float[Array, "k k"], into: Float[Array, "c c"]
 ) -> Float[Array, "k k"]:
-    """Products of rows of [gradient, residual] from tangent to other coordinates.
+    """Products of terms of [gradient, residual] from tangent to other coordinates.
 
     Args:
         products: In tangent coordinates.
@@ -365,9 +365,9 @@ def _free_basis(problem: Problem, body: AbstractBody) -> Float[Array, "c c"]:
 def _of_readings(
     problem: Problem, body: AbstractBody, stage: Stage
 ) -> tuple[Float[Array, "k k"], Float[Array, ""]]:
-    """Products of the rows of [gradient, residual], in tangent coordinates.
+    """Products of the terms of [gradient, residual], in tangent coordinates.
 
-    The thousands of rows enter a step only so, and are taken block by block. The first
+    The thousands of terms enter a step only so, and are taken block by block. The first
     of these tells what the width of the robust loss is multiplied by, too.
     """
     size = problem.row.shape[0]
@@ -420,16 +420,16 @@ def _beside(
 def _products(
     problem: Problem, terms: Terms, scale: Float[Array, ""]
 ) -> Float[Array, "k k"]:
-    """The same products of some rows, as a robust loss weighs them."""
+    """The same products of some terms, as a robust loss weighs them."""
     _, width = KERNELS[problem.kernel]
     robust, slope = jax.jvp(
         lambda r: robust_residual(r, width * scale * terms.widening, problem.kernel),
         (terms.residual,),
         (jnp.ones_like(terms.residual),),
     )
-    is_last = np.arange(terms.rows.shape[0]) == terms.rows.shape[0] - 1
-    rows = jnp.where(is_last[:, None], robust[None], terms.rows * slope[None])
-    return jnp.matmul(rows, rows.T, precision="highest")
+    is_last = np.arange(len(terms.augmented)) == len(terms.augmented) - 1
+    weighed = jnp.where(is_last[:, None], robust[None], terms.augmented * slope[None])
+    return jnp.matmul(weighed, weighed.T, precision="highest")
 
 
 def _scale(

@@ -100,8 +100,8 @@ def score_covariance(
     given back.
 
     Args:
-        gradient: Of the whitened residuals; 0 for rows that do not count.
-        residual: Whitened; 0 for rows that do not count.
+        gradient: Of the whitened residuals; 0 for terms that do not count.
+        residual: Whitened; 0 for terms that do not count.
         row: Rows of the pixels; one beyond the image does not count.
         col: Columns of the pixels.
         shape: Of the image.

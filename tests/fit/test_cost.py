@@ -45,12 +45,12 @@ def test_a_constant_sigma_needs_no_incidence():
     assert (plain < cost_of_readings(can(), ij.StructuredLight())).all()
 
 
-def test_the_rows_of_readings_are_computed_once(monkeypatch):
+def test_the_terms_of_readings_are_computed_once(monkeypatch):
     def operations() -> float:
         def products(direction, depth, body):
             pixels = Pixels(direction, depth, depth > 0)
             terms = reading_terms(pixels, body, ij.ConstantNoise(SIGMA)).terms
-            return jnp.matmul(terms.rows, terms.rows.T, precision="highest")
+            return jnp.matmul(terms.augmented, terms.augmented.T, precision="highest")
 
         given = rays(can(), np.float32, 512), jnp.ones(512), body_of(can())
         program = jax.jit(products).lower(*given).compile(AS_USERS_RUN)

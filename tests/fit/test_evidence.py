@@ -139,7 +139,7 @@ def test_every_crossing_of_the_truth_lies_between_its_pixels():
         at_edge = np.asarray(edge.pixels.exists[0])
         assert np.count_nonzero(weight) > 0.95 * at_edge.sum()
         assert set(end[weight > 0]) == {-1, 0, 1}
-        # Within its interval a row has neither residual nor gradient.
+        # Within its interval a term has neither residual nor gradient.
         is_wall = (weight > 0) & (end == 0)
         residual, gradient = np.asarray(terms.residual), np.asarray(terms.gradient)
         within = is_wall & (residual == 0)
@@ -153,7 +153,7 @@ def test_every_crossing_of_the_truth_lies_between_its_pixels():
 
 def test_gradient_of_an_end_is_that_of_forward_mode():
     depth, mask = image()
-    # A few tenths of a pixel off, and so are all rows.
+    # A few tenths of a pixel off, and so are all terms.
     tangent = np.float32([2e-3, -2e-3, 5e-4, 5e-4, 0.01, 5e-4, -5e-4])
     terms, plain = crossings(edge_of(depth, mask), RoundBody.of(can()), tangent)
     is_end = (np.asarray(terms.weight) > 0) & (np.asarray(terms.end) != 0)

@@ -89,7 +89,7 @@ def test_a_pixel_beyond_the_image_does_not_count():
     gradient, residual = jnp.ones((3, 1)), jnp.asarray([1.0, 1, 0])
     with_it = score_covariance(gradient, residual, row, col, (3, 3))
     without = score_covariance(gradient[:2], residual[:2], row[:2], col[:2], (3, 3))
-    # Its gradient is that of a row that does not count.
+    # Its gradient is that of a term that does not count.
     np.testing.assert_allclose(
         score_covariance(gradient.at[2].set(0), residual, row, col, (3, 3)), without
     )
