@@ -99,7 +99,8 @@ class Effort:
             _check(field.name, getattr(self, field.name), field.type)
         if not (math.isfinite(self.tolerance) and self.tolerance > 0):
             raise ValueError(
-                f"tolerance must be positive deviations, got {self.tolerance}"
+                "tolerance must be a positive number of standard deviations, got "
+                f"{self.tolerance}"
             )
         if self.readings is not None and self.readings < MIN_READINGS:
             raise ValueError(

@@ -67,7 +67,7 @@ class Fit:
     mask_meaning: Literal["region", "outline"] = "region"
     """Whether the mask is any part of the object or its edge is the silhouette."""
     errors: Literal["independent", "correlated"] = "independent"
-    """How readings of neighboring pixels err; decides the reported deviations."""
+    """How readings of neighboring pixels err; decides the standard deviations."""
     test_taper: bool = False
     """Whether to test if a frustum, a cup, is needed instead of a cylinder."""
     output: Path = Path(".")

@@ -21,7 +21,7 @@ MOST_STRAY = 0.05
 readings: the outermost pixels of a mask are a quarter of its border."""
 
 WITHIN_THREE = 0.9733
-"""Variance of normal errors within three deviations, in that of all."""
+"""Variance of normal errors within three standard deviations, in that of all."""
 
 FEWEST_WITHIN = 50
 """Readings away from the border with which it is compared."""
@@ -34,7 +34,7 @@ come from the others for the two to be compared."""
 def reduced_chi2(
     squares: Float[Array, ""], count: Float[Array, ""]
 ) -> Float[Array, ""]:
-    """Mean square of residuals in deviations, of those within three; 1 if normal."""
+    """Mean square of whitened residuals, of those within three; 1 if normal."""
     return squares / (count * WITHIN_THREE)
 
 

@@ -1,4 +1,4 @@
-"""What a solution shows: its ends, its deviations, and whether it can be believed."""
+"""What a solution shows: its ends, its covariance, and whether it can be believed."""
 
 __all__ = ["Assessment", "assess"]
 
@@ -30,9 +30,9 @@ from impostor_jax.primitives.base import in_world_frame
 
 MOST_CHI2 = 9.0
 """Reduced chi-squared up to which readings may be of the shape, where their noise is
-known: residuals of three deviations. The bands of a structured-light sensor, 1.5 mm and
-more where single readings scatter by one, stay below; a can of half the radius that is
-held does not."""
+known: residuals of three standard deviations. The bands of a structured-light sensor,
+1.5 mm and more where single readings scatter by one, stay below; a can of half the
+radius that is held does not."""
 
 MOST_UNMET = 0.02
 """Share of the inliers whose rays may miss the shape."""
@@ -75,7 +75,7 @@ class Assessment(NamedTuple):
         is_clear: Whether it explains the image so well that no other start could do
             better.
         hides_tilt: Whether the noise may hide which of two tilts is the true one.
-        nominal: Typical deviation of a reading, in meters.
+        nominal: Typical standard deviation of a reading, in meters.
     """
 
     fit: Fit
@@ -92,7 +92,7 @@ def assess(problem: Problem, solution: Solution, correlated: bool) -> Assessment
     Args:
         problem: What was given.
         solution: The estimate.
-        correlated: Whether deviations allow for correlated residuals.
+        correlated: Whether the covariance allows for correlated residuals.
     """
     pixels, camera, prior = problem.pixels, problem.camera, problem.prior
     settings = problem.settings
@@ -185,7 +185,7 @@ def assess(problem: Problem, solution: Solution, correlated: bool) -> Assessment
         independent = jnp.diagonal(covariance)
         covariance = covariance @ meat @ covariance
         # Errors that neighbors share let a part pull harder by as much as they widen
-        # the deviations.
+        # the standard deviations.
         wider = safe_divide(jnp.diagonal(covariance), independent)
         moves = independent > 0
         mean = jnp.sum(jnp.where(moves, wider, 0)) / jnp.sum(moves, dtype=wider.dtype)
@@ -276,8 +276,9 @@ def _cost(problem: Problem, body: AbstractBody, readings: Readings) -> Float[Arr
     """How badly a body explains the readings: mean log loss of their residuals.
 
     Its logarithm compares good with better and counts a gross error like any other. As
-    in a likelihood the logarithm of each deviation, in units of the nominal one, is a
-    part of it: a plane that all rays graze would otherwise excuse any reading.
+    in a likelihood the logarithm of each standard deviation, in units of the nominal
+    one, is a part of it: a plane that all rays graze would otherwise excuse any
+    reading.
     """
     (terms, seen, _), depth = readings, problem.pixels.depth
     whitened = (seen.depth - depth) * terms.weight
@@ -360,13 +361,13 @@ def _is_as_flat(
     """Whether a plane explains the readings as well as the body does.
 
     A plane is linear in inverse depth over the rays, so one linear solve finds it. A
-    body has to beat it by 25, in squared deviations.
+    body has to beat it by 25, in squared standard deviations.
 
     Args:
         pixels: The readings.
         weight: Inverse of their standard deviations.
         inlier: Readings that lie on the body.
-        squares: Sum of their squared residuals from it, in deviations.
+        squares: Sum of their squared residuals from it, in standard deviations.
     """
     d, depth = pixels.direction, pixels.depth
     inverse = jnp.where(inlier, 1 / jnp.where(inlier, depth, 1), 0)

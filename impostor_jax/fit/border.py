@@ -19,7 +19,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from impostor_jax.camera.pinhole import PinholeCamera
 from impostor_jax.fit.body import AbstractBody
-from impostor_jax.fit.problem import deviation, gather_pixels
+from impostor_jax.fit.problem import gather_pixels, sigma_of
 from impostor_jax.fit.regions import pixel_indices
 from impostor_jax.fit.result import AGREEING, DISAGREEING, Fit, FitStatus
 from impostor_jax.primitives.base import in_camera_frame
@@ -33,10 +33,11 @@ FEWEST_READINGS = 100
 """Readings that a core has at least."""
 
 OFF = 5.0
-"""Deviations from which a reading is not the body's."""
+"""Standard deviations from which a reading is not the body's."""
 
 FAR = 50.0
-"""Deviations from which one is of a surface that does not touch the body's there."""
+"""Standard deviations from which one is of a surface that does not touch the body's
+there."""
 
 MOST_LEFT = 0.5
 """Readings of a region that may lie off the body and not far from it, over those on it:
@@ -101,7 +102,7 @@ def fit_of_one_surface(
         return fit_of_one_surface(fitted, kind, image, region, camera, noise, True)
     if not bool(core.success):
         return _refuted(whole)
-    away = _deviations(image, region, kind.of(core.shape), camera, noise)
+    away = _sigmas_off(image, region, kind.of(core.shape), camera, noise)
     away = away / np.sqrt(max(float(core.chi2), 1.0))
     larger = fitted(_own_pixels(away, region), correlated)
     is_better = bool(larger.success) and larger.border_chi2 < AGREEING
@@ -145,24 +146,24 @@ def _own_pixels(
     return region & ~beside & ~doubtful
 
 
-def _deviations(
+def _sigmas_off(
     image: Float[np.ndarray, "h w"],
     region: Bool[np.ndarray, "h w"],
     body: AbstractBody,
     camera: PinholeCamera,
     noise: AbstractDepthNoise,
 ) -> Float[np.ndarray, "h w"]:
-    """How far readings lie off a body, in deviations; 0 where there is none.
+    """How far readings lie off a body, in standard deviations; 0 where there is none.
 
     A reading near a body that its ray misses is not the body's: the core tells radius
     and place to a small part of a pixel.
     """
     row, col = pixel_indices(region)
-    return np.asarray(_deviations_at(image, row, col, body, camera, noise))
+    return np.asarray(_sigmas_off_at(image, row, col, body, camera, noise))
 
 
 @jax.jit
-def _deviations_at(
+def _sigmas_off_at(
     image: Float[Array, "h w"],
     row: Int[Array, " n"],
     col: Int[Array, " n"],
@@ -174,7 +175,7 @@ def _deviations_at(
     body = in_camera_frame(body, camera)
     seen = body.passing(pixels.direction, body.radius / 100)
     read = pixels.depth > 0
-    sigma = deviation(noise, jnp.where(read, pixels.depth, 1), seen.cos_incidence)
+    sigma = sigma_of(noise, jnp.where(read, pixels.depth, 1), seen.cos_incidence)
     away = jnp.abs(pixels.depth - seen.depth) / sigma
     away = jnp.where(seen.is_missed, jnp.maximum(away, 2 * OFF), away)
     found = jnp.where(read, away, 0)

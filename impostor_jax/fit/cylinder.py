@@ -44,7 +44,8 @@ def fit_cylinder(
         options: What `FitOptions` lists.
 
     Returns:
-        The fit. A fit that failed says so in `status`, with infinite deviations.
+        The fit. A fit that failed says so in `status`, with infinite standard
+        deviations.
 
     Raises:
         TypeError: An option is unknown.

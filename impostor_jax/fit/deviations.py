@@ -13,15 +13,15 @@ from impostor_jax.fit.result import Deviations, Directions
 from impostor_jax.fit.uncertainty import spread
 
 MOST_TILT = 0.5
-"""Deviation of an axis, in radians, up to which a shape is known."""
+"""Standard deviation of an axis, in radians, up to which a shape is known."""
 
 MOST_ASIDE = 0.5
 """The same of a place, in radii."""
 
 MOST_OF_RADIUS = 1 / 7
 """The same of a radius: of arcs of 4 degrees, whose radius a few crossings of a rim
-tell, deviations were 14 % of it and more and errors up to five of them; of 10 degrees
-11 % and 1.5."""
+tell, standard deviations were 14 % of it and more and errors up to five of them; of 10
+degrees 11 % and 1.5."""
 
 OF_ENDS = ("along_axis", "height")
 """What only the ends determine; a shape is known without."""
@@ -34,7 +34,7 @@ def deviations_of(
     directions: Float[Array, "n n"],
     free: Bool[Array, " n"],
 ) -> tuple[Deviations, Float[Array, "m m"], Directions, Bool[Array, ""]]:
-    """Deviations of a body of the world; and whether they leave its place known.
+    """Standard deviations of a body of the world, and whether they leave it known.
 
     Args:
         body: The body.
@@ -80,7 +80,7 @@ def deviations_of(
 
 
 def _most_deviation(name: str, radius: Float[Array, ""]) -> float | Float[Array, ""]:
-    """Deviation up to which something is known."""
+    """Standard deviation up to which something is known."""
     if name == "axis":
         return MOST_TILT
     return radius * (MOST_OF_RADIUS if name.startswith("radius") else MOST_ASIDE)

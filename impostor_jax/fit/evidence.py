@@ -34,23 +34,24 @@ from jaxtyping import Array, Bool, Float
 
 from impostor_jax.compiling import computed_once
 from impostor_jax.fit.body import AbstractBody, Passing
-from impostor_jax.fit.problem import Edge, Pixels, deviation
+from impostor_jax.fit.problem import Edge, Pixels, sigma_of
 from impostor_jax.numerics import safe_divide, safe_sqrt
 from impostor_jax.sensor.base import AbstractDepthNoise
 
 GRAZING = 4.0
-"""Half-chord, in deviations of a reading, below which it is compared in squares.
+"""Half-chord, in standard deviations of a reading, below which squares are compared.
 
 From there on the bend of the square root moves a reading's expectation by less than
-1/32 of its deviation.
+1/32 of its standard deviation.
 """
 
 OUTLIER = 10.0
-"""Deviations beyond which a reading is not squared, which would make it a lever."""
+"""Standard deviations beyond which a reading is not squared, which would make it a
+lever."""
 
 FOLD = 3.0
-"""Deviations by which a grazing reading may lie behind the nearest approach by chance;
-one that lies farther back says that its ray misses the wall."""
+"""Standard deviations by which a grazing reading may lie behind the nearest approach by
+chance; one that lies farther back says that its ray misses the wall."""
 
 SQUARE_WIDTH = 4.0
 """Factor on the width of the robust loss where readings are compared in squares: their
@@ -120,8 +121,8 @@ def reading_terms(
             the readings, whose errors they would follow.
         noise: Of the sensor.
         soft: Half-chord in radii up to which the outline is blunted, so that a solver
-            can move it across pixels; where it is less than `GRAZING` deviations, no
-            reading is blunted and grazing ones are compared in squares.
+            can move it across pixels; where it is less than `GRAZING` standard
+            deviations, no reading is blunted and grazing ones are compared in squares.
     """
     soft = soft * body.radius
     seen = computed_once(lambda: body.passing(pixels.direction, body.radius / 100))
@@ -129,7 +130,7 @@ def reading_terms(
     used = pixels.depth > 0
     near = jnp.clip(seen.depth, pixels.depth / 2, 2 * pixels.depth)
     sigma = computed_once(
-        lambda: deviation(noise, jnp.where(used, near, 1), seen.cos_incidence)
+        lambda: sigma_of(noise, jnp.where(used, near, 1), seen.cos_incidence)
     )
     coarse = soft > GRAZING * sigma
     # How far in front of the nearest approach the reading lies, or behind from inside.
@@ -141,7 +142,7 @@ def reading_terms(
     # Its square, or less where it is too far behind the axis to be there by chance.
     fold = FOLD * sigma
     folded = jnp.where(reach < -fold, fold * (2 * reach + 3 * fold), reach * reach)
-    # The deviation of the difference of squares, over twice sigma.
+    # The standard deviation of the difference of squares, over twice sigma.
     per_square = sign / (2 * jnp.sqrt(chord * chord + sigma * sigma / 2))
     blunted = seen.with_chord(jnp.where(coarse, soft, sigma))
     of_wall = jnp.where(seen.on_cap, 1 - seen.keep, 1)
@@ -213,7 +214,7 @@ def crossing_terms(
     has = pixels.depth > 0
     # A region may stop short of the object: beyond its axis lies the far half of its
     # own cap, too. And it may go on past it: then the object stops elsewhere.
-    own = 5 * deviation(noise, jnp.where(has, pixels.depth, 1), seen.cos_incidence)
+    own = 5 * sigma_of(noise, jnp.where(has, pixels.depth, 1), seen.cos_incidence)
     is_own = has & (jnp.abs(pixels.depth - seen.depth) < own)
     behind = has & (away > reach) & ~is_own
     occluder = has & (away < -jnp.sqrt(jnp.maximum(seen.square, r * r)) - reach)

@@ -33,7 +33,7 @@ class Fittable:
         shape: Its primitive.
         body: As a fit moves it.
         guesses: First guesses in the camera frame from depth, region, camera and the
-            typical deviation of a reading: bodies, the likeliest first.
+            typical standard deviation of a reading: bodies, the likeliest first.
         parameters: Names of what a caller may hold or expect.
         nothing: Fields of a body without a size.
         most_tolerance: Largest tolerance of an `Effort` that ends its fits.
@@ -79,7 +79,7 @@ FRUSTUM = Fittable(
     parameters=("center", "axis", "radius1", "radius2", "height"),
     nothing=CYLINDER.nothing | {"growth": 0},
     # A taper settles slowly: with five times it 1 of 200 cups at 3 mm of noise ended 20
-    # deviations away.
+    # standard deviations away.
     most_tolerance=STAGE_TOLERANCE,
 )
 SPHERE = Fittable(

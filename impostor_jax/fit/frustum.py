@@ -24,8 +24,9 @@ def fit_frustum(
 
     The likelihood, the starts and the covariance are those of `fit_cylinder`, and so is
     what may be traced and differentiated. A cylinder is fitted as a frustum whose radii
-    agree to within their deviations; `test_taper` tells the two apart. The tip of a
-    cone is an end that is not seen: the wall is reported as far as readings lie on it.
+    agree to within their standard deviations; `test_taper` tells the two apart. The tip
+    of a cone is an end that is not seen: the wall is reported as far as readings lie on
+    it.
 
     Args:
         depth: (H, W), planar depth in meters; 0, NaN and infinity mean no reading.
@@ -37,7 +38,8 @@ def fit_frustum(
         options: What `FitOptions` lists.
 
     Returns:
-        The fit. A fit that failed says so in `status`, with infinite deviations.
+        The fit. A fit that failed says so in `status`, with infinite standard
+        deviations.
 
     Raises:
         TypeError: As in `fit_cylinder`, like the next.

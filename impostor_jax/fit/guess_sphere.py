@@ -37,7 +37,7 @@ def guess_spheres(
         depth: In meters; 0 where there is no reading.
         region: Pixels of the object.
         camera: Concrete; its pose is not used.
-        sigma: Typical deviation of a reading, in meters.
+        sigma: Typical standard deviation of a reading, in meters.
 
     Returns:
         Spheres in the camera frame, the closest to the readings first; none where these

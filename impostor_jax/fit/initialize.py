@@ -79,7 +79,7 @@ def first_guesses(
         depth: In meters; 0 where there is no reading.
         region: Pixels of the object, wall and caps together.
         camera: Concrete; its pose is not used.
-        sigma: Typical deviation of a reading, in meters.
+        sigma: Typical standard deviation of a reading, in meters.
         tapered: Whether to look for frusta.
 
     Returns:
@@ -329,8 +329,8 @@ def _silhouette(
 ) -> Round:
     """Circle as wide as the points appear, behind those in its middle.
 
-    Noise of the readings, which ruins a circle through an arc of few deviations, hardly
-    moves the sides.
+    Noise of the readings, which ruins a circle through an arc of few standard
+    deviations, hardly moves the sides.
     """
     across = across + from_camera
     x, y = jnp.moveaxis(across @ on_wall[..., None].astype(across.dtype), 1, 0)

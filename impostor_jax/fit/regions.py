@@ -35,7 +35,7 @@ FARTHEST_PLAIN = 100.0
 """Median depth in meters up to which nobody asks whether it is in meters."""
 
 FINEST_SIGMA, COARSEST_SIGMA = 1e-5, 0.1
-"""Deviations beyond that, over the depth, that a sensor may have."""
+"""Standard deviations beyond that, over the depth, that a sensor may have."""
 
 TRACED_READINGS = 15872
 """Most readings that a traced fit uses, evenly spaced over its region."""
@@ -113,7 +113,7 @@ def typical_sigma(
     region: Bool[np.ndarray, "h w"],
     noise: AbstractDepthNoise,
 ) -> float:
-    """Deviation of about the region's middle reading, seen face on, in meters."""
+    """Standard deviation of about the middle reading, seen face on, in meters."""
     if isinstance(noise, ConstantNoise):
         # No reading is looked for, and JAX is not asked: 0.2 ms less.
         return float(noise.deviation)
@@ -150,11 +150,11 @@ def warn_of_units(
 ) -> None:
     """Warn where depth is so far, for its noise, that it must be in millimeters.
 
-    No sensor's deviation is less than 1e-5 of a distance beyond 100 m (a surveyor's
-    scanner has 2e-5, a depth camera 1e-3), and one that is more than a tenth of it is a
-    depth camera's, far out of its range. It is a warning, not an error: a scene may be
-    rendered without noise and that far, and a scene 1e4 times as large as a can, with a
-    noise to match, is fitted as the can is.
+    No sensor's standard deviation is less than 1e-5 of a distance beyond 100 m (a
+    surveyor's scanner has 2e-5, a depth camera 1e-3), and one that is more than a tenth
+    of it is a depth camera's, far out of its range. It is a warning, not an error: a
+    scene may be rendered without noise and that far, and a scene 1e4 times as large as
+    a can, with a noise to match, is fitted as the can is.
 
     Args:
         image: In meters, or not; 0 where there is no reading.

@@ -84,7 +84,7 @@ def round_through(
         center, radius, slope = fitted(kept)
         distance = jnp.sqrt(jnp.square(away - center[..., None]).sum(axis=-2))
         miss = jnp.abs(distance - radius[..., None] - slope[..., None] * further)
-        # Three deviations; all are within their rounding.
+        # Three standard deviations; all are within their rounding.
         limit = 3 * 1.4826 * median_of(miss, among) + eps(points.dtype, 16)
         return among & (miss <= limit[..., None])
 

@@ -146,7 +146,7 @@ def _fit_pixels(
         prior: In the world frame.
         settings: What is asked for.
         effort: How much work it takes.
-        correlated: Whether deviations allow for correlated residuals.
+        correlated: Whether the covariance allows for correlated residuals.
     """
     image, region, _, _, camera, noise = shown
     compiled = quickly_compiled(fit_from, static_argnames=("kernel", "correlated"))

@@ -43,7 +43,8 @@ class Stage(NamedTuple):
         soft: Half-chord in radii up to which the outline is blunted.
         place: Softness of the outline's place, in pixels.
         widening: Factor on the width of the robust loss.
-        limit: Step at which it ends, in tens of deviations at `STAGE_TOLERANCE`.
+        limit: Step at which it ends, in tens of standard deviations at
+            `STAGE_TOLERANCE`.
         takes_all: Whether it takes all readings, or the block that speaks for all.
     """
 
@@ -63,7 +64,8 @@ STAGES = (
 )
 
 STAGE_TOLERANCE = 0.2
-"""Tolerance of an `Effort`, in deviations, for which the stages' steps are given."""
+"""Tolerance of an `Effort`, in standard deviations, for which the stages' steps are
+given."""
 
 FINE_TOLERANCE = 0.02
 """Largest one of a fit that is differentiated. Derivatives are those of the point where
@@ -443,7 +445,7 @@ def _scale(
 def spread_of(
     residual: Float[Array, " n"], used: Bool[Array, " n"]
 ) -> Float[Array, ""]:
-    """Robust deviation of whitened residuals, at least 1; it carries no derivative.
+    """Robust standard deviation of whitened residuals, at least 1; no derivative.
 
     Their median is looked for in ever smaller intervals: sorting 6144 values takes
     4 ms, and these sums 0.1 ms.

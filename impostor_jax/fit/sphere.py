@@ -34,7 +34,8 @@ def fit_sphere(
         options: What `FitOptions` lists.
 
     Returns:
-        The fit. A fit that failed says so in `status`, with infinite deviations.
+        The fit. A fit that failed says so in `status`, with infinite standard
+        deviations.
 
     Raises:
         TypeError: As in `fit_cylinder`, like the next.

@@ -160,7 +160,7 @@ def guesses_by(
         depth: As in `samples_of`, and so the others.
         region: Pixels of the object.
         camera: Concrete.
-        sigma: Typical deviation of a reading, in meters.
+        sigma: Typical standard deviation of a reading, in meters.
     """
     samples = samples_of(depth, region, camera, sigma)
     if samples is None:
@@ -184,7 +184,7 @@ def samples_of(
         depth: In meters; 0 where there is no reading.
         region: Pixels of the object.
         camera: Concrete; its pose is not used.
-        sigma: Typical deviation of a reading, in meters.
+        sigma: Typical standard deviation of a reading, in meters.
     """
     depth, region = _without_lens(depth, region, camera)
     box = cropped(region)

@@ -21,14 +21,14 @@ MAX_LAG = 13
 uncorrelated."""
 
 WINDOW = 5.0
-"""Deviation in pixels of the Gaussian that fades correlations out towards there. It
-keeps the covariance positive, as Bartlett's triangle does, but takes less from short
-distances: errors whose correlation is 1/e at 3 pixels keep 0.85 of their variance and
-not, as with a triangle of eight pixels, 0.62."""
+"""Standard deviation in pixels of the Gaussian that fades correlations out towards
+there. It keeps the covariance positive, as Bartlett's triangle does, but takes less
+from short distances: errors whose correlation is 1/e at 3 pixels keep 0.85 of their
+variance and not, as with a triangle of eight pixels, 0.62."""
 
 MOST_TAKEN = 0.5
 """Most of the correlation that a fit may have taken from its residuals; on fewer pixels
-than that makes, deviations are too small."""
+than that makes, standard deviations are too small."""
 
 
 def free_covariance(
