@@ -54,7 +54,7 @@ class Effort:
     Attributes:
         precision: Of all numbers, of a render and of a fit; JAX's own if None. Double
             precision needs `jax_enable_x64` inside `jax.jit`, and nowhere else.
-        stride: Every how many-th row and column is rendered.
+        stride: Every n-th row and column is rendered.
         extent: Whether rays are cast for the whole "frame", or for a "tile" around the
             shape alone: the maps are the same. A traced shape, a scene, and a shape
             that may be seen anywhere take the frame.

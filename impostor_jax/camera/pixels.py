@@ -50,7 +50,7 @@ class PixelBox(eqx.Module):
 
 
 def strided_intrinsics(camera: Any, stride: int) -> dict[str, Any]:
-    """Intrinsics of every how many-th row and column, from the first on.
+    """Intrinsics of every n-th row and column, from the first on.
 
     Args:
         camera: Has fx, fy, cx, cy, width and height.

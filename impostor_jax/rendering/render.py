@@ -57,7 +57,7 @@ def render(
         miss: Depth, range and point of a pixel that hits nothing.
 
     Returns:
-        The maps in the camera frame, of the shape of the tile, or of every how many-th
+        The maps in the camera frame, of the shape of the tile, or of every n-th
         row and column of it the effort says.
 
     Raises:
