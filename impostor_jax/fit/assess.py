@@ -108,17 +108,17 @@ def assess(problem: Problem, solution: Solution, correlated: bool) -> Assessment
     used = pixels.depth > 0
     count = jnp.sum(used)
     meters = jnp.where(used, pixels.depth - seen.depth, 0)
-    wide = spread_of(terms.residual, used)
+    spread = spread_of(terms.residual, used)
 
     def is_near() -> Bool[Array, " n"]:
         # The residuals take a cap for a whole plane; readings beyond its rim are not
         # on it.
-        return used & (jnp.abs(terms.residual) <= 3 * wide) & ~seen.is_past_rim
+        return used & (jnp.abs(terms.residual) <= 3 * spread) & ~seen.is_past_rim
 
     inlier = computed_once(is_near)
     crossing = (edges.weight > 0) & (jnp.abs(edges.residual) < 6)
     whitened = jnp.where(inlier, terms.residual, 0)
-    shown = _cap_shown(readings, pixels.depth, wide)
+    shown = _cap_shown(readings, pixels.depth, spread)
     ends = jnp.array(body.ends, shown.dtype)[:, None]
     counts = jnp.sum(inlier[None] & (shown[None] == ends), axis=1)
     counts += jnp.sum(crossing[None] & (edges.end[None] == ends), axis=1)
@@ -144,7 +144,8 @@ def assess(problem: Problem, solution: Solution, correlated: bool) -> Assessment
     beside = computed_once(lambda: on_border(problem.mask, problem.row, problem.col))
     # A reading of the wall that grazes it beside a rim may be the cap's as well: one of
     # them, if it counts, tells more of the radius than all others.
-    at_rim = (jnp.abs(seen.rim - seen.wide) < problem.unit) & (seen.wide > 0)
+    at_rim = jnp.abs(seen.rim - seen.cap_radius) < problem.unit
+    at_rim &= seen.cap_radius > 0
     tells = inlier & ~(readings.is_square & at_rim)
     of_all = _products(terms, tells, into)
     of_border = _products(terms, tells & beside, into)
@@ -197,7 +198,7 @@ def assess(problem: Problem, solution: Solution, correlated: bool) -> Assessment
     chi2 = reduced_chi2(squares, num_inliers)
     num_missed = jnp.sum(inlier & seen.is_missed, dtype=meters.dtype)
     finest = jnp.max(terms.weight)
-    is_small = (wide < 5) | (wide < body.radius * finest / 50)
+    is_small = (spread < 5) | (spread < body.radius * finest / 50)
     # More readings than not, on a shape that their rays meet.
     agrees = 2 * num_inliers >= count.astype(meters.dtype)
     agrees &= num_missed <= MOST_UNMET * num_inliers
@@ -249,7 +250,7 @@ def assess(problem: Problem, solution: Solution, correlated: bool) -> Assessment
     cost = _cost(problem, estimate, readings) + MISSED_LOSS * hidden
     hides_tilt = problem.nominal > HIDES_TILT * body.radius
     is_clear = success & (hidden <= MOST_HIDDEN) & (~hides_tilt | body.is_long)
-    is_clear &= _explains(pixels, readings, wide)
+    is_clear &= _explains(pixels, readings, spread)
     return Assessment(fit, body, cost, is_clear, hides_tilt, problem.nominal)
 
 
@@ -262,13 +263,13 @@ def _products(
 
 
 def _cap_shown(
-    readings: Readings, depth: Float[Array, " n"], wide: Float[Array, ""]
+    readings: Readings, depth: Float[Array, " n"], spread: Float[Array, ""]
 ) -> Float[Array, " n"]:
     """End whose cap each reading shows, -1 or 1, as it could not be the wall's."""
     terms, seen, _ = readings
     wall = seen.nearest + seen.foot + seen.sign * safe_sqrt(seen.square)
-    is_wall = jnp.abs(wall - depth) * terms.weight <= 3 * wide
-    on_cap = seen.on_cap & (seen.rim < seen.wide) & ~is_wall
+    is_wall = jnp.abs(wall - depth) * terms.weight <= 3 * spread
+    on_cap = seen.on_cap & (seen.rim < seen.cap_radius) & ~is_wall
     return jnp.where(on_cap, seen.sign * jnp.sign(seen.local.direction.z), 0)
 
 
@@ -298,13 +299,13 @@ def _cost(problem: Problem, body: AbstractBody, readings: Readings) -> Float[Arr
 
 
 def _explains(
-    pixels: Pixels, readings: Readings, wide: Float[Array, ""]
+    pixels: Pixels, readings: Readings, spread: Float[Array, ""]
 ) -> Bool[Array, ""]:
     """Whether the readings scatter around the body as the sensor says."""
     terms, seen, is_square = readings
     used = pixels.depth > 0
     squares = ((seen.depth - pixels.depth) * terms.weight) ** 2
-    is_near = used & (squares < (3 * wide) ** 2)
+    is_near = used & (squares < (3 * spread) ** 2)
     # What grazes is compared otherwise.
     compared = used & ~is_square
     near = compared & is_near & ~seen.is_past_rim

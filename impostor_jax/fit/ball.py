@@ -84,7 +84,7 @@ class Ball(AbstractBody):
         aside = o.cross(d)
         square = (r * r - aside.dot(aside) * inverse) * inverse
         nearest = -o.dot(d) * inverse
-        half, bend = blunted_root(square, chord)
+        half, half_slope = blunted_root(square, chord)
         # |n.d| / |d| = h |d| / r, with the unit normal n.
         facing = jnp.maximum(half, 0) * jnp.sqrt(d_d) / r
         zero = jnp.zeros_like(square)
@@ -95,13 +95,13 @@ class Ball(AbstractBody):
             nearest=nearest,
             square=square,
             half=half,
-            bend=bend,
+            half_slope=half_slope,
             outside=nearest - half + foot > 0,
             cos_incidence=jnp.minimum(facing, 1),
             on_cap=jnp.zeros(zero.shape, bool),
             **dict.fromkeys(
-                ("cap", "rim", "wide", "falls", "keep", "along", "enter_along",
-                 "leave_along"), zero
+                ("cap", "rim", "cap_radius", "overshoot", "plane_weight", "along",
+                 "enter_along", "leave_along"), zero
             ),
         )  # fmt: skip
 

@@ -59,17 +59,18 @@ class Passing(eqx.Module):
         half: Half-chord, blunted; negative on a miss, and where A is negative: a ray
             within a cone enters it where it passes nearer to the axis of the other
             nappe.
-        bend: Derivative of the half-chord in its square.
+        half_slope: Derivative of the half-chord in its square.
         outside: Whether the ray starts outside the solid, and sees what it enters.
         cos_incidence: Cosine between the normal of the surface that it sees and it.
         cap: Ray parameter of the cap that it would see.
         on_cap: Whether it sees that, or would if that went on past its rim.
         rim: Distance from the axis of the point in that cap's plane.
-        wide: Radius of that cap.
-        falls: How far past the rim that is. The depth grows by it there, so that the
-            object's pixels draw the rim out.
-        keep: Far past it the depth goes back to the wall's, since a ray along the
-            plane meets it anywhere: weight of the plane, 1 on the cap.
+        cap_radius: Radius of that cap.
+        overshoot: How far past the rim that is. The depth grows by it there, so that
+            the object's pixels draw the rim out.
+        plane_weight: Weight of the plane's depth, 1 on the cap. Far past the rim the
+            depth goes back to the wall's, since a ray along the plane meets it
+            anywhere.
         along: Coordinate along the axis, from the center, of the wall's point.
         enter_along: Of the point where the ray enters the wall.
         leave_along: Of the point where it leaves it.
@@ -81,15 +82,15 @@ class Passing(eqx.Module):
     nearest: Numbers
     square: Numbers
     half: Numbers
-    bend: Numbers
+    half_slope: Numbers
     outside: Bool[Array, "*batch"]
     cos_incidence: Numbers
     cap: Numbers
     on_cap: Bool[Array, "*batch"]
     rim: Numbers
-    wide: Numbers
-    falls: Numbers
-    keep: Numbers
+    cap_radius: Numbers
+    overshoot: Numbers
+    plane_weight: Numbers
     along: Numbers
     enter_along: Numbers
     leave_along: Numbers
@@ -103,20 +104,20 @@ class Passing(eqx.Module):
     def depth(self) -> Numbers:
         """Depth of the surface, continued past its outline; finite for every ray."""
         wall = self.nearest + self.sign * self.half
-        on_plane = wall + (self.cap + self.falls - wall) * self.keep
+        on_plane = wall + (self.cap + self.overshoot - wall) * self.plane_weight
         return jnp.where(self.on_cap, on_plane, wall) + self.foot
 
     def with_chord(self, chord: Numbers) -> "Passing":
         """The same blunted elsewhere."""
-        half, bend = blunted_root(self.square, chord)
+        half, slope = blunted_root(self.square, chord)
         within = jnp.sign(self.inverse)
-        halves = half * within, bend * within
-        return eqx.tree_at(lambda p: (p.half, p.bend), self, halves)
+        halves = half * within, slope * within
+        return eqx.tree_at(lambda p: (p.half, p.half_slope), self, halves)
 
     @property
     def is_past_rim(self) -> Bool[Array, "*batch"]:
         """Whether it sees the plane of a cap beyond that cap."""
-        return self.on_cap & (self.rim > 1.05 * self.wide)
+        return self.on_cap & (self.rim > 1.05 * self.cap_radius)
 
     @property
     def is_missed(self) -> Bool[Array, "*batch"]:

@@ -145,14 +145,14 @@ def reading_terms(
     # The standard deviation of the difference of squares, over twice sigma.
     per_square = sign / (2 * jnp.sqrt(chord * chord + sigma * sigma / 2))
     blunted = seen.with_chord(jnp.where(coarse, soft, sigma))
-    of_wall = jnp.where(seen.on_cap, 1 - seen.keep, 1)
+    of_wall = jnp.where(seen.on_cap, 1 - seen.plane_weight, 1)
     error = jnp.where(
         grazing,
         (seen.square - folded + sigma * sigma) * per_square,
         blunted.depth - pixels.depth,
     )
     alpha = jnp.where(grazing, 2 * sign * chord * per_square, of_wall)
-    beta = jnp.where(grazing, per_square, sign * of_wall * blunted.bend)
+    beta = jnp.where(grazing, per_square, sign * of_wall * blunted.half_slope)
     weight = jnp.where(used, 1 / sigma, 0)
     gradient = body.of_reading(blunted, alpha, beta, seen.on_cap & ~grazing)
     blank = jnp.zeros_like(weight)

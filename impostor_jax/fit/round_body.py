@@ -162,7 +162,7 @@ class RoundBody(AbstractBody):
         frame = jnp.concatenate([tangent_basis(self.axis), self.axis[None]])
         local, foot = local_ray(direction, self.center, frame)
         inverse, nearest, square, within = self._wall(local.origin, local.direction)
-        half, bend = blunted_root(square, chord)
+        half, half_slope = blunted_root(square, chord)
         o, d = local.origin, local.direction
         o1, o2, o_a, e1, e2, d_a = o.x, o.y, o.z, d.x, d.y, d.z
         parallel = jnp.abs(d_a) < smallest_slope(d_a.dtype)
@@ -174,19 +174,19 @@ class RoundBody(AbstractBody):
             enter = jnp.where(is_along, -jnp.inf, nearest - half)
             leave = jnp.where(is_along, jnp.inf, nearest + half)
         else:
-            half, bend = half * within, bend * within
+            half, half_slope = half * within, half_slope * within
             widens = self.slope * d_a
             enter = jnp.where((within < 0) & (widens < 0), -jnp.inf, nearest - half)
             leave = jnp.where((within < 0) & (widens > 0), jnp.inf, nearest + half)
         outside = jnp.maximum(enter, middle - reach) + foot > 0
         ahead = _end_ahead(outside, d_a)
-        wide = jnp.where(ahead < 0, self.radius1, self.radius2)
+        cap_radius = jnp.where(ahead < 0, self.radius1, self.radius2)
         # At a tip there is no rim to be past of.
-        wide = jnp.maximum(wide, LEAST_END * self.radius)
+        cap_radius = jnp.maximum(cap_radius, LEAST_END * self.radius)
         on_cap = jnp.where(outside, middle - reach > enter, middle + reach < leave)
         cap = jnp.where(parallel, 0, middle + jnp.where(outside, -reach, reach))
         rim = safe_sqrt((o1 + e1 * cap) ** 2 + (o2 + e2 * cap) ** 2)
-        past = jnp.maximum(rim / wide - 1, 0)
+        past = jnp.maximum(rim / cap_radius - 1, 0)
         wall = nearest + jnp.where(outside, -half, half)
         # Unit normals: of the wall |n.d| = |A| h / (R sqrt(1 + k^2)), of a cap |a.d|.
         across = e1 * e1 + e2 * e2
@@ -202,15 +202,15 @@ class RoundBody(AbstractBody):
             nearest=nearest,
             square=square,
             half=half,
-            bend=bend,
+            half_slope=half_slope,
             outside=outside,
             cos_incidence=jnp.minimum(facing, 1),
             cap=cap,
             on_cap=on_cap,
             rim=rim,
-            wide=wide,
-            falls=past * wide,
-            keep=1 / (1 + past * past),
+            cap_radius=cap_radius,
+            overshoot=past * cap_radius,
+            plane_weight=1 / (1 + past * past),
             along=o_a + wall * d_a,
             enter_along=enter_along,
             leave_along=leave_along,
@@ -287,15 +287,16 @@ class RoundBody(AbstractBody):
         d_a = passing.local.direction.z
         parallel = jnp.abs(d_a) < smallest_slope(d_a.dtype)
         per_step = jnp.where(on_cap & ~parallel, 1 / jnp.where(parallel, 1, d_a), 0)
-        rim, wide, keep, falls = passing.rim, passing.wide, passing.keep, passing.falls
-        away = passing.cap + falls - passing.nearest - passing.sign * passing.half
-        per_falls = jnp.where(falls > 0, keep, 0)
-        per_past = -2 * falls * keep**2 * away / (wide * wide)
-        of_rim = jnp.where(on_cap, per_past * rim / wide + per_falls, 0)
-        outward = jnp.where(on_cap, per_past + per_falls, 0) / jnp.maximum(rim, wide)
+        rim, radius = passing.rim, passing.cap_radius
+        weight, overshoot = passing.plane_weight, passing.overshoot
+        away = passing.cap + overshoot - passing.nearest - passing.sign * passing.half
+        direct = jnp.where(overshoot > 0, weight, 0)
+        by_weight = -2 * overshoot * weight**2 * away / (radius * radius)
+        of_rim = jnp.where(on_cap, by_weight * rim / radius + direct, 0)
+        outward = jnp.where(on_cap, by_weight + direct, 0) / jnp.maximum(rim, radius)
         (o1, o2, _), (e1, e2, _) = _in_frame(passing)
         point1, point2 = o1 + e1 * passing.cap, o2 + e2 * passing.cap
-        follow = per_step * (keep + outward * (point1 * e1 + point2 * e2))
+        follow = per_step * (weight + outward * (point1 * e1 + point2 * e2))
         end = _end_ahead(passing.outside, d_a)
         lean = follow + outward * (end * (self.height / 2))
         of_end = follow - self.slope * of_rim
@@ -341,11 +342,11 @@ class RoundBody(AbstractBody):
             radii = [r * r * beta]
         else:
             k = self.slope
-            wide = self.radius + k * along
-            lever, tilt = along + k * wide, (1 + k * k) * d_a
-            in_radius = (k * d_a * alpha + wide * beta) / 2
-            in_slope = (wide + k * along) * d_a * alpha
-            in_slope = in_slope + (wide * along + q * k * d_a * d_a) * beta
+            beside = self.radius + k * along
+            lever, tilt = along + k * beside, (1 + k * k) * d_a
+            in_radius = (k * d_a * alpha + beside * beta) / 2
+            in_slope = (beside + k * along) * d_a * alpha
+            in_slope = in_slope + (beside * along + q * k * d_a * d_a) * beta
             in_slope = in_slope / self.height
             radii = [
                 self.radius1 * (in_radius - in_slope),
@@ -374,7 +375,8 @@ class RoundBody(AbstractBody):
         (o1, o2, o_a), (e1, e2, d_a) = _in_frame(passing)
         edge = passing.nearest + side * passing.half
         error = o_a + edge * d_a - end * (self.height / 2)
-        tilts, acrosses, radii = self._of_wall(passing, d_a, side * d_a * passing.bend)
+        in_square = side * d_a * passing.half_slope
+        tilts, acrosses, radii = self._of_wall(passing, d_a, in_square)
         return error, [
             tilts[0] + o1 + e1 * edge,
             tilts[1] + o2 + e2 * edge,

@@ -83,12 +83,12 @@ def derivatives(body, direction):
         return jnp.stack([*first, *beyond])
 
     seen = body.passing(direction, CHORD)
-    of_wall = jnp.where(seen.on_cap, 1 - seen.keep, 1)
+    of_wall = jnp.where(seen.on_cap, 1 - seen.plane_weight, 1)
     asked = [
         (one, zero, never),
         (zero, one, never),
-        (zero, seen.bend, never),
-        (of_wall, seen.sign * of_wall * seen.bend, seen.on_cap),
+        (zero, seen.half_slope, never),
+        (of_wall, seen.sign * of_wall * seen.half_slope, seen.on_cap),
     ]
     found = [body.of_reading(seen, *one) for one in asked]
     found += [body.of_end(seen, one * e, one * s)[1] for e, s in ends]
