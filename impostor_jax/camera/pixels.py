@@ -54,7 +54,7 @@ def strided_intrinsics(camera: Any, stride: int) -> dict[str, Any]:
 
     Args:
         camera: Has fx, fy, cx, cy, width and height.
-        stride: How many.
+        stride: n.
     """
     scaled = {name: getattr(camera, name) / stride for name in ("fx", "fy", "cx", "cy")}
     sizes = {name: -(-getattr(camera, name) // stride) for name in ("width", "height")}

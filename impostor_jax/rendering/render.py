@@ -58,7 +58,7 @@ def render(
 
     Returns:
         The maps in the camera frame, of the shape of the tile, or of every n-th
-        row and column of it the effort says.
+        row and column of it, n the stride of the effort.
 
     Raises:
         ValueError: An output is unknown, the shape is a batch, or the effort cannot be
