@@ -12,13 +12,13 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool
 
-from impostor_jax.fit.ball import Ball
 from impostor_jax.fit.body import AbstractBody, coordinates_of
 from impostor_jax.fit.guess_sphere import guess_spheres
 from impostor_jax.fit.initialize import first_guesses
 from impostor_jax.fit.result import STATUSES, Deviations, Directions, Fit, FitStatus
 from impostor_jax.fit.round_body import RoundBody
 from impostor_jax.fit.solve import STAGE_TOLERANCE
+from impostor_jax.fit.sphere_body import SphereBody
 from impostor_jax.primitives.base import AbstractPrimitive
 from impostor_jax.primitives.cylinder import Cylinder
 from impostor_jax.primitives.frustum import Frustum
@@ -84,7 +84,7 @@ FRUSTUM = Fittable(
 )
 SPHERE = Fittable(
     shape=Sphere,
-    body=Ball,
+    body=SphereBody,
     guesses=guess_spheres,
     parameters=("center", "radius"),
     nothing={"center": (0, 0, 0), "radius": 0},

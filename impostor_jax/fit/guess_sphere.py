@@ -14,8 +14,8 @@ from jaxtyping import Array, Bool, Float
 
 from impostor_jax.camera.pinhole import PinholeCamera
 from impostor_jax.compiling import quickly_compiled
-from impostor_jax.fit.ball import Ball
 from impostor_jax.fit.rounds import FEWEST_POINTS, median_of, round_through
+from impostor_jax.fit.sphere_body import SphereBody
 from impostor_jax.fit.surface import Samples, guesses_by
 
 NEAR = 0.1
@@ -30,7 +30,7 @@ def guess_spheres(
     region: Bool[np.ndarray, "h w"],
     camera: PinholeCamera,
     sigma: float,
-) -> list[Ball]:
+) -> list[SphereBody]:
     """Guess spheres from the readings of a region.
 
     Args:
@@ -46,7 +46,7 @@ def guess_spheres(
     return guesses_by(quickly_compiled(_guessed), depth, region, camera, sigma)
 
 
-def _guessed(samples: Samples) -> tuple[Ball, Bool[Array, " g"]]:
+def _guessed(samples: Samples) -> tuple[SphereBody, Bool[Array, " g"]]:
     """Guesses, and which of them are any."""
     with jax.default_matmul_precision("highest"):
         proposed = [_through(samples), _along_normals(samples), _behind(samples)]
@@ -61,15 +61,15 @@ def _guessed(samples: Samples) -> tuple[Ball, Bool[Array, " g"]]:
     return balls, jnp.isfinite(misfit[order])
 
 
-def _through(samples: Samples) -> Ball:
+def _through(samples: Samples) -> SphereBody:
     """By least squares."""
     are_all = jnp.ones((1, len(samples.points)), bool)
     fewest = FEWEST_POINTS * samples.copies
     found = round_through(samples.points.T[None], are_all, fewest=fewest)
-    return Ball(found.center[0], found.radius[0])
+    return SphereBody(found.center[0], found.radius[0])
 
 
-def _along_normals(samples: Samples) -> Ball:
+def _along_normals(samples: Samples) -> SphereBody:
     """The center lies a radius from each point against its normal."""
     points, normals = samples.normal_points, samples.normals
     # The normals face the camera, from outside and from inside: r has a sign.
@@ -77,10 +77,10 @@ def _along_normals(samples: Samples) -> Ball:
     away = normals - mean[None]
     radius = jnp.sum((points - middle[None]) * away) / jnp.sum(away**2)
     radius = jnp.where(samples.num_normals >= FEWEST_POINTS, radius, jnp.nan)
-    return Ball(middle - radius * mean, jnp.abs(radius))
+    return SphereBody(middle - radius * mean, jnp.abs(radius))
 
 
-def _behind(samples: Samples) -> Ball:
+def _behind(samples: Samples) -> SphereBody:
     """As wide as the points appear, behind the nearest of them."""
     distance = jnp.linalg.norm(samples.points, axis=1)
     rays = samples.points / distance[:, None]
@@ -92,4 +92,4 @@ def _behind(samples: Samples) -> Ball:
     sine = jnp.minimum(jnp.sin(jnp.arcsin(wide) / 0.9), 0.98)
     near = median_of(distance, aside < inner)
     radius = near * sine / (1 - sine)
-    return Ball(view * (near + radius), radius)
+    return SphereBody(view * (near + radius), radius)

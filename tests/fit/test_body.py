@@ -269,7 +269,7 @@ def of_wall(body, direction):
 
 @jax.jit
 def of_free(body, direction, free):
-    """Derivatives of the same in free coordinates: by forward mode, and by the basis."""
+    """Derivatives of the same in free coordinates: by forward mode, and by basis."""
 
     def values(vector):
         return of_wall(moved_by(body, free, vector), direction)[0]

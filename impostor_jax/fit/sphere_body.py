@@ -1,6 +1,6 @@
 """The sphere as a fit moves it."""
 
-__all__ = ["Ball"]
+__all__ = ["SphereBody"]
 
 from collections import OrderedDict
 from typing import Any
@@ -27,7 +27,7 @@ from impostor_jax.primitives.sphere import Sphere
 Numbers = Float[Array, "*batch"]
 
 
-class Ball(AbstractBody):
+class SphereBody(AbstractBody):
     """Sphere. It moves by its center and the logarithm of its radius."""
 
     center: Float[Array, "*batch 3"]
@@ -35,8 +35,8 @@ class Ball(AbstractBody):
 
     @staticmethod
     @override
-    def of(shape: Sphere) -> "Ball":
-        return Ball(shape.center, shape.radius)
+    def of(shape: Sphere) -> "SphereBody":
+        return SphereBody(shape.center, shape.radius)
 
     @property
     @override
@@ -138,8 +138,10 @@ class Ball(AbstractBody):
         return zero, [zero] * 4
 
     @override
-    def retracted(self, tangent: Float[Array, "4"], free: FreeDirections) -> "Ball":
-        return Ball(self.center + tangent[:3], self.radius * grown(tangent[3]))
+    def retracted(
+        self, tangent: Float[Array, "4"], free: FreeDirections
+    ) -> "SphereBody":
+        return SphereBody(self.center + tangent[:3], self.radius * grown(tangent[3]))
 
     @override
     def free_basis(
@@ -157,25 +159,25 @@ class Ball(AbstractBody):
         return np.diag(np.array(is_free, float))
 
     @override
-    def transformed(self, target_from_source: RigidTransform) -> "Ball":
-        return Ball(target_from_source.apply(self.center), self.radius)
+    def transformed(self, target_from_source: RigidTransform) -> "SphereBody":
+        return SphereBody(target_from_source.apply(self.center), self.radius)
 
     @override
-    def readout(self, near: "Ball", ends_seen: Bool[Array, " e"]) -> Readout:
+    def readout(self, near: "SphereBody", ends_seen: Bool[Array, " e"]) -> Readout:
         return OrderedDict(center=self.center, radius=self.radius)
 
     @override
-    def reversed(self, sign: Float[Array, ""]) -> "Ball":
+    def reversed(self, sign: Float[Array, ""]) -> "SphereBody":
         return self
 
     @override
     def drawn_in(
         self, ends_seen: Bool[Array, " e"], reach: Float[Array, " e"]
-    ) -> tuple["Ball", Float[Array, "4 4"]]:
+    ) -> tuple["SphereBody", Float[Array, "4 4"]]:
         return self, jnp.eye(4, dtype=self.radius.dtype)
 
     @override
-    def mirrored(self) -> "Ball":
+    def mirrored(self) -> "SphereBody":
         return self
 
     @override
