@@ -177,7 +177,7 @@ def warn_of_units(
             f"{sigma:.2g}: is it in millimeters?",
             DepthUnitsWarning,
             # The line that called `fit_cylinder`.
-            stacklevel=5,
+            stacklevel=4,
         )
 
 
