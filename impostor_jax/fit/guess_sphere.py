@@ -9,14 +9,11 @@ __all__ = ["guess_spheres"]
 
 import jax
 import jax.numpy as jnp
-import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool
 
-from impostor_jax.camera.pinhole import PinholeCamera
-from impostor_jax.compiling import quickly_compiled
 from impostor_jax.fit.rounds import FEWEST_POINTS, median_of, round_through
 from impostor_jax.fit.sphere_body import SphereBody
-from impostor_jax.fit.surface import Samples, guesses_by
+from impostor_jax.fit.surface import Samples
 
 NEAR = 0.1
 """Share of the points, those in the middle of the view, that tell how near it is."""
@@ -25,29 +22,11 @@ WIDE = 0.81
 """Share of an even disc's points within nine tenths of its radius."""
 
 
-def guess_spheres(
-    depth: Float[np.ndarray, "h w"],
-    region: Bool[np.ndarray, "h w"],
-    camera: PinholeCamera,
-    sigma: float,
-) -> list[SphereBody]:
-    """Guess spheres from the readings of a region.
+def guess_spheres(samples: Samples) -> tuple[SphereBody, Bool[Array, " g"]]:
+    """Spheres in the camera frame, the closest to the readings first.
 
-    Args:
-        depth: In meters; 0 where there is no reading.
-        region: Pixels of the object.
-        camera: Concrete; its pose is not used.
-        sigma: Typical standard deviation of a reading, in meters.
-
-    Returns:
-        Spheres in the camera frame, the closest to the readings first; none where these
-        admit no sphere.
+    And which of them are any: readings may admit none.
     """
-    return guesses_by(quickly_compiled(_guessed), depth, region, camera, sigma)
-
-
-def _guessed(samples: Samples) -> tuple[SphereBody, Bool[Array, " g"]]:
-    """Guesses, and which of them are any."""
     with jax.default_matmul_precision("highest"):
         proposed = [_through(samples), _along_normals(samples), _behind(samples)]
     balls = jax.tree.map(lambda *fields: jnp.stack(fields), *proposed)

@@ -8,23 +8,19 @@ __all__ = [
     "MAX_POINTS",
     "Samples",
     "cropped",
-    "guesses_by",
     "middle_of",
     "samples_of",
     "thinned",
 ]
 
-from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import cv2
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from impostor_jax.camera.pinhole import PinholeCamera
-from impostor_jax.fit.body import AbstractBody
 from impostor_jax.fit.rounds import FEWEST_POINTS, median_of
 from impostor_jax.fit.sparse import MAX_SLOPE_ERROR, spacing_of, sparse_slopes
 
@@ -144,30 +140,6 @@ def _without_lens(
     seen = np.where(region, depth, 0).astype(np.float32)
     straight = cv2.remap(seen, *maps, cv2.INTER_NEAREST)
     return straight, straight > 0
-
-
-def guesses_by(
-    guessed: Callable[[Samples], tuple[AbstractBody, Bool[Array, " g"]]],
-    depth: Float[np.ndarray, "h w"],
-    region: Bool[np.ndarray, "h w"],
-    camera: PinholeCamera,
-    sigma: float,
-) -> list[Any]:
-    """Bodies that are guessed from a region's readings; none where there are too few.
-
-    Args:
-        guessed: Makes a batch of bodies, the likeliest first, and tells which are any.
-        depth: As in `samples_of`, and so the others.
-        region: Pixels of the object.
-        camera: Concrete.
-        sigma: Typical standard deviation of a reading, in meters.
-    """
-    samples = samples_of(depth, region, camera, sigma)
-    if samples is None:
-        return []
-    # Sliced by NumPy: a hundredth of the time that JAX takes.
-    bodies, are_any = jax.tree.map(np.asarray, guessed(samples))
-    return [jax.tree.map(lambda a, k=k: a[k], bodies) for k in np.flatnonzero(are_any)]
 
 
 def samples_of(
