@@ -15,7 +15,6 @@ from impostor_jax.fit.fittable import CYLINDER, FRUSTUM, SPHERE
 from impostor_jax.fit.frustum import fit_frustum
 from impostor_jax.fit.options import FitOptions, Options
 from impostor_jax.fit.result import Fit
-from impostor_jax.fit.shapes import fit_shape
 from impostor_jax.fit.sphere import fit_sphere
 from impostor_jax.primitives.base import AbstractPrimitive
 
@@ -76,9 +75,6 @@ def fit_labels(
 
     def fit_one(label: int) -> Fit:
         mask = numbers == label
-        return fit_or_failure(
-            lambda: fit_shape(kind, depth, camera, mask, sigma, initial, asked),
-            kind, depth, camera, mask, asked,
-        )  # fmt: skip
+        return fit_or_failure(kind, depth, camera, mask, sigma, initial, asked)
 
     return dict(zip(found, side_by_side(fit_one, found), strict=True))
