@@ -195,9 +195,7 @@ class Fit:
 
     def _function(self) -> Any:
         """What fits the shape."""
-        from impostor_jax.fit.cylinder import fit_cylinder
-        from impostor_jax.fit.frustum import fit_frustum
-        from impostor_jax.fit.sphere import fit_sphere
+        from impostor_jax.fit.single import fit_cylinder, fit_frustum, fit_sphere
 
         return {
             "cylinder": fit_cylinder, "sphere": fit_sphere, "frustum": fit_frustum,
