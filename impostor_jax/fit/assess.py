@@ -338,19 +338,17 @@ def _status_code(
     determined: Bool[Array, ""],
 ) -> Int[Array, ""]:
     """Code of the first thing that went wrong."""
-    code = {status: STATUSES.index(status) for status in FitStatus}
     # The steps of a radius that readings leave open grow for ever.
     is_open = fits & ~determined
-    return jnp.select(
-        [~finite, ~converged & ~is_open, ~fits, ~determined],
-        [
-            jnp.array(code[FitStatus.NOT_FINITE]),
-            jnp.array(code[FitStatus.STEP_LIMIT]),
-            jnp.array(code[FitStatus.POOR_FIT]),
-            jnp.array(code[FitStatus.UNDETERMINED]),
-        ],
-        jnp.array(code[FitStatus.CONVERGED]),
-    )
+    wrong = {
+        FitStatus.NOT_FINITE: ~finite,
+        FitStatus.STEP_LIMIT: ~converged & ~is_open,
+        FitStatus.POOR_FIT: ~fits,
+        FitStatus.UNDETERMINED: ~determined,
+    }
+    codes = [jnp.array(STATUSES.index(status)) for status in wrong]
+    right = jnp.array(STATUSES.index(FitStatus.CONVERGED))
+    return jnp.select(list(wrong.values()), codes, right)
 
 
 def _is_as_flat(

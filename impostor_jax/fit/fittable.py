@@ -3,7 +3,6 @@
 __all__ = ["CYLINDER", "FRUSTUM", "KINDS", "SPHERE", "Fittable", "no_guess"]
 
 import dataclasses
-import functools
 from collections.abc import Callable
 from typing import Any
 
@@ -53,9 +52,9 @@ class Fittable:
     def coordinates(self) -> tuple[str, ...]:
         """Of its covariance."""
         # Known without a device.
-        return coordinates_of(jax.eval_shape(lambda: self.body_at(self.nothing)))
+        return coordinates_of(jax.eval_shape(lambda: self.blank))
 
-    @functools.cached_property
+    @property
     def blank(self) -> AbstractBody:
         """A body that says what is true of all."""
         return self.body_at(self.nothing)
@@ -122,7 +121,7 @@ KINDS = {kind.shape: kind for kind in (CYLINDER, FRUSTUM, SPHERE)}
 
 def no_guess(kind: Fittable, region: Bool[np.ndarray, "h w"]) -> Fit:
     """Result of a fit that could not start; its shape has no meaning."""
-    nothing = kind.body_at(kind.nothing)
+    nothing = kind.blank
     names, zero = coordinates_of(nothing), nothing.radius
     seen = jnp.zeros(len(nothing.ends), bool)
     read = jax.eval_shape(nothing.readout, nothing, seen)

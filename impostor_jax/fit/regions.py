@@ -3,7 +3,6 @@
 __all__ = [
     "START_READINGS",
     "DepthUnitsWarning",
-    "bucket",
     "object_region",
     "pixel_indices",
     "traced_indices",
@@ -167,10 +166,10 @@ def warn_of_units(
     readings = _some_readings(image, region)
     if not len(readings):
         readings = image[image > 0]
-    middle = float(middle_of(readings))
+    middle = middle_of(readings)
     if not middle > FARTHEST_PLAIN:
         return
-    sigma = float(_sigma_face_on(noise, middle_of(readings)))
+    sigma = float(_sigma_face_on(noise, middle))
     if not FINEST_SIGMA * middle < sigma < COARSEST_SIGMA * middle:
         warnings.warn(
             f"depth must be in meters, its median is {middle:.4g} and its sigma "
@@ -179,11 +178,6 @@ def warn_of_units(
             # The line that called `fit_cylinder`.
             stacklevel=4,
         )
-
-
-def bucket(count: int) -> int:
-    """Number of entries that this many pixels are filled up to."""
-    return next(size for size in BUCKETS if size >= count)
 
 
 def pixel_indices(
@@ -203,7 +197,8 @@ def pixel_indices(
     index = np.flatnonzero(region[box])
     if most is not None and most < len(index):
         index = index[np.arange(most) * len(index) // most]
-    count, size = len(index), bucket(len(index))
+    count = len(index)
+    size = next(size for size in BUCKETS if size >= count)
     if most is not None:
         size = min(size, -(-most // BLOCK) * BLOCK)
     is_some = np.zeros(count, bool)
