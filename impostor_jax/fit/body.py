@@ -9,6 +9,7 @@ is compared with the wall changes with a motion of the body by alpha dn + beta d
 __all__ = [
     "AbstractBody",
     "FreeDirections",
+    "Numbers",
     "Passing",
     "Readout",
     "blunted_root",

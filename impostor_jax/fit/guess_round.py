@@ -171,11 +171,13 @@ def _apart(axes: Float[Array, "k 3"], are_any: Bool[Array, " k"]) -> Bool[Array,
     return jax.lax.fori_loop(0, len(axes), with_next, jnp.zeros(len(axes), bool))
 
 
-def _levels(cosine: Float[Array, "k m"]) -> Float[Array, "k 1"]:
-    """Cosine of a tapered wall's normals with each axis."""
+def _off_wall(cosine: Float[Array, "k m"], tapered: bool) -> Float[Array, "k m"]:
+    """Cosines of normals with each axis, less that of the wall's normals."""
+    if not tapered:
+        return cosine
     # Of all but the caps' normals.
     middle = median_of(cosine, jnp.abs(cosine) < MOST_LEANING)[:, None]
-    return jnp.where(jnp.isfinite(middle), middle, 0)
+    return cosine - jnp.where(jnp.isfinite(middle), middle, 0)
 
 
 def _unexplained(
@@ -183,8 +185,7 @@ def _unexplained(
 ) -> Float[Array, " k"]:
     """Mean squared sine between each normal and the nearer of wall and cap."""
     cosine = axes @ normals.T
-    off_wall = cosine - _levels(cosine) if tapered else cosine
-    miss = jnp.minimum(off_wall**2, 1 - cosine**2)
+    miss = jnp.minimum(_off_wall(cosine, tapered) ** 2, 1 - cosine**2)
     return jnp.minimum(miss, SIN_TOLERANCE**2).mean(axis=1)
 
 
@@ -201,8 +202,7 @@ def _refined(
     for _ in range(2):
         cosine = axes @ normals.T
         cap = cosine**2 > 1 - (2 * SIN_TOLERANCE) ** 2
-        off_wall = cosine - _levels(cosine) if tapered else cosine
-        wall = (off_wall**2 < (2 * SIN_TOLERANCE) ** 2) & ~cap
+        wall = (_off_wall(cosine, tapered) ** 2 < (2 * SIN_TOLERANCE) ** 2) & ~cap
         is_wall = wall.astype(normals.dtype)
         votes = is_wall - cap.astype(normals.dtype)
         scatter = (votes @ products).reshape(-1, 3, 3)

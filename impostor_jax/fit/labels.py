@@ -16,7 +16,7 @@ from impostor_jax.fit.result import Fit
 from impostor_jax.fit.single import fit_cylinder, fit_frustum, fit_sphere
 from impostor_jax.primitives.base import AbstractPrimitive
 
-KINDS = {fit_cylinder: CYLINDER, fit_frustum: FRUSTUM, fit_sphere: SPHERE}
+KIND_OF = {fit_cylinder: CYLINDER, fit_frustum: FRUSTUM, fit_sphere: SPHERE}
 
 
 def fit_labels(
@@ -53,8 +53,8 @@ def fit_labels(
         ValueError: Likewise; or the labels are no integers, or all 0, or something
             is traced.
     """
-    if fit not in KINDS:
-        names = ", ".join(known.__name__ for known in KINDS)
+    if fit not in KIND_OF:
+        names = ", ".join(known.__name__ for known in KIND_OF)
         raise ValueError(f"fit must be one of {names}; got {fit!r}")
     if not is_concrete((depth, labels, camera, sigma, initial, options)):
         raise ValueError("depth, labels, camera and what is asked must be concrete, "
@@ -69,7 +69,7 @@ def fit_labels(
     found = [int(label) for label in np.unique(numbers) if label != 0]
     if not found:
         raise ValueError("labels must hold at least one that is not 0, got none")
-    kind, asked = KINDS[fit], Options.of(options)
+    kind, asked = KIND_OF[fit], Options.of(options)
 
     def fit_one(label: int) -> Fit:
         mask = numbers == label

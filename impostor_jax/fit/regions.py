@@ -1,7 +1,6 @@
 """Which pixels of an image a fit uses."""
 
 __all__ = [
-    "START_READINGS",
     "DepthUnitsWarning",
     "object_region",
     "pixel_indices",
@@ -26,9 +25,6 @@ from impostor_jax.fit.segment import nearest_object
 from impostor_jax.fit.surface import cropped, middle_of, thinned
 from impostor_jax.sensor.base import AbstractDepthNoise, Reach
 from impostor_jax.sensor.gaussian import ConstantNoise
-
-START_READINGS = BLOCK
-"""Readings that a fit begins with, evenly spread over the object."""
 
 FARTHEST_PLAIN = 100.0
 """Median depth in meters up to which nobody asks whether it is in meters."""
@@ -185,7 +181,7 @@ def pixel_indices(
 ) -> tuple[Int[np.ndarray, " n"], Int[np.ndarray, " n"]]:
     """Rows and columns of a region's pixels, filled up to one of a few sizes.
 
-    The last `START_READINGS` are evenly spread over the region; a row beyond the image,
+    The last `BLOCK` are evenly spread over the region; a row beyond the image,
     of which there may be some before the others, only fills up.
 
     Args:
@@ -202,7 +198,7 @@ def pixel_indices(
     if most is not None:
         size = min(size, -(-most // BLOCK) * BLOCK)
     is_some = np.zeros(count, bool)
-    is_some[np.arange(START_READINGS) * count // START_READINGS] = True
+    is_some[np.arange(BLOCK) * count // BLOCK] = True
     order = np.concatenate([index[~is_some], index[is_some]])
     filled = np.full(size, region.shape[0]), np.zeros(size, int)
     found = np.divmod(order, max(box[1].stop - box[1].start, 1))
@@ -216,7 +212,7 @@ def traced_indices(
 ) -> tuple[Int[Array, " n"], Int[Array, " n"]]:
     """The same of a region that only the run knows, in one size.
 
-    The last `START_READINGS` are evenly spread over it here, too.
+    The last `BLOCK` are evenly spread over it here, too.
 
     Args:
         region: Pixels of the object.
@@ -235,12 +231,12 @@ def traced_indices(
     count = jnp.minimum(rank[-1], most)
     # Backwards, so that what only fills up comes first.
     place = jnp.arange(-(-most // BLOCK) * BLOCK - 1, -1, -1)
-    step = jnp.arange(START_READINGS)
-    some = step * count // START_READINGS
-    is_new = (step == 0) | (some != (step - 1) * count // START_READINGS)
+    step = jnp.arange(BLOCK)
+    some = step * count // BLOCK
+    is_new = (step == 0) | (some != (step - 1) * count // BLOCK)
     # Some step leads to a place where a multiple of the count is next to it.
-    scaled = place * START_READINGS
-    is_some = -(-scaled // jnp.maximum(count, 1)) * count < scaled + START_READINGS
+    scaled = place * BLOCK
+    is_some = -(-scaled // jnp.maximum(count, 1)) * count < scaled + BLOCK
     place = jnp.concatenate([place, some])
     used = (place < count) & jnp.concatenate([~is_some, is_new])
     # The first pixel of each rank; ranks are spread out where there are too many.

@@ -15,6 +15,7 @@ from typing_extensions import override
 from impostor_jax.fit.body import (
     AbstractBody,
     FreeDirections,
+    Numbers,
     Passing,
     Readout,
     blunted_root,
@@ -27,8 +28,6 @@ from impostor_jax.geometry.vec3 import Vec3, unit
 from impostor_jax.numerics import safe_norm, safe_sqrt, smallest_slope
 from impostor_jax.primitives.cylinder import Cylinder
 from impostor_jax.primitives.frustum import Frustum
-
-Numbers = Float[Array, "*batch"]
 
 PARALLEL = 1e-4
 """A of the wall's quadric, over |d|^2, below which a ray runs along a cone's wall. A is

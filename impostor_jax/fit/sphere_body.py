@@ -14,6 +14,7 @@ from typing_extensions import override
 from impostor_jax.fit.body import (
     AbstractBody,
     FreeDirections,
+    Numbers,
     Passing,
     Readout,
     blunted_root,
@@ -23,8 +24,6 @@ from impostor_jax.fit.body import (
 from impostor_jax.geometry.frames import RigidTransform
 from impostor_jax.geometry.vec3 import Vec3
 from impostor_jax.primitives.sphere import Sphere
-
-Numbers = Float[Array, "*batch"]
 
 
 class SphereBody(AbstractBody):
