@@ -56,8 +56,11 @@ class Fittable:
 
     @property
     def blank(self) -> AbstractBody:
-        """A body that says what is true of all."""
-        return self.body_at(self.nothing)
+        """A body without a size, that says what is true of all."""
+        dtype = np.dtype(jnp.result_type(float))
+        arrays = {name: np.asarray(x, dtype) for name, x in self.nothing.items()}
+        # All at once: a fifth of the time that they take one by one.
+        return self.body(**jax.device_put(arrays))
 
     def guesses(
         self,
@@ -82,13 +85,6 @@ class Fittable:
         bodies, are_any = jax.tree.map(np.asarray, found)
         places = np.flatnonzero(are_any)
         return [jax.tree.map(lambda a, k=k: a[k], bodies) for k in places]
-
-    def body_at(self, fields: dict[str, Any]) -> AbstractBody:
-        """A body from NumPy's or Python's numbers."""
-        dtype = np.dtype(jnp.result_type(float))
-        arrays = {name: np.asarray(field, dtype) for name, field in fields.items()}
-        # All at once: a fifth of the time that they take one by one.
-        return self.body(**jax.device_put(arrays))
 
 
 CYLINDER = Fittable(

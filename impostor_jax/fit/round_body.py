@@ -168,13 +168,13 @@ class RoundBody(AbstractBody):
         per_step = 1 / jnp.where(parallel, 1, d_a)
         reach = jnp.where(parallel, jnp.inf, self.height / 2 * jnp.abs(per_step))
         middle = -o_a * per_step
-        is_along = inverse == 0
+        k, widens = self.slope, self.slope * d_a
         if self.growth is None:
+            is_along = inverse == 0
             enter = jnp.where(is_along, -jnp.inf, nearest - half)
             leave = jnp.where(is_along, jnp.inf, nearest + half)
         else:
             half, half_slope = half * within, half_slope * within
-            widens = self.slope * d_a
             enter = jnp.where((within < 0) & (widens < 0), -jnp.inf, nearest - half)
             leave = jnp.where((within < 0) & (widens > 0), jnp.inf, nearest + half)
         outside = jnp.maximum(enter, middle - reach) + foot > 0
@@ -189,9 +189,19 @@ class RoundBody(AbstractBody):
         wall = nearest + jnp.where(outside, -half, half)
         # Unit normals: of the wall |n.d| = |A| h / (R sqrt(1 + k^2)), of a cap |a.d|.
         across = e1 * e1 + e2 * e2
-        facing, enter_along, leave_along = self._along(
-            across, o_a, d_a, nearest, half, wall
-        )
+        along = o_a + wall * d_a
+        enter_along = o_a + (nearest - half) * d_a
+        leave_along = o_a + (nearest + half) * d_a
+        if self.growth is None:
+            facing = across * jnp.maximum(half, 0) / self.radius
+        else:
+            facing = (across - widens**2) * half / (self.radius + k * along)
+            facing = jnp.maximum(facing, 0) * jax.lax.rsqrt(jnp.asarray(1 + k * k))
+            # A ray within the cone of directions leaves the nappe, or enters it, at
+            # infinity: on the side to which the body grows wider.
+            far = FARTHEST * self.size * jnp.sign(self.growth)
+            enter_along = jnp.where((within < 0) & (widens < 0), far, enter_along)
+            leave_along = jnp.where((within < 0) & (widens > 0), far, leave_along)
         facing = jnp.where(on_cap, jnp.abs(d_a), facing)
         facing = facing * jax.lax.rsqrt(across + d_a * d_a)
         return Passing(
@@ -210,7 +220,7 @@ class RoundBody(AbstractBody):
             cap_radius=cap_radius,
             overshoot=past * cap_radius,
             plane_weight=1 / (1 + past * past),
-            along=o_a + wall * d_a,
+            along=along,
             enter_along=enter_along,
             leave_along=leave_along,
         )
@@ -238,34 +248,6 @@ class RoundBody(AbstractBody):
         w1, w2 = d.x * rho - o.x * k, d.y * rho - o.y * k
         square = (w1 * w1 + w2 * w2 - beside * beside) * inverse * inverse
         return inverse, (rho * k - ahead) * inverse, square, within
-
-    def _along(
-        self,
-        across: Numbers,
-        o_a: Numbers,
-        d_a: Numbers,
-        nearest: Numbers,
-        half: Numbers,
-        wall: Numbers,
-    ) -> tuple[Numbers, Numbers, Numbers]:
-        """How the wall faces a ray, and where along the axis that enters and leaves it.
-
-        A ray within the cone of directions leaves the nappe, or enters it, at infinity:
-        on the side to which the body grows wider.
-        """
-        enter, leave = o_a + (nearest - half) * d_a, o_a + (nearest + half) * d_a
-        if self.growth is None:
-            return across * jnp.maximum(half, 0) / self.radius, enter, leave
-        k = self.slope
-        opening = across - (k * d_a) ** 2
-        facing = opening * half / (self.radius + k * (o_a + wall * d_a))
-        facing = jnp.maximum(facing, 0) * jax.lax.rsqrt(jnp.asarray(1 + k * k))
-        far = FARTHEST * self.size * jnp.sign(self.growth)
-        return (
-            facing,
-            jnp.where((opening < 0) & (k * d_a < 0), far, enter),
-            jnp.where((opening < 0) & (k * d_a > 0), far, leave),
-        )
 
     @override
     def covers(self, passing: Passing) -> Bool[Array, "*batch"]:
