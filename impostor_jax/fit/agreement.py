@@ -12,6 +12,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from impostor_jax.numerics import product
+
 BORDER = 4
 """Pixels along rows and columns within which a reading lies beside a mask's border; two
 of them may have been left out."""
@@ -72,13 +74,8 @@ def contradiction(
         The statistic, of as many degrees of freedom as there are coordinates, or less.
     """
     information, pull = part[:-1, :-1], part[:-1, -1]
-    rest = jnp.matmul(covariance, pull_of_all, precision="highest")
-    pull = pull - jnp.matmul(information, rest, precision="highest")
-    taken = jnp.matmul(
-        jnp.matmul(information, covariance, precision="highest"),
-        information,
-        precision="highest",
-    )
+    pull = pull - product(information, product(covariance, pull_of_all))
+    taken = product(information, covariance, information)
     diagonal = jnp.diagonal(information)
     size = jnp.where(
         diagonal > 0, jax.lax.rsqrt(jnp.where(diagonal > 0, diagonal, 1)), 0
@@ -88,7 +85,7 @@ def contradiction(
     )
     # What the part alone tells leaves no residual to test.
     tested = values > LEAST_TESTED
-    along = jnp.matmul(vectors.T, pull * size, precision="highest")
+    along = product(vectors.T, pull * size)
     squares = along**2 / jnp.where(tested, values, 1)
     return jnp.sum(jnp.where(tested, squares, 0))
 

@@ -25,7 +25,7 @@ from impostor_jax.fit.problem import Pixels, Problem
 from impostor_jax.fit.result import DISAGREEING, STATUSES, Fit, FitStatus
 from impostor_jax.fit.solve import STAGES, Solution, in_coordinates, spread_of
 from impostor_jax.fit.uncertainty import free_covariance, score_covariance
-from impostor_jax.numerics import safe_divide, safe_sqrt
+from impostor_jax.numerics import product, safe_divide, safe_sqrt
 from impostor_jax.primitives.base import in_world_frame
 
 MOST_CHI2 = 9.0
@@ -140,7 +140,7 @@ def assess(problem: Problem, solution: Solution, correlated: bool) -> Assessment
     # The ends are the last coordinates.
     others = jnp.ones(basis.shape[0] - ends_seen.size, bool)
     leans = jnp.where(jnp.concatenate([others, ends_seen]), 1, 0).astype(basis.dtype)
-    into = jnp.matmul(basis.T * leans[None], carried, precision="highest")
+    into = product(basis.T * leans[None], carried)
     beside = computed_once(lambda: on_border(problem.mask, problem.row, problem.col))
     # A reading of the wall that grazes it beside a rim may be the cap's as well: one of
     # them, if it counts, tells more of the radius than all others.
@@ -153,7 +153,7 @@ def assess(problem: Problem, solution: Solution, correlated: bool) -> Assessment
     world = in_world_frame(body, camera)
 
     def read(free: Float[Array, " c"]) -> tuple[Readout, Float[Array, " p"]]:
-        tangent = jnp.matmul(basis, free, precision="highest")
+        tangent = product(basis, free)
         moved = body.retracted(tangent, settings.free)
         told = in_world_frame(moved, camera).readout(world, ends_seen)
         return told, prior_residuals(prior, moved)
@@ -163,18 +163,18 @@ def assess(problem: Problem, solution: Solution, correlated: bool) -> Assessment
     for name in filter(change.__contains__, settings.held):
         change[name] = jnp.where(settings.held[name], 0, change[name])
     widening = jnp.maximum(squares / num_inliers, 1)
-    of_prior = jnp.matmul(known.T, known, precision="highest")
+    of_prior = product(known.T, known)
     total = of_all + of_edges
     covariance, directions, free = free_covariance(
         total[:-1, :-1] / widening + of_prior
     )
     expected = prior_residuals(prior, body)
-    pull = jnp.matmul(known.T, expected, precision="highest")
+    pull = product(known.T, expected)
     statistic = contradiction(
         of_border / widening, total[:-1, -1] / widening + pull, covariance
     )
     if correlated:
-        jacobian = jnp.matmul(into, terms.gradient, precision="highest")
+        jacobian = product(into, terms.gradient)
         meat = score_covariance(
             jnp.where(tells[None], jacobian, 0).T,
             whitened,
@@ -184,7 +184,7 @@ def assess(problem: Problem, solution: Solution, correlated: bool) -> Assessment
         )
         meat = meat / widening**2 + of_edges[:-1, :-1] + of_prior
         independent = jnp.diagonal(covariance)
-        covariance = covariance @ meat @ covariance
+        covariance = product(covariance, meat, covariance)
         # Errors that neighbors share let a part pull harder by as much as they widen
         # the standard deviations.
         wider = safe_divide(jnp.diagonal(covariance), independent)
@@ -259,7 +259,7 @@ def _products(
 ) -> Float[Array, "m m"]:
     """Products of some terms of Jacobian and residual, in free coordinates."""
     some = jnp.where(counts[None], terms.augmented, 0)
-    return in_coordinates(jnp.matmul(some, some.T, precision="highest"), into)
+    return in_coordinates(product(some, some.T), into)
 
 
 def _cap_shown(
@@ -372,14 +372,14 @@ def _is_as_flat(
     inverse = jnp.where(inlier, 1 / jnp.where(inlier, depth, 1), 0)
     weight = jnp.where(inlier, weight * depth, 0)
     rays = jnp.stack([d.x, d.y, d.z]) * (weight * depth)[None]
-    normal = jnp.matmul(rays, rays.T, precision="highest")
-    right = jnp.matmul(rays, weight * depth * inverse, precision="highest")
+    normal = product(rays, rays.T)
+    right = product(rays, weight * depth * inverse)
     # Cramer's rule: the rows of the adjugate are cross products.
     adjugate = jnp.cross(jnp.roll(normal, -1, axis=0), jnp.roll(normal, -2, axis=0))
     determinant = jnp.sum(normal[0] * adjugate[0])
     inverse_determinant = safe_divide(jnp.ones_like(determinant), determinant)
     plane = jnp.sum(adjugate.T * right[None], axis=1) * inverse_determinant
-    flat = jnp.matmul(plane, rays, precision="highest") - weight * depth * inverse
+    flat = product(plane, rays) - weight * depth * inverse
     scale = jnp.maximum(
         squares / jnp.maximum(jnp.sum(inlier), 1).astype(depth.dtype), 1
     )

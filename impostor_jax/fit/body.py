@@ -31,6 +31,7 @@ from jaxtyping import Array, Bool, Float
 from impostor_jax.geometry.frames import RigidTransform
 from impostor_jax.geometry.rays import Ray
 from impostor_jax.geometry.vec3 import Vec3
+from impostor_jax.numerics import product
 from impostor_jax.primitives.base import AbstractPrimitive
 
 Numbers = Float[Array, "*batch"]
@@ -156,7 +157,7 @@ def local_ray(
     is_ahead = center[2] > AHEAD * jnp.sqrt(jnp.sum(center**2))
     foot = jnp.where(is_ahead, center[2], 0)
     toward = jnp.where(is_ahead, center[:2] / jnp.where(is_ahead, center[2], 1), 0)
-    rest = jnp.matmul(frame, jnp.where(is_ahead, 0, center), precision="highest")
+    rest = product(frame, jnp.where(is_ahead, 0, center))
     x, y = direction.x, direction.y
     near_x, near_y = foot * (x - toward[0]), foot * (y - toward[1])
     origin = [near_x * f[0] + near_y * f[1] - r for f, r in zip(frame, rest)]  # noqa: B905

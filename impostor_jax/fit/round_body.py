@@ -25,7 +25,7 @@ from impostor_jax.fit.body import (
 from impostor_jax.geometry.frames import RigidTransform
 from impostor_jax.geometry.so3 import tangent_basis
 from impostor_jax.geometry.vec3 import Vec3, unit
-from impostor_jax.numerics import safe_norm, safe_sqrt, smallest_slope
+from impostor_jax.numerics import product, safe_norm, safe_sqrt, smallest_slope
 from impostor_jax.primitives.cylinder import Cylinder
 from impostor_jax.primitives.frustum import Frustum
 
@@ -372,10 +372,7 @@ class RoundBody(AbstractBody):
         self, tangent: Float[Array, " c"], free: FreeDirections
     ) -> "RoundBody":
         basis = tangent_basis(self.axis)
-        tilt, across = (
-            jnp.matmul(part, basis, precision="highest")
-            for part in (tangent[:2], tangent[2:4])
-        )
+        tilt, across = (product(part, basis) for part in (tangent[:2], tangent[2:4]))
         axis = self.axis + tilt
         shift = (tangent[-2] + tangent[-1]) / 2
         height = self.height * grown((tangent[-1] - tangent[-2]) / self.height)
@@ -444,9 +441,9 @@ class RoundBody(AbstractBody):
             radii = OrderedDict(zip(self.names_of_radii, own, strict=True))
         return OrderedDict(
             **places,
-            across_axis=jnp.matmul(basis, across, precision="highest"),
+            across_axis=product(basis, across),
             along_axis=jnp.sum(near.axis * away),
-            axis=jnp.matmul(basis, self.axis, precision="highest"),
+            axis=product(basis, self.axis),
             **radii,
             height=self.height,
         )

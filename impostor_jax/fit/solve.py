@@ -33,7 +33,7 @@ from impostor_jax.fit.evidence import Terms, crossing_terms, reading_terms
 from impostor_jax.fit.prior import prior_residuals
 from impostor_jax.fit.problem import BLOCK, Problem
 from impostor_jax.fit.robust import KERNELS, robust_residual
-from impostor_jax.numerics import eps, safe_divide
+from impostor_jax.numerics import eps, product, safe_divide
 
 
 class Stage(NamedTuple):
@@ -209,7 +209,7 @@ class _Staged(optx.AbstractFixedPointSolver):
         size = jnp.where(damping == 0, self.norm(moved), jnp.inf)
         ends = (size < self.limits[state.stage]) | (state.in_stage >= MOST_COARSE - 1)
         goes_further = ends & ~is_last
-        tangent = jnp.matmul(told.basis, moved, precision="highest")
+        tangent = product(told.basis, moved)
         state = _State(
             stage=state.stage + jnp.where(goes_further, 1, 0),
             in_stage=jnp.where(goes_further, 0, state.in_stage + 1),
@@ -277,7 +277,7 @@ def _followed_jvp(given, changes):
     basis = _free_basis(problem, solution.body)
 
     def body_at(moved: Float[Array, " c"]) -> AbstractBody:
-        tangent = jnp.matmul(basis, moved, precision="highest")
+        tangent = product(basis, moved)
         return solution.body.retracted(tangent, free)
 
     def pull_at(moved: Float[Array, " c"], problem: Problem) -> Float[Array, " c"]:
@@ -285,7 +285,7 @@ def _followed_jvp(given, changes):
         terms = reading_terms(problem.pixels, at, problem.noise).terms
         scale = _scale(problem, terms.residual[-BLOCK:], terms.weight[-BLOCK:])
         total = _products(problem, terms, scale) + _beside(problem, at, stage, scale)
-        return jnp.matmul(basis.T, total[:-1, -1], precision="highest")
+        return product(basis.T, total[:-1, -1])
 
     still = jnp.zeros(free.shape[0], problem.unit.dtype)
     slope = jax.jacfwd(lambda moved: pull_at(moved, problem))(still)
@@ -304,7 +304,7 @@ def _through_stages(problem: Problem, start: AbstractBody) -> Solution:
 
     def led(body: AbstractBody, stage: Stage):
         told = _told(problem, body, stage)
-        tangent = jnp.matmul(told.basis, told.step(), precision="highest")
+        tangent = product(told.basis, told.step())
         return body.retracted(tangent, settings.free), told
 
     limits = np.array([stage.limit for stage in STAGES])
@@ -356,8 +356,7 @@ def in_coordinates(
         into: Tangent coordinates that each of the others moves, one a row.
     """
     turn = jnp.zeros_like(products).at[:-1, :-1].set(into).at[-1, -1].set(1)
-    turned = jnp.matmul(turn, products, precision="highest")
-    return jnp.matmul(turned, turn.T, precision="highest")
+    return product(turn, products, turn.T)
 
 
 def _free_basis(problem: Problem, body: AbstractBody) -> Float[Array, "c c"]:
@@ -415,7 +414,7 @@ def _beside(
 
     still = jnp.zeros(settings.free.shape[0], scale.dtype)
     beliefs = jnp.concatenate([jax.jacfwd(known)(still).T, known(still)[None]])
-    of_beliefs = jnp.matmul(beliefs, beliefs.T, precision="highest")
+    of_beliefs = product(beliefs, beliefs.T)
     return of_beliefs + _products(problem, edge, scale)
 
 
@@ -431,7 +430,7 @@ def _products(
     )
     is_last = np.arange(len(terms.augmented)) == len(terms.augmented) - 1
     weighed = jnp.where(is_last[:, None], robust[None], terms.augmented * slope[None])
-    return jnp.matmul(weighed, weighed.T, precision="highest")
+    return product(weighed, weighed.T)
 
 
 def _scale(

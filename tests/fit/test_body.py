@@ -9,7 +9,7 @@ import impostor_jax as ij
 from impostor_jax.fit.round_body import RoundBody
 from impostor_jax.geometry.rays import Ray
 from impostor_jax.geometry.vec3 import Vec3
-from impostor_jax.numerics import eps
+from impostor_jax.numerics import eps, product
 from tests.fit.bodies import BODIES, FAR, body_of, in_double, rays
 from tests.fit.scenes import can
 
@@ -158,7 +158,7 @@ UNIT, END_UNIT = 1e-4, 3e-4
 def moved_by(body, free, vector):
     """The body at free coordinates."""
     basis = body.free_basis(free, jnp.asarray(UNIT), jnp.asarray(END_UNIT))
-    return body.retracted(jnp.matmul(basis, vector, precision="highest"), free)
+    return body.retracted(product(basis, vector), free)
 
 
 def at(kind, vector, fixed=()):
