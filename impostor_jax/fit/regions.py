@@ -22,7 +22,7 @@ from impostor_jax.effort import MIN_READINGS
 from impostor_jax.fit.problem import BLOCK
 from impostor_jax.fit.request import DepthImage, Mask, check_readings
 from impostor_jax.fit.segment import nearest_object
-from impostor_jax.fit.surface import cropped, middle_of, thinned
+from impostor_jax.fit.surface import cropped, thinned, upper_median
 from impostor_jax.sensor.base import AbstractDepthNoise, Reach
 from impostor_jax.sensor.gaussian import ConstantNoise
 
@@ -115,7 +115,7 @@ def typical_sigma(
     readings = _some_readings(image, region)
     if not len(readings):
         return float("inf")
-    return float(_sigma_face_on(noise, middle_of(readings)))
+    return float(_sigma_face_on(noise, upper_median(readings)))
 
 
 def _some_readings(
@@ -162,7 +162,7 @@ def warn_of_units(
     readings = _some_readings(image, region)
     if not len(readings):
         readings = image[image > 0]
-    middle = middle_of(readings)
+    middle = upper_median(readings)
     if not middle > FARTHEST_PLAIN:
         return
     sigma = float(_sigma_face_on(noise, middle))

@@ -96,7 +96,7 @@ def round_through(
 def median_of(
     values: Float[Array, "*#k n"], among: Bool[Array, "*#k n"]
 ) -> Float[Array, "*k"]:
-    """The upper median of some along the last axis; minus infinity of none."""
+    """`upper_median` of some along the last axis; minus infinity of none."""
     count = jnp.sum(among, axis=-1)
     return largest_of(values, among, (count - 1) // 2, among.shape[-1] // 2 + 1)
 

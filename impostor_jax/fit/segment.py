@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 from jaxtyping import Bool, Float
 
-from impostor_jax.fit.surface import cropped, middle_of, thinned
+from impostor_jax.fit.surface import cropped, thinned, upper_median
 
 MIN_FRACTION = 5e-4
 """Components smaller than this part of the image are specks, not the object."""
@@ -51,7 +51,7 @@ def nearest_object(
     smallest = max(min_pixels, int(MIN_FRACTION * depth.size))
     # Label 0 is what belongs to none.
     parts = [labels == one + 1 for one in np.flatnonzero(sizes[1:] >= smallest)]
-    distance = [float(middle_of(thinned(depth[part]))) for part in parts]
+    distance = [float(upper_median(thinned(depth[part]))) for part in parts]
     for place in np.argsort(distance, kind="stable"):
         if _stands_in_front(depth, parts[place]):
             return parts[place]
