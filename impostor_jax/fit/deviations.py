@@ -10,7 +10,7 @@ from jaxtyping import Array, Bool, Float
 
 from impostor_jax.fit.body import AbstractBody, Readout
 from impostor_jax.fit.result import Deviations, Directions
-from impostor_jax.fit.uncertainty import spread
+from impostor_jax.fit.uncertainty import propagated
 
 MOST_TILT = 0.5
 """Standard deviation of an axis, in radians, up to which a shape is known."""
@@ -45,7 +45,7 @@ def deviations_of(
     """
     num_free = covariance.shape[0]
     parts = [part.reshape(-1, num_free) for part in change.values()]
-    full, is_observed = spread(jnp.concatenate(parts), covariance, directions, free)
+    full, is_observed = propagated(jnp.concatenate(parts), covariance, directions, free)
     variance = jnp.where(is_observed, jnp.diagonal(full), jnp.inf)
     std = jnp.sqrt(variance)
     names = np.repeat([*change], [len(part) for part in parts])

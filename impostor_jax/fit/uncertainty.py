@@ -7,7 +7,7 @@ the correlation of residuals at their distance in the image, which is measured o
 fit's own residuals.
 """
 
-__all__ = ["free_covariance", "score_covariance", "spread"]
+__all__ = ["free_covariance", "propagated", "score_covariance"]
 
 import jax
 import jax.numpy as jnp
@@ -57,7 +57,7 @@ def free_covariance(
     )
 
 
-def spread(
+def propagated(
     change: Float[Array, "m n"],
     covariance: Float[Array, "n n"],
     directions: Float[Array, "n n"],
