@@ -26,7 +26,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from impostor_jax.fit.text import millimeters, row
+from impostor_jax.fit.text import line, millimeters
 from impostor_jax.primitives.base import AbstractPrimitive
 from impostor_jax.primitives.cylinder import Cylinder
 from impostor_jax.primitives.frustum import Frustum
@@ -319,8 +319,8 @@ class Fit(eqx.Module):
             f"{int(np.count_nonzero(self.inliers))} inliers, chi-squared "
             f"{float(self.chi2):.2f}"
         )
-        rows = [row(name, *values) for name, values in self.told.items()]
-        lines = [head, *rows, rms]
+        told = [line(name, *values) for name, values in self.told.items()]
+        lines = [head, *told, rms]
         if not self.height_observed:
             across = millimeters(self.std.across_axis)
             lines.append(
