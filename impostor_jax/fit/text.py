@@ -13,7 +13,7 @@ def millimeters(values: Any) -> str:
 
 
 def line(name: str, values: Any, deviations: Any) -> str:
-    """Of a length, a point or an axis, and its standard deviations."""
+    """Line of a length, a point or an axis, and its standard deviations."""
     if name == "axis":
         tilt = _numbers(np.degrees(np.asarray(deviations)))
         return f"  axis    {_numbers(values, digits=5)}  (std {tilt} degrees)"
