@@ -4,9 +4,7 @@ from .camera.pinhole import PinholeCamera
 from .camera.pixels import Tile
 from .effort import Effort
 from .fit.batch import fit_cylinders
-from .fit.cylinder import fit_cylinder
 from .fit.depth_loss import depth_loss
-from .fit.frustum import fit_frustum
 from .fit.labels import fit_labels
 from .fit.options import FitOptions
 from .fit.result import (
@@ -21,7 +19,7 @@ from .fit.result import (
     SphereFit,
     TaperTest,
 )
-from .fit.sphere import fit_sphere
+from .fit.single import fit_cylinder, fit_frustum, fit_sphere
 from .fit.taper import test_taper
 from .geometry.frames import RigidTransform
 from .io.dataset import read_dataset

@@ -52,9 +52,9 @@ def computed_once(function: Callable[[], Values]) -> Values:
     """Value of a function, kept in memory for all that reads it.
 
     XLA would compute it anew in each of the loops that need it, but not what a branch
-    yields: a fit's rows then take 1.6 times the operations. That the branch is always
-    taken is hidden from XLA, and is the same for all problems of a batch, over which it
-    stays a branch.
+    yields: a fit's residual terms then take 1.6 times the operations. That the branch
+    is always taken is hidden from XLA, and is the same for all problems of a batch,
+    over which it stays a branch.
     """
     always = jax.lax.optimization_barrier(jnp.array(True))
     return jax.lax.cond(always, *_traced_once(function))

@@ -54,7 +54,7 @@ class Effort:
     Attributes:
         precision: Of all numbers, of a render and of a fit; JAX's own if None. Double
             precision needs `jax_enable_x64` inside `jax.jit`, and nowhere else.
-        stride: Every how many-th row and column is rendered.
+        stride: Every n-th row and column is rendered.
         extent: Whether rays are cast for the whole "frame", or for a "tile" around the
             shape alone: the maps are the same. A traced shape, a scene, and a shape
             that may be seen anywhere take the frame.
@@ -99,7 +99,8 @@ class Effort:
             _check(field.name, getattr(self, field.name), field.type)
         if not (math.isfinite(self.tolerance) and self.tolerance > 0):
             raise ValueError(
-                f"tolerance must be positive deviations, got {self.tolerance}"
+                "tolerance must be a positive number of standard deviations, got "
+                f"{self.tolerance}"
             )
         if self.readings is not None and self.readings < MIN_READINGS:
             raise ValueError(

@@ -1,7 +1,7 @@
 """Fitting the shapes of a dataset, and comparing the fits with what is there.
 
 Renderer, sensor and fit in one loop: errors say how far a fit is off, errors over their
-deviations whether it says so itself.
+standard deviations whether it says so itself.
 """
 
 __all__ = [
@@ -45,7 +45,7 @@ BINS = (0.0, 0.2, 0.4, 0.6, 0.8, 0.95, 1.0)
 """Bounds of the visible fractions that are told apart."""
 
 LEVELS = {"68 %": 1.0, "95 %": 1.959964}
-"""Intervals whose coverage is counted, by their half widths in deviations."""
+"""Intervals whose coverage is counted, by their half widths in standard deviations."""
 
 NAMES = tuple(
     dict.fromkeys(name for kind in KINDS.values() for name in kind.coordinates)
@@ -139,7 +139,7 @@ def _eroded(mask: Bool[np.ndarray, "h w"], depth_px: int) -> Bool[np.ndarray, "h
 def _errors(
     fit: Fit, truth: AbstractPrimitive
 ) -> tuple[dict[str, float], dict[str, float]]:
-    """Errors and deviations of the coordinates that the image determines."""
+    """Errors and standard deviations of the coordinates that the image determines."""
     values = difference(fit.shape, truth, ends_seen=fit.ends_seen)
     variances = np.diag(np.asarray(fit.covariance, np.float64))
     known = np.isfinite(variances) & (variances > 0)
@@ -222,8 +222,8 @@ class Summary:
         center_mm: Median distance of the center from the true axis, or of a sphere's
             from the true one.
         height_mm: Median of the absolute error, where both ends are seen.
-        spread: Of errors over deviations: 1.4826 times the median of their absolute
-            values, 1 of normal ones.
+        spread: Of errors over standard deviations: 1.4826 times the median of their
+            absolute values, 1 of normal ones.
         coverage: Share of the errors within each of `LEVELS`.
     """
 
@@ -288,7 +288,7 @@ def _spread(scaled: Float[np.ndarray, " n"]) -> float:
 def standardized(
     outcomes: Sequence[Outcome], name: str | None = None
 ) -> Float[np.ndarray, " n"]:
-    """Errors over deviations, of one coordinate or of all."""
+    """Errors over standard deviations, of one coordinate or of all."""
     return np.array(
         [
             error / outcome.deviations[key]

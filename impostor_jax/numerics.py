@@ -8,12 +8,15 @@ taken has a finite derivative too.
 __all__ = [
     "eps",
     "has_square",
+    "product",
     "safe_divide",
     "safe_norm",
     "safe_normalize",
     "safe_sqrt",
     "smallest_slope",
 ]
+
+import functools
 
 import jax
 import jax.numpy as jnp
@@ -50,6 +53,14 @@ def safe_sqrt(x: Float[Array, "*batch"]) -> Float[Array, "*batch"]:
     """Square root; 0 with derivative 0 where `x` is not positive (or NaN)."""
     positive = x > 0
     return jnp.where(positive, jnp.sqrt(jnp.where(positive, x, 1)), 0)
+
+
+def product(*factors: Float[Array, "..."]) -> Float[Array, "..."]:
+    """Matrix product, from left to right, in full precision on every device.
+
+    An accelerator otherwise rounds the factors of a product to fewer digits.
+    """
+    return functools.reduce(functools.partial(jnp.matmul, precision="highest"), factors)
 
 
 def safe_divide(

@@ -16,8 +16,8 @@ from impostor_jax.effort import EFFORTS, Effort, effort_of
         ({"readings": 9}, "readings must be at least 50, got 9"),
         ({"readings": 0}, "readings must be a whole number of at least 1, got 0"),
         ({"starts": True}, "starts must be a whole number of at least 1, got True"),
-        ({"tolerance": 0.0}, "tolerance must be positive deviations, got 0"),
-        ({"tolerance": float("nan")}, "tolerance must be positive deviations, got nan"),
+        ({"tolerance": 0.0}, "positive number of standard deviations, got 0"),
+        ({"tolerance": float("nan")}, "number of standard deviations, got nan"),
         ({"outline": "hard", "samples": 2}, 'samples must be 1 with outline="hard"'),
     ],
 )

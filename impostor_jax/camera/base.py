@@ -69,7 +69,7 @@ class AbstractCamera(eqx.Module):
 
     @abc.abstractmethod
     def strided(self, stride: int) -> "AbstractCamera":
-        """The camera of every how many-th row and column, from the first on.
+        """The camera of every n-th row and column, from the first on.
 
         Its images are those that `render` makes with this stride of an `Effort`.
         """

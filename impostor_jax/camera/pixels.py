@@ -50,11 +50,11 @@ class PixelBox(eqx.Module):
 
 
 def strided_intrinsics(camera: Any, stride: int) -> dict[str, Any]:
-    """Intrinsics of every how many-th row and column, from the first on.
+    """Intrinsics of every n-th row and column, from the first on.
 
     Args:
         camera: Has fx, fy, cx, cy, width and height.
-        stride: How many.
+        stride: n.
     """
     scaled = {name: getattr(camera, name) / stride for name in ("fx", "fy", "cx", "cy")}
     sizes = {name: -(-getattr(camera, name) // stride) for name in ("width", "height")}

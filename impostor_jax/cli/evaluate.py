@@ -15,8 +15,8 @@ from impostor_jax.cli.dials import Dials, Preset, chosen_effort
 class Evaluate:
     """Fit every visible cylinder of a synthetic dataset and compare with the truth.
 
-    Prints errors, errors over their deviations and the coverage of the intervals, by
-    the part of a cylinder that is seen.
+    Prints errors, errors over their standard deviations and the coverage of the
+    intervals, by the part of a cylinder that is seen.
     """
 
     dataset: tyro.conf.Positional[Path]

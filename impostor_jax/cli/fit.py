@@ -67,7 +67,7 @@ class Fit:
     mask_meaning: Literal["region", "outline"] = "region"
     """Whether the mask is any part of the object or its edge is the silhouette."""
     errors: Literal["independent", "correlated"] = "independent"
-    """How readings of neighboring pixels err; decides the reported deviations."""
+    """How readings of neighboring pixels err; decides the standard deviations."""
     test_taper: bool = False
     """Whether to test if a frustum, a cup, is needed instead of a cylinder."""
     output: Path = Path(".")
@@ -195,9 +195,7 @@ class Fit:
 
     def _function(self) -> Any:
         """What fits the shape."""
-        from impostor_jax.fit.cylinder import fit_cylinder
-        from impostor_jax.fit.frustum import fit_frustum
-        from impostor_jax.fit.sphere import fit_sphere
+        from impostor_jax.fit.single import fit_cylinder, fit_frustum, fit_sphere
 
         return {
             "cylinder": fit_cylinder, "sphere": fit_sphere, "frustum": fit_frustum,

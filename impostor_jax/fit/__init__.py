@@ -1,1 +1,1 @@
-"""Fitting a cylinder to a depth image."""
+"""Fits of shapes to depth images."""

@@ -12,6 +12,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from impostor_jax.numerics import product
+
 BORDER = 4
 """Pixels along rows and columns within which a reading lies beside a mask's border; two
 of them may have been left out."""
@@ -21,20 +23,20 @@ MOST_STRAY = 0.05
 readings: the outermost pixels of a mask are a quarter of its border."""
 
 WITHIN_THREE = 0.9733
-"""Variance of normal errors within three deviations, in that of all."""
+"""Variance of normal errors within three standard deviations, in that of all."""
 
 FEWEST_WITHIN = 50
 """Readings away from the border with which it is compared."""
 
 LEAST_TESTED = 1e-2
-"""Part of a direction's information, in what a part of the rows tells of it, that must
+"""Part of a direction's information, in what a part of the terms tells of it, that must
 come from the others for the two to be compared."""
 
 
 def reduced_chi2(
     squares: Float[Array, ""], count: Float[Array, ""]
 ) -> Float[Array, ""]:
-    """Mean square of residuals in deviations, of those within three; 1 if normal."""
+    """Mean square of whitened residuals, of those within three; 1 if normal."""
     return squares / (count * WITHIN_THREE)
 
 
@@ -55,30 +57,25 @@ def contradiction(
     pull_of_all: Float[Array, " k"],
     covariance: Float[Array, "k k"],
 ) -> Float[Array, ""]:
-    """Chi-squared by which a part of the rows pulls away from what all agree on.
+    """Chi-squared by which a part of the terms pulls away from what all agree on.
 
-    At the minimum the pulls of all rows, gradient times residual, add up to 0; what an
+    At the minimum the pulls of all terms, gradient times residual, add up to 0; what an
     estimate leaves of that, within its tolerance, is taken to there. The pulls of a
     part with the information P vary about 0 by P - P C P, with the covariance C of all:
     its own error less what the estimate took of it.
 
     Args:
-        part: Products of the part's rows of Jacobian and residual, whitened to a
-            variance of 1, in scaled coordinates.
-        pull_of_all: Of all rows, and of what is no row.
+        part: Products of the part's terms of Jacobian and residual, whitened to a
+            variance of 1, in free coordinates.
+        pull_of_all: Of all terms, priors included.
         covariance: Of the coordinates.
 
     Returns:
         The statistic, of as many degrees of freedom as there are coordinates, or less.
     """
     information, pull = part[:-1, :-1], part[:-1, -1]
-    rest = jnp.matmul(covariance, pull_of_all, precision="highest")
-    pull = pull - jnp.matmul(information, rest, precision="highest")
-    taken = jnp.matmul(
-        jnp.matmul(information, covariance, precision="highest"),
-        information,
-        precision="highest",
-    )
+    pull = pull - product(information, product(covariance, pull_of_all))
+    taken = product(information, covariance, information)
     diagonal = jnp.diagonal(information)
     size = jnp.where(
         diagonal > 0, jax.lax.rsqrt(jnp.where(diagonal > 0, diagonal, 1)), 0
@@ -88,7 +85,7 @@ def contradiction(
     )
     # What the part alone tells leaves no residual to test.
     tested = values > LEAST_TESTED
-    along = jnp.matmul(vectors.T, pull * size, precision="highest")
+    along = product(vectors.T, pull * size)
     squares = along**2 / jnp.where(tested, values, 1)
     return jnp.sum(jnp.where(tested, squares, 0))
 

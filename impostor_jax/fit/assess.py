@@ -1,4 +1,4 @@
-"""What a solution shows: its ends, its deviations, and whether it can be believed."""
+"""What a solution shows: its ends, its covariance, and whether it can be believed."""
 
 __all__ = ["Assessment", "assess"]
 
@@ -25,19 +25,19 @@ from impostor_jax.fit.problem import Pixels, Problem
 from impostor_jax.fit.result import DISAGREEING, STATUSES, Fit, FitStatus
 from impostor_jax.fit.solve import STAGES, Solution, in_coordinates, spread_of
 from impostor_jax.fit.uncertainty import free_covariance, score_covariance
-from impostor_jax.numerics import safe_divide, safe_sqrt
+from impostor_jax.numerics import product, safe_divide, safe_sqrt
 from impostor_jax.primitives.base import in_world_frame
 
 MOST_CHI2 = 9.0
 """Reduced chi-squared up to which readings may be of the shape, where their noise is
-known: residuals of three deviations. The bands of a structured-light sensor, 1.5 mm and
-more where single readings scatter by one, stay below; a can of half the radius that is
-held does not."""
+known: residuals of three standard deviations. The bands of a structured-light sensor,
+1.5 mm and more where single readings scatter by one, stay below; a can of half the
+radius that is held does not."""
 
 MOST_UNMET = 0.02
 """Share of the inliers whose rays may miss the shape."""
 
-MIN_END_ROWS = 5
+MIN_END_TERMS = 5
 """Fewest inlying readings of a cap, or crossings, that show an end."""
 
 MISSED_LOSS = 3.0
@@ -75,7 +75,7 @@ class Assessment(NamedTuple):
         is_clear: Whether it explains the image so well that no other start could do
             better.
         hides_tilt: Whether the noise may hide which of two tilts is the true one.
-        nominal: Typical deviation of a reading, in meters.
+        nominal: Typical standard deviation of a reading, in meters.
     """
 
     fit: Fit
@@ -92,7 +92,7 @@ def assess(problem: Problem, solution: Solution, correlated: bool) -> Assessment
     Args:
         problem: What was given.
         solution: The estimate.
-        correlated: Whether deviations allow for correlated residuals.
+        correlated: Whether the covariance allows for correlated residuals.
     """
     pixels, camera, prior = problem.pixels, problem.camera, problem.prior
     settings = problem.settings
@@ -108,21 +108,21 @@ def assess(problem: Problem, solution: Solution, correlated: bool) -> Assessment
     used = pixels.depth > 0
     count = jnp.sum(used)
     meters = jnp.where(used, pixels.depth - seen.depth, 0)
-    wide = spread_of(terms.residual, used)
+    spread = spread_of(terms.residual, used)
 
     def is_near() -> Bool[Array, " n"]:
         # The residuals take a cap for a whole plane; readings beyond its rim are not
         # on it.
-        return used & (jnp.abs(terms.residual) <= 3 * wide) & ~seen.is_past_rim
+        return used & (jnp.abs(terms.residual) <= 3 * spread) & ~seen.is_past_rim
 
     inlier = computed_once(is_near)
     crossing = (edges.weight > 0) & (jnp.abs(edges.residual) < 6)
     whitened = jnp.where(inlier, terms.residual, 0)
-    shown = _cap_shown(readings, pixels.depth, wide)
+    shown = _cap_shown(readings, pixels.depth, spread)
     ends = jnp.array(body.ends, shown.dtype)[:, None]
     counts = jnp.sum(inlier[None] & (shown[None] == ends), axis=1)
     counts += jnp.sum(crossing[None] & (edges.end[None] == ends), axis=1)
-    ends_seen = counts >= MIN_END_ROWS
+    ends_seen = counts >= MIN_END_TERMS
     outward = jnp.where(
         (inlier & ~seen.on_cap)[None], seen.along[None] * ends, -jnp.inf
     )
@@ -135,16 +135,17 @@ def assess(problem: Problem, solution: Solution, correlated: bool) -> Assessment
     rms = jnp.sqrt(jnp.sum(jnp.where(inlier, meters, 0) ** 2) / num_inliers)
     squares = jnp.sum(whitened**2)
 
-    scaled = body.scaled(settings.free, problem.unit, problem.unit)
+    basis = body.free_basis(settings.free, problem.unit, problem.unit)
     # An end that is not seen is free, though some readings beyond it may lean on it.
     # The ends are the last coordinates.
-    others = jnp.ones(scaled.shape[0] - ends_seen.size, bool)
-    leans = jnp.where(jnp.concatenate([others, ends_seen]), 1, 0).astype(scaled.dtype)
-    into = jnp.matmul(scaled.T * leans[None], carried, precision="highest")
+    others = jnp.ones(basis.shape[0] - ends_seen.size, bool)
+    leans = jnp.where(jnp.concatenate([others, ends_seen]), 1, 0).astype(basis.dtype)
+    into = product(basis.T * leans[None], carried)
     beside = computed_once(lambda: on_border(problem.mask, problem.row, problem.col))
     # A reading of the wall that grazes it beside a rim may be the cap's as well: one of
     # them, if it counts, tells more of the radius than all others.
-    at_rim = (jnp.abs(seen.rim - seen.wide) < problem.unit) & (seen.wide > 0)
+    at_rim = jnp.abs(seen.rim - seen.cap_radius) < problem.unit
+    at_rim &= seen.cap_radius > 0
     tells = inlier & ~(readings.is_square & at_rim)
     of_all = _products(terms, tells, into)
     of_border = _products(terms, tells & beside, into)
@@ -152,27 +153,28 @@ def assess(problem: Problem, solution: Solution, correlated: bool) -> Assessment
     world = in_world_frame(body, camera)
 
     def read(free: Float[Array, " c"]) -> tuple[Readout, Float[Array, " p"]]:
-        moved = body.moved(jnp.matmul(scaled, free, precision="highest"), settings.free)
+        tangent = product(basis, free)
+        moved = body.retracted(tangent, settings.free)
         told = in_world_frame(moved, camera).readout(world, ends_seen)
         return told, prior_residuals(prior, moved)
 
-    change, known = jax.jacfwd(read)(jnp.zeros(scaled.shape[1], scaled.dtype))
+    change, known = jax.jacfwd(read)(jnp.zeros(basis.shape[1], basis.dtype))
     # What is held stays, whatever moves the place at which it is read.
     for name in filter(change.__contains__, settings.held):
         change[name] = jnp.where(settings.held[name], 0, change[name])
     widening = jnp.maximum(squares / num_inliers, 1)
-    of_prior = jnp.matmul(known.T, known, precision="highest")
+    of_prior = product(known.T, known)
     total = of_all + of_edges
     covariance, directions, free = free_covariance(
         total[:-1, :-1] / widening + of_prior
     )
     expected = prior_residuals(prior, body)
-    pull = jnp.matmul(known.T, expected, precision="highest")
+    pull = product(known.T, expected)
     statistic = contradiction(
         of_border / widening, total[:-1, -1] / widening + pull, covariance
     )
     if correlated:
-        jacobian = jnp.matmul(into, terms.gradient, precision="highest")
+        jacobian = product(into, terms.gradient)
         meat = score_covariance(
             jnp.where(tells[None], jacobian, 0).T,
             whitened,
@@ -182,9 +184,9 @@ def assess(problem: Problem, solution: Solution, correlated: bool) -> Assessment
         )
         meat = meat / widening**2 + of_edges[:-1, :-1] + of_prior
         independent = jnp.diagonal(covariance)
-        covariance = covariance @ meat @ covariance
+        covariance = product(covariance, meat, covariance)
         # Errors that neighbors share let a part pull harder by as much as they widen
-        # the deviations.
+        # the standard deviations.
         wider = safe_divide(jnp.diagonal(covariance), independent)
         moves = independent > 0
         mean = jnp.sum(jnp.where(moves, wider, 0)) / jnp.sum(moves, dtype=wider.dtype)
@@ -196,7 +198,7 @@ def assess(problem: Problem, solution: Solution, correlated: bool) -> Assessment
     chi2 = reduced_chi2(squares, num_inliers)
     num_missed = jnp.sum(inlier & seen.is_missed, dtype=meters.dtype)
     finest = jnp.max(terms.weight)
-    is_small = (wide < 5) | (wide < body.radius * finest / 50)
+    is_small = (spread < 5) | (spread < body.radius * finest / 50)
     # More readings than not, on a shape that their rays meet.
     agrees = 2 * num_inliers >= count.astype(meters.dtype)
     agrees &= num_missed <= MOST_UNMET * num_inliers
@@ -248,26 +250,26 @@ def assess(problem: Problem, solution: Solution, correlated: bool) -> Assessment
     cost = _cost(problem, estimate, readings) + MISSED_LOSS * hidden
     hides_tilt = problem.nominal > HIDES_TILT * body.radius
     is_clear = success & (hidden <= MOST_HIDDEN) & (~hides_tilt | body.is_long)
-    is_clear &= _explains(pixels, readings, wide)
+    is_clear &= _explains(pixels, readings, spread)
     return Assessment(fit, body, cost, is_clear, hides_tilt, problem.nominal)
 
 
 def _products(
     terms: Terms, counts: Bool[Array, " n"], into: Float[Array, "k c"]
 ) -> Float[Array, "m m"]:
-    """Products of some rows of Jacobian and residual, in free coordinates."""
-    rows = jnp.where(counts[None], terms.rows, 0)
-    return in_coordinates(jnp.matmul(rows, rows.T, precision="highest"), into)
+    """Products of some terms of Jacobian and residual, in free coordinates."""
+    some = jnp.where(counts[None], terms.augmented, 0)
+    return in_coordinates(product(some, some.T), into)
 
 
 def _cap_shown(
-    readings: Readings, depth: Float[Array, " n"], wide: Float[Array, ""]
+    readings: Readings, depth: Float[Array, " n"], spread: Float[Array, ""]
 ) -> Float[Array, " n"]:
     """End whose cap each reading shows, -1 or 1, as it could not be the wall's."""
     terms, seen, _ = readings
     wall = seen.nearest + seen.foot + seen.sign * safe_sqrt(seen.square)
-    is_wall = jnp.abs(wall - depth) * terms.weight <= 3 * wide
-    on_cap = seen.on_cap & (seen.rim < seen.wide) & ~is_wall
+    is_wall = jnp.abs(wall - depth) * terms.weight <= 3 * spread
+    on_cap = seen.on_cap & (seen.rim < seen.cap_radius) & ~is_wall
     return jnp.where(on_cap, seen.sign * jnp.sign(seen.local.direction.z), 0)
 
 
@@ -275,8 +277,9 @@ def _cost(problem: Problem, body: AbstractBody, readings: Readings) -> Float[Arr
     """How badly a body explains the readings: mean log loss of their residuals.
 
     Its logarithm compares good with better and counts a gross error like any other. As
-    in a likelihood the logarithm of each deviation, in units of the nominal one, is a
-    part of it: a plane that all rays graze would otherwise excuse any reading.
+    in a likelihood the logarithm of each standard deviation, in units of the nominal
+    one, is a part of it: a plane that all rays graze would otherwise excuse any
+    reading.
     """
     (terms, seen, _), depth = readings, problem.pixels.depth
     whitened = (seen.depth - depth) * terms.weight
@@ -296,13 +299,13 @@ def _cost(problem: Problem, body: AbstractBody, readings: Readings) -> Float[Arr
 
 
 def _explains(
-    pixels: Pixels, readings: Readings, wide: Float[Array, ""]
+    pixels: Pixels, readings: Readings, spread: Float[Array, ""]
 ) -> Bool[Array, ""]:
     """Whether the readings scatter around the body as the sensor says."""
     terms, seen, is_square = readings
     used = pixels.depth > 0
     squares = ((seen.depth - pixels.depth) * terms.weight) ** 2
-    is_near = used & (squares < (3 * wide) ** 2)
+    is_near = used & (squares < (3 * spread) ** 2)
     # What grazes is compared otherwise.
     compared = used & ~is_square
     near = compared & is_near & ~seen.is_past_rim
@@ -335,19 +338,17 @@ def _status_code(
     determined: Bool[Array, ""],
 ) -> Int[Array, ""]:
     """Code of the first thing that went wrong."""
-    code = {status: STATUSES.index(status) for status in FitStatus}
     # The steps of a radius that readings leave open grow for ever.
     is_open = fits & ~determined
-    return jnp.select(
-        [~finite, ~converged & ~is_open, ~fits, ~determined],
-        [
-            jnp.array(code[FitStatus.NOT_FINITE]),
-            jnp.array(code[FitStatus.STEP_LIMIT]),
-            jnp.array(code[FitStatus.POOR_FIT]),
-            jnp.array(code[FitStatus.UNDETERMINED]),
-        ],
-        jnp.array(code[FitStatus.CONVERGED]),
-    )
+    wrong = {
+        FitStatus.NOT_FINITE: ~finite,
+        FitStatus.STEP_LIMIT: ~converged & ~is_open,
+        FitStatus.POOR_FIT: ~fits,
+        FitStatus.UNDETERMINED: ~determined,
+    }
+    codes = [jnp.array(STATUSES.index(status)) for status in wrong]
+    right = jnp.array(STATUSES.index(FitStatus.CONVERGED))
+    return jnp.select(list(wrong.values()), codes, right)
 
 
 def _is_as_flat(
@@ -359,26 +360,26 @@ def _is_as_flat(
     """Whether a plane explains the readings as well as the body does.
 
     A plane is linear in inverse depth over the rays, so one linear solve finds it. A
-    body has to beat it by 25, in squared deviations.
+    body has to beat it by 25, in squared standard deviations.
 
     Args:
         pixels: The readings.
         weight: Inverse of their standard deviations.
         inlier: Readings that lie on the body.
-        squares: Sum of their squared residuals from it, in deviations.
+        squares: Sum of their squared residuals from it, in standard deviations.
     """
     d, depth = pixels.direction, pixels.depth
     inverse = jnp.where(inlier, 1 / jnp.where(inlier, depth, 1), 0)
     weight = jnp.where(inlier, weight * depth, 0)
     rays = jnp.stack([d.x, d.y, d.z]) * (weight * depth)[None]
-    normal = jnp.matmul(rays, rays.T, precision="highest")
-    right = jnp.matmul(rays, weight * depth * inverse, precision="highest")
+    normal = product(rays, rays.T)
+    right = product(rays, weight * depth * inverse)
     # Cramer's rule: the rows of the adjugate are cross products.
     adjugate = jnp.cross(jnp.roll(normal, -1, axis=0), jnp.roll(normal, -2, axis=0))
     determinant = jnp.sum(normal[0] * adjugate[0])
     inverse_determinant = safe_divide(jnp.ones_like(determinant), determinant)
     plane = jnp.sum(adjugate.T * right[None], axis=1) * inverse_determinant
-    flat = jnp.matmul(plane, rays, precision="highest") - weight * depth * inverse
+    flat = product(plane, rays) - weight * depth * inverse
     scale = jnp.maximum(
         squares / jnp.maximum(jnp.sum(inlier), 1).astype(depth.dtype), 1
     )

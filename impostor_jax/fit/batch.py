@@ -23,6 +23,7 @@ from impostor_jax.fit.request import (
 )
 from impostor_jax.fit.result import Fit
 from impostor_jax.fit.shapes import fit_shape
+from impostor_jax.primitives.base import AbstractPrimitive
 from impostor_jax.primitives.cylinder import Cylinder
 
 Values = TypeVar("Values")
@@ -86,11 +87,9 @@ def fit_cylinders(
     def fit(index: int) -> Any:
         mask = None if masks is None else masks[index]
         start = None if initial is None else jax.tree.map(lambda a: a[index], initial)
-        depth, own = depths[index], cameras[index]
         found = fit_or_failure(
-            lambda: fit_shape(CYLINDER, depth, own, mask, sigma, start, asked),
-            CYLINDER, depth, own, mask, asked,
-        )  # fmt: skip
+            CYLINDER, depths[index], cameras[index], mask, sigma, start, asked
+        )
         leaves, tree = jax.tree.flatten(found)
         if not stacked:
             # The first fit, which is made alone.
@@ -117,25 +116,17 @@ def _aligned(shape: tuple[int, ...], dtype: np.dtype) -> np.ndarray:
 
 
 def fit_or_failure(
-    fit: Callable[[], Fit],
     kind: Fittable,
     depth: Any,
     camera: PinholeCamera,
     mask: Any,
+    sigma: Any,
+    initial: AbstractPrimitive | None,
     options: Options,
 ) -> Fit:
-    """A fit, or a failed one of the same types where there are too few readings.
-
-    Args:
-        fit: Makes the fit.
-        kind: What it fits.
-        depth: What it is given.
-        camera: What it is given.
-        mask: What it is given.
-        options: What it is given.
-    """
+    """As `fit_shape`, or a failed fit where there are too few readings."""
     try:
-        return fit()
+        return fit_shape(kind, depth, camera, mask, sigma, initial, options)
     except TooFewReadingsError:
         with working_precision(options.effort.precision, ()):
             region = checked_mask(mask, camera)

@@ -9,6 +9,7 @@ is compared with the wall changes with a motion of the body by alpha dn + beta d
 __all__ = [
     "AbstractBody",
     "FreeDirections",
+    "Numbers",
     "Passing",
     "Readout",
     "blunted_root",
@@ -30,6 +31,7 @@ from jaxtyping import Array, Bool, Float
 from impostor_jax.geometry.frames import RigidTransform
 from impostor_jax.geometry.rays import Ray
 from impostor_jax.geometry.vec3 import Vec3
+from impostor_jax.numerics import product
 from impostor_jax.primitives.base import AbstractPrimitive
 
 Numbers = Float[Array, "*batch"]
@@ -59,17 +61,18 @@ class Passing(eqx.Module):
         half: Half-chord, blunted; negative on a miss, and where A is negative: a ray
             within a cone enters it where it passes nearer to the axis of the other
             nappe.
-        bend: Derivative of the half-chord in its square.
+        half_slope: Derivative of the half-chord in its square.
         outside: Whether the ray starts outside the solid, and sees what it enters.
         cos_incidence: Cosine between the normal of the surface that it sees and it.
         cap: Ray parameter of the cap that it would see.
         on_cap: Whether it sees that, or would if that went on past its rim.
         rim: Distance from the axis of the point in that cap's plane.
-        wide: Radius of that cap.
-        falls: How far past the rim that is. The depth grows by it there, so that the
-            object's pixels draw the rim out.
-        keep: Far past it the depth goes back to the wall's, since a ray along the
-            plane meets it anywhere: weight of the plane, 1 on the cap.
+        cap_radius: Radius of that cap.
+        overshoot: How far past the rim that is. The depth grows by it there, so that
+            the object's pixels draw the rim out.
+        plane_weight: Weight of the plane's depth, 1 on the cap. Far past the rim the
+            depth goes back to the wall's, since a ray along the plane meets it
+            anywhere.
         along: Coordinate along the axis, from the center, of the wall's point.
         enter_along: Of the point where the ray enters the wall.
         leave_along: Of the point where it leaves it.
@@ -81,15 +84,15 @@ class Passing(eqx.Module):
     nearest: Numbers
     square: Numbers
     half: Numbers
-    bend: Numbers
+    half_slope: Numbers
     outside: Bool[Array, "*batch"]
     cos_incidence: Numbers
     cap: Numbers
     on_cap: Bool[Array, "*batch"]
     rim: Numbers
-    wide: Numbers
-    falls: Numbers
-    keep: Numbers
+    cap_radius: Numbers
+    overshoot: Numbers
+    plane_weight: Numbers
     along: Numbers
     enter_along: Numbers
     leave_along: Numbers
@@ -103,20 +106,20 @@ class Passing(eqx.Module):
     def depth(self) -> Numbers:
         """Depth of the surface, continued past its outline; finite for every ray."""
         wall = self.nearest + self.sign * self.half
-        on_plane = wall + (self.cap + self.falls - wall) * self.keep
+        on_plane = wall + (self.cap + self.overshoot - wall) * self.plane_weight
         return jnp.where(self.on_cap, on_plane, wall) + self.foot
 
     def with_chord(self, chord: Numbers) -> "Passing":
         """The same blunted elsewhere."""
-        half, bend = blunted_root(self.square, chord)
+        half, slope = blunted_root(self.square, chord)
         within = jnp.sign(self.inverse)
-        halves = half * within, bend * within
-        return eqx.tree_at(lambda p: (p.half, p.bend), self, halves)
+        halves = half * within, slope * within
+        return eqx.tree_at(lambda p: (p.half, p.half_slope), self, halves)
 
     @property
     def is_past_rim(self) -> Bool[Array, "*batch"]:
         """Whether it sees the plane of a cap beyond that cap."""
-        return self.on_cap & (self.rim > 1.05 * self.wide)
+        return self.on_cap & (self.rim > 1.05 * self.cap_radius)
 
     @property
     def is_missed(self) -> Bool[Array, "*batch"]:
@@ -154,7 +157,7 @@ def local_ray(
     is_ahead = center[2] > AHEAD * jnp.sqrt(jnp.sum(center**2))
     foot = jnp.where(is_ahead, center[2], 0)
     toward = jnp.where(is_ahead, center[:2] / jnp.where(is_ahead, center[2], 1), 0)
-    rest = jnp.matmul(frame, jnp.where(is_ahead, 0, center), precision="highest")
+    rest = product(frame, jnp.where(is_ahead, 0, center))
     x, y = direction.x, direction.y
     near_x, near_y = foot * (x - toward[0]), foot * (y - toward[1])
     origin = [near_x * f[0] + near_y * f[1] - r for f, r in zip(frame, rest)]  # noqa: B905
@@ -165,7 +168,7 @@ def local_ray(
 class AbstractBody(eqx.Module):
     """A shape as a fit moves it, in meters, in the camera's frame or the world's.
 
-    It moves in natural coordinates, in radians, meters and logarithms of lengths, that
+    It moves in tangent coordinates, in radians, meters and logarithms of lengths, that
     differ from shape to shape and are 0 where it is.
 
     Attributes:
@@ -231,7 +234,7 @@ class AbstractBody(eqx.Module):
     def of_reading(
         self, passing: Passing, alpha: Numbers, beta: Numbers, on_cap: Bool[Array, "*b"]
     ) -> list[Numbers]:
-        """Derivative of what is compared, in natural coordinates.
+        """Derivative of what is compared, in tangent coordinates.
 
         Args:
             passing: How the rays pass the body.
@@ -261,24 +264,24 @@ class AbstractBody(eqx.Module):
         """
 
     @abc.abstractmethod
-    def moved(
-        self, natural: Float[Array, " c"], free: FreeDirections
+    def retracted(
+        self, tangent: Float[Array, " c"], free: FreeDirections
     ) -> "AbstractBody":
-        """The body at natural coordinates.
+        """The retraction: the body at tangent coordinates.
 
         Args:
-            natural: Natural coordinates.
+            tangent: Tangent coordinates.
             free: As `free_directions` returns them.
         """
 
     @abc.abstractmethod
-    def scaled(
+    def free_basis(
         self,
         free: FreeDirections,
         unit: Float[Array, ""],
         end_unit: Float[Array, ""],
     ) -> Float[Array, "c c"]:
-        """Natural coordinates that one unit of each free coordinate moves.
+        """Tangent coordinates that one unit of each free coordinate moves, as columns.
 
         Levenberg-Marquardt damps with the identity, so all move the surface alike.
 
@@ -291,7 +294,7 @@ class AbstractBody(eqx.Module):
 
     @abc.abstractmethod
     def free_directions(self, fixed: tuple[str, ...]) -> Float[np.ndarray, "c c"]:
-        """Natural coordinates, or combinations of them, that are free to move.
+        """Tangent coordinates, or combinations of them, that are free to move.
 
         They are the columns; those of what is held are 0.
         """
@@ -329,7 +332,7 @@ class AbstractBody(eqx.Module):
                 it is not.
 
         Returns:
-            The body, and what of this one's natural coordinates moves the wall as one
+            The body, and what of this one's tangent coordinates moves the wall as one
             of the other's does.
         """
 

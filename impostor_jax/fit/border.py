@@ -19,7 +19,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from impostor_jax.camera.pinhole import PinholeCamera
 from impostor_jax.fit.body import AbstractBody
-from impostor_jax.fit.problem import deviation, gather_pixels
+from impostor_jax.fit.problem import gather_pixels, sigma_of
 from impostor_jax.fit.regions import pixel_indices
 from impostor_jax.fit.result import AGREEING, DISAGREEING, Fit, FitStatus
 from impostor_jax.primitives.base import in_camera_frame
@@ -33,10 +33,11 @@ FEWEST_READINGS = 100
 """Readings that a core has at least."""
 
 OFF = 5.0
-"""Deviations from which a reading is not the body's."""
+"""Standard deviations from which a reading is not the body's."""
 
 FAR = 50.0
-"""Deviations from which one is of a surface that does not touch the body's there."""
+"""Standard deviations from which one is of a surface that does not touch the body's
+there."""
 
 MOST_LEFT = 0.5
 """Readings of a region that may lie off the body and not far from it, over those on it:
@@ -51,6 +52,9 @@ LEAST_P_VALUE = 1e-6
 MARGIN = 3
 """Pixels beside a surface that does, whose readings may be of that and look like the
 body's."""
+
+SQUARE = np.ones((3, 3), np.uint8)
+"""A pixel and its eight neighbors."""
 
 Fitted = Callable[[Bool[np.ndarray, "h w"], bool], Fit]
 """Fit of a region's pixels, with errors that are correlated or not."""
@@ -89,7 +93,8 @@ def fit_of_one_surface(
         return fit_of_one_surface(fitted, kind, image, region, camera, noise, True)
     core = whole
     for width in NARROWER:
-        narrow = _narrowed(region, width)
+        # Without the pixels beside its border, but for the image's.
+        narrow = cv2.erode(region.astype(np.uint8), SQUARE, iterations=width) > 0
         if np.count_nonzero(image[narrow]) < FEWEST_READINGS:
             break
         core = fitted(narrow, correlated)
@@ -101,8 +106,9 @@ def fit_of_one_surface(
         return fit_of_one_surface(fitted, kind, image, region, camera, noise, True)
     if not bool(core.success):
         return _refuted(whole)
-    away = _deviations(image, region, kind.of(core.shape), camera, noise)
-    away = away / np.sqrt(max(float(core.chi2), 1.0))
+    row, col = pixel_indices(region)
+    off = _sigmas_off(image, row, col, kind.of(core.shape), camera, noise)
+    away = np.asarray(off) / np.sqrt(max(float(core.chi2), 1.0))
     larger = fitted(_own_pixels(away, region), correlated)
     is_better = bool(larger.success) and larger.border_chi2 < AGREEING
     best = larger if is_better else core
@@ -120,12 +126,6 @@ def _refuted(fit: Fit) -> Fit:
     return fit.failed(FitStatus.POOR_FIT) if bool(fit.success) else fit
 
 
-def _narrowed(region: Bool[np.ndarray, "h w"], width: int) -> Bool[np.ndarray, "h w"]:
-    """A region without the pixels beside its border, but for the image's."""
-    kernel = np.ones((3, 3), np.uint8)
-    return cv2.erode(region.astype(np.uint8), kernel, iterations=width) > 0
-
-
 def _own_pixels(
     away: Float[np.ndarray, "h w"], region: Bool[np.ndarray, "h w"]
 ) -> Bool[np.ndarray, "h w"]:
@@ -139,30 +139,13 @@ def _own_pixels(
     other = np.pad(off | ~region, 1, constant_values=True).astype(np.uint8)
     _, labels = cv2.connectedComponents(other, connectivity=8)
     beside = (labels == labels[0, 0])[1:-1, 1:-1]
-    kernel = np.ones((3, 3), np.uint8)
     touching = (beside & off & (away < FAR)).astype(np.uint8)
-    doubtful = cv2.dilate(touching, kernel, iterations=MARGIN) > 0
+    doubtful = cv2.dilate(touching, SQUARE, iterations=MARGIN) > 0
     return region & ~beside & ~doubtful
 
 
-def _deviations(
-    image: Float[np.ndarray, "h w"],
-    region: Bool[np.ndarray, "h w"],
-    body: AbstractBody,
-    camera: PinholeCamera,
-    noise: AbstractDepthNoise,
-) -> Float[np.ndarray, "h w"]:
-    """How far readings lie off a body, in deviations; 0 where there is none.
-
-    A reading near a body that its ray misses is not the body's: the core tells radius
-    and place to a small part of a pixel.
-    """
-    row, col = pixel_indices(region)
-    return np.asarray(_deviations_at(image, row, col, body, camera, noise))
-
-
 @jax.jit
-def _deviations_at(
+def _sigmas_off(
     image: Float[Array, "h w"],
     row: Int[Array, " n"],
     col: Int[Array, " n"],
@@ -170,11 +153,16 @@ def _deviations_at(
     camera: PinholeCamera,
     noise: AbstractDepthNoise,
 ) -> Float[Array, "h w"]:
+    """How far readings lie off a body, in standard deviations; 0 where there is none.
+
+    A reading near a body that its ray misses is not the body's: the core tells radius
+    and place to a small part of a pixel.
+    """
     pixels = gather_pixels(image, camera, row, col)
     body = in_camera_frame(body, camera)
     seen = body.passing(pixels.direction, body.radius / 100)
     read = pixels.depth > 0
-    sigma = deviation(noise, jnp.where(read, pixels.depth, 1), seen.cos_incidence)
+    sigma = sigma_of(noise, jnp.where(read, pixels.depth, 1), seen.cos_incidence)
     away = jnp.abs(pixels.depth - seen.depth) / sigma
     away = jnp.where(seen.is_missed, jnp.maximum(away, 2 * OFF), away)
     found = jnp.where(read, away, 0)

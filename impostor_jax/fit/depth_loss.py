@@ -25,7 +25,7 @@ def depth_loss(
     sigma: Any = 0.001,
     kernel: str = "pseudo_huber",
 ) -> Float[Array, ""]:
-    """Mean robust square of the differences in depth, in deviations of a reading.
+    """Mean robust square of the differences in depth, in standard deviations.
 
         def loss(can):
             return ij.depth_loss(ij.render(can, camera), depth, sigma=0.002)

@@ -10,18 +10,18 @@ from jaxtyping import Array, Bool, Float
 
 from impostor_jax.fit.body import AbstractBody, Readout
 from impostor_jax.fit.result import Deviations, Directions
-from impostor_jax.fit.uncertainty import spread
+from impostor_jax.fit.uncertainty import propagated
 
 MOST_TILT = 0.5
-"""Deviation of an axis, in radians, up to which a shape is known."""
+"""Standard deviation of an axis, in radians, up to which a shape is known."""
 
 MOST_ASIDE = 0.5
 """The same of a place, in radii."""
 
 MOST_OF_RADIUS = 1 / 7
 """The same of a radius: of arcs of 4 degrees, whose radius a few crossings of a rim
-tell, deviations were 14 % of it and more and errors up to five of them; of 10 degrees
-11 % and 1.5."""
+tell, standard deviations were 14 % of it and more and errors up to five of them; of 10
+degrees 11 % and 1.5."""
 
 OF_ENDS = ("along_axis", "height")
 """What only the ends determine; a shape is known without."""
@@ -34,7 +34,7 @@ def deviations_of(
     directions: Float[Array, "n n"],
     free: Bool[Array, " n"],
 ) -> tuple[Deviations, Float[Array, "m m"], Directions, Bool[Array, ""]]:
-    """Deviations of a body of the world; and whether they leave its place known.
+    """Standard deviations of a body of the world, and whether they leave it known.
 
     Args:
         body: The body.
@@ -44,11 +44,11 @@ def deviations_of(
         free: Which of them the image leaves free.
     """
     num_free = covariance.shape[0]
-    rows = [part.reshape(-1, num_free) for part in change.values()]
-    full, is_observed = spread(jnp.concatenate(rows), covariance, directions, free)
+    parts = [part.reshape(-1, num_free) for part in change.values()]
+    full, is_observed = propagated(jnp.concatenate(parts), covariance, directions, free)
     variance = jnp.where(is_observed, jnp.diagonal(full), jnp.inf)
     std = jnp.sqrt(variance)
-    names = np.repeat([*change], [len(part) for part in rows])
+    names = np.repeat([*change], [len(part) for part in parts])
     std_of = OrderedDict(
         (name, std[np.flatnonzero(names == name)].reshape(part.shape[:-1]))
         for name, part in change.items()
@@ -80,7 +80,7 @@ def deviations_of(
 
 
 def _most_deviation(name: str, radius: Float[Array, ""]) -> float | Float[Array, ""]:
-    """Deviation up to which something is known."""
+    """Standard deviation up to which something is known."""
     if name == "axis":
         return MOST_TILT
     return radius * (MOST_OF_RADIUS if name.startswith("radius") else MOST_ASIDE)

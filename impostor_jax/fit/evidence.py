@@ -1,4 +1,4 @@
-"""What a depth image says about a body, as rows of whitened residuals.
+"""What a depth image says about a body, as terms of a whitened residual vector.
 
 Two kinds of evidence. Every reading of the object tells the depth of its surface. And
 every place at the region's edge where the image shows that the object stops (background
@@ -34,23 +34,24 @@ from jaxtyping import Array, Bool, Float
 
 from impostor_jax.compiling import computed_once
 from impostor_jax.fit.body import AbstractBody, Passing
-from impostor_jax.fit.problem import Edge, Pixels, deviation
+from impostor_jax.fit.problem import Edge, Pixels, sigma_of
 from impostor_jax.numerics import safe_divide, safe_sqrt
 from impostor_jax.sensor.base import AbstractDepthNoise
 
 GRAZING = 4.0
-"""Half-chord, in deviations of a reading, below which it is compared in squares.
+"""Half-chord, in standard deviations of a reading, below which squares are compared.
 
 From there on the bend of the square root moves a reading's expectation by less than
-1/32 of its deviation.
+1/32 of its standard deviation.
 """
 
 OUTLIER = 10.0
-"""Deviations beyond which a reading is not squared, which would make it a lever."""
+"""Standard deviations beyond which a reading is not squared, which would make it a
+lever."""
 
 FOLD = 3.0
-"""Deviations by which a grazing reading may lie behind the nearest approach by chance;
-one that lies farther back says that its ray misses the wall."""
+"""Standard deviations by which a grazing reading may lie behind the nearest approach by
+chance; one that lies farther back says that its ray misses the wall."""
 
 SQUARE_WIDTH = 4.0
 """Factor on the width of the robust loss where readings are compared in squares: their
@@ -73,16 +74,16 @@ class Terms(eqx.Module):
     """Body less image along some rays, in standard deviations.
 
     Attributes:
-        rows: Derivative of what the estimate leaves in the natural coordinates, and
-            last that itself.
-        weight: Inverse of the deviation of what is compared; 0 for rows that only fill
-            up.
+        augmented: The augmented Jacobian, a term a column: the gradient in tangent
+            coordinates, and last the residual.
+        weight: Inverse of the standard deviation of what is compared; 0 for terms that
+            only fill up.
         widening: Factor on the width of the robust loss.
         end: Of a crossing of an end: -1 at `center - axis * height / 2`, 1 at the
-            other; 0 for other rows.
+            other; 0 for other terms.
     """
 
-    rows: Float[Array, "k n"]
+    augmented: Float[Array, "k n"]
     weight: Float[Array, " n"]
     widening: Float[Array, " n"]
     end: Float[Array, " n"]
@@ -90,12 +91,12 @@ class Terms(eqx.Module):
     @property
     def residual(self) -> Float[Array, " n"]:
         """What the estimate leaves."""
-        return self.rows[-1]
+        return self.augmented[-1]
 
     @property
     def gradient(self) -> Float[Array, "c n"]:
-        """Its derivative in the natural coordinates."""
-        return self.rows[:-1]
+        """Its derivative in the tangent coordinates."""
+        return self.augmented[:-1]
 
 
 class Readings(NamedTuple):
@@ -120,16 +121,16 @@ def reading_terms(
             the readings, whose errors they would follow.
         noise: Of the sensor.
         soft: Half-chord in radii up to which the outline is blunted, so that a solver
-            can move it across pixels; where it is less than `GRAZING` deviations, no
-            reading is blunted and grazing ones are compared in squares.
+            can move it across pixels; where it is less than `GRAZING` standard
+            deviations, no reading is blunted and grazing ones are compared in squares.
     """
     soft = soft * body.radius
     seen = computed_once(lambda: body.passing(pixels.direction, body.radius / 100))
-    # An estimate that is far off must not have its rows weighed as if it were right.
+    # An estimate that is far off must not have its terms weighed as if it were right.
     used = pixels.depth > 0
     near = jnp.clip(seen.depth, pixels.depth / 2, 2 * pixels.depth)
     sigma = computed_once(
-        lambda: deviation(noise, jnp.where(used, near, 1), seen.cos_incidence)
+        lambda: sigma_of(noise, jnp.where(used, near, 1), seen.cos_incidence)
     )
     coarse = soft > GRAZING * sigma
     # How far in front of the nearest approach the reading lies, or behind from inside.
@@ -141,22 +142,22 @@ def reading_terms(
     # Its square, or less where it is too far behind the axis to be there by chance.
     fold = FOLD * sigma
     folded = jnp.where(reach < -fold, fold * (2 * reach + 3 * fold), reach * reach)
-    # The deviation of the difference of squares, over twice sigma.
+    # The standard deviation of the difference of squares, over twice sigma.
     per_square = sign / (2 * jnp.sqrt(chord * chord + sigma * sigma / 2))
     blunted = seen.with_chord(jnp.where(coarse, soft, sigma))
-    of_wall = jnp.where(seen.on_cap, 1 - seen.keep, 1)
+    of_wall = jnp.where(seen.on_cap, 1 - seen.plane_weight, 1)
     error = jnp.where(
         grazing,
         (seen.square - folded + sigma * sigma) * per_square,
         blunted.depth - pixels.depth,
     )
     alpha = jnp.where(grazing, 2 * sign * chord * per_square, of_wall)
-    beta = jnp.where(grazing, per_square, sign * of_wall * blunted.bend)
+    beta = jnp.where(grazing, per_square, sign * of_wall * blunted.half_slope)
     weight = jnp.where(used, 1 / sigma, 0)
     gradient = body.of_reading(blunted, alpha, beta, seen.on_cap & ~grazing)
     blank = jnp.zeros_like(weight)
     terms = Terms(
-        rows=_stacked([part * weight for part in (*gradient, error)]),
+        augmented=_stacked([part * weight for part in (*gradient, error)]),
         weight=weight,
         widening=jnp.where(grazing, SQUARE_WIDTH, 1.0).astype(weight.dtype),
         end=blank,
@@ -180,12 +181,12 @@ def crossing_terms(
     pixel of the region and its neighbor outside have between them. They are compared
     along the image direction that crosses it more steeply.
 
-    An end's place is uniform between the two pixels and independent from row to row:
-    its deviation is 1/sqrt(12) px. The wall's edge is straight, so along an image
-    direction all rows may have the same place in the grid: there the interval alone
-    counts, and all within it are as likely. It counts where the region is an outline;
-    that every pixel of a region must be hit would push one way only, and bias a radius
-    by up to its deviation.
+    An end's place is uniform between the two pixels and independent from one row of
+    pixels to the next: its standard deviation is 1/sqrt(12) px. The wall's edge is
+    straight, so along an image direction it may have the same place in the grid in all
+    of them: there the interval alone counts, and all within it are as likely. It counts
+    where the region is an outline; that every pixel of a region must be hit would push
+    one way only, and bias a radius by up to its standard deviation.
 
     Args:
         edge: Where the object may stop.
@@ -213,7 +214,7 @@ def crossing_terms(
     has = pixels.depth > 0
     # A region may stop short of the object: beyond its axis lies the far half of its
     # own cap, too. And it may go on past it: then the object stops elsewhere.
-    own = 5 * deviation(noise, jnp.where(has, pixels.depth, 1), seen.cos_incidence)
+    own = 5 * sigma_of(noise, jnp.where(has, pixels.depth, 1), seen.cos_incidence)
     is_own = has & (jnp.abs(pixels.depth - seen.depth) < own)
     behind = has & (away > reach) & ~is_own
     occluder = has & (away < -jnp.sqrt(jnp.maximum(seen.square, r * r)) - reach)
@@ -279,19 +280,19 @@ def crossing_terms(
     ]
     end_width = jnp.where(is_first, FIRST_END_WIDTH, 1.0)
     return Terms(
-        rows=_stacked([*of_place, jnp.sign(error) * beyond * weight]),
+        augmented=_stacked([*of_place, jnp.sign(error) * beyond * weight]),
         weight=weight,
         widening=jnp.where(is_wall, 1.0, end_width).astype(r.dtype),
         end=end,
     )
 
 
-def _stacked(rows: list[Float[Array, " n"]]) -> Float[Array, "k n"]:
-    """`jnp.stack` of rows that are computed.
+def _stacked(parts: list[Float[Array, " n"]]) -> Float[Array, "k n"]:
+    """`jnp.stack` of arrays that are computed.
 
     Written one after the other: XLA does not vectorize a loop over all of them.
     """
-    full = jnp.zeros((len(rows), *rows[0].shape), rows[0].dtype)
-    for number, row in enumerate(rows):
-        full = jax.lax.dynamic_update_index_in_dim(full, row, number, 0)
+    full = jnp.zeros((len(parts), *parts[0].shape), parts[0].dtype)
+    for number, part in enumerate(parts):
+        full = jax.lax.dynamic_update_index_in_dim(full, part, number, 0)
     return full

@@ -9,14 +9,11 @@ __all__ = ["guess_spheres"]
 
 import jax
 import jax.numpy as jnp
-import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool
 
-from impostor_jax.camera.pinhole import PinholeCamera
-from impostor_jax.compiling import quickly_compiled
-from impostor_jax.fit.ball import Ball
 from impostor_jax.fit.rounds import FEWEST_POINTS, median_of, round_through
-from impostor_jax.fit.surface import Samples, guesses_by
+from impostor_jax.fit.sphere_body import SphereBody
+from impostor_jax.fit.surface import Samples
 
 NEAR = 0.1
 """Share of the points, those in the middle of the view, that tell how near it is."""
@@ -25,29 +22,11 @@ WIDE = 0.81
 """Share of an even disc's points within nine tenths of its radius."""
 
 
-def guess_spheres(
-    depth: Float[np.ndarray, "h w"],
-    region: Bool[np.ndarray, "h w"],
-    camera: PinholeCamera,
-    sigma: float,
-) -> list[Ball]:
-    """Guess spheres from the readings of a region.
+def guess_spheres(samples: Samples) -> tuple[SphereBody, Bool[Array, " g"]]:
+    """Spheres in the camera frame, the closest to the readings first.
 
-    Args:
-        depth: In meters; 0 where there is no reading.
-        region: Pixels of the object.
-        camera: Concrete; its pose is not used.
-        sigma: Typical deviation of a reading, in meters.
-
-    Returns:
-        Spheres in the camera frame, the closest to the readings first; none where these
-        admit no sphere.
+    And which of them are any: readings may admit none.
     """
-    return guesses_by(quickly_compiled(_guessed), depth, region, camera, sigma)
-
-
-def _guessed(samples: Samples) -> tuple[Ball, Bool[Array, " g"]]:
-    """Guesses, and which of them are any."""
     with jax.default_matmul_precision("highest"):
         proposed = [_through(samples), _along_normals(samples), _behind(samples)]
     balls = jax.tree.map(lambda *fields: jnp.stack(fields), *proposed)
@@ -61,15 +40,15 @@ def _guessed(samples: Samples) -> tuple[Ball, Bool[Array, " g"]]:
     return balls, jnp.isfinite(misfit[order])
 
 
-def _through(samples: Samples) -> Ball:
+def _through(samples: Samples) -> SphereBody:
     """By least squares."""
     are_all = jnp.ones((1, len(samples.points)), bool)
     fewest = FEWEST_POINTS * samples.copies
     found = round_through(samples.points.T[None], are_all, fewest=fewest)
-    return Ball(found.center[0], found.radius[0])
+    return SphereBody(found.center[0], found.radius[0])
 
 
-def _along_normals(samples: Samples) -> Ball:
+def _along_normals(samples: Samples) -> SphereBody:
     """The center lies a radius from each point against its normal."""
     points, normals = samples.normal_points, samples.normals
     # The normals face the camera, from outside and from inside: r has a sign.
@@ -77,10 +56,10 @@ def _along_normals(samples: Samples) -> Ball:
     away = normals - mean[None]
     radius = jnp.sum((points - middle[None]) * away) / jnp.sum(away**2)
     radius = jnp.where(samples.num_normals >= FEWEST_POINTS, radius, jnp.nan)
-    return Ball(middle - radius * mean, jnp.abs(radius))
+    return SphereBody(middle - radius * mean, jnp.abs(radius))
 
 
-def _behind(samples: Samples) -> Ball:
+def _behind(samples: Samples) -> SphereBody:
     """As wide as the points appear, behind the nearest of them."""
     distance = jnp.linalg.norm(samples.points, axis=1)
     rays = samples.points / distance[:, None]
@@ -92,4 +71,4 @@ def _behind(samples: Samples) -> Ball:
     sine = jnp.minimum(jnp.sin(jnp.arcsin(wide) / 0.9), 0.98)
     near = median_of(distance, aside < inner)
     radius = near * sine / (1 - sine)
-    return Ball(view * (near + radius), radius)
+    return SphereBody(view * (near + radius), radius)

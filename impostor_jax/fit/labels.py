@@ -10,16 +10,13 @@ import numpy as np
 from impostor_jax.arguments import is_concrete
 from impostor_jax.camera.pinhole import PinholeCamera
 from impostor_jax.fit.batch import fit_or_failure, side_by_side
-from impostor_jax.fit.cylinder import fit_cylinder
 from impostor_jax.fit.fittable import CYLINDER, FRUSTUM, SPHERE
-from impostor_jax.fit.frustum import fit_frustum
 from impostor_jax.fit.options import FitOptions, Options
 from impostor_jax.fit.result import Fit
-from impostor_jax.fit.shapes import fit_shape
-from impostor_jax.fit.sphere import fit_sphere
+from impostor_jax.fit.single import fit_cylinder, fit_frustum, fit_sphere
 from impostor_jax.primitives.base import AbstractPrimitive
 
-KINDS = {fit_cylinder: CYLINDER, fit_frustum: FRUSTUM, fit_sphere: SPHERE}
+KIND_OF = {fit_cylinder: CYLINDER, fit_frustum: FRUSTUM, fit_sphere: SPHERE}
 
 
 def fit_labels(
@@ -56,8 +53,8 @@ def fit_labels(
         ValueError: Likewise; or the labels are no integers, or all 0, or something
             is traced.
     """
-    if fit not in KINDS:
-        names = ", ".join(known.__name__ for known in KINDS)
+    if fit not in KIND_OF:
+        names = ", ".join(known.__name__ for known in KIND_OF)
         raise ValueError(f"fit must be one of {names}; got {fit!r}")
     if not is_concrete((depth, labels, camera, sigma, initial, options)):
         raise ValueError("depth, labels, camera and what is asked must be concrete, "
@@ -72,13 +69,10 @@ def fit_labels(
     found = [int(label) for label in np.unique(numbers) if label != 0]
     if not found:
         raise ValueError("labels must hold at least one that is not 0, got none")
-    kind, asked = KINDS[fit], Options.of(options)
+    kind, asked = KIND_OF[fit], Options.of(options)
 
     def fit_one(label: int) -> Fit:
         mask = numbers == label
-        return fit_or_failure(
-            lambda: fit_shape(kind, depth, camera, mask, sigma, initial, asked),
-            kind, depth, camera, mask, asked,
-        )  # fmt: skip
+        return fit_or_failure(kind, depth, camera, mask, sigma, initial, asked)
 
     return dict(zip(found, side_by_side(fit_one, found), strict=True))

@@ -27,8 +27,8 @@ class FitOptions(TypedDict, total=False):
     meaning. "outline": the edge is the object's silhouette, where no occluder stands in
     front of it."""
     scale: str
-    """Whether the width of the robust loss is "fixed" to deviations of the sensor or
-    grows with the "estimated" spread of the residuals, the default."""
+    """Whether the width of the robust loss is "fixed" to standard deviations of the
+    sensor or grows with the "estimated" spread of the residuals, the default."""
     errors: str
     """Whether readings err "independent" of each other, the default, or "correlated"
     between neighboring pixels as those of real sensors do; decides which covariance is

@@ -20,9 +20,9 @@ class Prior(eqx.Module):
     """Expected value and standard deviation of each parameter; None where unknown.
 
     Attributes:
-        center: (3,) and a deviation in every direction, in meters.
-        axis: (3,), of unit length and either sign, and the deviation of its angle in
-            each of the two directions across it, in radians.
+        center: (3,) and a standard deviation in every direction, in meters.
+        axis: (3,), of unit length and either sign, and the standard deviation of its
+            angle in each of the two directions across it, in radians.
         radius: Of a cylinder or a sphere, in meters.
         radius1: Of a frustum at p1, in meters.
         radius2: Of a frustum at p2, in meters.

@@ -7,9 +7,9 @@ __all__ = [
     "Pixels",
     "Problem",
     "Settings",
-    "deviation",
     "gather_pixels",
     "posed",
+    "sigma_of",
 ]
 
 import equinox as eqx
@@ -68,7 +68,7 @@ class Settings(eqx.Module):
 
     Attributes:
         free: As `AbstractBody.free_directions` returns it.
-        tolerance: Of an `Effort`, in deviations.
+        tolerance: Of an `Effort`, in standard deviations.
         max_steps: Of an `Effort`.
         is_outline: Whether the mask's edge is the silhouette.
         estimate_scale: Whether the width of the robust loss follows the residuals.
@@ -105,8 +105,8 @@ class Problem(eqx.Module):
         mask: Pixels of the object.
         noise: Of the readings.
         prior: In the camera frame.
-        nominal: Typical deviation of a reading, in meters.
-        unit: Ten deviations of a position that all readings share, in meters.
+        nominal: Typical standard deviation of a reading, in meters.
+        unit: Ten standard deviations of a position that all readings share, in meters.
         end_unit: The same of the ends, which are known to part of a pixel if not by
             the readings of a cap.
         settings: What is asked for.
@@ -161,7 +161,7 @@ def posed(
     pixels = gather_pixels(depth, camera, row, col)
     used = pixels.depth > 0
     count = jnp.maximum(jnp.sum(used), 1).astype(depth.dtype)
-    sigma = deviation(noise, pixels.depth, jnp.ones_like(pixels.depth))
+    sigma = sigma_of(noise, pixels.depth, jnp.ones_like(pixels.depth))
     nominal = count / jnp.maximum(jnp.sum(jnp.where(used, 1 / sigma, 0)), 1e-6)
     unit = 10 * nominal / jnp.sqrt(count)
     footprint = jnp.sum(pixels.depth) / count / jnp.minimum(camera.fx, camera.fy)
@@ -246,7 +246,7 @@ def _spread_pixels(
     return eqx.tree_at(lambda p: p.depth, pixels, off), each
 
 
-def deviation(
+def sigma_of(
     noise: AbstractDepthNoise,
     depth: Float[Array, "*batch"],
     cos_incidence: Float[Array, "*batch"],

@@ -1,9 +1,7 @@
 """Which pixels of an image a fit uses."""
 
 __all__ = [
-    "START_READINGS",
     "DepthUnitsWarning",
-    "bucket",
     "object_region",
     "pixel_indices",
     "traced_indices",
@@ -24,18 +22,15 @@ from impostor_jax.effort import MIN_READINGS
 from impostor_jax.fit.problem import BLOCK
 from impostor_jax.fit.request import DepthImage, Mask, check_readings
 from impostor_jax.fit.segment import nearest_object
-from impostor_jax.fit.surface import cropped, middle_of, thinned
+from impostor_jax.fit.surface import cropped, thinned, upper_median
 from impostor_jax.sensor.base import AbstractDepthNoise, Reach
 from impostor_jax.sensor.gaussian import ConstantNoise
-
-START_READINGS = BLOCK
-"""Readings that a fit begins with, evenly spread over the object."""
 
 FARTHEST_PLAIN = 100.0
 """Median depth in meters up to which nobody asks whether it is in meters."""
 
 FINEST_SIGMA, COARSEST_SIGMA = 1e-5, 0.1
-"""Deviations beyond that, over the depth, that a sensor may have."""
+"""Standard deviations beyond that, over the depth, that a sensor may have."""
 
 TRACED_READINGS = 15872
 """Most readings that a traced fit uses, evenly spaced over its region."""
@@ -113,14 +108,14 @@ def typical_sigma(
     region: Bool[np.ndarray, "h w"],
     noise: AbstractDepthNoise,
 ) -> float:
-    """Deviation of about the region's middle reading, seen face on, in meters."""
+    """Standard deviation of about the middle reading, seen face on, in meters."""
     if isinstance(noise, ConstantNoise):
         # No reading is looked for, and JAX is not asked: 0.2 ms less.
         return float(noise.deviation)
     readings = _some_readings(image, region)
     if not len(readings):
         return float("inf")
-    return float(_sigma_face_on(noise, middle_of(readings)))
+    return float(_sigma_face_on(noise, upper_median(readings)))
 
 
 def _some_readings(
@@ -150,11 +145,11 @@ def warn_of_units(
 ) -> None:
     """Warn where depth is so far, for its noise, that it must be in millimeters.
 
-    No sensor's deviation is less than 1e-5 of a distance beyond 100 m (a surveyor's
-    scanner has 2e-5, a depth camera 1e-3), and one that is more than a tenth of it is a
-    depth camera's, far out of its range. It is a warning, not an error: a scene may be
-    rendered without noise and that far, and a scene 1e4 times as large as a can, with a
-    noise to match, is fitted as the can is.
+    No sensor's standard deviation is less than 1e-5 of a distance beyond 100 m (a
+    surveyor's scanner has 2e-5, a depth camera 1e-3), and one that is more than a tenth
+    of it is a depth camera's, far out of its range. It is a warning, not an error: a
+    scene may be rendered without noise and that far, and a scene 1e4 times as large as
+    a can, with a noise to match, is fitted as the can is.
 
     Args:
         image: In meters, or not; 0 where there is no reading.
@@ -167,23 +162,18 @@ def warn_of_units(
     readings = _some_readings(image, region)
     if not len(readings):
         readings = image[image > 0]
-    middle = float(middle_of(readings))
+    middle = upper_median(readings)
     if not middle > FARTHEST_PLAIN:
         return
-    sigma = float(_sigma_face_on(noise, middle_of(readings)))
+    sigma = float(_sigma_face_on(noise, middle))
     if not FINEST_SIGMA * middle < sigma < COARSEST_SIGMA * middle:
         warnings.warn(
             f"depth must be in meters, its median is {middle:.4g} and its sigma "
             f"{sigma:.2g}: is it in millimeters?",
             DepthUnitsWarning,
             # The line that called `fit_cylinder`.
-            stacklevel=5,
+            stacklevel=4,
         )
-
-
-def bucket(count: int) -> int:
-    """Number of entries that this many pixels are filled up to."""
-    return next(size for size in BUCKETS if size >= count)
 
 
 def pixel_indices(
@@ -191,7 +181,7 @@ def pixel_indices(
 ) -> tuple[Int[np.ndarray, " n"], Int[np.ndarray, " n"]]:
     """Rows and columns of a region's pixels, filled up to one of a few sizes.
 
-    The last `START_READINGS` are evenly spread over the region; a row beyond the image,
+    The last `BLOCK` are evenly spread over the region; a row beyond the image,
     of which there may be some before the others, only fills up.
 
     Args:
@@ -203,11 +193,12 @@ def pixel_indices(
     index = np.flatnonzero(region[box])
     if most is not None and most < len(index):
         index = index[np.arange(most) * len(index) // most]
-    count, size = len(index), bucket(len(index))
+    count = len(index)
+    size = next(size for size in BUCKETS if size >= count)
     if most is not None:
         size = min(size, -(-most // BLOCK) * BLOCK)
     is_some = np.zeros(count, bool)
-    is_some[np.arange(START_READINGS) * count // START_READINGS] = True
+    is_some[np.arange(BLOCK) * count // BLOCK] = True
     order = np.concatenate([index[~is_some], index[is_some]])
     filled = np.full(size, region.shape[0]), np.zeros(size, int)
     found = np.divmod(order, max(box[1].stop - box[1].start, 1))
@@ -221,7 +212,7 @@ def traced_indices(
 ) -> tuple[Int[Array, " n"], Int[Array, " n"]]:
     """The same of a region that only the run knows, in one size.
 
-    The last `START_READINGS` are evenly spread over it here, too.
+    The last `BLOCK` are evenly spread over it here, too.
 
     Args:
         region: Pixels of the object.
@@ -240,12 +231,12 @@ def traced_indices(
     count = jnp.minimum(rank[-1], most)
     # Backwards, so that what only fills up comes first.
     place = jnp.arange(-(-most // BLOCK) * BLOCK - 1, -1, -1)
-    step = jnp.arange(START_READINGS)
-    some = step * count // START_READINGS
-    is_new = (step == 0) | (some != (step - 1) * count // START_READINGS)
+    step = jnp.arange(BLOCK)
+    some = step * count // BLOCK
+    is_new = (step == 0) | (some != (step - 1) * count // BLOCK)
     # Some step leads to a place where a multiple of the count is next to it.
-    scaled = place * START_READINGS
-    is_some = -(-scaled // jnp.maximum(count, 1)) * count < scaled + START_READINGS
+    scaled = place * BLOCK
+    is_some = -(-scaled // jnp.maximum(count, 1)) * count < scaled + BLOCK
     place = jnp.concatenate([place, some])
     used = (place < count) & jnp.concatenate([~is_some, is_new])
     # The first pixel of each rank; ranks are spread out where there are too many.

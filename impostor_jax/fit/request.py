@@ -48,7 +48,7 @@ from impostor_jax.sensor.gaussian import ConstantNoise
 from impostor_jax.sensor.lateral import LateralNoise
 
 USUAL_SIGMA = 0.001
-"""Deviation in meters that is taken where a caller names none."""
+"""Standard deviation in meters that is taken where a caller names none."""
 
 DepthImage = Float[np.ndarray, "h w"] | Float[Array, "h w"]
 Mask = Bool[np.ndarray, "h w"] | Bool[Array, "h w"]
@@ -147,7 +147,7 @@ def checked_noise(sigma: Any) -> AbstractDepthNoise:
 
 @_made_once
 def _of_all(sigma: float, dtype: DTypeLike) -> ConstantNoise:
-    """The same deviation of all readings."""
+    """The same standard deviation of all readings."""
     sigma = real_number("sigma", sigma, positive=True, unit="meters")
     # An array, so that another value does not compile the fit again.
     return ConstantNoise(jnp.asarray(sigma, dtype))
@@ -185,7 +185,7 @@ def checked_prior(
             )
         label = f"prior[{name!r}]"
         value, deviation = belief
-        real_number(f"deviation of {label}", deviation, positive=True)
+        real_number(f"standard deviation of {label}", deviation, positive=True)
         if name in ("center", "axis"):
             value = float_array(label, value, (3,))
             if name == "axis":

@@ -26,7 +26,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from impostor_jax.fit.text import millimeters, row
+from impostor_jax.fit.text import line, millimeters
 from impostor_jax.primitives.base import AbstractPrimitive
 from impostor_jax.primitives.cylinder import Cylinder
 from impostor_jax.primitives.frustum import Frustum
@@ -195,8 +195,8 @@ class Fit(eqx.Module):
             where none was given, those with a reading that is of the shape's surface.
         num_pixels: Number of pixels that were used.
         rms: Root mean square of the inliers' residuals, in meters.
-        chi2: Mean square of the inliers' residuals, in deviations of the noise: 1 where
-            that is right.
+        chi2: Mean square of the inliers' residuals, in standard deviations of the
+            noise: 1 where that is right.
         p_value: Probability of a larger `chi2` if the noise is what `sigma` says and no
             two readings share an error, to a normal approximation; NaN where no `sigma`
             was given. Of thousands of readings it tells a noise that is 5 percent too
@@ -284,7 +284,7 @@ class Fit(eqx.Module):
         return "Part of the region lies off the shape: it, or the mask, is wrong."
 
     def failed(self, status: FitStatus) -> "Fit":
-        """The same estimate as a failure, with infinite deviations."""
+        """The same estimate as a failure, with infinite standard deviations."""
         return dataclasses.replace(
             self,
             success=jnp.zeros_like(self.success),
@@ -294,7 +294,7 @@ class Fit(eqx.Module):
 
     @property
     def told(self) -> dict[str, tuple[Array, Array]]:
-        """Value and deviation of what a reader is told of the shape, by name."""
+        """Value and standard deviation of what a reader is told, by name."""
         names = TOLD[type(self.shape)]
         return {
             name: (getattr(self.shape, name), getattr(self.std, name)) for name in names
@@ -319,8 +319,8 @@ class Fit(eqx.Module):
             f"{int(np.count_nonzero(self.inliers))} inliers, chi-squared "
             f"{float(self.chi2):.2f}"
         )
-        rows = [row(name, *values) for name, values in self.told.items()]
-        lines = [head, *rows, rms]
+        told = [line(name, *values) for name, values in self.told.items()]
+        lines = [head, *told, rms]
         if not self.height_observed:
             across = millimeters(self.std.across_axis)
             lines.append(

@@ -15,6 +15,7 @@ from typing_extensions import override
 from impostor_jax.fit.body import (
     AbstractBody,
     FreeDirections,
+    Numbers,
     Passing,
     Readout,
     blunted_root,
@@ -24,11 +25,9 @@ from impostor_jax.fit.body import (
 from impostor_jax.geometry.frames import RigidTransform
 from impostor_jax.geometry.so3 import tangent_basis
 from impostor_jax.geometry.vec3 import Vec3, unit
-from impostor_jax.numerics import safe_norm, safe_sqrt, smallest_slope
+from impostor_jax.numerics import product, safe_norm, safe_sqrt, smallest_slope
 from impostor_jax.primitives.cylinder import Cylinder
 from impostor_jax.primitives.frustum import Frustum
-
-Numbers = Float[Array, "*batch"]
 
 PARALLEL = 1e-4
 """A of the wall's quadric, over |d|^2, below which a ray runs along a cone's wall. A is
@@ -48,7 +47,7 @@ SHORT = 2.0
 class RoundBody(AbstractBody):
     """A body about an axis, whose radius may change linearly along it.
 
-    Its natural coordinates are the tilt of the axis and the motion of the center along
+    Its tangent coordinates are the tilt of the axis and the motion of the center along
     the two vectors of `tangent_basis(axis)`, the logarithms of the radius, or of both
     ends' radii, and the motions of the ends along the axis. The ends, not center and
     height, are coordinates, and an end moves along the wall that is there: where one is
@@ -162,37 +161,47 @@ class RoundBody(AbstractBody):
         frame = jnp.concatenate([tangent_basis(self.axis), self.axis[None]])
         local, foot = local_ray(direction, self.center, frame)
         inverse, nearest, square, within = self._wall(local.origin, local.direction)
-        half, bend = blunted_root(square, chord)
+        half, half_slope = blunted_root(square, chord)
         o, d = local.origin, local.direction
         o1, o2, o_a, e1, e2, d_a = o.x, o.y, o.z, d.x, d.y, d.z
         parallel = jnp.abs(d_a) < smallest_slope(d_a.dtype)
         per_step = 1 / jnp.where(parallel, 1, d_a)
         reach = jnp.where(parallel, jnp.inf, self.height / 2 * jnp.abs(per_step))
         middle = -o_a * per_step
-        is_along = inverse == 0
+        k, widens = self.slope, self.slope * d_a
         if self.growth is None:
+            is_along = inverse == 0
             enter = jnp.where(is_along, -jnp.inf, nearest - half)
             leave = jnp.where(is_along, jnp.inf, nearest + half)
         else:
-            half, bend = half * within, bend * within
-            widens = self.slope * d_a
+            half, half_slope = half * within, half_slope * within
             enter = jnp.where((within < 0) & (widens < 0), -jnp.inf, nearest - half)
             leave = jnp.where((within < 0) & (widens > 0), jnp.inf, nearest + half)
         outside = jnp.maximum(enter, middle - reach) + foot > 0
         ahead = _end_ahead(outside, d_a)
-        wide = jnp.where(ahead < 0, self.radius1, self.radius2)
+        cap_radius = jnp.where(ahead < 0, self.radius1, self.radius2)
         # At a tip there is no rim to be past of.
-        wide = jnp.maximum(wide, LEAST_END * self.radius)
+        cap_radius = jnp.maximum(cap_radius, LEAST_END * self.radius)
         on_cap = jnp.where(outside, middle - reach > enter, middle + reach < leave)
         cap = jnp.where(parallel, 0, middle + jnp.where(outside, -reach, reach))
         rim = safe_sqrt((o1 + e1 * cap) ** 2 + (o2 + e2 * cap) ** 2)
-        past = jnp.maximum(rim / wide - 1, 0)
+        past = jnp.maximum(rim / cap_radius - 1, 0)
         wall = nearest + jnp.where(outside, -half, half)
         # Unit normals: of the wall |n.d| = |A| h / (R sqrt(1 + k^2)), of a cap |a.d|.
         across = e1 * e1 + e2 * e2
-        facing, enter_along, leave_along = self._along(
-            across, o_a, d_a, nearest, half, wall
-        )
+        along = o_a + wall * d_a
+        enter_along = o_a + (nearest - half) * d_a
+        leave_along = o_a + (nearest + half) * d_a
+        if self.growth is None:
+            facing = across * jnp.maximum(half, 0) / self.radius
+        else:
+            facing = (across - widens**2) * half / (self.radius + k * along)
+            facing = jnp.maximum(facing, 0) * jax.lax.rsqrt(jnp.asarray(1 + k * k))
+            # A ray within the cone of directions leaves the nappe, or enters it, at
+            # infinity: on the side to which the body grows wider.
+            far = FARTHEST * self.size * jnp.sign(self.growth)
+            enter_along = jnp.where((within < 0) & (widens < 0), far, enter_along)
+            leave_along = jnp.where((within < 0) & (widens > 0), far, leave_along)
         facing = jnp.where(on_cap, jnp.abs(d_a), facing)
         facing = facing * jax.lax.rsqrt(across + d_a * d_a)
         return Passing(
@@ -202,16 +211,16 @@ class RoundBody(AbstractBody):
             nearest=nearest,
             square=square,
             half=half,
-            bend=bend,
+            half_slope=half_slope,
             outside=outside,
             cos_incidence=jnp.minimum(facing, 1),
             cap=cap,
             on_cap=on_cap,
             rim=rim,
-            wide=wide,
-            falls=past * wide,
-            keep=1 / (1 + past * past),
-            along=o_a + wall * d_a,
+            cap_radius=cap_radius,
+            overshoot=past * cap_radius,
+            plane_weight=1 / (1 + past * past),
+            along=along,
             enter_along=enter_along,
             leave_along=leave_along,
         )
@@ -240,34 +249,6 @@ class RoundBody(AbstractBody):
         square = (w1 * w1 + w2 * w2 - beside * beside) * inverse * inverse
         return inverse, (rho * k - ahead) * inverse, square, within
 
-    def _along(
-        self,
-        across: Numbers,
-        o_a: Numbers,
-        d_a: Numbers,
-        nearest: Numbers,
-        half: Numbers,
-        wall: Numbers,
-    ) -> tuple[Numbers, Numbers, Numbers]:
-        """How the wall faces a ray, and where along the axis that enters and leaves it.
-
-        A ray within the cone of directions leaves the nappe, or enters it, at infinity:
-        on the side to which the body grows wider.
-        """
-        enter, leave = o_a + (nearest - half) * d_a, o_a + (nearest + half) * d_a
-        if self.growth is None:
-            return across * jnp.maximum(half, 0) / self.radius, enter, leave
-        k = self.slope
-        opening = across - (k * d_a) ** 2
-        facing = opening * half / (self.radius + k * (o_a + wall * d_a))
-        facing = jnp.maximum(facing, 0) * jax.lax.rsqrt(jnp.asarray(1 + k * k))
-        far = FARTHEST * self.size * jnp.sign(self.growth)
-        return (
-            facing,
-            jnp.where((opening < 0) & (k * d_a < 0), far, enter),
-            jnp.where((opening < 0) & (k * d_a > 0), far, leave),
-        )
-
     @override
     def covers(self, passing: Passing) -> Bool[Array, "*batch"]:
         half = self.height / 2
@@ -279,7 +260,7 @@ class RoundBody(AbstractBody):
     def of_reading(
         self, passing: Passing, alpha: Numbers, beta: Numbers, on_cap: Bool[Array, "*b"]
     ) -> list[Numbers]:
-        """Derivative of what is compared, in natural coordinates.
+        """Derivative of what is compared, in tangent coordinates.
 
         A cap's point stays in its plane; past the rim its distance from there counts.
         """
@@ -287,15 +268,16 @@ class RoundBody(AbstractBody):
         d_a = passing.local.direction.z
         parallel = jnp.abs(d_a) < smallest_slope(d_a.dtype)
         per_step = jnp.where(on_cap & ~parallel, 1 / jnp.where(parallel, 1, d_a), 0)
-        rim, wide, keep, falls = passing.rim, passing.wide, passing.keep, passing.falls
-        away = passing.cap + falls - passing.nearest - passing.sign * passing.half
-        per_falls = jnp.where(falls > 0, keep, 0)
-        per_past = -2 * falls * keep**2 * away / (wide * wide)
-        of_rim = jnp.where(on_cap, per_past * rim / wide + per_falls, 0)
-        outward = jnp.where(on_cap, per_past + per_falls, 0) / jnp.maximum(rim, wide)
+        rim, radius = passing.rim, passing.cap_radius
+        weight, overshoot = passing.plane_weight, passing.overshoot
+        away = passing.cap + overshoot - passing.nearest - passing.sign * passing.half
+        direct = jnp.where(overshoot > 0, weight, 0)
+        by_weight = -2 * overshoot * weight**2 * away / (radius * radius)
+        of_rim = jnp.where(on_cap, by_weight * rim / radius + direct, 0)
+        outward = jnp.where(on_cap, by_weight + direct, 0) / jnp.maximum(rim, radius)
         (o1, o2, _), (e1, e2, _) = _in_frame(passing)
         point1, point2 = o1 + e1 * passing.cap, o2 + e2 * passing.cap
-        follow = per_step * (keep + outward * (point1 * e1 + point2 * e2))
+        follow = per_step * (weight + outward * (point1 * e1 + point2 * e2))
         end = _end_ahead(passing.outside, d_a)
         lean = follow + outward * (end * (self.height / 2))
         of_end = follow - self.slope * of_rim
@@ -341,11 +323,11 @@ class RoundBody(AbstractBody):
             radii = [r * r * beta]
         else:
             k = self.slope
-            wide = self.radius + k * along
-            lever, tilt = along + k * wide, (1 + k * k) * d_a
-            in_radius = (k * d_a * alpha + wide * beta) / 2
-            in_slope = (wide + k * along) * d_a * alpha
-            in_slope = in_slope + (wide * along + q * k * d_a * d_a) * beta
+            beside = self.radius + k * along
+            lever, tilt = along + k * beside, (1 + k * k) * d_a
+            in_radius = (k * d_a * alpha + beside * beta) / 2
+            in_slope = (beside + k * along) * d_a * alpha
+            in_slope = in_slope + (beside * along + q * k * d_a * d_a) * beta
             in_slope = in_slope / self.height
             radii = [
                 self.radius1 * (in_radius - in_slope),
@@ -374,7 +356,8 @@ class RoundBody(AbstractBody):
         (o1, o2, o_a), (e1, e2, d_a) = _in_frame(passing)
         edge = passing.nearest + side * passing.half
         error = o_a + edge * d_a - end * (self.height / 2)
-        tilts, acrosses, radii = self._of_wall(passing, d_a, side * d_a * passing.bend)
+        in_square = side * d_a * passing.half_slope
+        tilts, acrosses, radii = self._of_wall(passing, d_a, in_square)
         return error, [
             tilts[0] + o1 + e1 * edge,
             tilts[1] + o2 + e2 * edge,
@@ -385,30 +368,29 @@ class RoundBody(AbstractBody):
         ]
 
     @override
-    def moved(self, natural: Float[Array, " c"], free: FreeDirections) -> "RoundBody":
+    def retracted(
+        self, tangent: Float[Array, " c"], free: FreeDirections
+    ) -> "RoundBody":
         basis = tangent_basis(self.axis)
-        tilt, across = (
-            jnp.matmul(part, basis, precision="highest")
-            for part in (natural[:2], natural[2:4])
-        )
+        tilt, across = (product(part, basis) for part in (tangent[:2], tangent[2:4]))
         axis = self.axis + tilt
-        shift = (natural[-2] + natural[-1]) / 2
-        height = self.height * grown((natural[-1] - natural[-2]) / self.height)
+        shift = (tangent[-2] + tangent[-1]) / 2
+        height = self.height * grown((tangent[-1] - tangent[-2]) / self.height)
         stretch = height - self.height
         center = self.center + across + self.axis * shift
         axis = axis * jax.lax.rsqrt(jnp.sum(axis * axis))
         if self.growth is None:
-            return RoundBody(center, axis, self.radius * grown(natural[4]), height)
+            return RoundBody(center, axis, self.radius * grown(tangent[4]), height)
         follows = self.slope * jnp.stack([shift - stretch / 2, shift + stretch / 2])
         own = jnp.stack([self.radius1, self.radius2])
-        radii = own * grown(natural[4:6]) + follows
+        radii = own * grown(tangent[4:6]) + follows
         radii = jnp.maximum(radii, LEAST_END * self.radius)
         radii = jnp.where(jnp.diagonal(free)[4:6] > 0, radii, own)
         radius, growth = (radii[0] + radii[1]) / 2, (radii[1] - radii[0]) / 2
         return RoundBody(center, axis, radius, height, growth)
 
     @override
-    def scaled(
+    def free_basis(
         self,
         free: FreeDirections,
         unit: Float[Array, ""],
@@ -421,13 +403,13 @@ class RoundBody(AbstractBody):
             radii = [jnp.maximum(end, least) for end in (self.radius1, self.radius2)]
         steps = [lever, lever, unit * one, unit * one, *(unit / r for r in radii)]
         steps = jnp.stack([*steps, end_unit * one, end_unit * one])
-        scaled = jnp.asarray(free) * steps[:, None]
+        basis = jnp.asarray(free) * steps[:, None]
         if self.growth is None:
-            return scaled
+            return basis
         # A radius that is held does not follow the wall to where its end goes.
         held = jnp.diagonal(free)[4:6, None] == 0
-        back = -self.slope * scaled[-2:] / jnp.stack(radii)[:, None]
-        return scaled.at[4:6].add(jnp.where(held, back, 0))
+        back = -self.slope * basis[-2:] / jnp.stack(radii)[:, None]
+        return basis.at[4:6].add(jnp.where(held, back, 0))
 
     @override
     def free_directions(self, fixed: tuple[str, ...]) -> Float[np.ndarray, "c c"]:
@@ -459,9 +441,9 @@ class RoundBody(AbstractBody):
             radii = OrderedDict(zip(self.names_of_radii, own, strict=True))
         return OrderedDict(
             **places,
-            across_axis=jnp.matmul(basis, across, precision="highest"),
+            across_axis=product(basis, across),
             along_axis=jnp.sum(near.axis * away),
-            axis=jnp.matmul(basis, self.axis, precision="highest"),
+            axis=product(basis, self.axis),
             **radii,
             height=self.height,
         )

@@ -84,7 +84,7 @@ def round_through(
         center, radius, slope = fitted(kept)
         distance = jnp.sqrt(jnp.square(away - center[..., None]).sum(axis=-2))
         miss = jnp.abs(distance - radius[..., None] - slope[..., None] * further)
-        # Three deviations; all are within their rounding.
+        # Three standard deviations; all are within their rounding.
         limit = 3 * 1.4826 * median_of(miss, among) + eps(points.dtype, 16)
         return among & (miss <= limit[..., None])
 
@@ -96,7 +96,7 @@ def round_through(
 def median_of(
     values: Float[Array, "*#k n"], among: Bool[Array, "*#k n"]
 ) -> Float[Array, "*k"]:
-    """The upper median of some along the last axis; minus infinity of none."""
+    """`upper_median` of some along the last axis; minus infinity of none."""
     count = jnp.sum(among, axis=-1)
     return largest_of(values, among, (count - 1) // 2, among.shape[-1] // 2 + 1)
 

@@ -6,10 +6,13 @@ import cv2
 import numpy as np
 from jaxtyping import Bool, Float
 
-from impostor_jax.fit.surface import cropped, middle_of, thinned
+from impostor_jax.fit.surface import cropped, thinned, upper_median
 
 MIN_FRACTION = 5e-4
 """Components smaller than this part of the image are specks, not the object."""
+
+NEIGHBORS = (np.s_[:-1, :], np.s_[1:, :]), (np.s_[:, :-1], np.s_[:, 1:])
+"""Index of every pixel but the last, and of its next one, along each axis."""
 
 
 def nearest_object(
@@ -38,8 +41,7 @@ def nearest_object(
     farthest += 8.5 * sigma
     farthest[~valid] = np.inf
     behind = np.zeros_like(valid)
-    for axis in (0, 1):
-        near, far = _neighbors(axis)
+    for near, far in NEIGHBORS:
         # The farther side of a jump is cut away, so the nearer object keeps its edge.
         behind[far] |= depth[far] > farthest[near]
         behind[near] |= depth[near] > farthest[far]
@@ -51,7 +53,7 @@ def nearest_object(
     smallest = max(min_pixels, int(MIN_FRACTION * depth.size))
     # Label 0 is what belongs to none.
     parts = [labels == one + 1 for one in np.flatnonzero(sizes[1:] >= smallest)]
-    distance = [float(middle_of(thinned(depth[part]))) for part in parts]
+    distance = [float(upper_median(thinned(depth[part]))) for part in parts]
     for place in np.argsort(distance, kind="stable"):
         if _stands_in_front(depth, parts[place]):
             return parts[place]
@@ -75,10 +77,3 @@ def _stands_in_front(
     beside = cv2.erode(np.where(part, readings, np.inf).astype(np.float32), kernel)
     in_front = readings[border] > beside[border]
     return not border.any() or bool(np.mean(in_front) >= 0.5)
-
-
-def _neighbors(axis: int) -> tuple[tuple[slice, ...], tuple[slice, ...]]:
-    """Index of every pixel but the last, and of its next one, along an axis."""
-    if axis == 0:
-        return np.s_[:-1, :], np.s_[1:, :]
-    return np.s_[:, :-1], np.s_[:, 1:]

@@ -60,13 +60,8 @@ def fit_shape(
     sigma: Any,
     initial: AbstractPrimitive | None,
     options: Options,
-    is_whole: bool = False,
 ) -> Fit:
-    """Fit a shape; the arguments are those of `fit_cylinder`.
-
-    With `is_whole` the mask is known to be of one surface, and the errors are what they
-    are said to be.
-    """
+    """Fit a shape; the arguments are those of `fit_cylinder`."""
     effort, prior = options.effort, options.prior
     check_types(kind.shape, camera, initial)
     about = {"camera": camera, "sigma": sigma, "initial": initial, "options": options}
@@ -77,55 +72,37 @@ def fit_shape(
         beliefs = checked_prior(prior, kind.parameters, initial)
         image = checked_depth(depth, camera)
         camera, noise, initial, beliefs = converted((camera, noise, initial, beliefs))
-        asked = (camera, noise, beliefs, settings, options)
         mask = checked_mask(mask, camera)
-        if is_concrete((image, mask, initial, *asked[:3])):
-            shown = np.asarray(image), None if mask is None else np.asarray(mask)
-            region = object_region(*shown, camera, noise)
-            fit = _fit_concrete(kind, shown[0], region, initial, *asked, is_whole)
-            # A caller may write other pixels to a mask, and the depth is a copy.
-            own = {"depth": shown[0], "mask": np.array(region)}
-            fit.asked.arguments = about | own
-            return fit
-        if initial is None:
-            raise ValueError(
-                "initial must be given to a traced fit: the first guess runs outside "
-                "JAX"
+        if not is_concrete((image, mask, initial, camera, noise, beliefs)):
+            if initial is None:
+                raise ValueError(
+                    "initial must be given to a traced fit: the first guess runs "
+                    "outside JAX"
+                )
+            start = kind.body.of(initial)
+            return _fit_traced(
+                image, mask, start, camera, noise, beliefs, settings, options
             )
-        return _fit_traced(image, mask, kind.body.of(initial), *asked)
+        image, mask = np.asarray(image), None if mask is None else np.asarray(mask)
+        region = object_region(image, mask, camera, noise)
+        warn_of_units(image, region, noise)
 
+        # Without types of arrays, which would be looked up at each call, in 20 us.
+        def fitted(part: np.ndarray, correlated: bool) -> Fit:
+            shown = pixels_shown(image, part, camera, noise, effort.readings)
+            asked = settings
+            if part is not region:
+                # Only of the whole one a caller says that its edge is the silhouette.
+                asked = dataclasses.replace(settings, is_outline=False)
+            return _fit_pixels(kind, shown, initial, beliefs, asked, effort, correlated)
 
-def _fit_concrete(
-    kind: Fittable,
-    image: Float[np.ndarray, "h w"],
-    region: Bool[np.ndarray, "h w"],
-    initial: AbstractPrimitive | None,
-    camera: PinholeCamera,
-    noise: AbstractDepthNoise,
-    prior: Prior,
-    settings: Settings,
-    options: Options,
-    is_whole: bool,
-) -> Fit:
-    """Fit to a region, or to what of it is of one surface."""
-    warn_of_units(image, region, noise)
-    effort = options.effort
-
-    # Without types of arrays, which would be looked up at each call, in 20 us.
-    def fitted(part: np.ndarray, correlated: bool) -> Fit:
-        shown = pixels_shown(image, part, camera, noise, effort.readings)
-        asked = settings
-        if part is not region:
-            # Only of the whole one a caller says that its edge is the silhouette.
-            asked = dataclasses.replace(settings, is_outline=False)
-        return _fit_pixels(kind, shown, initial, prior, asked, effort, correlated)
-
-    correlated = options.errors == "correlated"
-    if is_whole:
-        return fitted(region, correlated)
-    return fit_of_one_surface(
-        fitted, kind.body, image, region, camera, noise, correlated
-    )
+        correlated = options.errors == "correlated"
+        fit = fit_of_one_surface(
+            fitted, kind.body, image, region, camera, noise, correlated
+        )
+        # A caller may write other pixels to a mask, and the depth is a copy.
+        fit.asked.arguments = about | {"depth": image, "mask": np.array(region)}
+        return fit
 
 
 def _fit_pixels(
@@ -146,7 +123,7 @@ def _fit_pixels(
         prior: In the world frame.
         settings: What is asked for.
         effort: How much work it takes.
-        correlated: Whether deviations allow for correlated residuals.
+        correlated: Whether the covariance allows for correlated residuals.
     """
     image, region, _, _, camera, noise = shown
     compiled = quickly_compiled(fit_from, static_argnames=("kernel", "correlated"))
@@ -266,7 +243,8 @@ def _fit_traced(
     else:
         row, col = traced_indices(region, options.effort.readings)
     settings = dataclasses.replace(settings, refutes=True)
-    shown = (jnp.asarray(depth), jnp.asarray(region), row, col, camera, noise)
-    problem = posed(*shown, prior, settings, kernel=options.effort.kernel)
-    solution = solve(problem, in_camera_frame(initial, camera))
-    return assess(problem, solution, correlated=options.errors == "correlated").fit
+    return fit_from(
+        jnp.asarray(depth), jnp.asarray(region), row, col, camera, noise, prior,
+        settings, in_camera_frame(initial, camera), options.effort.kernel,
+        correlated=options.errors == "correlated",
+    ).fit  # fmt: skip

@@ -1,7 +1,7 @@
 """The compiled fit: from a start to the estimate, in the camera's frame.
 
 Each pass reads the image at the estimate, weights included, and gives the products of
-all rows; a damped Gauss-Newton step follows. So evaluation and step are one pass, and
+all terms; a damped Gauss-Newton step follows. So evaluation and step are one pass, and
 the fit ends where a step leads nowhere. The first stages blunt the outline and take a
 block of readings that speaks for all; the last takes all of them.
 """
@@ -33,7 +33,7 @@ from impostor_jax.fit.evidence import Terms, crossing_terms, reading_terms
 from impostor_jax.fit.prior import prior_residuals
 from impostor_jax.fit.problem import BLOCK, Problem
 from impostor_jax.fit.robust import KERNELS, robust_residual
-from impostor_jax.numerics import eps, safe_divide
+from impostor_jax.numerics import eps, product, safe_divide
 
 
 class Stage(NamedTuple):
@@ -43,7 +43,8 @@ class Stage(NamedTuple):
         soft: Half-chord in radii up to which the outline is blunted.
         place: Softness of the outline's place, in pixels.
         widening: Factor on the width of the robust loss.
-        limit: Step at which it ends, in tens of deviations at `STAGE_TOLERANCE`.
+        limit: Step at which it ends, in tens of standard deviations at
+            `STAGE_TOLERANCE`.
         takes_all: Whether it takes all readings, or the block that speaks for all.
     """
 
@@ -63,7 +64,8 @@ STAGES = (
 )
 
 STAGE_TOLERANCE = 0.2
-"""Tolerance of an `Effort`, in deviations, for which the stages' steps are given."""
+"""Tolerance of an `Effort`, in standard deviations, for which the stages' steps are
+given."""
 
 FINE_TOLERANCE = 0.02
 """Largest one of a fit that is differentiated. Derivatives are those of the point where
@@ -89,7 +91,7 @@ MOST_COARSE = 15
 """Steps of a stage but the last: on few readings some go to and fro for ever."""
 
 RIDGE = 3e-3
-"""Inverse width of the prior that keeps free coordinates in place, in scaled units."""
+"""Inverse width of the prior that keeps free coordinates in place, in their units."""
 
 SEARCHED = 16
 """Parts that an interval with the median is divided into, three times."""
@@ -113,19 +115,19 @@ class _Pass(NamedTuple):
     """What a pass over the image tells at an estimate.
 
     Attributes:
-        information: Of the scaled coordinates.
+        information: Of the free coordinates.
         pull: On these.
-        scaled: Natural coordinates that each of them moves.
+        basis: Tangent coordinates that one unit of each of them moves, as columns.
         loss: Of the readings.
     """
 
     information: Float[Array, "c c"]
     pull: Float[Array, " c"]
-    scaled: Float[Array, "c c"]
+    basis: Float[Array, "c c"]
     loss: Float[Array, ""]
 
     def step(self, damping: Float[Array, ""] | float = 0.0) -> Float[Array, " c"]:
-        """Damped step of Gauss and Newton, in scaled coordinates."""
+        """Damped step of Gauss and Newton, in free coordinates."""
         diagonal = jnp.diagonal(self.information)
         more = diagonal * (damping + eps(diagonal.dtype, 16)) + RIDGE**2
         damped = self.information + jnp.diag(more)
@@ -207,7 +209,7 @@ class _Staged(optx.AbstractFixedPointSolver):
         size = jnp.where(damping == 0, self.norm(moved), jnp.inf)
         ends = (size < self.limits[state.stage]) | (state.in_stage >= MOST_COARSE - 1)
         goes_further = ends & ~is_last
-        natural = jnp.matmul(told.scaled, moved, precision="highest")
+        tangent = product(told.basis, moved)
         state = _State(
             stage=state.stage + jnp.where(goes_further, 1, 0),
             in_stage=jnp.where(goes_further, 0, state.in_stage + 1),
@@ -218,7 +220,7 @@ class _Staged(optx.AbstractFixedPointSolver):
             wanted=wanted,
             left=jnp.where(is_last, size / self.limits[-1], jnp.inf),
         )
-        return body.moved(natural, self.free), state, told
+        return body.retracted(tangent, self.free), state, told
 
     @override
     def terminate(self, fn, y, args, options, state, tags):
@@ -258,10 +260,10 @@ def _followed(problem: Problem, start: AbstractBody) -> Solution:
 
 @_followed.defjvp
 def _followed_jvp(given, changes):
-    """The pull of all rows is 0 where a fit ends, and stays 0.
+    """The pull of all terms is 0 where a fit ends, and stays 0.
 
-    The products of the rows are not its derivative in the estimate: weights and targets
-    move with that, too.
+    The products of the terms are not its derivative in the estimate: weights and
+    targets move with that, too.
     """
     (problem, start), (d_problem, _) = given, changes
     problem = eqx.tree_at(
@@ -272,18 +274,18 @@ def _followed_jvp(given, changes):
     solution = _followed(problem, start)
     free = problem.settings.free
     stage = _stage_at(-1, problem.unit.dtype)
-    scaled = _scaled(problem, solution.body)
+    basis = _free_basis(problem, solution.body)
 
     def body_at(moved: Float[Array, " c"]) -> AbstractBody:
-        natural = jnp.matmul(scaled, moved, precision="highest")
-        return solution.body.moved(natural, free)
+        tangent = product(basis, moved)
+        return solution.body.retracted(tangent, free)
 
     def pull_at(moved: Float[Array, " c"], problem: Problem) -> Float[Array, " c"]:
         at = body_at(moved)
         terms = reading_terms(problem.pixels, at, problem.noise).terms
         scale = _scale(problem, terms.residual[-BLOCK:], terms.weight[-BLOCK:])
         total = _products(problem, terms, scale) + _beside(problem, at, stage, scale)
-        return jnp.matmul(scaled.T, total[:-1, -1], precision="highest")
+        return product(basis.T, total[:-1, -1])
 
     still = jnp.zeros(free.shape[0], problem.unit.dtype)
     slope = jax.jacfwd(lambda moved: pull_at(moved, problem))(still)
@@ -302,8 +304,8 @@ def _through_stages(problem: Problem, start: AbstractBody) -> Solution:
 
     def led(body: AbstractBody, stage: Stage):
         told = _told(problem, body, stage)
-        natural = jnp.matmul(told.scaled, told.step(), precision="highest")
-        return body.moved(natural, settings.free), told
+        tangent = product(told.basis, told.step())
+        return body.retracted(tangent, settings.free), told
 
     limits = np.array([stage.limit for stage in STAGES])
     found = optx.fixed_point(
@@ -337,37 +339,36 @@ def _stage_at(number: int | Int[Array, ""], dtype: DTypeLike) -> Stage:
 
 def _told(problem: Problem, body: AbstractBody, stage: Stage) -> _Pass:
     """Read the image at an estimate."""
-    scaled = _scaled(problem, body)
+    basis = _free_basis(problem, body)
     of_readings, scale = _of_readings(problem, body, stage)
     total = of_readings + _beside(problem, body, stage, scale)
-    total = in_coordinates(total, scaled.T)
-    return _Pass(total[:-1, :-1], total[:-1, -1], scaled, of_readings[-1, -1])
+    total = in_coordinates(total, basis.T)
+    return _Pass(total[:-1, :-1], total[:-1, -1], basis, of_readings[-1, -1])
 
 
 def in_coordinates(
     products: Float[Array, "k k"], into: Float[Array, "c c"]
 ) -> Float[Array, "k k"]:
-    """Products of rows of [gradient, residual] from natural to other coordinates.
+    """Products of terms of [gradient, residual] from tangent to other coordinates.
 
     Args:
-        products: In natural coordinates.
-        into: Natural coordinates that each of the others moves, one a row.
+        products: In tangent coordinates.
+        into: Tangent coordinates that each of the others moves, one a row.
     """
     turn = jnp.zeros_like(products).at[:-1, :-1].set(into).at[-1, -1].set(1)
-    turned = jnp.matmul(turn, products, precision="highest")
-    return jnp.matmul(turned, turn.T, precision="highest")
+    return product(turn, products, turn.T)
 
 
-def _scaled(problem: Problem, body: AbstractBody) -> Float[Array, "c c"]:
-    return body.scaled(problem.settings.free, problem.unit, problem.end_unit)
+def _free_basis(problem: Problem, body: AbstractBody) -> Float[Array, "c c"]:
+    return body.free_basis(problem.settings.free, problem.unit, problem.end_unit)
 
 
 def _of_readings(
     problem: Problem, body: AbstractBody, stage: Stage
 ) -> tuple[Float[Array, "k k"], Float[Array, ""]]:
-    """Products of the rows of [gradient, residual], in natural coordinates.
+    """Products of the terms of [gradient, residual], in tangent coordinates.
 
-    The thousands of rows enter a step only so, and are taken block by block. The first
+    The thousands of terms enter a step only so, and are taken block by block. The first
     of these tells what the width of the robust loss is multiplied by, too.
     """
     size = problem.row.shape[0]
@@ -408,28 +409,28 @@ def _beside(
         stage.soft > 0,
     )
 
-    def known(natural: Float[Array, " c"]) -> Float[Array, " n"]:
-        return prior_residuals(problem.prior, body.moved(natural, settings.free))
+    def known(tangent: Float[Array, " c"]) -> Float[Array, " n"]:
+        return prior_residuals(problem.prior, body.retracted(tangent, settings.free))
 
     still = jnp.zeros(settings.free.shape[0], scale.dtype)
     beliefs = jnp.concatenate([jax.jacfwd(known)(still).T, known(still)[None]])
-    of_beliefs = jnp.matmul(beliefs, beliefs.T, precision="highest")
+    of_beliefs = product(beliefs, beliefs.T)
     return of_beliefs + _products(problem, edge, scale)
 
 
 def _products(
     problem: Problem, terms: Terms, scale: Float[Array, ""]
 ) -> Float[Array, "k k"]:
-    """The same products of some rows, as a robust loss weighs them."""
+    """The same products of some terms, as a robust loss weighs them."""
     _, width = KERNELS[problem.kernel]
     robust, slope = jax.jvp(
         lambda r: robust_residual(r, width * scale * terms.widening, problem.kernel),
         (terms.residual,),
         (jnp.ones_like(terms.residual),),
     )
-    is_last = np.arange(terms.rows.shape[0]) == terms.rows.shape[0] - 1
-    rows = jnp.where(is_last[:, None], robust[None], terms.rows * slope[None])
-    return jnp.matmul(rows, rows.T, precision="highest")
+    is_last = np.arange(len(terms.augmented)) == len(terms.augmented) - 1
+    weighed = jnp.where(is_last[:, None], robust[None], terms.augmented * slope[None])
+    return product(weighed, weighed.T)
 
 
 def _scale(
@@ -443,7 +444,7 @@ def _scale(
 def spread_of(
     residual: Float[Array, " n"], used: Bool[Array, " n"]
 ) -> Float[Array, ""]:
-    """Robust deviation of whitened residuals, at least 1; it carries no derivative.
+    """Robust standard deviation of whitened residuals, at least 1; no derivative.
 
     Their median is looked for in ever smaller intervals: sorting 6144 values takes
     4 ms, and these sums 0.1 ms.

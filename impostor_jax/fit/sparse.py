@@ -57,7 +57,7 @@ def sparse_slopes(
         inverse: Inverse depth, NaN where there is no reading.
         matrix: Of the camera.
         spacing: As of `spacing_of`, positive.
-        error: Deviation of a reading over the width of a pixel at its depth.
+        error: Standard deviation of a reading over the width of a pixel at its depth.
 
     Returns:
         The slopes, and those pixels with a reading whose plane is of readings around

@@ -1,6 +1,6 @@
 """Lines that tell a fit to a reader: lengths in millimeters, angles in degrees."""
 
-__all__ = ["millimeters", "row"]
+__all__ = ["line", "millimeters"]
 
 from typing import Any
 
@@ -12,8 +12,8 @@ def millimeters(values: Any) -> str:
     return _numbers(values, 1e3)
 
 
-def row(name: str, values: Any, deviations: Any) -> str:
-    """Line of a length, a point or an axis, and its deviations."""
+def line(name: str, values: Any, deviations: Any) -> str:
+    """Line of a length, a point or an axis, and its standard deviations."""
     if name == "axis":
         tilt = _numbers(np.degrees(np.asarray(deviations)))
         return f"  axis    {_numbers(values, digits=5)}  (std {tilt} degrees)"

@@ -7,28 +7,28 @@ the correlation of residuals at their distance in the image, which is measured o
 fit's own residuals.
 """
 
-__all__ = ["free_covariance", "score_covariance", "spread"]
+__all__ = ["free_covariance", "propagated", "score_covariance"]
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from impostor_jax.numerics import eps, safe_divide
+from impostor_jax.numerics import eps, product, safe_divide
 
 MAX_LAG = 13
 """Distance in pixels, along rows and columns, at which residuals are taken for
 uncorrelated."""
 
 WINDOW = 5.0
-"""Deviation in pixels of the Gaussian that fades correlations out towards there. It
-keeps the covariance positive, as Bartlett's triangle does, but takes less from short
-distances: errors whose correlation is 1/e at 3 pixels keep 0.85 of their variance and
-not, as with a triangle of eight pixels, 0.62."""
+"""Standard deviation in pixels of the Gaussian that fades correlations out towards
+there. It keeps the covariance positive, as Bartlett's triangle does, but takes less
+from short distances: errors whose correlation is 1/e at 3 pixels keep 0.85 of their
+variance and not, as with a triangle of eight pixels, 0.62."""
 
 MOST_TAKEN = 0.5
 """Most of the correlation that a fit may have taken from its residuals; on fewer pixels
-than that makes, deviations are too small."""
+than that makes, standard deviations are too small."""
 
 
 def free_covariance(
@@ -51,13 +51,13 @@ def free_covariance(
     root = jnp.where(free, 0, jax.lax.rsqrt(jnp.where(free, 1, values)))
     scaled = directions * root[None, :]
     return (
-        jnp.matmul(scaled, scaled.T, precision="highest"),
+        product(scaled, scaled.T),
         directions * jax.lax.rsqrt(jnp.sum(directions**2, axis=0))[None, :],
         free,
     )
 
 
-def spread(
+def propagated(
     change: Float[Array, "m n"],
     covariance: Float[Array, "n n"],
     directions: Float[Array, "n n"],
@@ -71,16 +71,12 @@ def spread(
         directions: As `free_covariance` returns them.
         free: Which of them the image leaves free.
     """
-    moved = jnp.matmul(change, directions, precision="highest")
+    moved = product(change, directions)
     open_part = jnp.max(jnp.where(free[None], jnp.abs(moved), 0), axis=1)
     # A quantity moves along a free direction by more than rounding.
     total = jnp.max(jnp.abs(change), axis=1)
     observed = open_part <= 1e-3 * total
-    of_quantities = jnp.matmul(
-        jnp.matmul(change, covariance, precision="highest"),
-        change.T,
-        precision="highest",
-    )
+    of_quantities = product(change, covariance, change.T)
     both = observed[:, None] & observed[None, :]
     return jnp.where(both, of_quantities, 0), observed
 
@@ -100,8 +96,8 @@ def score_covariance(
     given back.
 
     Args:
-        gradient: Of the whitened residuals; 0 for rows that do not count.
-        residual: Whitened; 0 for rows that do not count.
+        gradient: Of the whitened residuals; 0 for terms that do not count.
+        residual: Whitened; 0 for terms that do not count.
         row: Rows of the pixels; one beyond the image does not count.
         col: Columns of the pixels.
         shape: Of the image.
@@ -132,13 +128,13 @@ def score_covariance(
         other = index.at[near_row, near_col].get(mode="clip")
         other = jnp.where(inside & (row < shape[0]), other, size)
         pairs = jnp.sum(counts[:-1] * counts[other])
-        product = safe_divide(jnp.sum(residual * values[other]), pairs)
-        cross = jnp.matmul(gradient.T, padded[other], precision="highest")
-        return total + product * window * (cross + cross.T), None
+        mean = safe_divide(jnp.sum(residual * values[other]), pairs)
+        cross = product(gradient.T, padded[other])
+        return total + mean * window * (cross + cross.T), None
 
     count = jnp.sum(counts)
     variance = safe_divide(jnp.sum(residual**2), count)
-    start = variance * jnp.matmul(gradient.T, gradient, precision="highest")
+    start = variance * product(gradient.T, gradient)
     shown = (jnp.asarray(np.array(lags)), jnp.asarray(windows, values.dtype))
     total, _ = jax.lax.scan(at_lag, start, shown)
     pixels = gradient.shape[1] * (1 + 2 * float(np.sum(windows)))

@@ -12,7 +12,7 @@ from impostor_jax.fit.result import Fit, TaperTest
 def fit_record(
     fit: Fit, seconds: float, taper: TaperTest | None = None
 ) -> dict[str, Any]:
-    """Turn a fit into what JSON can hold; infinite deviations become null.
+    """Turn a fit into what JSON can hold; infinite standard deviations become null.
 
     Args:
         fit: A single, concrete result.
@@ -52,7 +52,7 @@ def _taper(taper: TaperTest) -> dict[str, Any]:
 
 
 def _estimate(fit: Fit) -> dict[str, Any]:
-    """Values by name and unit, and their deviations."""
+    """Values by name and unit, and their standard deviations."""
     values, std = {}, {}
     for name, (value, deviation) in fit.told.items():
         is_axis = name == "axis"

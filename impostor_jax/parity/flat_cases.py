@@ -33,7 +33,7 @@ UNIT = 0.5
 """Length in meters that is seen as large as the radius of another case's primitive."""
 
 GENTLE, STEEP = 0.05, 0.4
-"""Deviation of a sample's height in meters; the samples are 0.25 m apart."""
+"""Standard deviation of a sample's height in meters; the samples are 0.25 m apart."""
 
 
 def single_boxes(kind: str) -> list[Case]:
@@ -150,7 +150,7 @@ def all_shapes(kind: str) -> list[Case]:
 
 
 def random_heights(shape: tuple[int, int]) -> Float[np.ndarray, "n m"]:
-    """Heights that are as good as independent, of deviation 1."""
+    """Heights that are as good as independent, of standard deviation 1."""
     return np.random.default_rng(0).normal(size=shape)
 
 

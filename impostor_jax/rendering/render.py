@@ -57,8 +57,8 @@ def render(
         miss: Depth, range and point of a pixel that hits nothing.
 
     Returns:
-        The maps in the camera frame, of the shape of the tile, or of every how many-th
-        row and column of it the effort says.
+        The maps in the camera frame, of the shape of the tile, or of every n-th
+        row and column of it, n the stride of the effort.
 
     Raises:
         ValueError: An output is unknown, the shape is a batch, or the effort cannot be

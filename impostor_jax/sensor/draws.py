@@ -28,7 +28,7 @@ def normal_draws(
 ) -> Float[Array, "h w"]:
     """Independent standard normal numbers.
 
-    They have 23 bits, symmetric about 0, and reach 5.3 deviations.
+    They have 23 bits, symmetric about 0, and reach 5.3 standard deviations.
     """
 
     def normal(words: Words) -> Float[Array, "h w"]:

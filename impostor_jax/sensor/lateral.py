@@ -31,7 +31,7 @@ from impostor_jax.sensor.structured_light import (
 )
 
 RARE_SHIFT = 2.6
-"""Deviations beyond which one shift in a hundred goes."""
+"""Standard deviations beyond which one shift in a hundred goes."""
 
 
 class LateralNoise(AbstractDepthNoise):
@@ -52,8 +52,9 @@ class LateralNoise(AbstractDepthNoise):
     Args:
         sensor: The noise model that reads the depths.
         floor: Standard deviation of the shift at normal incidence, in pixels.
-        growth: Of that deviation with the incidence, in pixels.
-        max_angle: Incidence in radians from which the deviation is held constant.
+        growth: Of that standard deviation with the incidence, in pixels.
+        max_angle: Incidence in radians from which the standard deviation is held
+            constant.
 
     References:
         Nguyen, Izadi and Lovell, Modeling Kinect sensor noise for improved 3D

@@ -92,8 +92,8 @@ class StructuredLight(AbstractDepthNoise):
     Args:
         floor: Standard deviation at `best_depth` and normal incidence, in meters,
             positive.
-        growth: Of the deviation with the square of the depth, in 1/meters.
-        best_depth: Depth of the smallest deviation, in meters.
+        growth: Of the standard deviation with the square of the depth, in 1/meters.
+        best_depth: Depth of the smallest standard deviation, in meters.
         grazing: Factor of the term of the incidence, in meters^1.5.
         max_angle: Incidence in radians from which sigma is held constant.
 

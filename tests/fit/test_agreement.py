@@ -24,9 +24,9 @@ def contradictions(shift, offset, count=200):
 
 
 def products(jacobian, residual, is_part=IS_PART):
-    """Products of the part's rows of Jacobian and residual."""
-    rows = np.concatenate([jacobian, residual[None]]) * is_part
-    return rows @ rows.T
+    """Products of the part's terms of Jacobian and residual."""
+    terms = np.concatenate([jacobian, residual[None]]) * is_part
+    return terms @ terms.T
 
 
 @pytest.mark.parametrize("offset", [0.0, 0.1], ids=["at the minimum", "beside it"])

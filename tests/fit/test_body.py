@@ -9,7 +9,7 @@ import impostor_jax as ij
 from impostor_jax.fit.round_body import RoundBody
 from impostor_jax.geometry.rays import Ray
 from impostor_jax.geometry.vec3 import Vec3
-from impostor_jax.numerics import eps
+from impostor_jax.numerics import eps, product
 from tests.fit.bodies import BODIES, FAR, body_of, in_double, rays
 from tests.fit.scenes import can
 
@@ -75,20 +75,20 @@ def derivatives(body, direction):
     never = jnp.zeros(count, bool)
     ends = [(end, side) for end in body.ends for side in (-1, 1)]
 
-    def compared(natural):
-        moved = body.moved(natural, body.free_directions(()))
+    def compared(tangent):
+        moved = body.retracted(tangent, body.free_directions(()))
         seen = moved.passing(direction, CHORD)
         beyond = [moved.of_end(seen, one * e, one * s)[0] for e, s in ends]
         first = [seen.nearest + seen.foot, seen.square, seen.half, seen.depth]
         return jnp.stack([*first, *beyond])
 
     seen = body.passing(direction, CHORD)
-    of_wall = jnp.where(seen.on_cap, 1 - seen.keep, 1)
+    of_wall = jnp.where(seen.on_cap, 1 - seen.plane_weight, 1)
     asked = [
         (one, zero, never),
         (zero, one, never),
-        (zero, seen.bend, never),
-        (of_wall, seen.sign * of_wall * seen.bend, seen.on_cap),
+        (zero, seen.half_slope, never),
+        (of_wall, seen.sign * of_wall * seen.half_slope, seen.on_cap),
     ]
     found = [body.of_reading(seen, *one) for one in asked]
     found += [body.of_end(seen, one * e, one * s)[1] for e, s in ends]
@@ -135,7 +135,7 @@ def test_depth_grows_steadily_as_the_wall_recedes_from_a_ray():
         body = RoundBody.of(ij.Cylinder((0, 0, 1), (0, 1, 0), 0.05, 1))
         direction = Vec3(jnp.full(1, 0.05), jnp.zeros(1), jnp.ones(1))
         return (
-            body.moved(
+            body.retracted(
                 jnp.zeros(7).at[4].set(jnp.log(radius / 0.05)), body.free_directions(())
             )
             .passing(direction, 0.001)
@@ -157,8 +157,8 @@ UNIT, END_UNIT = 1e-4, 3e-4
 @jax.jit
 def moved_by(body, free, vector):
     """The body at free coordinates."""
-    scaled = body.scaled(free, jnp.asarray(UNIT), jnp.asarray(END_UNIT))
-    return body.moved(jnp.matmul(scaled, vector, precision="highest"), free)
+    basis = body.free_basis(free, jnp.asarray(UNIT), jnp.asarray(END_UNIT))
+    return body.retracted(product(basis, vector), free)
 
 
 def at(kind, vector, fixed=()):
@@ -269,14 +269,14 @@ def of_wall(body, direction):
 
 @jax.jit
 def of_free(body, direction, free):
-    """Derivatives of the same in free coordinates: by forward mode, and as scaled."""
+    """Derivatives of the same in free coordinates: by forward mode, and by basis."""
 
     def values(vector):
         return of_wall(moved_by(body, free, vector), direction)[0]
 
-    scaled = body.scaled(free, jnp.asarray(UNIT), jnp.asarray(END_UNIT))
+    basis = body.free_basis(free, jnp.asarray(UNIT), jnp.asarray(END_UNIT))
     plain = jax.jacfwd(values)(jnp.zeros(len(free)))
-    return plain, jnp.einsum("ckn,kf->cnf", of_wall(body, direction)[1], scaled)
+    return plain, jnp.einsum("ckn,kf->cnf", of_wall(body, direction)[1], basis)
 
 
 @pytest.mark.usefixtures("double")

@@ -18,6 +18,7 @@ from impostor_jax.fit.options import Options
 from impostor_jax.fit.problem import Pixels
 from impostor_jax.fit.request import checked_noise, checked_prior, checked_settings
 from impostor_jax.fit.shapes import fit_from, pixels_shown
+from impostor_jax.numerics import product
 from tests.checks import AS_USERS_RUN, compiled_cost
 from tests.fit.bodies import body_of, rays
 from tests.fit.scenes import CAMERA, SIGMA, can, image
@@ -45,12 +46,12 @@ def test_a_constant_sigma_needs_no_incidence():
     assert (plain < cost_of_readings(can(), ij.StructuredLight())).all()
 
 
-def test_the_rows_of_readings_are_computed_once(monkeypatch):
+def test_the_terms_of_readings_are_computed_once(monkeypatch):
     def operations() -> float:
         def products(direction, depth, body):
             pixels = Pixels(direction, depth, depth > 0)
             terms = reading_terms(pixels, body, ij.ConstantNoise(SIGMA)).terms
-            return jnp.matmul(terms.rows, terms.rows.T, precision="highest")
+            return product(terms.augmented, terms.augmented.T)
 
         given = rays(can(), np.float32, 512), jnp.ones(512), body_of(can())
         program = jax.jit(products).lower(*given).compile(AS_USERS_RUN)

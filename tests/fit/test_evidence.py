@@ -31,15 +31,15 @@ def readings_of(body, direction, offset, soft):
     pixels = read_along(direction, body.passing(direction).depth + offset)
     base = reading_terms(pixels, body, NOISE, soft)
 
-    def residual(natural):
+    def residual(tangent):
         # The width of the blunted outline is held.
-        moved = body.moved(natural, free)
+        moved = body.retracted(tangent, free)
         at = soft * body.radius / moved.radius
         return reading_terms(pixels, moved, NOISE, at).terms.residual
 
-    def grazing(natural):
+    def grazing(tangent):
         # Weights are held, and what is read follows the estimate's own half-chord.
-        seen, own = body.moved(natural, free).passing(direction), base.passing
+        seen, own = body.retracted(tangent, free).passing(direction), base.passing
         chord = jnp.sqrt(jnp.maximum(own.square, 0))
         sigma = NOISE.sigma(pixels.depth, pixels.depth)
         change = seen.nearest + seen.foot - own.nearest - own.foot
@@ -110,16 +110,16 @@ def edge_of(depth, mask):
 
 
 @jax.jit
-def crossings(edge, body, natural, place=0.02):
+def crossings(edge, body, tangent, place=0.02):
     """Terms of an outline, and the derivative of what it compares."""
     free = body.free_directions(())
-    body = body.moved(natural, free)
+    body = body.retracted(tangent, free)
 
     def terms_at(body):
         return crossing_terms(edge, body, ij.ConstantNoise(SIGMA), True, place)
 
     def error(change):
-        terms = terms_at(body.moved(change, free))
+        terms = terms_at(body.retracted(change, free))
         return jnp.where(terms.weight > 0, terms.residual / terms.weight, 0)
 
     return terms_at(body), jax.jacfwd(error)(jnp.zeros(len(free)))
@@ -139,7 +139,7 @@ def test_every_crossing_of_the_truth_lies_between_its_pixels():
         at_edge = np.asarray(edge.pixels.exists[0])
         assert np.count_nonzero(weight) > 0.95 * at_edge.sum()
         assert set(end[weight > 0]) == {-1, 0, 1}
-        # Within its interval a row has neither residual nor gradient.
+        # Within its interval a term has neither residual nor gradient.
         is_wall = (weight > 0) & (end == 0)
         residual, gradient = np.asarray(terms.residual), np.asarray(terms.gradient)
         within = is_wall & (residual == 0)
@@ -153,9 +153,9 @@ def test_every_crossing_of_the_truth_lies_between_its_pixels():
 
 def test_gradient_of_an_end_is_that_of_forward_mode():
     depth, mask = image()
-    # A few tenths of a pixel off, and so are all rows.
-    natural = np.float32([2e-3, -2e-3, 5e-4, 5e-4, 0.01, 5e-4, -5e-4])
-    terms, plain = crossings(edge_of(depth, mask), RoundBody.of(can()), natural)
+    # A few tenths of a pixel off, and so are all terms.
+    tangent = np.float32([2e-3, -2e-3, 5e-4, 5e-4, 0.01, 5e-4, -5e-4])
+    terms, plain = crossings(edge_of(depth, mask), RoundBody.of(can()), tangent)
     is_end = (np.asarray(terms.weight) > 0) & (np.asarray(terms.end) != 0)
     assert is_end.sum() > 20
     found = (np.asarray(terms.gradient) / np.where(is_end, terms.weight, 1)).T[is_end]
@@ -168,9 +168,9 @@ def test_gradient_of_an_end_is_that_of_forward_mode():
 @pytest.mark.parametrize("sign", [-1, 1])
 def test_an_outline_pulls_the_radius_to_the_truth(sign):
     depth, mask = image()
-    natural = STILL + np.float32([0, 0, 0, 0, sign * 0.05, 0, 0])
+    tangent = STILL + np.float32([0, 0, 0, 0, sign * 0.05, 0, 0])
     # A softness of a pixel is that of an estimate that may be so far off.
-    terms, _ = crossings(edge_of(depth, mask), RoundBody.of(can()), natural, 1.0)
+    terms, _ = crossings(edge_of(depth, mask), RoundBody.of(can()), tangent, 1.0)
     is_wall = (np.asarray(terms.end) == 0) & np.asarray(terms.gradient[4]).astype(bool)
     steps = -np.asarray(terms.residual / terms.gradient[4])[is_wall]
     assert is_wall.sum() > 20

@@ -3,7 +3,7 @@ import numpy as np
 import pytest
 
 import impostor_jax as ij
-from impostor_jax.fit.initialize import first_guesses
+from impostor_jax.fit.fittable import CYLINDER
 from impostor_jax.fit.rounds import round_through
 from impostor_jax.fit.segment import nearest_object
 from tests.checks import angle_between
@@ -13,7 +13,7 @@ from tests.fit.scenes import CAMERA, SIGMA, can, image
 @pytest.mark.parametrize("degrees", [90.0, 60.0, 30.0])
 def test_guess_is_close_enough_to_start_from(degrees):
     depth, mask = image(degrees)
-    guess = first_guesses(depth, mask, CAMERA, SIGMA)[0]
+    guess = CYLINDER.guesses(depth, mask, CAMERA, SIGMA)[0]
     truth = can(degrees)
     assert angle_between(guess.axis, truth.axis) < 3
     assert guess.radius == pytest.approx(0.04, rel=0.08)
@@ -22,7 +22,7 @@ def test_guess_is_close_enough_to_start_from(degrees):
 
 def test_second_guess_has_another_axis():
     depth, mask = image()
-    first, second, *_ = first_guesses(depth, mask, CAMERA, SIGMA)
+    first, second, *_ = CYLINDER.guesses(depth, mask, CAMERA, SIGMA)
     assert angle_between(first.axis, second.axis) > 9
 
 
@@ -35,7 +35,7 @@ def test_image_shows_an_axis_that_noise_hides_from_the_normals(radius, height):
     maps = ij.render(truth, CAMERA)
     noise = np.random.default_rng(0).normal(0, 0.005, maps.depth.shape)
     depth = np.where(maps.mask, maps.depth + noise, 0)
-    guesses = first_guesses(depth, np.asarray(maps.mask), CAMERA, 0.005)
+    guesses = CYLINDER.guesses(depth, np.asarray(maps.mask), CAMERA, 0.005)
     assert min(angle_between(g.axis, truth.axis) for g in guesses) < 10
 
 
@@ -44,7 +44,7 @@ def test_longest_direction_of_a_rod_comes_before_its_noisy_normals():
     maps = ij.render(truth, CAMERA)
     noise = np.random.default_rng(0).normal(0, 0.005, maps.depth.shape)
     depth = np.where(maps.mask, maps.depth + noise, 0)
-    guess = first_guesses(depth, np.asarray(maps.mask), CAMERA, 0.005)[0]
+    guess = CYLINDER.guesses(depth, np.asarray(maps.mask), CAMERA, 0.005)[0]
     assert angle_between(guess.axis, truth.axis) < 3
 
 
@@ -78,7 +78,7 @@ def test_too_few_points_make_no_circle():
 def test_row_of_pixels_gives_no_error():
     region = np.zeros((120, 160), bool)
     region[60, 20:140] = True
-    first_guesses(np.where(region, 0.5, 0), region, CAMERA, SIGMA)
+    CYLINDER.guesses(np.where(region, 0.5, 0), region, CAMERA, SIGMA)
 
 
 def test_guess_sees_through_a_lens():
@@ -88,14 +88,14 @@ def test_guess_sees_through_a_lens():
     maps = ij.render(can(), camera)
     noise = np.random.default_rng(0).normal(0, SIGMA, maps.depth.shape)
     depth = np.where(maps.mask, maps.depth + noise, 0)
-    guess = first_guesses(depth, np.asarray(maps.mask), camera, SIGMA)[0]
+    guess = CYLINDER.guesses(depth, np.asarray(maps.mask), camera, SIGMA)[0]
     assert angle_between(guess.axis, can().axis) < 3
     assert guess.radius == pytest.approx(0.04, rel=0.08)
 
 
 def test_no_readings_give_no_guess():
     region = np.ones((120, 160), bool)
-    assert not first_guesses(np.zeros((120, 160)), region, CAMERA, SIGMA)
+    assert not CYLINDER.guesses(np.zeros((120, 160)), region, CAMERA, SIGMA)
 
 
 def test_nearest_object_is_found_before_a_wall_and_a_farther_object():
@@ -123,6 +123,6 @@ def test_the_far_end_of_a_pipe_is_seen_in_few_pixels():
     maps = ij.render(pipe, CAMERA, outputs=("depth", "mask"))
     noise = np.random.default_rng(0).normal(0, SIGMA, maps.depth.shape)
     depth = (np.asarray(maps.depth) + noise).astype(np.float32)
-    around = first_guesses(depth, np.asarray(maps.mask), CAMERA, SIGMA)[1]
+    around = CYLINDER.guesses(depth, np.asarray(maps.mask), CAMERA, SIGMA)[1]
     far = around.center[2] + abs(around.axis[2]) * around.height / 2
     assert abs(far - 4.0) < 0.2

@@ -4,9 +4,9 @@ import jax
 import numpy as np
 import pytest
 
+from impostor_jax.fit.problem import BLOCK
 from impostor_jax.fit.regions import (
     BUCKETS,
-    START_READINGS,
     TRACED_READINGS,
     pixel_indices,
     traced_indices,
@@ -33,7 +33,7 @@ def test_indices_end_with_pixels_that_speak_for_all(side, most):
     assert len(set(zip(row[used], col[used], strict=True))) == used.sum()
     assert used.sum() == (most or side * side)
     # From all over the region, and after all that only fills up.
-    few = np.s_[-min(START_READINGS, used.sum()) :]
+    few = np.s_[-min(BLOCK, used.sum()) :]
     assert used[few].all()
     assert np.ptp(row[few]) >= side - 2
     assert np.ptp(col[few]) >= side - 6
@@ -54,16 +54,16 @@ def test_traced_indices_take_each_pixel_once(count, most):
     assert region[index].all()
     assert len(set(index)) == len(index) == min(count, most or TRACED_READINGS)
     # The last of them are evenly spread over the region's pixels, in their order.
-    few = np.s_[-START_READINGS:]
-    assert used[few].sum() == min(count, START_READINGS)
+    few = np.s_[-BLOCK:]
+    assert used[few].sum() == min(count, BLOCK)
     last = (col[few] * 200 + row[few])[used[few]]
     rank = np.searchsorted(np.flatnonzero(region), last)
     thinned = max(count / (most or TRACED_READINGS), 1)
     assert not count or spread_evenly(rank / thinned, count / thinned)
-    if count >= START_READINGS:
+    if count >= BLOCK:
         assert used[few].all()
     elif count:
-        assert len(row) % START_READINGS == 0
+        assert len(row) % BLOCK == 0
 
 
 def test_all_of_a_small_image_may_be_the_region():

@@ -14,6 +14,7 @@ from impostor_jax.fit.problem import posed
 from impostor_jax.fit.request import checked_noise, checked_prior, checked_settings
 from impostor_jax.fit.shapes import pixels_shown
 from impostor_jax.fit.solve import solve, spread_of
+from impostor_jax.fit.sphere_body import SphereBody
 from tests.checks import QUICKLY
 from tests.fit.scenes import CAMERA, SIGMA, can, image, image_of
 from tests.fit.test_sphere import ball
@@ -36,8 +37,9 @@ def problem_of(tolerance, prior=None, meaning="region"):
 
 
 def start():
-    fields = {"center": np.asarray(ball().center), "radius": np.asarray(ball().radius)}
-    return SPHERE.body_at(fields)
+    return SphereBody(
+        jnp.asarray(ball().center, float), jnp.asarray(ball().radius, float)
+    )
 
 
 @pytest.mark.usefixtures("double")

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import impostor_jax as ij
-from impostor_jax.fit.initialize import first_guesses
+from impostor_jax.fit.fittable import CYLINDER
 from impostor_jax.fit.sparse import spacing_of, sparse_slopes
 from tests.checks import angle_between
 from tests.fit.scenes import CAMERA, SIGMA, can, image, image_of
@@ -42,7 +42,7 @@ def test_a_few_readings_in_a_mask_are_fitted(shape, which):
 def test_guess_from_a_few_readings_is_close(which):
     depth, mask = image()
     seen = mask & kept(which, depth.shape)
-    guess = first_guesses(depth, seen, CAMERA, SIGMA)[0]
+    guess = CYLINDER.guesses(depth, seen, CAMERA, SIGMA)[0]
     assert angle_between(guess.axis, can().axis) < 5
     assert guess.radius == pytest.approx(0.04, rel=0.1)
 

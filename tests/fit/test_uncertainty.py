@@ -7,7 +7,7 @@ from impostor_jax.fit import uncertainty
 
 free_covariance = jax.jit(uncertainty.free_covariance)
 score_covariance = jax.jit(uncertainty.score_covariance, static_argnums=4)
-spread = jax.jit(uncertainty.spread)
+propagated = jax.jit(uncertainty.propagated)
 
 
 def random_jacobian(dtype=np.float64, columns=7):
@@ -28,7 +28,7 @@ def test_coordinate_without_effect_is_free_and_the_others_are_not(dtype):
     jacobian = random_jacobian(dtype).at[:, 6].set(0)
     covariance, directions, free = free_covariance(jacobian.T @ jacobian)
     assert np.asarray(free).sum() == 1
-    found, observed = spread(jnp.eye(7, dtype=dtype), covariance, directions, free)
+    found, observed = propagated(jnp.eye(7, dtype=dtype), covariance, directions, free)
     assert np.asarray(observed).tolist() == [True] * 6 + [False]
     expected = np.linalg.inv(np.asarray(jacobian[:, :6].T @ jacobian[:, :6], float))
     np.testing.assert_allclose(found[:6, :6], expected, rtol=1e-3)
@@ -38,7 +38,7 @@ def test_only_the_sum_of_two_coordinates_is_determined(dtype):
     jacobian = random_jacobian(dtype, 2)
     jacobian = jacobian.at[:, 1].set(jacobian[:, 0])
     change = jnp.asarray([[1.0, 0], [0, 1], [1, 1], [1, -1]], dtype)
-    _, observed = spread(change, *free_covariance(jacobian.T @ jacobian))
+    _, observed = propagated(change, *free_covariance(jacobian.T @ jacobian))
     assert np.asarray(observed).tolist() == [False, False, True, False]
 
 
@@ -89,7 +89,7 @@ def test_a_pixel_beyond_the_image_does_not_count():
     gradient, residual = jnp.ones((3, 1)), jnp.asarray([1.0, 1, 0])
     with_it = score_covariance(gradient, residual, row, col, (3, 3))
     without = score_covariance(gradient[:2], residual[:2], row[:2], col[:2], (3, 3))
-    # Its gradient is that of a row that does not count.
+    # Its gradient is that of a term that does not count.
     np.testing.assert_allclose(
         score_covariance(gradient.at[2].set(0), residual, row, col, (3, 3)), without
     )

@@ -1,6 +1,6 @@
 """The sphere as a fit moves it."""
 
-__all__ = ["Ball"]
+__all__ = ["SphereBody"]
 
 from collections import OrderedDict
 from typing import Any
@@ -14,6 +14,7 @@ from typing_extensions import override
 from impostor_jax.fit.body import (
     AbstractBody,
     FreeDirections,
+    Numbers,
     Passing,
     Readout,
     blunted_root,
@@ -24,10 +25,8 @@ from impostor_jax.geometry.frames import RigidTransform
 from impostor_jax.geometry.vec3 import Vec3
 from impostor_jax.primitives.sphere import Sphere
 
-Numbers = Float[Array, "*batch"]
 
-
-class Ball(AbstractBody):
+class SphereBody(AbstractBody):
     """Sphere. It moves by its center and the logarithm of its radius."""
 
     center: Float[Array, "*batch 3"]
@@ -35,8 +34,8 @@ class Ball(AbstractBody):
 
     @staticmethod
     @override
-    def of(shape: Sphere) -> "Ball":
-        return Ball(shape.center, shape.radius)
+    def of(shape: Sphere) -> "SphereBody":
+        return SphereBody(shape.center, shape.radius)
 
     @property
     @override
@@ -84,7 +83,7 @@ class Ball(AbstractBody):
         aside = o.cross(d)
         square = (r * r - aside.dot(aside) * inverse) * inverse
         nearest = -o.dot(d) * inverse
-        half, bend = blunted_root(square, chord)
+        half, half_slope = blunted_root(square, chord)
         # |n.d| / |d| = h |d| / r, with the unit normal n.
         facing = jnp.maximum(half, 0) * jnp.sqrt(d_d) / r
         zero = jnp.zeros_like(square)
@@ -95,13 +94,13 @@ class Ball(AbstractBody):
             nearest=nearest,
             square=square,
             half=half,
-            bend=bend,
+            half_slope=half_slope,
             outside=nearest - half + foot > 0,
             cos_incidence=jnp.minimum(facing, 1),
             on_cap=jnp.zeros(zero.shape, bool),
             **dict.fromkeys(
-                ("cap", "rim", "wide", "falls", "keep", "along", "enter_along",
-                 "leave_along"), zero
+                ("cap", "rim", "cap_radius", "overshoot", "plane_weight", "along",
+                 "enter_along", "leave_along"), zero
             ),
         )  # fmt: skip
 
@@ -138,11 +137,13 @@ class Ball(AbstractBody):
         return zero, [zero] * 4
 
     @override
-    def moved(self, natural: Float[Array, "4"], free: FreeDirections) -> "Ball":
-        return Ball(self.center + natural[:3], self.radius * grown(natural[3]))
+    def retracted(
+        self, tangent: Float[Array, "4"], free: FreeDirections
+    ) -> "SphereBody":
+        return SphereBody(self.center + tangent[:3], self.radius * grown(tangent[3]))
 
     @override
-    def scaled(
+    def free_basis(
         self,
         free: FreeDirections,
         unit: Float[Array, ""],
@@ -157,25 +158,25 @@ class Ball(AbstractBody):
         return np.diag(np.array(is_free, float))
 
     @override
-    def transformed(self, target_from_source: RigidTransform) -> "Ball":
-        return Ball(target_from_source.apply(self.center), self.radius)
+    def transformed(self, target_from_source: RigidTransform) -> "SphereBody":
+        return SphereBody(target_from_source.apply(self.center), self.radius)
 
     @override
-    def readout(self, near: "Ball", ends_seen: Bool[Array, " e"]) -> Readout:
+    def readout(self, near: "SphereBody", ends_seen: Bool[Array, " e"]) -> Readout:
         return OrderedDict(center=self.center, radius=self.radius)
 
     @override
-    def reversed(self, sign: Float[Array, ""]) -> "Ball":
+    def reversed(self, sign: Float[Array, ""]) -> "SphereBody":
         return self
 
     @override
     def drawn_in(
         self, ends_seen: Bool[Array, " e"], reach: Float[Array, " e"]
-    ) -> tuple["Ball", Float[Array, "4 4"]]:
+    ) -> tuple["SphereBody", Float[Array, "4 4"]]:
         return self, jnp.eye(4, dtype=self.radius.dtype)
 
     @override
-    def mirrored(self) -> "Ball":
+    def mirrored(self) -> "SphereBody":
         return self
 
     @override

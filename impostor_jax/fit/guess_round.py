@@ -14,17 +14,13 @@ An image is reduced to some of its points outside JAX; what follows is one compi
 program, so that it lets go of Python's lock: threads that fit side by side do not wait.
 """
 
-__all__ = ["first_guesses"]
-
-from functools import partial
+__all__ = ["guess_cylinders", "guess_frusta"]
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int, Shaped
 
-from impostor_jax.camera.pinhole import PinholeCamera
-from impostor_jax.compiling import quickly_compiled
 from impostor_jax.fit.round_body import RoundBody
 from impostor_jax.fit.rounds import (
     FEWEST_POINTS,
@@ -33,7 +29,7 @@ from impostor_jax.fit.rounds import (
     median_of,
     round_through,
 )
-from impostor_jax.fit.surface import MAX_POINTS, Samples, guesses_by
+from impostor_jax.fit.surface import MAX_POINTS, Samples
 from impostor_jax.geometry.so3 import tangent_basis
 
 MAX_AXES = 5
@@ -66,32 +62,21 @@ SIN_TOLERANCE = float(np.sin(np.radians(15.0)))
 """Normals farther than this from perpendicular or parallel do not vote."""
 
 
-def first_guesses(
-    depth: Float[np.ndarray, "h w"],
-    region: Bool[np.ndarray, "h w"],
-    camera: PinholeCamera,
-    sigma: float,
-    tapered: bool = False,
-) -> list[RoundBody]:
-    """Guess cylinders from the readings of a region, for each likely axis.
+def guess_cylinders(samples: Samples) -> tuple[RoundBody, Bool[Array, " g"]]:
+    """Cylinders in the camera frame, and which of them are any.
 
-    Args:
-        depth: In meters; 0 where there is no reading.
-        region: Pixels of the object, wall and caps together.
-        camera: Concrete; its pose is not used.
-        sigma: Typical deviation of a reading, in meters.
-        tapered: Whether to look for frusta.
-
-    Returns:
-        Guesses in the camera frame: the best of each axis first, those that lie closer
-        to the readings before others; none where the readings admit no cylinder.
+    The best of each axis come first, those that lie closer to the readings before
+    others.
     """
-    guessed = quickly_compiled(_guessed, static_argnames="tapered")
-    return guesses_by(partial(guessed, tapered=tapered), depth, region, camera, sigma)
+    return _guessed(samples, tapered=False)
+
+
+def guess_frusta(samples: Samples) -> tuple[RoundBody, Bool[Array, " g"]]:
+    """The same of frusta."""
+    return _guessed(samples, tapered=True)
 
 
 def _guessed(samples: Samples, tapered: bool) -> tuple[RoundBody, Bool[Array, " g"]]:
-    """Guesses, and which of them are any."""
     dtype = jnp.result_type(float)
     with jax.default_matmul_precision("highest"):
         axes, are_axes = _axes(samples, tapered)
@@ -186,11 +171,13 @@ def _apart(axes: Float[Array, "k 3"], are_any: Bool[Array, " k"]) -> Bool[Array,
     return jax.lax.fori_loop(0, len(axes), with_next, jnp.zeros(len(axes), bool))
 
 
-def _levels(cosine: Float[Array, "k m"]) -> Float[Array, "k 1"]:
-    """Cosine of a tapered wall's normals with each axis."""
+def _off_wall(cosine: Float[Array, "k m"], tapered: bool) -> Float[Array, "k m"]:
+    """Cosines of normals with each axis, less that of the wall's normals."""
+    if not tapered:
+        return cosine
     # Of all but the caps' normals.
     middle = median_of(cosine, jnp.abs(cosine) < MOST_LEANING)[:, None]
-    return jnp.where(jnp.isfinite(middle), middle, 0)
+    return cosine - jnp.where(jnp.isfinite(middle), middle, 0)
 
 
 def _unexplained(
@@ -198,8 +185,7 @@ def _unexplained(
 ) -> Float[Array, " k"]:
     """Mean squared sine between each normal and the nearer of wall and cap."""
     cosine = axes @ normals.T
-    off_wall = cosine - _levels(cosine) if tapered else cosine
-    miss = jnp.minimum(off_wall**2, 1 - cosine**2)
+    miss = jnp.minimum(_off_wall(cosine, tapered) ** 2, 1 - cosine**2)
     return jnp.minimum(miss, SIN_TOLERANCE**2).mean(axis=1)
 
 
@@ -216,8 +202,7 @@ def _refined(
     for _ in range(2):
         cosine = axes @ normals.T
         cap = cosine**2 > 1 - (2 * SIN_TOLERANCE) ** 2
-        off_wall = cosine - _levels(cosine) if tapered else cosine
-        wall = (off_wall**2 < (2 * SIN_TOLERANCE) ** 2) & ~cap
+        wall = (_off_wall(cosine, tapered) ** 2 < (2 * SIN_TOLERANCE) ** 2) & ~cap
         is_wall = wall.astype(normals.dtype)
         votes = is_wall - cap.astype(normals.dtype)
         scatter = (votes @ products).reshape(-1, 3, 3)
@@ -329,8 +314,8 @@ def _silhouette(
 ) -> Round:
     """Circle as wide as the points appear, behind those in its middle.
 
-    Noise of the readings, which ruins a circle through an arc of few deviations, hardly
-    moves the sides.
+    Noise of the readings, which ruins a circle through an arc of few standard
+    deviations, hardly moves the sides.
     """
     across = across + from_camera
     x, y = jnp.moveaxis(across @ on_wall[..., None].astype(across.dtype), 1, 0)

@@ -1,0 +1,132 @@
+"""Fit one shape to one depth image: a cylinder, a frustum or a sphere."""
+
+__all__ = ["fit_cylinder", "fit_frustum", "fit_sphere"]
+
+from typing import Any, Unpack
+
+from impostor_jax.camera.pinhole import PinholeCamera
+from impostor_jax.fit.fittable import CYLINDER, FRUSTUM, SPHERE
+from impostor_jax.fit.options import FitOptions, Options
+from impostor_jax.fit.result import Fit
+from impostor_jax.fit.shapes import fit_shape
+from impostor_jax.primitives.cylinder import Cylinder
+from impostor_jax.primitives.frustum import Frustum
+from impostor_jax.primitives.sphere import Sphere
+
+
+def fit_cylinder(
+    depth: Any,
+    camera: PinholeCamera,
+    mask: Any = None,
+    sigma: Any = None,
+    initial: Cylinder | None = None,
+    **options: Unpack[FitOptions],
+) -> Fit:
+    """Fit center, axis, radius and height of a capped cylinder to a depth image.
+
+    Inside `jax.jit` or `vmap` give `initial`: the first guess runs outside JAX. A
+    traced fit without a mask uses the pixels that `initial` covers. Where the pixels
+    are known to the run alone, it takes at most 15872 of them.
+
+    Args:
+        depth: (H, W), planar depth in meters; 0, NaN and infinity mean no reading.
+        camera: The camera that took it.
+        mask: (H, W), True on pixels of the object, wall and caps together; or one
+            integer there and 0 elsewhere. A label image is for `fit_labels`. Where
+            the readings beside its border disagree with the others, it is cut down to
+            what is of one surface; not so in a traced fit, which fails where many of
+            them lie elsewhere.
+            If None, the nearest large component that stands in front of its
+            surroundings is taken, and reported as `region`.
+        sigma: Standard deviation of a reading in meters, or a noise model of the
+            sensor, which weighs each reading by its depth and incidence. Readings that
+            scatter three times as much make it a `poor_fit`. If None, 1 mm weighs
+            against priors and outlines, and is not held against the readings.
+        initial: Start of the fit, in the world frame; found from the image if None.
+        options: What `FitOptions` lists.
+
+    Returns:
+        The fit. A fit that failed says so in `status`, with infinite standard
+        deviations.
+
+    Raises:
+        TypeError: An option is unknown.
+        ValueError: An argument has a wrong shape, dtype or value, the mask is empty, or
+            it holds fewer than 50 readings.
+
+    Derivatives:
+        With `initial` given: of the cylinder in the depths, the camera and sigma, by
+        the implicit function theorem at the solution.
+    """
+    asked = Options.of(options)
+    return fit_shape(CYLINDER, depth, camera, mask, sigma, initial, asked)
+
+
+def fit_frustum(
+    depth: Any,
+    camera: PinholeCamera,
+    mask: Any = None,
+    sigma: Any = None,
+    initial: Frustum | None = None,
+    **options: Unpack[FitOptions],
+) -> Fit:
+    """Fit the ends and the two radii of a capped frustum to a depth image.
+
+    The likelihood, the starts and the covariance are those of `fit_cylinder`, and so is
+    what may be traced and differentiated. A cylinder is fitted as a frustum whose radii
+    agree to within their standard deviations; `test_taper` tells the two apart. The tip
+    of a cone is an end that is not seen: the wall is reported as far as readings lie on
+    it.
+
+    Args:
+        depth: (H, W), planar depth in meters; 0, NaN and infinity mean no reading.
+        camera: The camera that took it.
+        mask: (H, W), as in `fit_cylinder`.
+        sigma: As in `fit_cylinder`.
+        initial: Start of the fit, in the world frame; found from the image if None.
+            It tells which end is p1.
+        options: What `FitOptions` lists.
+
+    Returns:
+        The fit. A fit that failed says so in `status`, with infinite standard
+        deviations.
+
+    Raises:
+        TypeError: As in `fit_cylinder`, like the next.
+        ValueError: Likewise.
+    """
+    asked = Options.of(options)
+    return fit_shape(FRUSTUM, depth, camera, mask, sigma, initial, asked)
+
+
+def fit_sphere(
+    depth: Any,
+    camera: PinholeCamera,
+    mask: Any = None,
+    sigma: Any = None,
+    initial: Sphere | None = None,
+    **options: Unpack[FitOptions],
+) -> Fit:
+    """Fit center and radius of a sphere to a depth image.
+
+    The likelihood, the starts and the covariance are those of `fit_cylinder`, and so is
+    what may be traced and differentiated.
+
+    Args:
+        depth: (H, W), planar depth in meters; 0, NaN and infinity mean no reading.
+        camera: The camera that took it.
+        mask: (H, W), as in `fit_cylinder`.
+        sigma: As in `fit_cylinder`.
+        initial: Start of the fit, in the world frame; found from the image if None.
+        options: What `FitOptions` lists.
+
+    Returns:
+        The fit. A fit that failed says so in `status`, with infinite standard
+        deviations.
+
+    Raises:
+        TypeError: As in `fit_cylinder`, like the next.
+        ValueError: Likewise.
+    """
+    asked = Options.of(options)
+    return fit_shape(SPHERE, depth, camera, mask, sigma, initial, asked)
