@@ -210,16 +210,10 @@ Command = (
 )
 
 
-def parse(
-    arguments: Sequence[str],
-) -> Generate | Resume | Describe | Validate | Preview:
+def parse(arguments: Sequence[str]) -> Command:
     """Parse the arguments; a mistake ends the program with one line and exit code 2."""
-    return parse_with(
-        Command,
-        "impostor-synth",
-        "Make labeled depth images of cylinders.",
-        arguments,
-    )
+    description = "Make labeled depth images of cylinders."
+    return parse_with(Command, "impostor-synth", description, arguments)
 
 
 @contextlib.contextmanager

@@ -197,10 +197,10 @@ def _from_record(record: Any) -> Any:
     if "type" in record:
         return sensor_from_record(record, "sensor")
     fields = {name: _from_record(value) for name, value in record.items()}
-    return KINDS[fields.pop("kind")](**fields)
+    return RECORD_KINDS[fields.pop("kind")](**fields)
 
 
-KINDS = {
+RECORD_KINDS = {
     kind.__name__: kind
     for kind in (
         *(Preset, CameraDraw, Rules),

@@ -125,14 +125,14 @@ def case_metrics(name: str, fits: Fits) -> Iterator[Metric]:
         yield bias(f"{label}.bias_over_spread", off)
         if len(deviations):
             yield over_bound(f"{label}.over_bound_of_facing", off, facing[:, k])
-            yield _coverage(label, off, deviations[:, k])
+            yield _interval_coverage(label, off, deviations[:, k])
 
 
 def _metric(name: str, value: float, spread: float, unit: str, n: int) -> Metric:
     return Metric(name, float(value), float(spread), unit, "lower", n)
 
 
-def _coverage(
+def _interval_coverage(
     label: str, errors: Float[np.ndarray, " n"], deviations: Float[np.ndarray, " n"]
 ) -> Metric:
     """Part of the 95 percent intervals that hold the truth, of those that end."""
@@ -153,7 +153,9 @@ def interval_metrics(name: str, count: int) -> Iterator[Metric]:
         parts.append((fits.errors, fits.deviations))
     found, reported = map(np.concatenate, zip(*parts, strict=True))
     for k, coordinate in enumerate(CYLINDER.coordinates):
-        yield _coverage(f"interval.{name}.{coordinate}", found[:, k], reported[:, k])
+        yield _interval_coverage(
+            f"interval.{name}.{coordinate}", found[:, k], reported[:, k]
+        )
 
 
 def height_metrics(seeds: int) -> list[Metric]:
@@ -168,7 +170,7 @@ def height_metrics(seeds: int) -> list[Metric]:
         Metric("height.failures", seeds - n, None, "1", "lower", seeds),
         _metric("height.rmse", rms, rms / np.sqrt(2 * n), "pixel", n),
         _metric("height.bias", mean, rms / np.sqrt(n), "pixel", n),
-        _coverage("height", fits.errors[:, 6], fits.deviations[:, 6]),
+        _interval_coverage("height", fits.errors[:, 6], fits.deviations[:, 6]),
     ]
 
 

@@ -37,8 +37,8 @@ from experiments.timing import sample
 from impostor_jax.evaluate import (
     Outcome,
     by_visibility,
-    coverage,
     evaluate,
+    interval_coverage,
     standardized,
     summarize,
 )
@@ -333,7 +333,7 @@ def fitted(whole: Path, config: Config) -> Iterator[Metric]:
         for coordinate in CYLINDER.coordinates:
             scaled = standardized(good, coordinate)
             label = f"{name}.{coordinate}"
-            yield from _coverage(label, coverage(scaled), scaled.size)
+            yield from _levels(label, interval_coverage(scaled), scaled.size)
 
 
 def _fitted_part(
@@ -368,10 +368,10 @@ def _summary(label: str, outcomes: Sequence[Outcome]) -> Iterator[Metric]:
         value = getattr(s, name)
         known = float(value) if np.isfinite(value) else None
         yield Metric(f"{label}.{name}", known, None, unit, "lower", n)
-    yield from _coverage(f"{label}.coverage", s.coverage, n)
+    yield from _levels(f"{label}.coverage", s.interval_coverage, n)
 
 
-def _coverage(label: str, parts: dict[str, float], n: int) -> Iterator[Metric]:
+def _levels(label: str, parts: dict[str, float], n: int) -> Iterator[Metric]:
     """Shares of errors within the intervals, with the standard error of n of them."""
     for level, part in parts.items():
         known = part if np.isfinite(part) else None

@@ -16,8 +16,7 @@ from impostor_jax.camera.pixels import PixelBox, linear_pixel_box, strided_intri
 from impostor_jax.geometry.frames import RigidTransform
 from impostor_jax.geometry.rays import Ray
 from impostor_jax.geometry.vec3 import Vec3
-
-Scalar = float | Float[Array, ""]
+from impostor_jax.numerics import Scalar
 
 
 class OrthographicCamera(AbstractCamera):

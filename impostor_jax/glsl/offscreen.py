@@ -20,9 +20,9 @@ from impostor_jax.arguments import one_of
 from impostor_jax.camera.orthographic import OrthographicCamera
 from impostor_jax.camera.pinhole import PinholeCamera
 from impostor_jax.glsl.conventions import DrawnMaps, maps_from_targets
+from impostor_jax.glsl.draw_list import CLEAR_COLOR, draw_list_of
 from impostor_jax.glsl.impostors import Impostor
 from impostor_jax.glsl.program import attributes, shader_sources
-from impostor_jax.glsl.scene import NOTHING, scene_of
 from impostor_jax.primitives.base import AbstractPrimitive
 
 DRIVERS: dict[str, dict[str, str]] = {
@@ -95,7 +95,7 @@ class OffscreenRenderer:
         """
         if self._context is None:
             raise ValueError("the renderer is closed and draws no more")
-        scene, size = scene_of(primitives, camera), (camera.width, camera.height)
+        draws, size = draw_list_of(primitives, camera), (camera.width, camera.height)
         with self._context as context, contextlib.ExitStack() as stack:
 
             def held(made: Any) -> Any:
@@ -107,34 +107,34 @@ class OffscreenRenderer:
             frame = held(context.framebuffer(targets, depth))
             frame.use()
             context.enable_only(context.DEPTH_TEST)
-            frame.clear(*NOTHING, depth=1.0)
-            for draw in scene.draws:
-                program = self._program(draw.impostor, scene.orthographic)
-                for name, value in scene.uniforms.items():
+            frame.clear(*CLEAR_COLOR, depth=1.0)
+            for call in draws.calls:
+                program = self._program(call.impostor, draws.orthographic)
+                for name, value in draws.uniforms.items():
                     # A driver drops what a variant of the shader does not use.
                     if name in program:
                         program[name].value = value
-                buffer = held(context.buffer(draw.rows.tobytes()))
-                layout, names = _layout(draw.impostor, program)
-                if draw.samples.size:
-                    height, width = draw.samples.shape
+                buffer = held(context.buffer(call.rows.tobytes()))
+                layout, names = _layout(call.impostor, program)
+                if call.samples.size:
+                    height, width = call.samples.shape
                     samples = held(
                         context.texture(
-                            (width, height), 1, draw.samples.tobytes(), dtype="f4"
+                            (width, height), 1, call.samples.tobytes(), dtype="f4"
                         )
                     )
                     samples.filter = (context.NEAREST, context.NEAREST)
                     samples.use(0)
                 array = held(context.vertex_array(program, [(buffer, layout, *names)]))
                 array.render(
-                    context.TRIANGLE_STRIP, vertices=4, instances=len(draw.rows)
+                    context.TRIANGLE_STRIP, vertices=4, instances=len(call.rows)
                 )
             position, normal = (
                 np.frombuffer(target.read(), np.float32).reshape(*size[::-1], 4)
                 for target in targets
             )
             window = np.frombuffer(depth.read(), np.float32).reshape(size[::-1])
-        return maps_from_targets(position, normal, window, scene.stretch)
+        return maps_from_targets(position, normal, window, draws.stretch)
 
     def close(self) -> None:
         """Release the programs and the context."""

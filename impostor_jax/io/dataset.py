@@ -33,7 +33,7 @@ from typing import Any, NamedTuple, overload
 from typing_extensions import override
 
 from impostor_jax.arguments import one_of, whole_number
-from impostor_jax.io.dataset_shard import Archive, LabeledImage, Scene
+from impostor_jax.io.dataset_shard import LabeledImage, ShardArchive, ShardFolder
 from impostor_jax.io.json_file import read_json_object
 from impostor_jax.io.sensor_record import sensor_from_record
 from impostor_jax.sensor.base import AbstractDepthNoise
@@ -121,13 +121,13 @@ class _Part(NamedTuple):
     path: Path
     num_images: int | None
 
-    def opened(self) -> "Scene | Archive":
+    def opened(self) -> "ShardFolder | ShardArchive":
         """Its labels, or its table of contents.
 
         Raises:
             ValueError: It is broken, or has another number of images.
         """
-        shard = (Scene if self.path.is_dir() else Archive)(self.path)
+        shard = (ShardFolder if self.path.is_dir() else ShardArchive)(self.path)
         if self.num_images not in (None, len(shard)):
             raise ValueError(
                 f"{str(self.path)!r} must have {self.num_images} images, got "
@@ -151,7 +151,7 @@ class Dataset(Sequence[LabeledImage]):
             for part in parts
         )
         self._ends = list(itertools.accumulate(counts))
-        self._last: tuple[int, Scene | Archive] | None = None
+        self._last: tuple[int, ShardFolder | ShardArchive] | None = None
 
     @override
     def __len__(self) -> int:

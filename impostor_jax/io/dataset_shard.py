@@ -3,7 +3,7 @@
 That is a folder with its labels, or an archive with its table of contents.
 """
 
-__all__ = ["Archive", "LabeledImage", "Scene"]
+__all__ = ["LabeledImage", "ShardArchive", "ShardFolder"]
 
 import contextlib
 import functools
@@ -54,7 +54,7 @@ class LabeledImage(NamedTuple):
         return self.shapes
 
 
-class Scene:
+class ShardFolder:
     """A scene's folder, with its labels."""
 
     def __init__(self, folder: Path):
@@ -90,7 +90,7 @@ class Scene:
         return label.image(depth, masks, f"{folder.name}_{name}")
 
 
-class Archive:
+class ShardArchive:
     """An archive of a scene, with its table of contents."""
 
     def __init__(self, path: Path):

@@ -5,7 +5,7 @@ __all__ = ["require_file"]
 import stat
 from pathlib import Path
 
-KINDS = (
+OTHER_KINDS = (
     (stat.S_ISDIR, "a folder"),
     (stat.S_ISFIFO, "a pipe"),
     (stat.S_ISSOCK, "a socket"),
@@ -29,6 +29,6 @@ def require_file(path: Path, what: str) -> None:
         raise ValueError(f"{what} cannot be read: {error.strerror}") from error
     except ValueError as error:
         raise ValueError(f"{what} cannot be read: {error}") from error
-    for is_kind, name in KINDS:
+    for is_kind, name in OTHER_KINDS:
         if is_kind(mode):
             raise ValueError(f"{what} must be a file, got {name}")

@@ -148,7 +148,7 @@ def _of(face: Int[Array, "*batch"], values: list[Values]) -> Values:
     )
 
 
-def _bounds(ray: Ray, cuboid: _Cuboid) -> tuple[Float[Array, "*batch"], list[Interval]]:
+def _slabs(ray: Ray, cuboid: _Cuboid) -> tuple[Float[Array, "*batch"], list[Interval]]:
     """Stretches of the ray in the slabs, less the parameter that comes first."""
     center, axes, halves = cuboid
     # The point of the box that is nearest to the ray's origin.
@@ -169,7 +169,7 @@ def _trace(
     """
 
     def trace() -> tuple[Float[Array, "*batch"], Int[Array, "*batch"]]:
-        foot, (x, y, z) = _bounds(ray, cuboid)
+        foot, (x, y, z) = _slabs(ray, cuboid)
         lower = jnp.maximum(jnp.maximum(x.lower, y.lower), z.lower)
         upper = jnp.minimum(jnp.minimum(x.upper, y.upper), z.upper)
         enter, leave = foot + lower, foot + upper

@@ -271,8 +271,8 @@ def _signed_hit_tangent(
     # in proportion to the distance from the axis.
     lean = (q * -end).where(on_cap, radial * q.dot(a))
     squares = q.dot(q) + t * t * d.dot(d)
-    curvature = jnp.where(on_cap, 1, cylinder.radius)
-    n, n_d, lean, t = within_range((n, n_d, lean, t), squares, curvature, n_d)
+    bending_radius = jnp.where(on_cap, 1, cylinder.radius)
+    n, n_d, lean, t = within_range((n, n_d, lean, t), squares, bending_radius, n_d)
     d_size = jnp.where(on_cap, d_cylinder.height / 2, d_cylinder.radius)
     d_point = d_ray.at(t) - Vec3.from_array(d_cylinder.center)
     change = d_size - n.dot(d_point) + lean.dot(d_axis)

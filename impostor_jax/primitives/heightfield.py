@@ -15,7 +15,6 @@ it.
 
 __all__ = ["Heightfield"]
 
-from collections.abc import Callable
 from typing import Any
 
 import equinox as eqx
@@ -34,6 +33,7 @@ from impostor_jax.primitives.base import AbstractPrimitive
 from impostor_jax.primitives.heightfield_cells import first_crossing
 from impostor_jax.primitives.heightfield_grid import INTERPOLATIONS, all_control_points
 from impostor_jax.primitives.heightfield_height import (
+    Function,
     as_tree,
     function_surface,
     grid_surface,
@@ -42,7 +42,6 @@ from impostor_jax.primitives.heightfield_march import advance
 from impostor_jax.primitives.surface import facing, hit_tangent
 
 Numbers = Float[Array, "*batch"]
-Function = Callable[[Any, Any], Any]
 
 
 class Heightfield(AbstractPrimitive):

@@ -8,10 +8,10 @@ second derivative, whose control points are differences of those of the patch.
 
 __all__ = [
     "INTERPOLATIONS",
-    "Blocks",
+    "MaximumMipmap",
     "all_control_points",
     "control_points",
-    "largest_bend",
+    "largest_curvature",
     "surface",
 ]
 
@@ -85,7 +85,7 @@ def _basis(t: Numbers, degree: int) -> tuple[Float[Array, "..."], Float[Array, "
     return values, 3 * jnp.stack([-s * s, *middle, t * t])
 
 
-def largest_bend(
+def largest_curvature(
     points: Float[Array, "k k *batch"], p: Numbers, q: Numbers
 ) -> Float[Array, "*batch"]:
     """Upper bound of the patch's second derivative along (p, q).
@@ -96,17 +96,17 @@ def largest_bend(
     by_u, by_v = jnp.diff(points, axis=0), jnp.diff(points, axis=1)
     mixed = degree**2 * jnp.diff(by_u, axis=1)
     twice = 2 * p * q
-    bend = jnp.maximum(
+    curvature = jnp.maximum(
         twice * jnp.max(mixed, axis=(0, 1)), twice * jnp.min(mixed, axis=(0, 1))
     )
     if degree > 1:
         along_u = jnp.max(jnp.diff(by_u, axis=0), axis=(0, 1))
         along_v = jnp.max(jnp.diff(by_v, axis=1), axis=(0, 1))
-        bend += degree * (degree - 1) * (along_u * p * p + along_v * q * q)
-    return bend
+        curvature += degree * (degree - 1) * (along_u * p * p + along_v * q * q)
+    return curvature
 
 
-class Blocks(eqx.Module):
+class MaximumMipmap(eqx.Module):
     """Highest control point of every block of 2^level by 2^level patches.
 
     Attributes:
@@ -119,14 +119,14 @@ class Blocks(eqx.Module):
     shapes: tuple[tuple[int, int], ...] = eqx.field(static=True)
 
     @staticmethod
-    def of(points: Float[Array, "k k rows cols"]) -> "Blocks":
+    def of(points: Float[Array, "k k rows cols"]) -> "MaximumMipmap":
         """Merge the patches two by two until one block is left."""
         levels = [jnp.stack([jnp.max(p, axis=(0, 1)) for p in (points, -points)])]
         while levels[-1].shape[1:] != (1, 1):
             levels.append(_merged(levels[-1]))
         flat = jnp.concatenate([level.reshape(2, -1) for level in levels], axis=1)
         shapes = tuple((level.shape[1], level.shape[2]) for level in levels)
-        return Blocks(tops=flat.ravel(), shapes=shapes)
+        return MaximumMipmap(tops=flat.ravel(), shapes=shapes)
 
     def shape(
         self, level: Int[Array, "*batch"]

@@ -289,7 +289,7 @@ def _first_crossing(
     first, largest, second = line.extremes()
     near, far = (jnp.where(lag < 0, *x) for x in ((second, first), (first, second)))
     distances = [line.distance(x) for x in (near, largest, far)]
-    bends = [line.past(x)[1] for x in (near, far)]
+    curvatures = [line.past(x)[1] for x in (near, far)]
     near, middle, far = (foot + sign * x for x in (near, largest, far))
 
     def gap(u: Numbers) -> tuple[Numbers, Numbers]:
@@ -323,8 +323,8 @@ def _first_crossing(
     low = jnp.maximum(low, start)
     # Where the parabola of the squared distance crosses.
     least = jnp.where(by_near, distances[0], distances[2])
-    bend = jnp.where(by_near, bends[0], bends[1])
-    half = safe_sqrt(safe_divide((r - least) * (r + least), bend))
+    curvature = jnp.where(by_near, curvatures[0], curvatures[1])
+    half = safe_sqrt(safe_divide((r - least) * (r + least), curvature))
     place = jnp.where(by_near, near, far)
     at = jnp.where(is_inside, place + half, place - half)
 

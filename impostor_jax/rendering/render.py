@@ -23,6 +23,7 @@ from impostor_jax.camera.base import AbstractCamera
 from impostor_jax.camera.pixels import Tile
 from impostor_jax.compiling import kept
 from impostor_jax.effort import Effort, effort_of
+from impostor_jax.numerics import Scalar
 from impostor_jax.primitives.base import AbstractPrimitive
 from impostor_jax.rendering.bounds import is_bounded
 from impostor_jax.rendering.coverage import coverage
@@ -122,7 +123,7 @@ def render(
 
 
 @jax.jit
-def _with_miss(maps: GeometryMaps, miss: float | Float[Array, ""]) -> GeometryMaps:
+def _with_miss(maps: GeometryMaps, miss: Scalar) -> GeometryMaps:
     """The maps with another number for what is infinite."""
 
     def filled(values: Any) -> Any:

@@ -9,7 +9,6 @@ __all__ = [
     "NO_READING",
     "AbstractDepthNoise",
     "Reach",
-    "Scalar",
     "cos_incidence",
     "has_surface",
     "noise_model",
@@ -27,7 +26,6 @@ from impostor_jax.camera.base import AbstractCamera
 from impostor_jax.geometry.vec3 import Vec3
 from impostor_jax.sensor.draws import normal_draws
 
-Scalar = float | Float[Array, ""]
 Reach = int | Int[Array, ""]
 
 NO_READING = 0.0

@@ -11,6 +11,7 @@ from typing_extensions import override
 from impostor_jax.arguments import real_number
 from impostor_jax.camera.base import AbstractCamera
 from impostor_jax.compiling import compiled
+from impostor_jax.numerics import Scalar
 from impostor_jax.sensor.base import (
     AbstractDepthNoise,
     Reach,
@@ -26,7 +27,7 @@ class ConstantNoise(AbstractDepthNoise):
         deviation: Standard deviation in meters, positive.
     """
 
-    deviation: float | Float[Array, ""]
+    deviation: Scalar
 
     def __init__(self, deviation: Any):
         self.deviation = real_number(

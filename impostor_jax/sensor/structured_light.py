@@ -17,11 +17,10 @@ from typing_extensions import override
 from impostor_jax.arguments import angle_below_grazing, bounded_number, real_number
 from impostor_jax.camera.base import AbstractCamera
 from impostor_jax.compiling import compiled
-from impostor_jax.numerics import eps, safe_sqrt
+from impostor_jax.numerics import Scalar, eps, safe_sqrt
 from impostor_jax.sensor.base import (
     AbstractDepthNoise,
     Reach,
-    Scalar,
     cos_incidence,
     has_surface,
     scattered,

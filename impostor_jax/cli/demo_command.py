@@ -1,6 +1,6 @@
 """The command `impostor-jax demo`."""
 
-__all__ = ["Demo"]
+__all__ = ["DemoCommand"]
 
 import dataclasses
 import time
@@ -17,7 +17,7 @@ FILES = ("depth.png", "camera.json", "fit.json", "overlay.png")
 
 
 @dataclasses.dataclass(frozen=True)
-class Demo:
+class DemoCommand:
     """Render a noisy can in front of a wall, fit it and compare.
 
     Writes depth.png, camera.json, fit.json and overlay.png; then

@@ -1,6 +1,6 @@
 """The command `impostor-jax fit`."""
 
-__all__ = ["Fit"]
+__all__ = ["FitCommand"]
 
 import dataclasses
 import time
@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import tyro
 
-from impostor_jax.cli.dials import Dials, Preset, chosen_effort
+from impostor_jax.cli.dials import Dials, EffortName, chosen_effort
 from impostor_jax.cli.given import (
     chosen_noise,
     files_of,
@@ -22,15 +22,14 @@ from impostor_jax.cli.given import (
 
 if TYPE_CHECKING:
     from impostor_jax.camera.pinhole import PinholeCamera
-    from impostor_jax.fit.result import Fit as Fitted
-    from impostor_jax.fit.result import TaperTest
+    from impostor_jax.fit.result import Fit, TaperTest
 
-    Named = tuple[Fitted, TaperTest | None, float, str]
+    Named = tuple[Fit, TaperTest | None, float, str]
     """A fit, a test of it, the seconds that took, and the folder for them."""
 
 
 @dataclasses.dataclass(frozen=True)
-class Fit:
+class FitCommand:
     """Fit a capped cylinder, or another shape, to depth images.
 
     Writes fit.json and overlay.png; of several images each into a folder of its name,
@@ -75,7 +74,7 @@ class Fit:
     json: Path | None = None
     """File for the record of a single fit, instead of fit.json in the output folder;
     "-" is the standard output."""
-    effort: Preset = "balanced"
+    effort: EffortName = "balanced"
     """How much work it takes; each dial may be set apart from it."""
     dials: Dials = dataclasses.field(default_factory=Dials)
 
@@ -203,7 +202,7 @@ class Fit:
             "cylinder": fit_cylinder, "sphere": fit_sphere, "frustum": fit_frustum,
         }[self.shape]  # fmt: skip
 
-    def _taper(self, fit: "Fitted") -> "TaperTest | None":
+    def _taper(self, fit: "Fit") -> "TaperTest | None":
         """Whether a frustum is needed, where that is asked and an object was seen."""
         from impostor_jax.fit.taper import test_taper
 
@@ -211,7 +210,7 @@ class Fit:
         return test_taper(fit) if is_tested else None
 
 
-def _region_taken(fit: "Fitted") -> str:
+def _region_taken(fit: "Fit") -> str:
     import numpy as np
 
     rows, cols = np.nonzero(np.asarray(fit.region))
