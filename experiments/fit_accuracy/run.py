@@ -51,9 +51,10 @@ NORMAL_95 = 1.96
 
 
 @dataclasses.dataclass(frozen=True)
-class Config(RunConfig):
+class Config:
     """Measure the accuracy of fits."""
 
+    run: RunConfig = RunConfig()
     seeds: int = 200
     """Images of each case."""
 
@@ -213,7 +214,7 @@ def measure(config: Config) -> Iterator[Metric]:
             "the other programs are not installed: pip install '.[bench]', or leave "
             "them out with --no-peers"
         )
-    for name in ("60deg.1mm",) if config.quick else CASES:
+    for name in ("60deg.1mm",) if config.run.quick else CASES:
         views = [draw_can(CASES[name], seed) for seed in range(config.seeds)]
         yield from case_metrics(name, fit_views(views))
         if name in PEER_CASES and config.peers:
@@ -222,9 +223,9 @@ def measure(config: Config) -> Iterator[Metric]:
             for peer in PEERS:
                 fits = fit_by_peer(peer, views[: config.peer_seeds])
                 yield from case_metrics(f"{peer}.{name}", fits)
-    for name in ("white",) if config.quick else INTERVALS:
+    for name in ("white",) if config.run.quick else INTERVALS:
         yield from interval_metrics(name, config.draws)
-    if not config.quick:
+    if not config.run.quick:
         # Each needs a program of its own to be compiled.
         yield from height_metrics(config.seeds)
         yield from scene_metrics(config.scenes)

@@ -45,9 +45,10 @@ COSTLY = "inside_pipe"
 
 
 @dataclasses.dataclass(frozen=True)
-class Config(RunConfig):
+class Config:
     """Measure how far off fits are whose masks are not the object's."""
 
+    run: RunConfig = RunConfig()
     seeds: int = 5
     """Images of each can and noise."""
     images: int = 30
@@ -76,7 +77,7 @@ class Fitted:
 def measure(config: Config) -> Iterator[Metric]:
     """Fit cans with each mask, then the cylinders of each preset."""
     noises, scenes, masks, presets = NOISE, list(SCENES), list(MASKS), list(PRESETS)
-    if config.quick:
+    if config.run.quick:
         noises, scenes, masks = {"1mm": 1e-3}, ["table.30deg"], [TRUE_MASK, "+2 px"]
         presets = ["bench"]
     for noise, sigma in noises.items():
