@@ -28,7 +28,7 @@ def raycast(
     col: Int[Array, "h w"],
     outputs: frozenset[str],
 ) -> GeometryMaps:
-    """Maps of some pixels; only those that are asked for are computed.
+    """Maps of some pixels.
 
     Args:
         primitive: One shape or a scene, in the world frame.
@@ -50,23 +50,18 @@ def raycast(
             zero = jnp.zeros_like(t)
             normal = normal.where(sees, Vec3(zero, zero, zero))
     mask = jnp.isfinite(t)
-    maps = {}
-    if "depth" in outputs:
-        maps["depth"] = t
-    if "range" in outputs:
-        maps["range"] = t * ray.direction.norm()
-    if "point" in outputs:
-        point = ray.at(jnp.where(mask, t, 0)).stack()
-        maps["point"] = jnp.where(mask[..., None], point, jnp.inf)
-    if normal is not None:
-        maps["normal"] = normal.stack()
-    if "mask" in outputs:
-        maps["mask"] = mask
-    if "index" in outputs:
-        maps["index"] = jnp.where(mask, index, -1)
-    if "part" in outputs:
-        maps["part"] = jnp.where(mask, part, -1)
-    return GeometryMaps(**maps)
+    point = ray.at(jnp.where(mask, t, 0)).stack()
+    # Of the compiled program no more than what is asked for is left.
+    maps = {
+        "depth": t,
+        "range": t * ray.direction.norm(),
+        "point": jnp.where(mask[..., None], point, jnp.inf),
+        "normal": None if normal is None else normal.stack(),
+        "mask": mask,
+        "index": jnp.where(mask, index, -1),
+        "part": jnp.where(mask, part, -1),
+    }
+    return GeometryMaps(**{name: maps[name] for name in outputs})
 
 
 def first_surface(
