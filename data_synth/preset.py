@@ -53,8 +53,6 @@ class CameraDraw:
 
     def __post_init__(self) -> None:
         whole_number("count", self.count, 1, MAX_CAMERAS)
-        for name in ("width", "height"):
-            whole_number(name, getattr(self, name), 1)
         image_size(self.width, self.height)
 
 

@@ -21,6 +21,7 @@ __all__ = [
     "read_dataset",
     "read_manifest",
     "sensor_of",
+    "shard_name",
 ]
 
 import bisect
@@ -67,6 +68,11 @@ def read_manifest(folder: Path) -> dict[str, Any]:
     return record
 
 
+def shard_name(layout: str, shard: int) -> str:
+    """Name of a shard's archive or folder."""
+    return f"shard-{shard:06d}.tar" if layout == "webdataset" else f"{shard:06d}"
+
+
 def sensor_of(manifest: dict[str, Any]) -> AbstractDepthNoise:
     """The noise model that made a dataset's readings.
 
@@ -98,13 +104,12 @@ def read_dataset(path: str | Path, *, allow_partial: bool = False) -> "Dataset":
         return Dataset([_Part(home, None)])
     manifest = read_manifest(home)
     count, size = manifest["count"], manifest["shard_size"]
-    is_archive = manifest["layout"] == "webdataset"
     split = home / SPLIT
     # A name that begins with a point is of a shard that is not whole.
     there = set(os.listdir(split)) if split.is_dir() else set()
     parts = []
     for shard in range(-(-count // size)):
-        name = f"shard-{shard:06d}.tar" if is_archive else f"{shard:06d}"
+        name = shard_name(manifest["layout"], shard)
         if name in there:
             parts.append(_Part(split / name, min(size, count - shard * size)))
         elif not allow_partial:
