@@ -11,7 +11,6 @@ import contextlib
 import os
 from collections.abc import Sequence
 from pathlib import Path
-from types import TracebackType
 from typing import Any
 
 import numpy as np
@@ -150,12 +149,7 @@ class OffscreenRenderer:
     def __enter__(self) -> "OffscreenRenderer":
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         self.close()
 
     def _program(self, impostor: Impostor, orthographic: bool) -> Any:
@@ -190,7 +184,7 @@ def _context(driver: str) -> Any:
         raise DriverError(
             "moderngl is missing: pip install 'impostor-jax[gl]'"
         ) from None
-    before = {name: os.environ.get(name) for name in _VARIABLES}
+    before = {name: os.environ[name] for name in _VARIABLES if name in os.environ}
     os.environ.update(DRIVERS[driver])
     found = []
     # A machine with a graphics card has several devices, and Mesa's may not be first.
@@ -215,11 +209,9 @@ def _context(driver: str) -> Any:
             return context
         found.append(name)
         context.release()
-    for name, value in before.items():
-        if value is None:
-            os.environ.pop(name, None)
-        else:
-            os.environ[name] = value
+    for name in _VARIABLES:
+        os.environ.pop(name, None)
+    os.environ.update(before)
     need = (
         "a graphics card and its EGL driver are needed"
         if driver == "gpu"

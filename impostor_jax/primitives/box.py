@@ -73,16 +73,13 @@ class Box(AbstractPrimitive):
     size: Float[Array, "*batch 3"]
 
     def __init__(self, center: Any, rotation: Any, size: Any):
-        center, rotation, size = float_arrays(
+        self.center, self.rotation, self.size = float_arrays(
             center=(center, (3,), "meters"),
             rotation=(rotation, (3, 3), "numbers"),
             size=(size, (3,), "meters"),
         )
-        check_rotation("rotation", rotation)
-        check_positive("size", size, "meters")
-        self.center = center
-        self.rotation = rotation
-        self.size = size
+        check_rotation("rotation", self.rotation)
+        check_positive("size", self.size, "meters")
 
     @property
     @override

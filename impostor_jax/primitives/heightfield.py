@@ -141,8 +141,7 @@ class Heightfield(AbstractPrimitive):
                 f"heightfield must be a single one, got a batch of shape "
                 f"{self.batch_shape}; map over it with jax.vmap"
             )
-        t = _first_hit(ray, self)
-        return Hit.on_one_piece(t)
+        return Hit.on_one_piece(_first_hit(ray, self))
 
     @override
     def normal(self, ray: Ray, hit: Hit) -> Vec3:
@@ -173,10 +172,6 @@ class Heightfield(AbstractPrimitive):
         if callable(self.height):
             return function_surface(self.height, x, z)
         return grid_surface(self.height, self.extent, self.interpolation, x, z)
-
-    def _gap(self, point: Vec3) -> Numbers:
-        """Height of a point of its own frame above the surface."""
-        return point.y - self.surface(point.x, point.z)[0]
 
     def _own_ray(self, ray: Ray) -> Ray:
         """The ray in its own frame."""
@@ -279,8 +274,8 @@ def _trace(ray: Ray, field: Heightfield) -> Float[Array, "*batch"]:
     def gap(t: Numbers) -> Numbers:
         p = near.at(t)
         # A function may have no height beside the extent.
-        p = Vec3(jnp.clip(p.x, -half_x, half_x), p.y, jnp.clip(p.z, -half_z, half_z))
-        return field._gap(p + center)
+        x, z = jnp.clip(p.x, -half_x, half_x), jnp.clip(p.z, -half_z, half_z)
+        return p.y + center.y - field.surface(x + center.x, z + center.z)[0]
 
     if points is not None:
         t = first_crossing(points - y, near, half_x, half_z, span)

@@ -12,7 +12,7 @@ from collections.abc import Callable
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Float
 
 from impostor_jax.geometry.rays import Interval, Ray
 from impostor_jax.numerics import eps, safe_divide, safe_sqrt
@@ -48,8 +48,9 @@ def advance(
     def rounding(t: Numbers) -> Numbers:
         return eps(t.dtype, 2) * (jnp.abs(o.y) + jnp.abs(t * d.y) + reach)
 
-    active, t = _beginning(span)
-    side = _side(gap, t, rounding(t))
+    active = span.lower <= span.upper
+    t = jnp.where(active, span.lower, 0)
+    side = side_of(*jax.jvp(gap, (t,), (jnp.ones_like(t),)), rounding(t))
     level = safe_sqrt(d.x * d.x + d.z * d.z)
     closing = lipschitz * level - side * d.y
     along_ray = None if curvature is None else curvature * level * level
@@ -86,18 +87,6 @@ def advance(
     state = (jnp.int32(0), t, away, active, never)
     _, t, _, active, found = jax.lax.while_loop(is_open, turn, state)
     return _settled(gap, jnp.where(active, t, found))
-
-
-def _beginning(span: Interval) -> tuple[Bool[Array, "*batch"], Numbers]:
-    """Whether a ray is over the extent at all, and where it begins to be."""
-    active = span.lower <= span.upper
-    return active, jnp.where(active, span.lower, 0)
-
-
-def _side(gap: Gap, t: Numbers, rounding: Numbers) -> Numbers:
-    """Side on which a ray is at t."""
-    now, slope = jax.jvp(gap, (t,), (jnp.ones_like(t),))
-    return side_of(now, slope, rounding)
 
 
 def side_of(gap: Numbers, slope: Numbers, rounding: Numbers) -> Numbers:
