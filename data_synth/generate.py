@@ -28,7 +28,7 @@ from impostor_jax.io.dataset import MANIFEST, SPLIT
 WAITING = 1000
 """Most shards that are handed to an executor and not made yet."""
 
-Progress = Callable[[ShardReport], None]
+Progress = Callable[[ShardReport], object]
 """Is called with each shard that is made."""
 
 

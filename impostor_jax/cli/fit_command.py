@@ -4,7 +4,6 @@ __all__ = ["FitCommand"]
 
 import dataclasses
 import time
-from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -23,9 +22,6 @@ from impostor_jax.cli.given import (
 if TYPE_CHECKING:
     from impostor_jax.camera.pinhole import PinholeCamera
     from impostor_jax.fit.result import Fit, TaperTest
-
-    Named = tuple[Fit, TaperTest | None, float, str]
-    """A fit, a test of it, the seconds that took, and the folder for them."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -116,12 +112,9 @@ class FitCommand:
             depth = read_depth(self.depth[index], depth_scale_m, size)
             if len(places) > 1:
                 tell(f"{self.depth[index]}:")
-            if labels:
-                fits = self._fits_of_labels(labels[index], depth, camera, asked)
-            else:
-                mask = masks[index] if masks else None
-                fits = self._fit(mask, depth, camera, asked)
-            for fit, taper, seconds, name in fits:
+            given = (labels or masks or [None] * len(places))[index]
+            fits, tests, seconds = self._fits(given, depth, camera, asked)
+            for (name, fit), taper in zip(fits.items(), tests, strict=True):
                 if labels:
                     tell(f"{name.replace('_', ' ')}:")
                 elif not masks:
@@ -152,45 +145,39 @@ class FitCommand:
             "errors": self.errors,
         }
 
-    def _fit(
+    def _fits(
         self,
-        mask_file: Path | None,
+        given: Path | None,
         depth: Any,
         camera: "PinholeCamera",
         asked: dict[str, Any],
-    ) -> "Iterator[Named]":
-        """The fit of an image, written to its folder."""
-        from impostor_jax.io.label_image import read_one_mask
+    ) -> "tuple[dict[str, Fit], list[TaperTest | None], float]":
+        """Fits of an image's objects, by their folders; tests of them; the seconds.
 
-        size = camera.height, camera.width
-        mask = None if mask_file is None else read_one_mask(mask_file, size)
-        start = time.perf_counter()
-        with hints_on_stderr():
-            fit = self._function()(depth, camera, mask=mask, **asked)
-            taper = self._taper(fit)
-        fit.rms.block_until_ready()
-        seconds = time.perf_counter() - start
-        yield fit, taper, seconds, ""
+        Args:
+            given: File of its mask or its labels, if there is one.
+            depth: The image.
+            camera: The camera.
+            asked: As of `_asked`, with the effort.
+        """
+        import jax
 
-    def _fits_of_labels(
-        self,
-        label_file: Path,
-        depth: Any,
-        camera: "PinholeCamera",
-        asked: dict[str, Any],
-    ) -> "Iterator[Named]":
-        """Fits of all objects; the seconds are those of all, side by side."""
         from impostor_jax.fit.labels import fit_labels
-        from impostor_jax.io.label_image import read_labels
+        from impostor_jax.io.label_image import read_labels, read_one_mask
 
-        labels = read_labels(label_file, (camera.height, camera.width))
+        function, size = self._function(), (camera.height, camera.width)
+        read = read_labels if self.labels else read_one_mask
+        pixels = None if given is None else read(given, size)
         start = time.perf_counter()
         with hints_on_stderr():
-            fits = fit_labels(depth, camera, labels, self._function(), **asked)
+            if self.labels:
+                found = fit_labels(depth, camera, pixels, function, **asked)
+                fits = {f"label_{label}": fit for label, fit in found.items()}
+            else:
+                fits = {"": function(depth, camera, mask=pixels, **asked)}
             tests = [self._taper(fit) for fit in fits.values()]
-        seconds = time.perf_counter() - start
-        for (label, fit), taper in zip(fits.items(), tests, strict=True):
-            yield fit, taper, seconds, f"label_{label}"
+        jax.block_until_ready([fit.rms for fit in fits.values()])
+        return fits, tests, time.perf_counter() - start
 
     def _function(self) -> Any:
         """What fits the shape."""

@@ -50,7 +50,8 @@ def advance(
 
     active = span.lower <= span.upper
     t = jnp.where(active, span.lower, 0)
-    side = side_of(*jax.jvp(gap, (t,), (jnp.ones_like(t),)), rounding(t))
+    now, slope = jax.jvp(gap, (t,), (jnp.ones_like(t),))
+    side = side_of(now, slope, rounding(t))
     level = safe_sqrt(d.x * d.x + d.z * d.z)
     closing = lipschitz * level - side * d.y
     along_ray = None if curvature is None else curvature * level * level
