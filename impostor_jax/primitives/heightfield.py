@@ -25,6 +25,7 @@ from jaxtyping import Array, Float
 from typing_extensions import override
 
 from impostor_jax.arguments import float_array, is_concrete, one_of
+from impostor_jax.compiling import compiled
 from impostor_jax.geometry.frames import RigidTransform
 from impostor_jax.geometry.rays import Hit, Interval, Ray, slab_interval
 from impostor_jax.geometry.vec3 import Vec3
@@ -144,17 +145,31 @@ class Heightfield(AbstractPrimitive):
         return Hit.on_one_piece(_first_hit(ray, self))
 
     @override
+    @compiled
     def normal(self, ray: Ray, hit: Hit) -> Vec3:
-        return _normal(self, ray, hit)
+        point = self._hit_point(ray, hit)
+        _, by_x, by_z = self.surface(point.x, point.z)
+        n = Vec3(-by_x, jnp.ones_like(by_x), -by_z).normalize()
+        if self.world_from_field is not None:
+            n = Vec3.from_array(self.world_from_field.rotate(n.stack()))
+        return facing(n, ray.direction, hit.mask)
 
     @override
+    @compiled
     def implicit(self, point: Vec3) -> Float[Array, "*batch"]:
         """First-order signed distance in meters: the gap over sqrt(1 + slope^2).
 
         Negative below. Beside the extent it is positive: the distance from the extent
         put together with that of the surface at its border.
         """
-        return _distance(self, point)
+        still = Vec3(*(jnp.zeros_like(point.x) for _ in range(3)))
+        p = self._own_ray(Ray(point, still)).origin
+        (x0, x1), (z0, z1) = self.extent
+        x, z = jnp.clip(p.x, x0, x1), jnp.clip(p.z, z0, z1)
+        height, by_x, by_z = self.surface(x, z)
+        distance = (p.y - height) / jnp.sqrt(1 + by_x * by_x + by_z * by_z)
+        beside = (p.x - x) ** 2 + (p.z - z) ** 2
+        return jnp.where(beside > 0, safe_sqrt(beside + distance * distance), distance)
 
     @override
     def transformed(self, target_from_source: RigidTransform) -> "Heightfield":
@@ -191,31 +206,6 @@ class Heightfield(AbstractPrimitive):
         point = self._own_ray(ray).at(jnp.where(hit.mask, hit.t, 0))
         x, z = jax.lax.stop_gradient(jnp.mean(self.extent, axis=-1))
         return point.where(hit.mask, Vec3(x, jnp.zeros_like(x), z))
-
-    def _facing_normal(self, by_x: Numbers, by_z: Numbers, ray: Ray, hit: Hit) -> Vec3:
-        n = Vec3(-by_x, jnp.ones_like(by_x), -by_z).normalize()
-        if self.world_from_field is not None:
-            n = Vec3.from_array(self.world_from_field.rotate(n.stack()))
-        return facing(n, ray.direction, hit.mask)
-
-
-@jax.jit
-def _normal(field: Heightfield, ray: Ray, hit: Hit) -> Vec3:
-    point = field._hit_point(ray, hit)
-    _, by_x, by_z = field.surface(point.x, point.z)
-    return field._facing_normal(by_x, by_z, ray, hit)
-
-
-@jax.jit
-def _distance(field: Heightfield, point: Vec3) -> Numbers:
-    still = Vec3(*(jnp.zeros_like(point.x) for _ in range(3)))
-    p = field._own_ray(Ray(point, still)).origin
-    (x0, x1), (z0, z1) = field.extent
-    x, z = jnp.clip(p.x, x0, x1), jnp.clip(p.z, z0, z1)
-    height, by_x, by_z = field.surface(x, z)
-    distance = (p.y - height) / jnp.sqrt(1 + by_x * by_x + by_z * by_z)
-    beside = (p.x - x) ** 2 + (p.z - z) ** 2
-    return jnp.where(beside > 0, safe_sqrt(beside + distance * distance), distance)
 
 
 @jax.custom_jvp

@@ -12,7 +12,6 @@ from impostor_jax.geometry.vec3 import Vec3
 from impostor_jax.primitives.base import AbstractPrimitive, in_camera_frame
 from impostor_jax.rendering.bounds import is_bounded
 from impostor_jax.rendering.closest import closest
-from impostor_jax.rendering.maps import GeometryMaps
 from impostor_jax.rendering.scene import Scene, Shown
 
 Places = Int[Array, "h w"]
@@ -26,22 +25,23 @@ def raycast(
     camera: AbstractCamera,
     row: Int[Array, "h w"],
     col: Int[Array, "h w"],
-    outputs: frozenset[str],
-) -> GeometryMaps:
-    """Maps of some pixels.
+    with_normal: bool,
+) -> dict[str, Array]:
+    """Maps of some pixels, all but the coverage, by the names of `GeometryMaps`.
+
+    Of a compiled program no more than what is taken of them is left.
 
     Args:
         primitive: One shape or a scene, in the world frame.
         camera: The camera.
         row: Rows of the pixels.
         col: Columns of the pixels.
-        outputs: Any of the maps but the coverage.
+        with_normal: Whether the normal is wanted; it is not among them if not.
 
     Derivatives:
         As of `render`.
     """
     ray = camera.rays(row, col, primitive.dtype)
-    with_normal = "normal" in outputs
     t, normal, index, part = first_surface(primitive, camera, ray, with_normal)
     sees = camera.sees(row, col)
     if sees is not None:
@@ -51,17 +51,15 @@ def raycast(
             normal = normal.where(sees, Vec3(zero, zero, zero))
     mask = jnp.isfinite(t)
     point = ray.at(jnp.where(mask, t, 0)).stack()
-    # Of the compiled program no more than what is asked for is left.
     maps = {
         "depth": t,
         "range": t * ray.direction.norm(),
         "point": jnp.where(mask[..., None], point, jnp.inf),
-        "normal": None if normal is None else normal.stack(),
         "mask": mask,
         "index": jnp.where(mask, index, -1),
         "part": jnp.where(mask, part, -1),
     }
-    return GeometryMaps(**{name: maps[name] for name in outputs})
+    return maps if normal is None else {**maps, "normal": normal.stack()}
 
 
 def first_surface(
