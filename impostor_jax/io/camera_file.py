@@ -91,14 +91,7 @@ def camera_record(
     camera: PinholeCamera, depth_scale_m: float | None = None
 ) -> dict[str, Any]:
     """Keys of a camera file; the pose is none of them."""
-    record: dict[str, Any] = {
-        "fx": camera.fx,
-        "fy": camera.fy,
-        "cx": camera.cx,
-        "cy": camera.cy,
-        "width": camera.width,
-        "height": camera.height,
-    }
+    record = {name: getattr(camera, name) for name in REQUIRED}
     if depth_scale_m is not None:
         record["depth_scale_m"] = depth_scale_m
     if camera.distortion is not None:

@@ -167,9 +167,8 @@ def _trace(
 
     def trace() -> tuple[Float[Array, "*batch"], Int[Array, "*batch"]]:
         foot, (x, y, z) = _slabs(ray, cuboid)
-        lower = jnp.maximum(jnp.maximum(x.lower, y.lower), z.lower)
-        upper = jnp.minimum(jnp.minimum(x.upper, y.upper), z.upper)
-        enter, leave = foot + lower, foot + upper
+        solid = x.overlap(y).overlap(z)
+        enter, leave = foot + solid.lower, foot + solid.upper
         enters = enter > 0
         bounds = [jnp.where(enters, slab.lower, -slab.upper) for slab in (x, y, z)]
         axis = jnp.where(
@@ -182,7 +181,7 @@ def _trace(
         face = 2 * axis + (rises != enters).astype(axis.dtype)
         first, second, third = cuboid.halves
         is_solid = jnp.minimum(jnp.minimum(first, second), third) > 0
-        hit = (lower <= upper) & (leave > 0) & is_solid
+        hit = (solid.lower <= solid.upper) & (leave > 0) & is_solid
         return jnp.where(hit, jnp.where(enters, enter, leave), jnp.inf), face
 
     return computed_apart(trace, cuboid.halves[0])

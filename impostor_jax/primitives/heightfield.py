@@ -237,7 +237,6 @@ def _hit_tangent(t: Numbers, primals: Any, tangents: Any) -> Numbers:
 @jax.jit
 def _trace(ray: Ray, field: Heightfield) -> Float[Array, "*batch"]:
     ray = field._own_ray(ray)
-    dtype = field.dtype
     x, z = jnp.mean(field.extent, axis=-1)
     half_x, half_z = (field.extent[:, 1] - field.extent[:, 0]) / 2
     radius = jnp.sqrt(half_x * half_x + half_z * half_z)
@@ -255,11 +254,8 @@ def _trace(ray: Ray, field: Heightfield) -> Float[Array, "*batch"]:
     span = Interval(lower=-foot, upper=jnp.full_like(foot, jnp.inf))
     # From above the surface by its size, so that a ray begins clearly on one side.
     for axis, half in enumerate((half_x, relief + radius, half_z)):
-        slab = slab_interval(near, Vec3.from_array(jnp.eye(3, dtype=dtype)[axis]), half)
-        span = Interval(
-            lower=jnp.maximum(span.lower, slab.lower),
-            upper=jnp.minimum(span.upper, slab.upper),
-        )
+        across = Vec3.from_array(jnp.eye(3, dtype=field.dtype)[axis])
+        span = span.overlap(slab_interval(near, across, half))
 
     def gap(t: Numbers) -> Numbers:
         p = near.at(t)

@@ -48,10 +48,7 @@ class Sector(eqx.Module):
         first = _half_space(ray, self.start * sign)
         second = _half_space(ray, self.end * -sign)
         return Cut(
-            Interval(
-                jnp.maximum(first.lower, second.lower),
-                jnp.minimum(first.upper, second.upper),
-            ),
+            first.overlap(second),
             is_convex,
             first.lower > second.lower,
             first.upper < second.upper,

@@ -157,8 +157,8 @@ def _crossings(near: Ray, body: Tapered) -> list[_Crossing]:
     a = body.axis
     wall = cone_interval(near, a, body.radius, body.slope)
     slab = plane_interval(near, a, body.low, body.high)
-    enter = jnp.maximum(wall.lower, slab.lower)
-    leave = jnp.minimum(wall.upper, slab.upper)
+    solid = wall.overlap(slab)
+    enter, leave = solid.lower, solid.upper
     meets = enter <= leave
     rises = near.direction.dot(a) > 0
     # An end that is a point, to rounding, has no cap.
