@@ -180,14 +180,14 @@ class _Label(NamedTuple):
         count = len(listed)
         if len(info) != count:
             raise ValueError(f"gt_info must have {count} cylinders, got {len(info)}")
-        fields = (
+        center, axis, radius, height = (
             np.array([one[name] for one in listed], np.float32)
             for name in ("center_m", "axis", "radius_m", "height_m")
         )
         scale = real_number("depth_scale", camera["depth_scale"], positive=True)
         return _Label(
             camera=_camera(json.dumps(cylinders["camera"])),
-            cylinders=Cylinder(*fields),
+            cylinders=Cylinder(center, axis, radius, height),
             visible_fraction=np.array([float(one["visib_fract"]) for one in info]),
             scale_m=1e-3 * scale,
             num_cylinders=count,

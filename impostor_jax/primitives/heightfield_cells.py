@@ -18,20 +18,19 @@ __all__ = ["first_crossing"]
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Float
 
 from impostor_jax.geometry.rays import Interval, Ray
 from impostor_jax.geometry.vec3 import Vec3
 from impostor_jax.numerics import eps
 from impostor_jax.primitives.heightfield_grid import (
+    Indices,
     MaximumMipmap,
+    Numbers,
     largest_curvature,
     surface,
 )
 from impostor_jax.primitives.heightfield_march import free_step, side_of
-
-Numbers = Float[Array, "*batch"]
-Indices = Int[Array, "*batch"]
 
 
 def first_crossing(

@@ -8,7 +8,9 @@ second derivative, whose control points are differences of those of the patch.
 
 __all__ = [
     "INTERPOLATIONS",
+    "Indices",
     "MaximumMipmap",
+    "Numbers",
     "all_control_points",
     "control_points",
     "largest_curvature",
@@ -20,8 +22,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
+Indices = Int[Array, "*batch"]
 Numbers = Float[Array, "*batch"]
-
 
 INTERPOLATIONS = {
     "bilinear": np.eye(2),
@@ -37,8 +39,8 @@ that the slope there is that of the first segment.
 def control_points(
     grid: Float[Array, "n m"],
     interpolation: str,
-    i: Int[Array, "*batch"],
-    j: Int[Array, "*batch"],
+    i: Indices,
+    j: Indices,
 ) -> Float[Array, "k k *batch"]:
     """Control points of the patches between samples i, j and i + 1, j + 1."""
     matrix = INTERPOLATIONS[interpolation]
@@ -128,9 +130,7 @@ class MaximumMipmap(eqx.Module):
         shapes = tuple((level.shape[1], level.shape[2]) for level in levels)
         return MaximumMipmap(tops=flat.ravel(), shapes=shapes)
 
-    def shape(
-        self, level: Int[Array, "*batch"]
-    ) -> tuple[Int[Array, "*batch"], Int[Array, "*batch"]]:
+    def shape(self, level: Indices) -> tuple[Indices, Indices]:
         """Number of rows and columns of blocks at a level."""
         rows, cols = self.shapes[0]
         return (
@@ -138,13 +138,7 @@ class MaximumMipmap(eqx.Module):
             jnp.right_shift(cols - 1, level) + 1,
         )
 
-    def top(
-        self,
-        level: Int[Array, "*batch"],
-        i: Int[Array, "*batch"],
-        j: Int[Array, "*batch"],
-        side: Float[Array, "*batch"],
-    ) -> Float[Array, "*batch"]:
+    def top(self, level: Indices, i: Indices, j: Indices, side: Numbers) -> Numbers:
         """Highest point of a block; where `side` is -1, of the block upside down."""
         sizes = [rows * cols for rows, cols in self.shapes]
         start = np.cumsum([0, *sizes[:-1]], dtype=np.int32)

@@ -10,7 +10,7 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float, PRNGKeyArray
+from jaxtyping import PRNGKeyArray
 from typing_extensions import override
 
 from impostor_jax.arguments import angle_below_grazing, bounded_number
@@ -19,6 +19,9 @@ from impostor_jax.compiling import compiled
 from impostor_jax.numerics import Scalar
 from impostor_jax.sensor.base import (
     AbstractDepthNoise,
+    Depths,
+    Normals,
+    Numbers,
     Reach,
     cos_incidence,
     has_surface,
@@ -79,11 +82,7 @@ class LateralNoise(AbstractDepthNoise):
         self.max_angle = angle_below_grazing("max_angle", max_angle)
 
     @override
-    def sigma(
-        self,
-        depth: Float[Array, "*batch"],
-        cos_incidence: Float[Array, "*batch"],
-    ) -> Float[Array, "*batch"]:
+    def sigma(self, depth: Numbers, cos_incidence: Numbers) -> Numbers:
         return self.sensor.sigma(depth, cos_incidence)
 
     @property
@@ -95,12 +94,8 @@ class LateralNoise(AbstractDepthNoise):
     @override
     @compiled
     def sample(
-        self,
-        key: PRNGKeyArray,
-        depth: Float[Array, "h w"],
-        normal: Float[Array, "h w 3"],
-        camera: AbstractCamera,
-    ) -> Float[Array, "h w"]:
+        self, key: PRNGKeyArray, depth: Depths, normal: Normals, camera: AbstractCamera
+    ) -> Depths:
         shift_key, sensor_key = jax.random.split(key)
         ratio, _ = grazing_ratio(cos_incidence(normal, camera), self.max_angle)
         ratio = jnp.where(has_surface(depth), ratio, 0)
