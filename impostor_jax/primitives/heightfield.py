@@ -30,7 +30,7 @@ from impostor_jax.geometry.frames import RigidTransform
 from impostor_jax.geometry.rays import Hit, Interval, Ray, slab_interval
 from impostor_jax.geometry.vec3 import Vec3
 from impostor_jax.numerics import safe_sqrt
-from impostor_jax.primitives.base import AbstractPrimitive
+from impostor_jax.primitives.base import AbstractPrimitive, check_single
 from impostor_jax.primitives.heightfield_cells import first_crossing
 from impostor_jax.primitives.heightfield_grid import INTERPOLATIONS, all_control_points
 from impostor_jax.primitives.heightfield_height import (
@@ -137,11 +137,7 @@ class Heightfield(AbstractPrimitive):
 
     @override
     def intersect(self, ray: Ray) -> Hit:
-        if self.batch_shape:
-            raise ValueError(
-                f"heightfield must be a single one, got a batch of shape "
-                f"{self.batch_shape}; map over it with jax.vmap"
-            )
+        check_single(self, "heightfield")
         return Hit.on_one_piece(_first_hit(ray, self))
 
     @override

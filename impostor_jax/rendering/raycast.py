@@ -9,7 +9,7 @@ from jaxtyping import Array, Float, Int
 from impostor_jax.camera.base import AbstractCamera
 from impostor_jax.geometry.rays import Hit, Ray
 from impostor_jax.geometry.vec3 import Vec3
-from impostor_jax.primitives.base import AbstractPrimitive, in_camera_frame
+from impostor_jax.primitives.base import in_camera_frame
 from impostor_jax.rendering.bounds import is_bounded
 from impostor_jax.rendering.closest import closest
 from impostor_jax.rendering.scene import Scene, Shown
@@ -78,12 +78,6 @@ def first_surface(
     """
     if isinstance(primitive, Scene):
         return _see_scene(primitive, camera, ray, with_normal)
-    return _see_one(primitive, camera, ray, with_normal)
-
-
-def _see_one(
-    primitive: AbstractPrimitive, camera: AbstractCamera, ray: Ray, with_normal: bool
-) -> FirstHit:
     primitive = in_camera_frame(primitive, camera)
     hit = primitive.intersect(ray)
     normal = primitive.normal(ray, hit) if with_normal else None

@@ -24,7 +24,7 @@ from impostor_jax.camera.pixels import Tile
 from impostor_jax.compiling import kept
 from impostor_jax.effort import Effort, effort_of
 from impostor_jax.numerics import Scalar
-from impostor_jax.primitives.base import AbstractPrimitive
+from impostor_jax.primitives.base import AbstractPrimitive, check_single
 from impostor_jax.rendering.bounds import is_bounded
 from impostor_jax.rendering.coverage import coverage
 from impostor_jax.rendering.maps import MISSES, OUTPUTS, GeometryMaps
@@ -98,11 +98,8 @@ def render(
             "camera must be a PinholeCamera or an OrthographicCamera, got "
             f"{type(camera).__name__}"
         )
-    if isinstance(primitive, AbstractPrimitive) and primitive.batch_shape:
-        raise ValueError(
-            f"primitive must be a single one, got a batch of shape "
-            f"{primitive.batch_shape}; map over it with jax.vmap"
-        )
+    if isinstance(primitive, AbstractPrimitive):
+        check_single(primitive)
     if miss != math.inf:
         miss = real_number("miss", miss, unit="meters")
     effort = effort_of(effort)
