@@ -20,7 +20,7 @@ from experiments.scenes import (
     CAMERA,
     DISTANCE,
     SENSOR,
-    Case,
+    FitCase,
     View,
     draw_can,
     draw_scene,
@@ -28,7 +28,7 @@ from experiments.scenes import (
 from impostor_jax.fit.fittable import CYLINDER
 
 CASES = {
-    f"{degrees:.0f}deg.{name}": Case((degrees, degrees), sigma, outliers)
+    f"{degrees:.0f}deg.{name}": FitCase((degrees, degrees), sigma, outliers)
     for degrees in (90.0, 60.0, 30.0, 10.0)
     for name, sigma, outliers in (
         ("1mm", 1e-3, 0.0),
@@ -43,7 +43,10 @@ DETERMINED = (0, 1, 2, 3, 5)
 PEER_CASES = ("90deg.1mm", "90deg.3mm", "90deg.outliers", "30deg.1mm")
 """Cases that the other programs fit, too."""
 
-INTERVALS = {"white": Case((40.0, 80.0)), "correlated": Case((40.0, 80.0), 1e-3, 0, 3)}
+INTERVALS = {
+    "white": FitCase((40.0, 80.0)),
+    "correlated": FitCase((40.0, 80.0), 1e-3, 0, 3),
+}
 """Noise whose intervals are counted, both ends of the can in view."""
 
 NORMAL_95 = 1.96
