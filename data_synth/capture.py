@@ -6,7 +6,15 @@ size; a place that is not in use costs nothing, and a scene that breaks a rule h
 readings.
 """
 
-__all__ = ["BATCH", "KEPT", "RULES", "Batch", "Captured", "capture", "capture_keys"]
+__all__ = [
+    "BATCH",
+    "KEPT",
+    "RULES",
+    "Captured",
+    "SceneBatch",
+    "capture",
+    "capture_keys",
+]
 
 from functools import partial
 
@@ -20,19 +28,19 @@ from impostor_jax.camera.pinhole import PinholeCamera
 from impostor_jax.camera.pixels import PixelBox
 from impostor_jax.geometry.vec3 import Vec3
 from impostor_jax.io.depth_image import MAX_UINT16
-from impostor_jax.numerics import eps
+from impostor_jax.numerics import Scalar, eps
 from impostor_jax.primitives.cylinder import Cylinder
 from impostor_jax.primitives.plane import Plane
 from impostor_jax.rendering.render import render
 from impostor_jax.rendering.scene import Scene
 from impostor_jax.rendering.shadow import lit
 from impostor_jax.rendering.silhouettes import silhouettes
-from impostor_jax.sensor.base import NO_READING, AbstractDepthNoise, Scalar
+from impostor_jax.sensor.base import NO_READING, AbstractDepthNoise
 
 BATCH = 8
 """Images of one call."""
 
-NOTHING = MAX_CYLINDERS
+NO_CYLINDER = MAX_CYLINDERS
 """Index of a pixel that shows no cylinder."""
 
 RULES = ("smallest_outline", "visible_fraction")
@@ -42,7 +50,7 @@ KEPT = -1
 """In place of the number of a rule: none is broken."""
 
 
-class Batch(eqx.Module):
+class SceneBatch(eqx.Module):
     """Scenes of a batch, and the cameras that see them; all in the camera's frame.
 
     Attributes:
@@ -75,7 +83,7 @@ class Captured(eqx.Module):
             nothing, or farther than 16 bits tell; and if a rule is broken.
         clean: The depth that is there, in the same units.
         normal: Unit normals that face the camera; None if not wanted.
-        index: Which cylinder is seen; `NOTHING` where it is none.
+        index: Which cylinder is seen; `NO_CYLINDER` where it is none.
         silhouette: Pixels of each cylinder if nothing hid it.
         whole_count: Number of all in an image with a margin of its own size.
         box: Smallest block of these.
@@ -108,7 +116,7 @@ def capture_keys(
 @partial(jax.jit, static_argnames="with_normal")
 def capture(
     keys: Key[Array, " b"],
-    batch: Batch,
+    batch: SceneBatch,
     limits: tuple[Scalar, Scalar],
     sensor: AbstractDepthNoise,
     projector_baseline: Scalar | None,
@@ -132,7 +140,7 @@ def capture(
         return jnp.where(scaled <= MAX_UINT16, scaled, 0).astype(jnp.uint16)
 
     def read(
-        key: PRNGKeyArray, batch: Batch, depth: Float[Array, "h w"], normal: Vec3
+        key: PRNGKeyArray, batch: SceneBatch, depth: Float[Array, "h w"], normal: Vec3
     ) -> UInt16[Array, "h w"]:
         reading = sensor.sample(key, depth, normal.stack(), batch.camera)
         if projector_baseline is not None:
@@ -141,7 +149,7 @@ def capture(
             reading = jnp.where(light, reading, NO_READING)
         return units(reading)
 
-    def one(key: PRNGKeyArray, batch: Batch) -> Captured:
+    def one(key: PRNGKeyArray, batch: SceneBatch) -> Captured:
         camera, shape = batch.camera, (batch.camera.height, batch.camera.width)
         maps = render(batch.scene(), camera, ("depth", "normal", "index"))
         assert maps.depth is not None
@@ -150,7 +158,7 @@ def capture(
         found = silhouettes(batch.cylinders, camera, margin=shape)
         (count,) = batch.cylinders.batch_shape
         is_cylinder = (maps.index >= 0) & (maps.index < count)
-        index = jnp.where(is_cylinder, maps.index, NOTHING).astype(jnp.uint8)
+        index = jnp.where(is_cylinder, maps.index, NO_CYLINDER).astype(jnp.uint8)
         broken = _broken_rule(batch.num_bound, index, found.count, limits)
         # By component, whose stack and slices XLA leaves out.
         given = (key, batch, maps.depth, Vec3.from_array(maps.normal))
@@ -166,7 +174,7 @@ def capture(
             box=found.box,
         )
 
-    def of_place(place: tuple[PRNGKeyArray, Batch]) -> Captured:
+    def of_place(place: tuple[PRNGKeyArray, SceneBatch]) -> Captured:
         nothing = jax.tree.map(
             lambda x: jnp.zeros(x.shape, x.dtype), jax.eval_shape(one, *place)
         )

@@ -10,6 +10,7 @@ ends last. All of them are as `sha256sum --check checksums/*` reads them.
 __all__ = [
     "MODEL_SUMS",
     "damaged",
+    "digest_of",
     "listing",
     "problems_of_list",
     "problems_of_models",
@@ -47,10 +48,10 @@ def _read(path: Path) -> dict[str, str]:
     return {name: digest for digest, _, name in (x.partition("  ") for x in lines)}
 
 
-def _digest(path: Path) -> str | None:
-    """Digest of a file; None where there is none."""
+def digest_of(path: Path) -> str:
+    """Digest of a file; empty where there is none."""
     if not path.is_file():
-        return None
+        return ""
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
@@ -59,10 +60,9 @@ def _digest_of_text(text: str) -> str:
     return hashlib.sha256(text.encode()).hexdigest()
 
 
-def _names(folder: Path, manifest: Manifest) -> list[str]:
+def _names(manifest: Manifest) -> list[str]:
     """All files of checksums of a whole dataset, but their list."""
-    paths = (manifest.checksums_path(folder, k) for k in range(manifest.num_shards))
-    return [MODEL_SUMS, *(str(path.relative_to(folder)) for path in paths)]
+    return [MODEL_SUMS, *map(manifest.checksums_name, range(manifest.num_shards))]
 
 
 def trusted_list(folder: Path, manifest: Manifest) -> dict[str, str] | None:
@@ -73,9 +73,9 @@ def trusted_list(folder: Path, manifest: Manifest) -> dict[str, str] | None:
     """
     if manifest.checksums_sha256 is None:
         return None
-    if _digest(folder / LIST) == manifest.checksums_sha256:
+    if digest_of(folder / LIST) == manifest.checksums_sha256:
         return _read(folder / LIST)
-    sums = {name: _digest(folder / name) or "" for name in _names(folder, manifest)}
+    sums = {name: digest_of(folder / name) for name in _names(manifest)}
     is_same = _digest_of_text(listing(sums)) == manifest.checksums_sha256
     return sums if is_same else None
 
@@ -94,10 +94,10 @@ def seal(folder: Path, written: Collection[str]) -> None:
     manifest = Manifest.read(folder)
     if manifest.missing(folder, range(manifest.num_shards)):
         return
-    names = _names(folder, manifest)
+    names = _names(manifest)
     trusted = trusted_list(folder, manifest)
     kept = {name: x for name, x in (trusted or {}).items() if name not in written}
-    sums = {name: kept.get(name) or _digest(folder / name) or "" for name in names}
+    sums = {name: kept.get(name) or digest_of(folder / name) for name in names}
     text = listing(sums)
     digest = _digest_of_text(text)
     differs = manifest.checksums_sha256 not in (None, digest)
@@ -120,11 +120,10 @@ def damaged(folder: Path, manifest: Manifest, shards: Iterable[int]) -> list[int
     def is_damaged(shard: int) -> bool:
         if not manifest.is_done(folder, shard):
             return True
-        name = str(manifest.checksums_path(folder, shard).relative_to(folder))
         if trusted is None:
             # Its checksums may have been emptied, which only its other files tell.
             return any(problems_of_shard(folder, manifest, shard, None))
-        return any(_problems(folder, name, trusted))
+        return any(_problems(folder, manifest.checksums_name(shard), trusted))
 
     return [shard for shard in shards if is_damaged(shard)]
 
@@ -135,11 +134,7 @@ def problems_of_list(folder: Path, manifest: Manifest) -> Iterator[str]:
         if not manifest.missing(folder, range(manifest.num_shards)):
             yield "the manifest has no digest of the checksums; resume adds it"
         return
-    found = _digest(folder / LIST)
-    if found is None:
-        yield f"{LIST} is missing"
-    elif found != manifest.checksums_sha256:
-        yield f"{LIST} has changed since it was written"
+    yield from _change(folder, LIST, manifest.checksums_sha256)
 
 
 def problems_of_models(
@@ -158,12 +153,10 @@ def problems_of_shard(
     folder: Path, manifest: Manifest, shard: int, trusted: Mapping[str, str] | None
 ) -> Iterator[str]:
     """What is wrong with the files of a shard that is there."""
-    path = manifest.checksums_path(folder, shard)
-    yield from _problems(folder, str(path.relative_to(folder)), trusted)
-    shard_path = manifest.shard_path(folder, shard)
-    is_folder = shard_path.is_dir()
-    found = [p for p in shard_path.rglob("*") if p.is_file()] if is_folder else []
-    yield from _unlisted(folder, found or [shard_path], _read(path))
+    name, path = manifest.checksums_name(shard), manifest.shard_path(folder, shard)
+    yield from _problems(folder, name, trusted)
+    found = [p for p in path.rglob("*") if p.is_file()]
+    yield from _unlisted(folder, found or [path], _read(folder / name))
 
 
 def _entries(folder: Path) -> list[Path]:
@@ -177,17 +170,18 @@ def _problems(
     folder: Path, name: str, trusted: Mapping[str, str] | None
 ) -> Iterator[str]:
     """Files that are not as a file of checksums says, or that file itself."""
-    found = _digest(folder / name)
-    if found is None:
-        yield f"{name} is missing"
-    elif trusted is not None and found != trusted.get(name):
-        yield f"{name} has changed since it was written"
+    yield from _change(folder, name, None if trusted is None else trusted.get(name, ""))
     for listed, digest in _read(folder / name).items():
-        is_now = _digest(folder / listed)
-        if is_now is None:
-            yield f"{listed} is missing"
-        elif is_now != digest:
-            yield f"{listed} has changed since it was written"
+        yield from _change(folder, listed, digest)
+
+
+def _change(folder: Path, name: str, digest: str | None) -> Iterator[str]:
+    """Whether a file is missing, or is not that of a digest; None for any."""
+    found = digest_of(folder / name)
+    if not found:
+        yield f"{name} is missing"
+    elif digest is not None and found != digest:
+        yield f"{name} has changed since it was written"
 
 
 def _unlisted(

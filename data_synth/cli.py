@@ -17,6 +17,7 @@ import tyro
 from impostor_jax.cli.parse import parse_with
 
 if TYPE_CHECKING:
+    from data_synth.generate import Progress
     from data_synth.shard import ShardReport
 
 
@@ -78,8 +79,8 @@ class Generate:
         """Run the command; returns the exit code."""
         from data_synth.generate import generate
 
-        options = self.work.options()
-        with _resumable(), _Bar(self.count) as bar:
+        options, start = self.work.options(), time.perf_counter()
+        with _shown(self.count) as progress:
             reports = generate(
                 self.preset,
                 self.count,
@@ -89,10 +90,10 @@ class Generate:
                 shard_size=self.shard_size,
                 clean=self.clean,
                 normals=self.normals,
-                progress=bar.update,
+                progress=progress,
                 **options,
             )
-        print(_summary(reports, bar.seconds, self.output, "nothing was missing"))
+        print(_summary(reports, start, self.output, "nothing was missing"))
         return 0
 
 
@@ -118,20 +119,20 @@ class Resume:
         manifest = Manifest.read(self.folder)
         missing = manifest.missing(self.folder, range(manifest.num_shards))
         count = sum(len(manifest.images_of(k)) for k in missing)
-        options = self.work.options()
-        with _resumable(), _Bar(None if self.repair else count) as bar:
+        options, start = self.work.options(), time.perf_counter()
+        with _shown(None if self.repair else count) as progress:
             reports = resume(
                 self.folder,
                 allow_other_maker=self.allow_other_maker,
                 repair=self.repair,
-                progress=bar.update,
+                progress=progress,
                 **options,
             )
         none = "nothing was missing"
         none += (
             " or changed" if self.repair else "; --repair compares it with checksums"
         )
-        print(_summary(reports, bar.seconds, self.folder, none))
+        print(_summary(reports, start, self.folder, none))
         return 0
 
 
@@ -210,57 +211,35 @@ Command = (
 )
 
 
-def parse(
-    arguments: Sequence[str],
-) -> Generate | Resume | Describe | Validate | Preview:
+def parse(arguments: Sequence[str]) -> Command:
     """Parse the arguments; a mistake ends the program with one line and exit code 2."""
-    return parse_with(
-        Command,
-        "impostor-synth",
-        "Make labeled depth images of cylinders.",
-        arguments,
-    )
+    description = "Make labeled depth images of cylinders."
+    return parse_with(Command, "impostor-synth", description, arguments)
 
 
 @contextlib.contextmanager
-def _resumable() -> Iterator[None]:
-    """Say of what ends the work early that it can go on."""
+def _shown(count: int | None) -> Iterator["Progress"]:
+    """What shows progress on stderr, with the time left; quiet in a pipe.
+
+    Of what ends the work early it says that it can go on.
+    """
+    from tqdm import tqdm
+
     rest = "resume makes what is missing"
     try:
-        yield
+        with tqdm(total=count, unit="image", disable=None, file=sys.stderr) as bar:
+            yield lambda report: bar.update(report.num_images)
     except BrokenExecutor as error:
         raise OSError(f"a worker process was killed; {rest}") from error
     except KeyboardInterrupt as interrupt:
         raise KeyboardInterrupt(f"interrupted; {rest}") from interrupt
 
 
-class _Bar:
-    """Progress on stderr, with images a second and the time left; quiet in a pipe."""
-
-    def __init__(self, count: int | None) -> None:
-        self.count = count
-        self.seconds = 0.0
-
-    def __enter__(self) -> "_Bar":
-        from tqdm import tqdm
-
-        self._bar = tqdm(total=self.count, unit="image", disable=None, file=sys.stderr)
-        self._start = time.perf_counter()
-        return self
-
-    def update(self, report: "ShardReport") -> None:
-        """Take note of a shard."""
-        self._bar.update(report.num_images)
-
-    def __exit__(self, *error: object) -> None:
-        self.seconds = time.perf_counter() - self._start
-        self._bar.close()
-
-
 def _summary(
-    reports: list["ShardReport"], seconds: float, folder: Path, none: str
+    reports: list["ShardReport"], start: float, folder: Path, none: str
 ) -> str:
     """What was made, what the time went into, and what was rejected; or `none`."""
+    seconds = time.perf_counter() - start
     count = sum(report.num_images for report in reports)
     if not count:
         return f"{folder}: {none}"

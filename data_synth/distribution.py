@@ -21,9 +21,10 @@ class Distribution(abc.ABC):
         """Draw one."""
 
     @property
-    @abc.abstractmethod
     def ends(self) -> tuple[Number, Number]:
-        """The smallest and the largest that is drawn."""
+        """The smallest and the largest that is drawn, which are among its numbers."""
+        numbers = np.hstack(dataclasses.astuple(self)).tolist()
+        return min(numbers), max(numbers)
 
     @abc.abstractmethod
     def __str__(self) -> str:
@@ -39,11 +40,6 @@ class Fixed(Distribution):
     @override
     def draw(self, rng: np.random.Generator) -> Number:
         return self.value
-
-    @property
-    @override
-    def ends(self) -> tuple[Number, Number]:
-        return self.value, self.value
 
     @override
     def __str__(self) -> str:
@@ -64,11 +60,6 @@ class Uniform(Distribution):
     @override
     def draw(self, rng: np.random.Generator) -> Number:
         return float(rng.uniform(self.low, self.high))
-
-    @property
-    @override
-    def ends(self) -> tuple[Number, Number]:
-        return self.low, self.high
 
     @override
     def __str__(self) -> str:
@@ -92,11 +83,6 @@ class LogUniform(Distribution):
     def draw(self, rng: np.random.Generator) -> Number:
         return math.exp(rng.uniform(math.log(self.low), math.log(self.high)))
 
-    @property
-    @override
-    def ends(self) -> tuple[Number, Number]:
-        return self.low, self.high
-
     @override
     def __str__(self) -> str:
         return f"{self.low:g} to {self.high:g}, even in the logarithm"
@@ -117,11 +103,6 @@ class Whole(Distribution):
     def draw(self, rng: np.random.Generator) -> Number:
         return int(rng.integers(self.low, self.high, endpoint=True))
 
-    @property
-    @override
-    def ends(self) -> tuple[Number, Number]:
-        return self.low, self.high
-
     @override
     def __str__(self) -> str:
         return f"{self.low} to {self.high}"
@@ -140,11 +121,6 @@ class Choice(Distribution):
     @override
     def draw(self, rng: np.random.Generator) -> Number:
         return self.values[int(rng.integers(len(self.values)))]
-
-    @property
-    @override
-    def ends(self) -> tuple[Number, Number]:
-        return min(self.values), max(self.values)
 
     @override
     def __str__(self) -> str:

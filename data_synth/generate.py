@@ -4,7 +4,6 @@ __all__ = ["Progress", "generate", "resume"]
 
 import concurrent.futures
 import contextlib
-import hashlib
 import itertools
 import multiprocessing
 import multiprocessing.connection
@@ -17,7 +16,7 @@ from concurrent.futures import Executor, ProcessPoolExecutor
 from pathlib import Path
 
 from data_synth.catalogue import mesh_ply, models_info
-from data_synth.checksums import MODEL_SUMS, damaged, listing, seal
+from data_synth.checksums import MODEL_SUMS, damaged, digest_of, listing, seal
 from data_synth.images import catalogue_of
 from data_synth.manifest import Layout, Manifest
 from data_synth.preset import Preset
@@ -29,7 +28,7 @@ from impostor_jax.io.dataset import MANIFEST, SPLIT
 WAITING = 1000
 """Most shards that are handed to an executor and not made yet."""
 
-Progress = Callable[[ShardReport], None]
+Progress = Callable[[ShardReport], object]
 """Is called with each shard that is made."""
 
 
@@ -136,7 +135,7 @@ def resume(
     if repair:
         for number in damaged(path, manifest, part):
             # Without its checksums a shard is not whole.
-            manifest.checksums_path(path, number).unlink(missing_ok=True)
+            (path / manifest.checksums_name(number)).unlink(missing_ok=True)
     _write_models(path, manifest)
     return _run(path, manifest, part, executor, workers, progress)
 
@@ -200,11 +199,7 @@ def _write_models(folder: Path, manifest: Manifest) -> None:
     if manifest.layout == "webdataset":
         paths.append(folder / SPLIT / "key_to_shard.json")
         write_atomically(paths[-1], lambda partial: _write_keys(partial, manifest))
-    sums = {}
-    for path in paths:
-        with path.open("rb") as file:
-            digest = hashlib.file_digest(file, "sha256").hexdigest()
-        sums[str(path.relative_to(folder))] = digest
+    sums = {str(path.relative_to(folder)): digest_of(path) for path in paths}
     write_text(folder / MODEL_SUMS, listing(sums))
 
 
@@ -237,8 +232,7 @@ def _run(
                 reports.append(report)
                 if progress is not None:
                     progress(report)
-    paths = (manifest.checksums_path(folder, shard) for shard in missing)
-    seal(folder, {MODEL_SUMS, *(str(path.relative_to(folder)) for path in paths)})
+    seal(folder, {MODEL_SUMS, *map(manifest.checksums_name, missing)})
     return reports
 
 

@@ -31,16 +31,16 @@ from data_synth.capture import (
     BATCH,
     KEPT,
     RULES,
-    Batch,
     Captured,
+    SceneBatch,
     capture,
     capture_keys,
 )
 from data_synth.catalogue import Item, draw_catalogue
 from data_synth.draw import Drawn, draw_cameras, draw_scene, generator
-from data_synth.label import Box
 from data_synth.manifest import Manifest
 from impostor_jax.camera.pinhole import PinholeCamera
+from impostor_jax.camera.pixels import PixelBox
 from impostor_jax.primitives.cylinder import Cylinder
 from impostor_jax.primitives.plane import Plane
 
@@ -131,7 +131,7 @@ class Image:
     visible: Bool[np.ndarray, "n h w"]
     silhouettes: Bool[np.ndarray, "n h w"]
     whole_counts: Int[np.ndarray, " n"]
-    boxes: list[Box]
+    boxes: list[PixelBox]
     rejected: dict[str, int]
 
 
@@ -189,7 +189,7 @@ def draw_scenes(
     return {k: draw_scene(preset, plan.catalogue, generator(data[k])) for k in places}
 
 
-def captured(plan: Plan, keys: Key[Array, " b"], batch: Batch) -> Captured:
+def captured(plan: Plan, keys: Key[Array, " b"], batch: SceneBatch) -> Captured:
     """What there is to see of a batch, as NumPy's arrays: views of JAX's."""
     preset = plan.manifest.preset
     seen = capture(
@@ -216,7 +216,6 @@ def _image(
     count = len(scene.poses)
     own = jax.tree.map(lambda x: x[place], seen)
     each = np.arange(count, dtype=np.uint8)[:, None, None]
-    ends = np.stack(jax.tree.leaves(own.box), axis=1)[:count].tolist()
     return Image(
         number=number,
         scene=scene,
@@ -227,7 +226,7 @@ def _image(
         visible=own.index == each,
         silhouettes=own.silhouette[:count],
         whole_counts=own.whole_count[:count],
-        boxes=[(low, high, left, right) for low, high, left, right in ends],
+        boxes=[jax.tree.map(lambda x, k=k: int(x[k]), own.box) for k in range(count)],
         rejected=dict(sorted(rejected.items())),
     )
 
@@ -240,7 +239,7 @@ def _no_scene(number: int, rejected: dict[str, int]) -> str:
     )
 
 
-def batch_of(plan: Plan, scenes: Mapping[int, Drawn]) -> Batch:
+def batch_of(plan: Plan, scenes: Mapping[int, Drawn]) -> SceneBatch:
     """Arrays of scenes, filled up to as many cylinders for each."""
     shape = (BATCH, plan.cylinders_per_image)
     center = np.broadcast_to(np.array(AWAY, np.float32), (*shape, 3)).copy()
@@ -260,7 +259,7 @@ def batch_of(plan: Plan, scenes: Mapping[int, Drawn]) -> Batch:
             radius[k, n], height[k, n] = pose.item.radius, pose.item.height
         for n, (p, up) in enumerate(scene.planes):
             point[k, n], normal[k, n] = p, up
-    return Batch(
+    return SceneBatch(
         camera=jax.tree.map(lambda *x: np.stack(x), *cameras),
         cylinders=Cylinder(center, axis, radius, height),
         planes=Plane(point, normal) if num_planes else None,

@@ -10,10 +10,8 @@ from jaxtyping import Bool, Int, UInt16
 
 from data_synth.draw import Drawn
 from impostor_jax.camera.pinhole import PinholeCamera
+from impostor_jax.camera.pixels import PixelBox
 from impostor_jax.io.camera_file import camera_record
-
-Box = tuple[int, int, int, int]
-"""First row, last row, first column, last column; empty where the last is before."""
 
 NO_BOX = [-1, -1, -1, -1]
 """What BOP's toolkit writes for a box of nothing."""
@@ -40,7 +38,7 @@ def visibility_labels(
     silhouettes: Bool[np.ndarray, "n h w"],
     visible: Bool[np.ndarray, "n h w"],
     whole_counts: Int[np.ndarray, " n"],
-    boxes: list[Box],
+    boxes: list[PixelBox],
     reading: UInt16[np.ndarray, "h w"],
 ) -> list[dict[str, Any]]:
     """Of `scene_gt_info.json`, with boxes as x, y, width and height.
@@ -89,8 +87,8 @@ def cylinders_label(scene: Drawn, camera: PinholeCamera) -> dict[str, Any]:
     return {"camera": camera_record(camera), "cylinders": cylinders, "planes": planes}
 
 
-def _box_label(box: Box) -> list[int]:
-    first_row, last_row, first_col, last_col = box
-    if last_row < first_row:
+def _box_label(box: PixelBox) -> list[Any]:
+    if box.last_row < box.first_row:
         return NO_BOX
-    return [first_col, first_row, last_col - first_col + 1, last_row - first_row + 1]
+    width, height = box.last_col - box.first_col + 1, box.last_row - box.first_row + 1
+    return [box.first_col, box.first_row, width, height]

@@ -17,6 +17,7 @@ from impostor_jax.io.dataset import (
     MAX_SHARDS,
     SPLIT,
     read_manifest,
+    shard_name,
 )
 from impostor_jax.io.provenance import cpu_model, git_output, package_versions
 
@@ -79,18 +80,16 @@ class Manifest:
 
     def shard_path(self, folder: Path, shard: int) -> Path:
         """Where a shard is in a dataset."""
-        is_archive = self.layout == "webdataset"
-        name = f"shard-{shard:06d}.tar" if is_archive else f"{shard:06d}"
-        return folder / SPLIT / name
+        return folder / SPLIT / shard_name(self.layout, shard)
 
-    def checksums_path(self, folder: Path, shard: int) -> Path:
-        """Where a shard's checksums are; there is none before the shard is whole."""
-        return folder / CHECKSUMS / f"{shard:06d}.sha256"
+    def checksums_name(self, shard: int) -> str:
+        """Name of a shard's checksums in a dataset; none before the shard is whole."""
+        return f"{CHECKSUMS}/{shard:06d}.sha256"
 
     def is_done(self, folder: Path, shard: int) -> bool:
         """Whether a shard is whole."""
-        paths = self.checksums_path(folder, shard), self.shard_path(folder, shard)
-        return all(path.exists() for path in paths)
+        checksums = folder / self.checksums_name(shard)
+        return checksums.exists() and self.shard_path(folder, shard).exists()
 
     def missing(self, folder: Path, shards: Iterable[int]) -> list[int]:
         """Those of some shards that are not whole."""

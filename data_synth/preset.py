@@ -53,8 +53,6 @@ class CameraDraw:
 
     def __post_init__(self) -> None:
         whole_number("count", self.count, 1, MAX_CAMERAS)
-        for name in ("width", "height"):
-            whole_number(name, getattr(self, name), 1)
         image_size(self.width, self.height)
 
 
@@ -197,10 +195,10 @@ def _from_record(record: Any) -> Any:
     if "type" in record:
         return sensor_from_record(record, "sensor")
     fields = {name: _from_record(value) for name, value in record.items()}
-    return KINDS[fields.pop("kind")](**fields)
+    return RECORD_KINDS[fields.pop("kind")](**fields)
 
 
-KINDS = {
+RECORD_KINDS = {
     kind.__name__: kind
     for kind in (
         *(Preset, CameraDraw, Rules),

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool
 
-from data_synth.checksums import listing
+from data_synth.checksums import digest_of, listing
 from data_synth.images import Clock, Image, Plan, images
 from data_synth.label import (
     camera_label,
@@ -97,7 +97,7 @@ def make_shard(folder: str, shard: int) -> ShardReport:
         os.replace(whole, path)
     root = path.parent.relative_to(home)
     text = listing({str(root / name): digest for name, digest in sums.items()})
-    write_text(manifest.checksums_path(home, shard), text)
+    write_text(home / manifest.checksums_name(shard), text)
     return ShardReport(shard, len(numbers), dict(rejected), clock.seconds)
 
 
@@ -107,20 +107,14 @@ def _plan(folder: str, text: str) -> Plan:
     return Plan.of(Manifest.read(Path(folder)))
 
 
-def _picture_names(manifest: Manifest) -> list[str]:
-    """Names of depths and normals in an archive, and of their folders in a scene."""
-    names = {"depth": True, "depth_clean": manifest.clean, "normal": manifest.normals}
-    return [name for name, is_wanted in names.items() if is_wanted]
-
-
 def _pictures(image: Image, manifest: Manifest) -> dict[str, bytes]:
-    """Files of depths and normals."""
-    make = {
-        "depth": lambda: image.reading,
-        "depth_clean": lambda: image.clean,
-        "normal": lambda: normal_colors(image.normal),
-    }
-    return {name: png_bytes(make[name]()) for name in _picture_names(manifest)}
+    """Files of depths and normals, by their names in an archive or their folders."""
+    pictures = {"depth": image.reading}
+    if manifest.clean:
+        pictures["depth_clean"] = image.clean
+    if image.normal is not None:
+        pictures["normal"] = normal_colors(image.normal)
+    return {name: png_bytes(values) for name, values in pictures.items()}
 
 
 def _masks(image: Image) -> dict[str, Bool[np.ndarray, "n h w"]]:
@@ -152,13 +146,9 @@ def _write_scene(
     records: dict[str, dict[str, Any]] = {name: {} for name in LABELS}
     sums: dict[str, str] = {}
 
-    path.mkdir()
-    for name in ("mask", "mask_visib", *_picture_names(manifest)):
-        (path / name).mkdir()
-
     def write(name: str, data: bytes) -> None:
-        with open(f"{path}/{name}", "wb") as file:
-            file.write(data)
+        (path / name).parent.mkdir(parents=True, exist_ok=True)
+        (path / name).write_bytes(data)
         sums[f"{path.name}/{name}"] = hashlib.sha256(data).hexdigest()
 
     for number, image in enumerate(made):
@@ -205,8 +195,7 @@ def _write_archive(
                     info = tarfile.TarInfo(f"{scene:06d}_{number:06d}.{name}")
                     info.size = len(data)
                     archive.addfile(info, io.BytesIO(data))
-    with path.open("rb") as file:
-        return {path.name: hashlib.file_digest(file, "sha256").hexdigest()}
+    return {path.name: digest_of(path)}
 
 
 def _json_bytes(record: Any) -> bytes:

@@ -7,9 +7,9 @@ import inspect
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, ClassVar, Protocol, TypeVar
 
 import jax.numpy as jnp
 import tyro
@@ -24,9 +24,9 @@ DPI = 100
 """Of the figures."""
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
+@dataclasses.dataclass(frozen=True)
 class RunConfig:
-    """What every experiment can be told, and no more than fields."""
+    """What every experiment can be told."""
 
     quick: bool = False
     """Few and small cases: a trial of the code, no measurement."""
@@ -36,7 +36,18 @@ class RunConfig:
     --quick."""
 
 
-Config = TypeVar("Config", bound=RunConfig)
+class Settings(Protocol):
+    """A frozen dataclass of what an experiment can be told."""
+
+    __dataclass_fields__: ClassVar[dict[str, Any]]
+
+    @property
+    def run(self) -> RunConfig:
+        """What every experiment can be told."""
+        ...
+
+
+Config = TypeVar("Config", bound=Settings)
 
 
 def main(
@@ -50,26 +61,33 @@ def main(
 
     Args:
         config_type: Its settings; each field is a flag.
-        measure: Measures; the `output` that it is given is the folder of the results.
+        measure: Measures; the output that it is told is the folder of the results.
         draw: Its figures by their names.
         tables: What stands in its README between the marks.
         trial: The settings of a quick run.
     """
-    config = tyro.cli(config_type)
+    config = tyro.cli(config_type, config=(tyro.conf.OmitArgPrefixes,))
+    run = config.run
     try:
         _check_counts(config)
-        folder = config.output or Path(inspect.getfile(measure)).parent
-        if config.quick:
-            folder = config.output or Path(tempfile.mkdtemp())
-            config = dataclasses.replace(trial, quick=True)
+        folder = run.output or Path(inspect.getfile(measure)).parent
+        if run.quick:
+            folder = run.output or Path(tempfile.mkdtemp())
+            config = trial
         else:
             # Before a long run.
             check_clean(folder)
+        run = RunConfig(run.quick, folder)
         started = time.perf_counter()
-        metrics = measure(dataclasses.replace(config, output=folder))
+        metrics = measure(dataclasses.replace(config, run=run))
         metrics = list(tqdm(metrics, unit=" metrics"))
         seconds = time.perf_counter() - started
-        _record(config, folder, metrics, seconds)
+        settings = dataclasses.asdict(config)
+        del settings["run"]
+        dtype = str(jnp.zeros(()).dtype)
+        save_run(
+            folder, metrics, settings, dtype=dtype, seconds=seconds, quick=run.quick
+        )
     except (ValueError, OSError) as problem:
         sys.exit(str(problem))
     results = Results.read(folder)
@@ -81,18 +99,7 @@ def main(
     print(f"{text}\n\nwritten to {folder}")
 
 
-def _record(
-    config: RunConfig, folder: Path, metrics: Sequence[Metric], seconds: float
-) -> None:
-    settings = dataclasses.asdict(config)
-    del settings["quick"], settings["output"]
-    dtype = str(jnp.zeros(()).dtype)
-    save_run(
-        folder, metrics, settings, dtype=dtype, seconds=seconds, quick=config.quick
-    )
-
-
-def _check_counts(config: RunConfig) -> None:
+def _check_counts(config: Settings) -> None:
     """Raise a `ValueError` where a number of things is less than one."""
     for field in dataclasses.fields(config):
         value = getattr(config, field.name)

@@ -5,7 +5,7 @@ __all__ = [
     "DISTANCE",
     "SENSOR",
     "SIGMA",
-    "Case",
+    "FitCase",
     "Image",
     "Mask",
     "Shape",
@@ -74,7 +74,7 @@ class View:
 
 
 @dataclasses.dataclass(frozen=True)
-class Case:
+class FitCase:
     """What the images of a can have in common.
 
     Attributes:
@@ -113,7 +113,7 @@ def with_noise(depth: Image, sigma: float, rng: np.random.Generator) -> Image:
     return read.astype(np.float32)
 
 
-def draw_can(case: Case, seed: int) -> View:
+def draw_can(case: FitCase, seed: int) -> View:
     """An image of the can.
 
     Its place in the image and the turn of its axis there are drawn, too: how its edge

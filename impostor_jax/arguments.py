@@ -15,7 +15,6 @@ __all__ = [
     "image_size",
     "is_concrete",
     "one_of",
-    "positive_int",
     "real_number",
     "whole_number",
     "working_precision",
@@ -150,22 +149,10 @@ def angle_below_grazing(name: str, value: Any) -> Any:
     return bounded_number(name, value, need, math.radians(89.5))
 
 
-def positive_int(name: str, value: Any, unit: str) -> int:
-    """Return `value` as a positive Python int."""
-    if (
-        isinstance(value, bool)
-        or not isinstance(value, int | np.integer)
-        or int(value) <= 0
-    ):
-        raise ValueError(f"{name} must be a positive whole number of {unit}, "
-                         f"got {value!r}")  # fmt: skip
-    return int(value)
-
-
 def image_size(width: Any, height: Any) -> tuple[int, int]:
     """Return the columns and rows of an image that can be held in memory."""
-    width = positive_int("width", width, "pixels")
-    height = positive_int("height", height, "pixels")
+    width = whole_number("width", width, 1, unit="pixels")
+    height = whole_number("height", height, 1, unit="pixels")
     if width * height > MAX_PIXELS:
         raise ValueError(
             f"width and height must be at most {MAX_PIXELS} pixels together, got "
@@ -174,11 +161,14 @@ def image_size(width: Any, height: Any) -> tuple[int, int]:
     return width, height
 
 
-def whole_number(name: str, value: Any, low: int, high: int | None = None) -> int:
+def whole_number(
+    name: str, value: Any, low: int, high: int | None = None, unit: str = ""
+) -> int:
     """Return a whole number of a range, both ends included; None is no end."""
     is_whole = isinstance(value, int | np.integer) and not isinstance(value, bool)
     if not is_whole or value < low or (high is not None and value > high):
         need = f"of at least {low}" if high is None else f"from {low} to {high}"
+        need += unit and f" {unit}"
         raise ValueError(f"{name} must be a whole number {need}, got {value!r}")
     return int(value)
 

@@ -18,10 +18,11 @@ MIN_READINGS = 50
 
 def _check(name: str, value: Any, kind: Any) -> None:
     """Raise unless a value is of the kind of its field."""
-    if kind == int | None:
+    parts = typing.get_args(kind)
+    if type(None) in parts:
         if value is None:
             return
-        kind = int
+        kind = parts[0]
     if kind is int:
         if isinstance(value, bool) or not isinstance(value, int) or value < 1:
             raise ValueError(
@@ -31,20 +32,10 @@ def _check(name: str, value: Any, kind: Any) -> None:
         if not isinstance(value, kind | (int if kind is float else kind)):
             raise ValueError(f"{name} must be a {kind.__name__}, got {value!r}")
     else:
-        allowed = _choices(kind)
+        allowed = typing.get_args(kind)
         if value not in allowed:
-            names = ", ".join(map(str, allowed))
+            names = ", ".join(map(str, (*allowed, None) if kind in parts else allowed))
             raise ValueError(f"{name} must be one of {names}, got {value!r}")
-
-
-def _choices(kind: Any) -> tuple[Any, ...]:
-    """Values that a union of literals and None allows."""
-    if kind is type(None):
-        return (None,)
-    parts = typing.get_args(kind)
-    if typing.get_origin(kind) is Literal:
-        return parts
-    return tuple(value for part in parts for value in _choices(part))
 
 
 @dataclasses.dataclass(frozen=True)

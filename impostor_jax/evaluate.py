@@ -10,9 +10,9 @@ __all__ = [
     "Outcome",
     "Summary",
     "by_visibility",
-    "coverage",
     "difference",
     "evaluate",
+    "interval_coverage",
     "standardized",
     "summarize",
     "table",
@@ -224,7 +224,7 @@ class Summary:
         height_mm: Median of the absolute error, where both ends are seen.
         spread: Of errors over standard deviations: 1.4826 times the median of their
             absolute values, 1 of normal ones.
-        coverage: Share of the errors within each of `LEVELS`.
+        interval_coverage: Share of the errors within each of `LEVELS`.
     """
 
     count: int
@@ -235,7 +235,7 @@ class Summary:
     center_mm: float
     height_mm: float
     spread: float
-    coverage: dict[str, float]
+    interval_coverage: dict[str, float]
 
 
 def summarize(outcomes: Sequence[Outcome]) -> Summary:
@@ -260,7 +260,7 @@ def summarize(outcomes: Sequence[Outcome]) -> Summary:
         center_mm=1e3 * median("center"),
         height_mm=1e3 * median("height"),
         spread=_spread(scaled),
-        coverage=coverage(scaled),
+        interval_coverage=interval_coverage(scaled),
     )
 
 
@@ -273,7 +273,7 @@ def _those(outcome: Outcome, start: str) -> list[float]:
     ]
 
 
-def coverage(scaled: Float[np.ndarray, " n"]) -> dict[str, float]:
+def interval_coverage(scaled: Float[np.ndarray, " n"]) -> dict[str, float]:
     """Share of standardized errors within each of `LEVELS`; NaN if there are none."""
     within = {name: np.abs(scaled) < width for name, width in LEVELS.items()}
     nan = float("nan")
@@ -326,12 +326,13 @@ def table(outcomes: Sequence[Outcome]) -> str:
         line = f"{title:>10}{s.count:>10}{s.failures:>10}{s.wrong:>10}"
         line += "".join(f"{number:>10.3f}" for number in numbers)
         line += f"{s.spread:>10.2f}"
-        lines.append(line + "".join(f"{part:>10.1%}" for part in s.coverage.values()))
+        parts = s.interval_coverage.values()
+        lines.append(line + "".join(f"{part:>10.1%}" for part in parts))
     good = [outcome for outcome in outcomes if outcome.success]
     for name in NAMES:
         scaled = standardized(good, name)
         if scaled.size:
             line = f"{name:>20}{scaled.size:>10}{'':50}{_spread(scaled):>10.2f}"
-            parts = coverage(scaled).values()
+            parts = interval_coverage(scaled).values()
             lines.append(line + "".join(f"{part:>10.1%}" for part in parts))
     return "\n".join(lines)

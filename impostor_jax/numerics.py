@@ -6,6 +6,7 @@ taken has a finite derivative too.
 """
 
 __all__ = [
+    "Scalar",
     "eps",
     "has_square",
     "product",
@@ -23,6 +24,9 @@ import jax.numpy as jnp
 import numpy as np
 from jax.typing import DTypeLike
 from jaxtyping import Array, Bool, Float
+
+Scalar = float | Float[Array, ""]
+"""A number; it may be traced."""
 
 
 def eps(dtype: DTypeLike, count: int = 1) -> float:

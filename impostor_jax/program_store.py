@@ -39,7 +39,7 @@ MACHINE_CODE = (b"\x7fELF", b"\xcf\xfa\xed\xfe")
 """How it begins on Linux and on macOS. What JAX has loaded from its own cache, and is
 serialized again, holds none and would fail when it is called."""
 
-SETTINGS = ("jax_compilation_cache_dir", "jax_enable_compilation_cache")
+CACHE_SETTINGS = ("jax_compilation_cache_dir", "jax_enable_compilation_cache")
 """Of JAX, that say where compiled programs are kept, and whether."""
 
 MOST_ENTRIES = 100
@@ -96,7 +96,7 @@ def load(place: Path) -> Callable[..., Any] | None:
 
 def _folder() -> Path | None:
     """Folder of the entries; None where JAX's settings say that nothing is kept."""
-    of_jax, is_enabled = (getattr(jax.config, name) for name in SETTINGS)
+    of_jax, is_enabled = (getattr(jax.config, name) for name in CACHE_SETTINGS)
     if of_jax == "" or not is_enabled:
         return None
     # Into what is no folder only JAX knows how to write.

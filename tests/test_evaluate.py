@@ -147,15 +147,15 @@ def test_a_summary_counts_failures_and_what_is_wrong():
     assert (found.count, found.failures, found.wrong) == (3, 1, 1)
     assert found.radius_mm == pytest.approx(5.5)
     assert np.isnan(found.height_mm)
-    assert found.coverage == {"68 %": 0.0, "95 %": 0.5}
+    assert found.interval_coverage == {"68 %": 0.0, "95 %": 0.5}
 
 
 def test_coverage_of_normal_errors_is_nominal():
     errors = np.random.default_rng(0).normal(size=4000)
     found = summarize([outcome(float(e), 1.0) for e in errors])
     assert found.spread == pytest.approx(1, abs=0.05)
-    assert found.coverage["68 %"] == pytest.approx(0.6827, abs=0.03)
-    assert found.coverage["95 %"] == pytest.approx(0.95, abs=0.014)
+    assert found.interval_coverage["68 %"] == pytest.approx(0.6827, abs=0.03)
+    assert found.interval_coverage["95 %"] == pytest.approx(0.95, abs=0.014)
 
 
 def test_a_table_has_a_row_for_each_visibility():

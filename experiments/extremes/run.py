@@ -34,9 +34,10 @@ TILTS = (1e-7, 1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 0.1, 0.5, 1.0, 1.57)
 
 
 @dataclasses.dataclass(frozen=True)
-class Config(RunConfig):
+class Config:
     """Errors in ulps over all extremes, and beside other formulas."""
 
+    run: RunConfig = RunConfig()
     rays: int = 1_000_000
     """Rays over all extremes together, cast by ours."""
     each: int = 300

@@ -20,7 +20,7 @@ from experiments.scenes import (
     CAMERA,
     DISTANCE,
     SENSOR,
-    Case,
+    FitCase,
     View,
     draw_can,
     draw_scene,
@@ -28,7 +28,7 @@ from experiments.scenes import (
 from impostor_jax.fit.fittable import CYLINDER
 
 CASES = {
-    f"{degrees:.0f}deg.{name}": Case((degrees, degrees), sigma, outliers)
+    f"{degrees:.0f}deg.{name}": FitCase((degrees, degrees), sigma, outliers)
     for degrees in (90.0, 60.0, 30.0, 10.0)
     for name, sigma, outliers in (
         ("1mm", 1e-3, 0.0),
@@ -43,7 +43,10 @@ DETERMINED = (0, 1, 2, 3, 5)
 PEER_CASES = ("90deg.1mm", "90deg.3mm", "90deg.outliers", "30deg.1mm")
 """Cases that the other programs fit, too."""
 
-INTERVALS = {"white": Case((40.0, 80.0)), "correlated": Case((40.0, 80.0), 1e-3, 0, 3)}
+INTERVALS = {
+    "white": FitCase((40.0, 80.0)),
+    "correlated": FitCase((40.0, 80.0), 1e-3, 0, 3),
+}
 """Noise whose intervals are counted, both ends of the can in view."""
 
 NORMAL_95 = 1.96
@@ -51,9 +54,10 @@ NORMAL_95 = 1.96
 
 
 @dataclasses.dataclass(frozen=True)
-class Config(RunConfig):
+class Config:
     """Measure the accuracy of fits."""
 
+    run: RunConfig = RunConfig()
     seeds: int = 200
     """Images of each case."""
 
@@ -125,14 +129,14 @@ def case_metrics(name: str, fits: Fits) -> Iterator[Metric]:
         yield bias(f"{label}.bias_over_spread", off)
         if len(deviations):
             yield over_bound(f"{label}.over_bound_of_facing", off, facing[:, k])
-            yield _coverage(label, off, deviations[:, k])
+            yield _interval_coverage(label, off, deviations[:, k])
 
 
 def _metric(name: str, value: float, spread: float, unit: str, n: int) -> Metric:
     return Metric(name, float(value), float(spread), unit, "lower", n)
 
 
-def _coverage(
+def _interval_coverage(
     label: str, errors: Float[np.ndarray, " n"], deviations: Float[np.ndarray, " n"]
 ) -> Metric:
     """Part of the 95 percent intervals that hold the truth, of those that end."""
@@ -153,7 +157,9 @@ def interval_metrics(name: str, count: int) -> Iterator[Metric]:
         parts.append((fits.errors, fits.deviations))
     found, reported = map(np.concatenate, zip(*parts, strict=True))
     for k, coordinate in enumerate(CYLINDER.coordinates):
-        yield _coverage(f"interval.{name}.{coordinate}", found[:, k], reported[:, k])
+        yield _interval_coverage(
+            f"interval.{name}.{coordinate}", found[:, k], reported[:, k]
+        )
 
 
 def height_metrics(seeds: int) -> list[Metric]:
@@ -168,7 +174,7 @@ def height_metrics(seeds: int) -> list[Metric]:
         Metric("height.failures", seeds - n, None, "1", "lower", seeds),
         _metric("height.rmse", rms, rms / np.sqrt(2 * n), "pixel", n),
         _metric("height.bias", mean, rms / np.sqrt(n), "pixel", n),
-        _coverage("height", fits.errors[:, 6], fits.deviations[:, 6]),
+        _interval_coverage("height", fits.errors[:, 6], fits.deviations[:, 6]),
     ]
 
 
@@ -211,7 +217,7 @@ def measure(config: Config) -> Iterator[Metric]:
             "the other programs are not installed: pip install '.[bench]', or leave "
             "them out with --no-peers"
         )
-    for name in ("60deg.1mm",) if config.quick else CASES:
+    for name in ("60deg.1mm",) if config.run.quick else CASES:
         views = [draw_can(CASES[name], seed) for seed in range(config.seeds)]
         yield from case_metrics(name, fit_views(views))
         if name in PEER_CASES and config.peers:
@@ -220,9 +226,9 @@ def measure(config: Config) -> Iterator[Metric]:
             for peer in PEERS:
                 fits = fit_by_peer(peer, views[: config.peer_seeds])
                 yield from case_metrics(f"{peer}.{name}", fits)
-    for name in ("white",) if config.quick else INTERVALS:
+    for name in ("white",) if config.run.quick else INTERVALS:
         yield from interval_metrics(name, config.draws)
-    if not config.quick:
+    if not config.run.quick:
         # Each needs a program of its own to be compiled.
         yield from height_metrics(config.seeds)
         yield from scene_metrics(config.scenes)

@@ -32,9 +32,10 @@ LEVEL = 0.01
 
 
 @dataclasses.dataclass(frozen=True)
-class Config(RunConfig):
+class Config:
     """Measure the accuracy of fits of spheres and frusta, and the test of a taper."""
 
+    run: RunConfig = RunConfig()
     seeds: int = 200
     """Images of each case."""
     tested: int = 200
@@ -47,15 +48,15 @@ class Config(RunConfig):
 
 def measure(config: Config) -> Iterator[Metric]:
     """Compare fits with the bound, and test for a taper."""
-    for noise, sigma in list(NOISE.items())[: 1 if config.quick else None]:
+    for noise, sigma in list(NOISE.items())[: 1 if config.run.quick else None]:
         rng = np.random.default_rng(config.seed)
         balls = [draw_ball(sigma, rng) for _ in range(config.seeds)]
         yield from compared(f"sphere.{noise}", balls)
-        for angle, degrees in {} if config.quick else ANGLES.items():
+        for angle, degrees in {} if config.run.quick else ANGLES.items():
             rng = np.random.default_rng(config.seed)
             cups = [draw_cup(TAPER, degrees, sigma, rng) for _ in range(config.seeds)]
             yield from compared(f"frustum.{angle}.{noise}", cups)
-    if not config.quick:
+    if not config.run.quick:
         for taper in (0.0, config.taper / 10, config.taper):
             yield from tested(taper, config)
 

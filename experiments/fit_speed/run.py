@@ -51,9 +51,10 @@ QUICK_CASE = "balanced.mask"
 
 
 @dataclasses.dataclass(frozen=True)
-class Config(RunConfig):
+class Config:
     """Measure how long fits take."""
 
+    run: RunConfig = RunConfig()
     repeats: int = 60
     """Timed calls of each warm fit; of batches and growing sizes a tenth and a fifth of
     it."""
@@ -62,7 +63,7 @@ class Config(RunConfig):
 def single_metrics(view: View, config: Config) -> Iterator[Metric]:
     """Warm fits of one image."""
     calls = single_cases(view)
-    if config.quick:
+    if config.run.quick:
         calls = {QUICK_CASE: calls[QUICK_CASE]}
     timings = time_fits(calls, config.repeats, beside={"fft2": yardstick(view)})
     for case, timing in timings.items():
@@ -80,7 +81,7 @@ def single_metrics(view: View, config: Config) -> Iterator[Metric]:
 def batch_metrics(view: View, config: Config) -> Iterator[Metric]:
     """Fits of many images, per image."""
     calls = batch_cases(view)
-    if config.quick:
+    if config.run.quick:
         calls = {QUICK_CASE: calls[QUICK_CASE]}
     repeats = math.ceil(config.repeats / 10)
     for case, timing in time_fits(calls, repeats, warm_up=0).items():
@@ -124,12 +125,12 @@ def _save(
 
 def measure(config: Config) -> Iterator[Metric]:
     """Measure all cases; a trial compiles one program and starts no process."""
-    sizes = FEW if config.quick else MANY
-    view = see_can(sizes.scales[0] if config.quick else 1.0, max(sizes.images))
+    sizes = FEW if config.run.quick else MANY
+    view = see_can(sizes.scales[0] if config.run.quick else 1.0, max(sizes.images))
     yield from single_metrics(view, config)
     yield from batch_metrics(view.first(BATCH), config)
     yield from scaling_metrics(view, sizes, math.ceil(config.repeats / 5))
-    if not config.quick:
+    if not config.run.quick:
         yield from peer_metrics(view)
         with tempfile.TemporaryDirectory() as scratch:
             yield from first_metrics(view.first(BATCH), Path(scratch))

@@ -13,9 +13,10 @@ from experiments.running import RunConfig, main
 
 
 @dataclasses.dataclass(frozen=True)
-class Config(RunConfig):
+class Config:
     """Pictures of shapes, derivatives and fits."""
 
+    run: RunConfig = RunConfig()
     width: int = 480
     """Of an image of the shapes, in pixels."""
     gradient_width: int = 240
@@ -34,12 +35,12 @@ def measure(config: Config) -> Iterator[Metric]:
         "gradients": lambda: gradients.draw(*sizes),
         "fits": lambda: fits.draw(config.seed),
     }
-    assert config.output is not None
-    for name in ("gradients",) if config.quick else pictures:
+    assert config.run.output is not None
+    for name in ("gradients",) if config.run.quick else pictures:
         figure, measured = pictures[name]()
         # Noise has few colors, in an order that hardly compresses.
         colors = 256 if name == "fits" else None
-        size = save(figure, config.output / "figures" / f"{name}.png", colors)
+        size = save(figure, config.run.output / "figures" / f"{name}.png", colors)
         yield from measured
         yield Metric(f"{name}.size", size, None, "B", "lower", 1)
 

@@ -56,9 +56,10 @@ Cast = Callable[[Ray], Any]
 
 
 @dataclasses.dataclass(frozen=True)
-class Config(RunConfig):
+class Config:
     """Marches over two terrains, and checks of the safe setting."""
 
+    run: RunConfig = RunConfig()
     rays: int = 3000
     """Rays over each terrain."""
     checked: int = 100_000
@@ -72,7 +73,7 @@ class Config(RunConfig):
 def measure(config: Config) -> Iterator[Metric]:
     """March and check."""
     yield from never_missed(config)
-    for name in ("smooth",) if config.quick else TERRAINS:
+    for name in ("smooth",) if config.run.quick else TERRAINS:
         yield from marched(name, config)
 
 
@@ -86,7 +87,7 @@ def never_missed(config: Config) -> Iterator[Metric]:
     true = oracle.first_in_cells(grid, extent, rays.origin, rays.direction)
     height = oracle.heights(grid, extent, "bilinear")
     slant = oracle.slant(height, rays.origin, rays.direction, true)
-    for dtype in ("float64",) if config.quick else ("float32", "float64"):
+    for dtype in ("float64",) if config.run.quick else ("float32", "float64"):
         with jax.enable_x64(dtype == "float64"):
             field = Heightfield(jnp.asarray(grid, dtype), jnp.asarray(extent, dtype))
             t = np.asarray(field.intersect(as_rays(rays, dtype)).t, float)
@@ -108,7 +109,7 @@ def never_missed(config: Config) -> Iterator[Metric]:
         yield Metric(
             f"{label}.rounding.worst", float(rounding.max()), None, "eps", "lower", n
         )
-    if not config.quick:
+    if not config.run.quick:
         yield from derivatives(grid, extent, rays, slant)
 
 
@@ -169,11 +170,11 @@ def marched(name: str, config: Config) -> Iterator[Metric]:
     }
     casts["safe.slope"] = _safe(only_slope)
     casts["safe.curvature"] = _safe(land(name, "float32", **bounds))
-    if config.quick:
+    if config.run.quick:
         casts = {k: v for k, v in casts.items() if k in ("march.0.2_64",)}
     for setting, cast in casts.items():
         yield from compared(f"{name}.{setting}", cast, rays, true)
-    if not config.quick:
+    if not config.run.quick:
         x, z = (np.linspace(*ends, config.samples) for ends in EXTENT)
         grid = terrain(*jnp.meshgrid(jnp.asarray(x), jnp.asarray(z), indexing="ij"))
         field = Heightfield(grid, EXTENT, "bicubic")

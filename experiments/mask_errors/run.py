@@ -18,14 +18,14 @@ from experiments.mask_errors.scenes import (
     MASKS,
     SCENES,
     TRUE_MASK,
-    Scene,
+    CanScene,
     clean_view,
 )
 from experiments.recording import Metric
 from experiments.running import RunConfig, main
 from experiments.scenes import CAMERA
 from experiments.timing import sample
-from impostor_jax.evaluate import Outcome, coverage, evaluate, summarize
+from impostor_jax.evaluate import Outcome, evaluate, interval_coverage, summarize
 from impostor_jax.fit.fittable import CYLINDER
 from impostor_jax.io.dataset import read_dataset
 from impostor_jax.io.dataset_shard import LabeledImage
@@ -45,9 +45,10 @@ COSTLY = "inside_pipe"
 
 
 @dataclasses.dataclass(frozen=True)
-class Config(RunConfig):
+class Config:
     """Measure how far off fits are whose masks are not the object's."""
 
+    run: RunConfig = RunConfig()
     seeds: int = 5
     """Images of each can and noise."""
     images: int = 30
@@ -76,7 +77,7 @@ class Fitted:
 def measure(config: Config) -> Iterator[Metric]:
     """Fit cans with each mask, then the cylinders of each preset."""
     noises, scenes, masks, presets = NOISE, list(SCENES), list(MASKS), list(PRESETS)
-    if config.quick:
+    if config.run.quick:
         noises, scenes, masks = {"1mm": 1e-3}, ["table.30deg"], [TRUE_MASK, "+2 px"]
         presets = ["bench"]
     for noise, sigma in noises.items():
@@ -90,7 +91,9 @@ def measure(config: Config) -> Iterator[Metric]:
         yield from counted(f"preset.{name}", fits, CYLINDER.coordinates)
 
 
-def masked(scene: Scene, sigma: float, mask: str, config: Config) -> Iterator[Fitted]:
+def masked(
+    scene: CanScene, sigma: float, mask: str, config: Config
+) -> Iterator[Fitted]:
     """Fits of a can with one kind of mask; other masks get the same readings."""
     clean, own = clean_view(scene)
     for seed in range(config.seed, config.seed + config.seeds):
@@ -157,7 +160,7 @@ def counted(
     yield Metric(f"{label}.failures", n - len(off), None, "fits", "lower", n)
     for status, number in Counter(o.status for o in outcomes if not o.success).items():
         yield Metric(f"{label}.status.{status}", number, None, "fits", "lower", n)
-    part = coverage(scaled)["95 %"] if scaled.size else None
+    part = interval_coverage(scaled)["95 %"] if scaled.size else None
     yield Metric.share(f"{label}.coverage_95", part, scaled.size)
     most = float(largest.max()) if off else None
     yield Metric(f"{label}.largest", most, None, "deviations", "lower", len(off))

@@ -1,6 +1,6 @@
 """Cans on a table and before a wall, and masks that are not theirs."""
 
-__all__ = ["MASKS", "SCENES", "TRUE_MASK", "Scene", "clean_view"]
+__all__ = ["MASKS", "SCENES", "TRUE_MASK", "CanScene", "clean_view"]
 
 import dataclasses
 from collections.abc import Callable
@@ -20,7 +20,7 @@ WALL = DISTANCE + 0.3
 
 
 @dataclasses.dataclass(frozen=True)
-class Scene:
+class CanScene:
     """A can and what is behind it.
 
     Attributes:
@@ -36,26 +36,26 @@ class Scene:
 
 def _standing(
     group: str, elevation: float, radius: float = 0.04, height: float = 0.12
-) -> Scene:
+) -> CanScene:
     up = _up(elevation)
     can = ij.Cylinder(PLACE, up, radius, height)
-    return Scene(group, can, ij.Plane(PLACE - up * height / 2, up))
+    return CanScene(group, can, ij.Plane(PLACE - up * height / 2, up))
 
 
-def _lying(elevation: float, yaw: float, radius: float = 0.04) -> Scene:
+def _lying(elevation: float, yaw: float, radius: float = 0.04) -> CanScene:
     """With an axis that is turned from the image's rows towards the view."""
     up, turn = _up(elevation), np.radians(yaw)
     ahead = np.array([0.0, up[2], -up[1]])
     axis = np.cos(turn) * np.array([1.0, 0.0, 0.0]) + np.sin(turn) * ahead
     can = ij.Cylinder(PLACE, axis, radius, 0.12)
-    return Scene("lying", can, ij.Plane(PLACE - up * radius, up))
+    return CanScene("lying", can, ij.Plane(PLACE - up * radius, up))
 
 
-def _before_wall(angle: float) -> Scene:
+def _before_wall(angle: float) -> CanScene:
     """With an axis at about this angle to the view."""
     sine, cosine = np.sin(np.radians(angle)), np.cos(np.radians(angle))
     can = ij.Cylinder(PLACE, (0.2 * sine, 0.98 * sine, cosine), 0.04, 0.12)
-    return Scene("wall", can, ij.Plane((0, 0, WALL), (0, 0, -1)))
+    return CanScene("wall", can, ij.Plane((0, 0, WALL), (0, 0, -1)))
 
 
 def _up(elevation: float) -> Float[np.ndarray, "3"]:
@@ -75,7 +75,7 @@ SCENES = {
 """By name."""
 
 
-def clean_view(scene: Scene) -> tuple[Image, Mask]:
+def clean_view(scene: CanScene) -> tuple[Image, Mask]:
     """Depth without noise, 0 where nothing is, and the can's mask."""
     both = ij.Scene([scene.can, scene.ground])
     maps = ij.render(both, CAMERA, outputs=("depth", "index"))

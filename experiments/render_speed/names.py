@@ -1,13 +1,13 @@
 """The names of what is measured, in results.json and in the tables."""
 
-__all__ = ["FIRST", "GROUPS", "RATIOS", "Group", "Ratio"]
+__all__ = ["FIRST", "GROUPS", "RATIOS", "CaseGroup", "Ratio"]
 
 from typing import NamedTuple
 
 from experiments.timing import WARM_UP
 
 
-class Group(NamedTuple):
+class CaseGroup(NamedTuple):
     """Cases that are timed in turns.
 
     Attributes:
@@ -69,13 +69,13 @@ _SCENE = {
 }
 
 GROUPS = {
-    "can640": Group("a can at 640x480", _CAN | _LOSS, 1.0, WARM_UP),
-    "can1920": Group("a can at 1920x1080", _CAN, 0.5, WARM_UP),
-    "scene100": Group("100 cylinders", _SCENE, 0.25, 1),
-    "scene1000": Group(
+    "can640": CaseGroup("a can at 640x480", _CAN | _LOSS, 1.0, WARM_UP),
+    "can1920": CaseGroup("a can at 1920x1080", _CAN, 0.5, WARM_UP),
+    "scene100": CaseGroup("100 cylinders", _SCENE, 0.25, 1),
+    "scene1000": CaseGroup(
         "1000 cylinders", _SCENE | {"mixed": "render, mixed shapes"}, 0.1, 1
     ),
-    "scene10000": Group("10000 cylinders", _SCENE, 0.05, 1),
+    "scene10000": CaseGroup("10000 cylinders", _SCENE, 0.05, 1),
 }
 """By name; scenes are named for their number of cylinders."""
 

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from experiments.markdown import table, three_digits
 from experiments.plots import bars
 from experiments.recording import Results
-from experiments.render_speed.names import FIRST, GROUPS, RATIOS, Group
+from experiments.render_speed.names import FIRST, GROUPS, RATIOS, CaseGroup
 from experiments.timing import COLUMNS, case_row
 
 CURVE_LABELS = {
@@ -108,7 +108,7 @@ def _ratios(results: Results) -> list[str]:
     return blocks
 
 
-def _bars(axes: Axes, results: Results, name: str, group: Group) -> None:
+def _bars(axes: Axes, results: Results, name: str, group: CaseGroup) -> None:
     """One bar for each case that was measured; those of C stand out."""
 
     def color(metric: str) -> str:

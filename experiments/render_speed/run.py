@@ -57,16 +57,17 @@ FIRST_CALL = "experiments.render_speed.first_call"
 
 
 @dataclasses.dataclass(frozen=True)
-class Config(RunConfig):
+class Config:
     """Measure how long renders and gradients take, beside other programs."""
 
+    run: RunConfig = RunConfig()
     repeats: int = 200
     """Timed calls of a case of the can; slower cases take a share of them."""
 
 
 def measure(config: Config) -> Iterator[Metric]:
     """Measure all cases, ratios, curves and first calls."""
-    shrink = SHRINK if config.quick else 1
+    shrink = SHRINK if config.run.quick else 1
     camera = make_view(640 // shrink, 480 // shrink)
     timings: dict[str, Timing] = {}
     with tempfile.TemporaryDirectory() as folder, contextlib.ExitStack() as stack:
@@ -79,11 +80,11 @@ def measure(config: Config) -> Iterator[Metric]:
             if group == "can640":
                 return can_calls(camera, tools, loss=True)
             if group == "can1920":
-                large = camera if config.quick else make_view(1920, 1080)
+                large = camera if config.run.quick else make_view(1920, 1080)
                 return can_calls(large, tools, loss=False)
             count = int(group.removeprefix("scene"))
-            mixed = "mixed" in GROUPS[group].labels and not config.quick
-            count = FEW if config.quick else count
+            mixed = "mixed" in GROUPS[group].labels and not config.run.quick
+            count = FEW if config.run.quick else count
             return scene_calls(count, SEED, camera, tools, mixed)
 
         for name, group in GROUPS.items():
@@ -96,7 +97,7 @@ def measure(config: Config) -> Iterator[Metric]:
                 yield from case_metrics(f"{name}.{case}", found.get(case))
             timings |= {f"{name}.{case}": timing for case, timing in found.items()}
         yield from measure_scaling(
-            camera, tools.kernel, config.repeats, quick=config.quick
+            camera, tools.kernel, config.repeats, quick=config.run.quick
         )
     yield from ratios(timings)
     yield from measure_first_calls(config)
@@ -120,9 +121,9 @@ def ratios(timings: dict[str, Timing]) -> Iterator[Metric]:
 
 def measure_first_calls(config: Config) -> Iterator[Metric]:
     """Time the first render of new processes, in pairs that share a cache."""
-    arguments = [str(SHRINK if config.quick else 1)]
+    arguments = [str(SHRINK if config.run.quick else 1)]
     records: dict[str, list[dict[str, float | None]]] = {kind: [] for kind in FIRST}
-    for _ in range(1 if config.quick else PROCESSES):
+    for _ in range(1 if config.run.quick else PROCESSES):
         with tempfile.TemporaryDirectory() as cache:
             for found in records.values():
                 found.append(in_new_process(FIRST_CALL, arguments, Path(cache)))

@@ -40,9 +40,10 @@ QUANTITIES = {"axis": (0, 1), "center": (2, 3), "radius": (5,)}
 
 
 @dataclasses.dataclass(frozen=True)
-class Config(RunConfig):
+class Config:
     """Measure what each dial costs and gives."""
 
+    run: RunConfig = RunConfig()
     images: int = 100
     """Of each difficulty."""
     timed: int = 20
@@ -54,7 +55,7 @@ class Config(RunConfig):
 def measure(config: Config) -> Iterator[Metric]:
     """Measure each setting of fits, then of renders."""
     fits, renders, difficulties = list(FITS), list(RENDERS), list(DIFFICULTIES)
-    if config.quick:
+    if config.run.quick:
         fits, renders = ["balanced"], ["balanced", "samples=2"]
         difficulties = ["easy"]
     with tempfile.TemporaryDirectory() as scratch:

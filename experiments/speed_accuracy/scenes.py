@@ -11,11 +11,11 @@ from jaxtyping import Bool, Float
 
 import impostor_jax as ij
 from experiments.errors import bound
-from experiments.scenes import SENSOR, Case, draw_can, draw_scene, make_can
+from experiments.scenes import SENSOR, FitCase, draw_can, draw_scene, make_can
 
-DIFFICULTIES: dict[str, tuple[Case | None, Any]] = {
-    "easy": (Case((40.0, 80.0)), 1e-3),
-    "medium": (Case((20.0, 90.0), 3e-3, 0.05), 3e-3),
+DIFFICULTIES: dict[str, tuple[FitCase | None, Any]] = {
+    "easy": (FitCase((40.0, 80.0)), 1e-3),
+    "medium": (FitCase((20.0, 90.0), 3e-3, 0.05), 3e-3),
     "hard": (None, SENSOR),
 }
 """A can at 1 mm of noise; at 3 mm, with 5 % of outliers, from more sides; and any

@@ -37,8 +37,8 @@ from experiments.timing import sample
 from impostor_jax.evaluate import (
     Outcome,
     by_visibility,
-    coverage,
     evaluate,
+    interval_coverage,
     standardized,
     summarize,
 )
@@ -57,9 +57,10 @@ PICTURED = ("tabletop_cans", "hard", "inside_pipe")
 
 
 @dataclasses.dataclass(frozen=True)
-class Config(RunConfig):
+class Config:
     """Measure how fast datasets are made, whether a kill matters, and how fits do."""
 
+    run: RunConfig = RunConfig()
     count: int = 1000
     """Images of the dataset."""
     workers: int = 2
@@ -78,18 +79,18 @@ class Config(RunConfig):
 
 def measure(config: Config) -> Iterator[Metric]:
     """Make datasets, kill runs, fit, and draw pictures."""
-    preset = _small(PRESETS[PRESET]) if config.quick else PRESETS[PRESET]
+    preset = _small(PRESETS[PRESET]) if config.run.quick else PRESETS[PRESET]
     # Processes share what they compile, and a second run compiles nothing.
     os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", tempfile.mkdtemp())
     os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.2")
-    assert config.output is not None
+    assert config.run.output is not None
     with tempfile.TemporaryDirectory() as home:
         whole = Path(home) / "whole"
         yield from speed(preset, whole, config)
         yield from killed(Path(home), config)
         yield from fitted(whole, config)
-        if not config.quick:
-            picture = config.output / "figures" / "presets.png"
+        if not config.run.quick:
+            picture = config.run.output / "figures" / "presets.png"
             pictures(Path(home), picture, config.seed)
 
 
@@ -110,7 +111,7 @@ def speed(preset: Preset, whole: Path, config: Config) -> list[Metric]:
     file, home = whole.parent / "preset.json", whole.parent
     write_json(file, preset.record())
     make = functools.partial(_made, file, config=config)
-    if not config.quick:
+    if not config.run.quick:
         make(home / "warm", config.workers)
     n = config.count
     runs = {count: make(home / str(count), count) for count in config.others}
@@ -254,7 +255,7 @@ def killed(home: Path, config: Config) -> Iterator[Metric]:
         *("--seed", str(config.seed), "--shard-size", str(-(-config.count // 50))),
     ]
     seconds = 0.0
-    for _ in range(1 if config.quick else 2):
+    for _ in range(1 if config.run.quick else 2):
         # The second time nothing is compiled, as in the runs that are killed.
         shutil.rmtree(whole, ignore_errors=True)
         started = time.perf_counter()
@@ -333,7 +334,7 @@ def fitted(whole: Path, config: Config) -> Iterator[Metric]:
         for coordinate in CYLINDER.coordinates:
             scaled = standardized(good, coordinate)
             label = f"{name}.{coordinate}"
-            yield from _coverage(label, coverage(scaled), scaled.size)
+            yield from _levels(label, interval_coverage(scaled), scaled.size)
 
 
 def _fitted_part(
@@ -368,10 +369,10 @@ def _summary(label: str, outcomes: Sequence[Outcome]) -> Iterator[Metric]:
         value = getattr(s, name)
         known = float(value) if np.isfinite(value) else None
         yield Metric(f"{label}.{name}", known, None, unit, "lower", n)
-    yield from _coverage(f"{label}.coverage", s.coverage, n)
+    yield from _levels(f"{label}.coverage", s.interval_coverage, n)
 
 
-def _coverage(label: str, parts: dict[str, float], n: int) -> Iterator[Metric]:
+def _levels(label: str, parts: dict[str, float], n: int) -> Iterator[Metric]:
     """Shares of errors within the intervals, with the standard error of n of them."""
     for level, part in parts.items():
         known = part if np.isfinite(part) else None

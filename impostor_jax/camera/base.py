@@ -6,9 +6,9 @@ import abc
 
 import equinox as eqx
 from jax.typing import DTypeLike
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Bool, Float
 
-from impostor_jax.camera.pixels import PixelBox, Tile
+from impostor_jax.camera.pixels import PixelBox, Pixels, Tile
 from impostor_jax.geometry.frames import RigidTransform
 from impostor_jax.geometry.rays import Ray
 
@@ -37,9 +37,7 @@ class AbstractCamera(eqx.Module):
         return Tile(row=0, col=0, height=self.height, width=self.width)
 
     @abc.abstractmethod
-    def rays(
-        self, row: Int[Array, "*batch"], col: Int[Array, "*batch"], dtype: DTypeLike
-    ) -> Ray:
+    def rays(self, row: Pixels, col: Pixels, dtype: DTypeLike) -> Ray:
         """Rays through pixel centers, in the camera frame.
 
         Directions have z = 1, so the ray parameter of a point is its depth.
@@ -75,9 +73,7 @@ class AbstractCamera(eqx.Module):
         """
 
     @abc.abstractmethod
-    def sees(
-        self, row: Int[Array, "*batch"], col: Int[Array, "*batch"]
-    ) -> Bool[Array, "*batch"] | None:
+    def sees(self, row: Pixels, col: Pixels) -> Bool[Array, "*batch"] | None:
         """Whether light reaches the pixels; None where it reaches all of them."""
 
     @abc.abstractmethod

@@ -7,17 +7,21 @@ from typing import Any
 import equinox as eqx
 import jax.numpy as jnp
 from jax.typing import DTypeLike
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Bool, Float
 from typing_extensions import override
 
 from impostor_jax.arguments import image_size, real_number
 from impostor_jax.camera.base import AbstractCamera
-from impostor_jax.camera.pixels import PixelBox, linear_pixel_box, strided_intrinsics
+from impostor_jax.camera.pixels import (
+    PixelBox,
+    Pixels,
+    linear_pixel_box,
+    strided_intrinsics,
+)
 from impostor_jax.geometry.frames import RigidTransform
 from impostor_jax.geometry.rays import Ray
 from impostor_jax.geometry.vec3 import Vec3
-
-Scalar = float | Float[Array, ""]
+from impostor_jax.numerics import Scalar
 
 
 class OrthographicCamera(AbstractCamera):
@@ -71,9 +75,7 @@ class OrthographicCamera(AbstractCamera):
         return False
 
     @override
-    def rays(
-        self, row: Int[Array, "*batch"], col: Int[Array, "*batch"], dtype: DTypeLike
-    ) -> Ray:
+    def rays(self, row: Pixels, col: Pixels, dtype: DTypeLike) -> Ray:
         x = (col.astype(dtype) - self.cx) / self.fx
         y = (row.astype(dtype) - self.cy) / self.fy
         zero, one = jnp.zeros_like(x), jnp.ones_like(x)
@@ -95,9 +97,7 @@ class OrthographicCamera(AbstractCamera):
         )
 
     @override
-    def sees(
-        self, row: Int[Array, "*batch"], col: Int[Array, "*batch"]
-    ) -> Bool[Array, "*batch"] | None:
+    def sees(self, row: Pixels, col: Pixels) -> Bool[Array, "*batch"] | None:
         return None
 
     @override

@@ -24,12 +24,16 @@ from impostor_jax.camera.lens import (
     solve_ray_field,
     undistort_step,
 )
-from impostor_jax.camera.pixels import PixelBox, linear_pixel_box, strided_intrinsics
+from impostor_jax.camera.pixels import (
+    PixelBox,
+    Pixels,
+    linear_pixel_box,
+    strided_intrinsics,
+)
 from impostor_jax.geometry.frames import RigidTransform
 from impostor_jax.geometry.rays import Ray
 from impostor_jax.geometry.vec3 import Vec3
-
-Scalar = float | Float[Array, ""]
+from impostor_jax.numerics import Scalar
 
 
 class PinholeCamera(AbstractCamera):
@@ -122,9 +126,7 @@ class PinholeCamera(AbstractCamera):
         return True
 
     @override
-    def rays(
-        self, row: Int[Array, "*batch"], col: Int[Array, "*batch"], dtype: DTypeLike
-    ) -> Ray:
+    def rays(self, row: Pixels, col: Pixels, dtype: DTypeLike) -> Ray:
         x = (col.astype(dtype) - self.cx) / self.fx
         y = (row.astype(dtype) - self.cy) / self.fy
         if self.ray_field is not None and self.distortion is not None:
@@ -167,9 +169,7 @@ class PinholeCamera(AbstractCamera):
         )
 
     @override
-    def sees(
-        self, row: Int[Array, "*batch"], col: Int[Array, "*batch"]
-    ) -> Bool[Array, "*batch"] | None:
+    def sees(self, row: Pixels, col: Pixels) -> Bool[Array, "*batch"] | None:
         if self.ray_field is None:
             return None
         return jnp.isfinite(jnp.asarray(self.ray_field.x)[row, col])

@@ -4,7 +4,7 @@ Arrays are indexed `[row, col]`; the center of pixel `[row, col]` has the image
 coordinates `(u, v) = (col, row)`, as in OpenCV, BOP, TUM and PCL.
 """
 
-__all__ = ["PixelBox", "Tile", "linear_pixel_box", "strided_intrinsics"]
+__all__ = ["PixelBox", "Pixels", "Tile", "linear_pixel_box", "strided_intrinsics"]
 
 from typing import Any
 
@@ -12,6 +12,9 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
+
+Pixels = Int[Array, "*batch"]
+"""Rows, or columns."""
 
 
 class Tile(eqx.Module):

@@ -1,13 +1,13 @@
 """Flags that say how much work a command does: a preset, and dials that differ."""
 
-__all__ = ["Dials", "Preset", "chosen_effort"]
+__all__ = ["Dials", "EffortName", "chosen_effort"]
 
 import dataclasses
 from typing import TYPE_CHECKING, Literal
 
 from impostor_jax.effort import EFFORTS, Effort
 
-Preset = Literal["fast", "balanced", "exact"]
+EffortName = Literal["fast", "balanced", "exact"]
 
 if TYPE_CHECKING:
     Dials = Effort
@@ -21,7 +21,7 @@ else:
     )
 
 
-def chosen_effort(preset: Preset, dials: Dials) -> Effort:
+def chosen_effort(preset: EffortName, dials: Dials) -> Effort:
     """The preset with the dials that are given.
 
     Raises:

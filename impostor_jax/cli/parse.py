@@ -13,22 +13,22 @@ from typing import Annotated, Any
 
 import tyro
 
-from impostor_jax.cli.demo import Demo
-from impostor_jax.cli.evaluate import Evaluate
-from impostor_jax.cli.fit import Fit
-from impostor_jax.cli.parity import Parity
-from impostor_jax.cli.render import Render
+from impostor_jax.cli.demo_command import DemoCommand
+from impostor_jax.cli.evaluate_command import EvaluateCommand
+from impostor_jax.cli.fit_command import FitCommand
+from impostor_jax.cli.parity_command import ParityCommand
+from impostor_jax.cli.render_command import RenderCommand
 
 Command = (
-    Annotated[Fit, tyro.conf.subcommand("fit")]
-    | Annotated[Render, tyro.conf.subcommand("render")]
-    | Annotated[Demo, tyro.conf.subcommand("demo")]
-    | Annotated[Evaluate, tyro.conf.subcommand("evaluate")]
-    | Annotated[Parity, tyro.conf.subcommand("parity")]
+    Annotated[FitCommand, tyro.conf.subcommand("fit")]
+    | Annotated[RenderCommand, tyro.conf.subcommand("render")]
+    | Annotated[DemoCommand, tyro.conf.subcommand("demo")]
+    | Annotated[EvaluateCommand, tyro.conf.subcommand("evaluate")]
+    | Annotated[ParityCommand, tyro.conf.subcommand("parity")]
 )
 
 
-def parse(arguments: Sequence[str]) -> Fit | Render | Demo | Evaluate | Parity:
+def parse(arguments: Sequence[str]) -> Command:
     """Parse the arguments; a mistake ends the program with one line and exit code 2."""
     description = "Fit capped cylinders to depth images, and render them."
     return parse_with(Command, "impostor-jax", description, arguments)

@@ -66,6 +66,13 @@ class Interval(eqx.Module):
     lower: Float[Array, "*batch"]
     upper: Float[Array, "*batch"]
 
+    def overlap(self, other: "Interval") -> "Interval":
+        """What is in both."""
+        return Interval(
+            lower=jnp.maximum(self.lower, other.lower),
+            upper=jnp.minimum(self.upper, other.upper),
+        )
+
 
 class Hit(eqx.Module):
     """Where a ray first meets a surface.

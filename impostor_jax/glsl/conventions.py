@@ -10,7 +10,7 @@
 The depth buffer holds z linearly between two planes around all that is drawn. A buffer
 of 24 bits then resolves a 17-millionth of that stretch everywhere; the usual encoding,
 linear in 1/z, resolves far surfaces coarsely. Only where something drawn has no end
-does the encoding bend, so that an infinite depth is 1.
+is the encoding hyperbolic, so that an infinite depth is 1.
 """
 
 __all__ = [
@@ -34,7 +34,7 @@ GLSL = """
 uniform vec2 focal;
 uniform vec2 principal;
 uniform vec2 image_size;   // width, height
-uniform vec3 depth_range;  // near, length and bend of a DepthRange
+uniform vec3 depth_range;  // near, length and hyperbolic of a DepthRange
 
 vec4 clip_of_pixel(vec2 pixel) {
     vec2 part = (pixel + 0.5) / image_size;
@@ -74,20 +74,20 @@ class DepthRange:
 
     Attributes:
         near: z where the buffer holds 0, in meters.
-        length: In meters, from there to where it holds 1, or 1/2 if it bends.
-        bend: 0 for a linear encoding, 1 for one that reaches to infinity.
+        length: In meters, from there to where it holds 1, or 1/2 if hyperbolic.
+        hyperbolic: 0 for a linear encoding, 1 for one that reaches to infinity.
     """
 
     near: float
     length: float
-    bend: float
+    hyperbolic: float
 
     def meters(self, window: Float[np.ndarray, "h w"]) -> Float[np.ndarray, "h w"]:
         """Depth that the buffer's value stands for; `+inf` where it is infinite."""
         ahead = window * self.length
-        if self.bend:
+        if self.hyperbolic:
             with np.errstate(divide="ignore"):
-                ahead = ahead / (1 - self.bend * window)
+                ahead = ahead / (1 - self.hyperbolic * window)
         return self.near + ahead
 
 

@@ -41,6 +41,14 @@ Ball = tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, " n"]]
 """Centers and radii, in meters; `+inf` around a point of something without end."""
 
 
+def _values(primitives: AbstractPrimitive) -> dict[str, Any]:
+    """Fields of primitives by name, directions of unit length."""
+    return {
+        name: unit(jnp.asarray(value)) if name in ("axis", "unit_normal") else value
+        for name, value in vars(primitives).items()
+    }
+
+
 @dataclasses.dataclass(frozen=True)
 class Impostor:
     """How a primitive is drawn.
@@ -51,7 +59,7 @@ class Impostor:
             for a matrix.
         ball: Balls that hold the primitives of a batch (n,), from their fields.
         values: The fields' values of a batch (n,) by their names; those of the
-            primitive itself if not given.
+            primitive itself, directions of unit length, if not given.
         samples: Numbers of each primitive of a batch (n,) that come in a texture.
         billboard: Stem of the rectangle's file name, where it is not the primitive's.
     """
@@ -59,7 +67,7 @@ class Impostor:
     name: str
     fields: dict[str, int]
     ball: Callable[[Any], Ball]
-    values: Callable[[Any], dict[str, Any]] = vars
+    values: Callable[[Any], dict[str, Any]] = _values
     samples: Callable[[Any], Float[np.ndarray, "n k"]] | None = None
     billboard: str = ""
 
@@ -103,22 +111,13 @@ def _torus_ball(tori: Torus) -> Ball:
     return np.asarray(tori.center), np.asarray(tori.major_radius + tori.minor_radius)
 
 
-def _cylinder_values(cylinders: Cylinder | Torus) -> dict[str, Any]:
-    return {**vars(cylinders), "axis": unit(jnp.asarray(cylinders.axis))}
-
-
 def _torus_values(tori: Torus) -> dict[str, Any]:
     """Its own, and those of the cylinder around it."""
     return {
-        **_cylinder_values(tori),
+        **_values(tori),
         "radius": tori.major_radius + tori.minor_radius,
         "height": 2 * tori.minor_radius,
     }
-
-
-def _plane_values(planes: Plane) -> dict[str, Any]:
-    normal = unit(jnp.asarray(planes.unit_normal))
-    return {**vars(planes), "unit_normal": normal}
 
 
 def _frustum_values(frusta: Frustum) -> dict[str, Any]:
@@ -204,16 +203,8 @@ def _relief(
 _FRUSTUM = Impostor(
     "frustum",
     {
-        "p1": 3,
-        "p2": 3,
-        "axis": 3,
-        "radius1": 1,
-        "radius2": 1,
-        "start": 3,
-        "end": 3,
-        "is_sector": 1,
-        "caps": 1,
-        "cut_faces": 1,
+        **dict.fromkeys(("p1", "p2", "axis", "start", "end"), 3),
+        **dict.fromkeys(("radius1", "radius2", "is_sector", "caps", "cut_faces"), 1),
     },
     _frustum_ball,
     _frustum_values,
@@ -229,7 +220,6 @@ IMPOSTORS: dict[type[AbstractPrimitive], Impostor] = {
         "cylinder",
         {"center": 3, "axis": 3, "radius": 1, "height": 1},
         _cylinder_ball,
-        _cylinder_values,
     ),
     Frustum: _FRUSTUM,
     Heightfield: Impostor(
@@ -240,19 +230,13 @@ IMPOSTORS: dict[type[AbstractPrimitive], Impostor] = {
         _heightfield_samples,
         billboard="box",
     ),
-    Plane: Impostor(
-        "plane", {"point": 3, "unit_normal": 3}, _plane_ball, _plane_values
-    ),
+    Plane: Impostor("plane", {"point": 3, "unit_normal": 3}, _plane_ball),
     Sphere: Impostor("sphere", {"center": 3, "radius": 1}, _sphere_ball),
     Torus: Impostor(
         "torus",
         {
-            "center": 3,
-            "axis": 3,
-            "major_radius": 1,
-            "minor_radius": 1,
-            "radius": 1,
-            "height": 1,
+            **dict.fromkeys(("center", "axis"), 3),
+            **dict.fromkeys(("major_radius", "minor_radius", "radius", "height"), 1),
         },
         _torus_ball,
         _torus_values,

@@ -11,7 +11,6 @@ import contextlib
 import os
 from collections.abc import Sequence
 from pathlib import Path
-from types import TracebackType
 from typing import Any
 
 import numpy as np
@@ -20,9 +19,9 @@ from impostor_jax.arguments import one_of
 from impostor_jax.camera.orthographic import OrthographicCamera
 from impostor_jax.camera.pinhole import PinholeCamera
 from impostor_jax.glsl.conventions import DrawnMaps, maps_from_targets
+from impostor_jax.glsl.draw_list import CLEAR_COLOR, draw_list_of
 from impostor_jax.glsl.impostors import Impostor
 from impostor_jax.glsl.program import attributes, shader_sources
-from impostor_jax.glsl.scene import NOTHING, scene_of
 from impostor_jax.primitives.base import AbstractPrimitive
 
 DRIVERS: dict[str, dict[str, str]] = {
@@ -95,7 +94,7 @@ class OffscreenRenderer:
         """
         if self._context is None:
             raise ValueError("the renderer is closed and draws no more")
-        scene, size = scene_of(primitives, camera), (camera.width, camera.height)
+        draws, size = draw_list_of(primitives, camera), (camera.width, camera.height)
         with self._context as context, contextlib.ExitStack() as stack:
 
             def held(made: Any) -> Any:
@@ -107,34 +106,34 @@ class OffscreenRenderer:
             frame = held(context.framebuffer(targets, depth))
             frame.use()
             context.enable_only(context.DEPTH_TEST)
-            frame.clear(*NOTHING, depth=1.0)
-            for draw in scene.draws:
-                program = self._program(draw.impostor, scene.orthographic)
-                for name, value in scene.uniforms.items():
+            frame.clear(*CLEAR_COLOR, depth=1.0)
+            for call in draws.calls:
+                program = self._program(call.impostor, draws.orthographic)
+                for name, value in draws.uniforms.items():
                     # A driver drops what a variant of the shader does not use.
                     if name in program:
                         program[name].value = value
-                buffer = held(context.buffer(draw.rows.tobytes()))
-                layout, names = _layout(draw.impostor, program)
-                if draw.samples.size:
-                    height, width = draw.samples.shape
+                buffer = held(context.buffer(call.rows.tobytes()))
+                layout, names = _layout(call.impostor, program)
+                if call.samples.size:
+                    height, width = call.samples.shape
                     samples = held(
                         context.texture(
-                            (width, height), 1, draw.samples.tobytes(), dtype="f4"
+                            (width, height), 1, call.samples.tobytes(), dtype="f4"
                         )
                     )
                     samples.filter = (context.NEAREST, context.NEAREST)
                     samples.use(0)
                 array = held(context.vertex_array(program, [(buffer, layout, *names)]))
                 array.render(
-                    context.TRIANGLE_STRIP, vertices=4, instances=len(draw.rows)
+                    context.TRIANGLE_STRIP, vertices=4, instances=len(call.rows)
                 )
             position, normal = (
                 np.frombuffer(target.read(), np.float32).reshape(*size[::-1], 4)
                 for target in targets
             )
             window = np.frombuffer(depth.read(), np.float32).reshape(size[::-1])
-        return maps_from_targets(position, normal, window, scene.stretch)
+        return maps_from_targets(position, normal, window, draws.stretch)
 
     def close(self) -> None:
         """Release the programs and the context."""
@@ -150,12 +149,7 @@ class OffscreenRenderer:
     def __enter__(self) -> "OffscreenRenderer":
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         self.close()
 
     def _program(self, impostor: Impostor, orthographic: bool) -> Any:
@@ -190,7 +184,7 @@ def _context(driver: str) -> Any:
         raise DriverError(
             "moderngl is missing: pip install 'impostor-jax[gl]'"
         ) from None
-    before = {name: os.environ.get(name) for name in _VARIABLES}
+    before = {name: os.environ[name] for name in _VARIABLES if name in os.environ}
     os.environ.update(DRIVERS[driver])
     found = []
     # A machine with a graphics card has several devices, and Mesa's may not be first.
@@ -215,11 +209,9 @@ def _context(driver: str) -> Any:
             return context
         found.append(name)
         context.release()
-    for name, value in before.items():
-        if value is None:
-            os.environ.pop(name, None)
-        else:
-            os.environ[name] = value
+    for name in _VARIABLES:
+        os.environ.pop(name, None)
+    os.environ.update(before)
     need = (
         "a graphics card and its EGL driver are needed"
         if driver == "gpu"

@@ -8,7 +8,6 @@ import shutil
 from collections.abc import Sequence
 from importlib import resources
 from pathlib import Path
-from types import TracebackType
 from typing import Any
 
 import numpy as np
@@ -16,9 +15,9 @@ import numpy as np
 from impostor_jax.camera.orthographic import OrthographicCamera
 from impostor_jax.camera.pinhole import PinholeCamera
 from impostor_jax.glsl.conventions import DrawnMaps, maps_from_targets
+from impostor_jax.glsl.draw_list import CLEAR_COLOR, DrawList, draw_list_of
 from impostor_jax.glsl.offscreen import DriverError
 from impostor_jax.glsl.program import attributes, shader_sources
-from impostor_jax.glsl.scene import NOTHING, Scene, scene_of
 from impostor_jax.primitives.base import AbstractPrimitive
 from impostor_jax.primitives.sphere import Sphere
 
@@ -51,7 +50,7 @@ def page(
         camera: Without a lens.
         shaders: As of `OffscreenRenderer`.
     """
-    scene = _message(scene_of(primitives, camera), shaders)
+    scene = _message(draw_list_of(primitives, camera), shaders)
     # A script ends at the first "</", even inside a string.
     text = json.dumps(scene).replace("</", "<\\/")
     template = (resources.files("impostor_jax.glsl") / "page.html").read_text()
@@ -106,8 +105,8 @@ class WebglRenderer:
         camera: PinholeCamera | OrthographicCamera,
     ) -> DrawnMaps:
         """Draw as `OffscreenRenderer.draw`, but for the depth buffer: none is read."""
-        scene = scene_of(primitives, camera)
-        message = _message(scene, self._shaders)
+        draws = draw_list_of(primitives, camera)
+        message = _message(draws, self._shaders)
         found = self._page.evaluate("(scene) => drawScene(scene)", message)
         position, normal = (
             np.frombuffer(base64.b64decode(text), np.float32).reshape(
@@ -115,7 +114,7 @@ class WebglRenderer:
             )
             for text in found
         )
-        return maps_from_targets(position, normal, None, scene.stretch)
+        return maps_from_targets(position, normal, None, draws.stretch)
 
     def close(self) -> None:
         """Close the browser."""
@@ -125,12 +124,7 @@ class WebglRenderer:
     def __enter__(self) -> "WebglRenderer":
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         self.close()
 
 
@@ -140,19 +134,19 @@ _NAME = """() => {
 }"""
 
 
-def _message(scene: Scene, shaders: Path | None) -> dict[str, Any]:
+def _message(draws: DrawList, shaders: Path | None) -> dict[str, Any]:
     """What the page's `drawScene` takes."""
-    draws = [
+    calls = [
         {
-            "name": draw.impostor.name,
+            "name": call.impostor.name,
             "sources": shader_sources(
-                draw.impostor, "300 es", scene.orthographic, shaders
+                call.impostor, "300 es", draws.orthographic, shaders
             ),
-            "attributes": attributes(draw.impostor),
-            "instances": draw.rows.ravel().tolist(),
-            "count": len(draw.rows),
-            "samples": draw.samples.tolist(),
+            "attributes": attributes(call.impostor),
+            "instances": call.rows.ravel().tolist(),
+            "count": len(call.rows),
+            "samples": call.samples.tolist(),
         }
-        for draw in scene.draws
+        for call in draws.calls
     ]
-    return {"draws": draws, "uniforms": scene.uniforms, "nothing": NOTHING}
+    return {"draws": calls, "uniforms": draws.uniforms, "nothing": CLEAR_COLOR}

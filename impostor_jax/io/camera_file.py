@@ -15,7 +15,7 @@ import numpy as np
 
 from impostor_jax.camera.pinhole import PinholeCamera
 from impostor_jax.io.atomic import write_json
-from impostor_jax.io.json_file import read_json_object
+from impostor_jax.io.json_file import check_keys, read_json_object
 
 REQUIRED = ("fx", "fy", "cx", "cy", "width", "height")
 LARGEST_SCALE_M = 1e6
@@ -56,12 +56,7 @@ def camera_from_record(record: dict[str, Any], what: str) -> CameraFile:
     Raises:
         ValueError: A key is missing or unknown, or a value is out of range.
     """
-    missing = [key for key in REQUIRED if key not in record]
-    if missing:
-        raise ValueError(f"{what} lacks {', '.join(missing)}")
-    unknown = sorted(set(record) - {*REQUIRED, *OPTIONAL})
-    if unknown:
-        raise ValueError(f"{what} holds unknown keys: {', '.join(unknown)}")
+    check_keys(record, REQUIRED, (*REQUIRED, *OPTIONAL), what)
     values = dict(record)
     scale = values.pop("depth_scale_m", None)
     try:
@@ -96,14 +91,7 @@ def camera_record(
     camera: PinholeCamera, depth_scale_m: float | None = None
 ) -> dict[str, Any]:
     """Keys of a camera file; the pose is none of them."""
-    record: dict[str, Any] = {
-        "fx": camera.fx,
-        "fy": camera.fy,
-        "cx": camera.cx,
-        "cy": camera.cy,
-        "width": camera.width,
-        "height": camera.height,
-    }
+    record = {name: getattr(camera, name) for name in REQUIRED}
     if depth_scale_m is not None:
         record["depth_scale_m"] = depth_scale_m
     if camera.distortion is not None:

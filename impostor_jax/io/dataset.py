@@ -21,6 +21,7 @@ __all__ = [
     "read_dataset",
     "read_manifest",
     "sensor_of",
+    "shard_name",
 ]
 
 import bisect
@@ -33,7 +34,7 @@ from typing import Any, NamedTuple, overload
 from typing_extensions import override
 
 from impostor_jax.arguments import one_of, whole_number
-from impostor_jax.io.dataset_shard import Archive, LabeledImage, Scene
+from impostor_jax.io.dataset_shard import LabeledImage, ShardArchive, ShardFolder
 from impostor_jax.io.json_file import read_json_object
 from impostor_jax.io.sensor_record import sensor_from_record
 from impostor_jax.sensor.base import AbstractDepthNoise
@@ -67,6 +68,11 @@ def read_manifest(folder: Path) -> dict[str, Any]:
     return record
 
 
+def shard_name(layout: str, shard: int) -> str:
+    """Name of a shard's archive or folder."""
+    return f"shard-{shard:06d}.tar" if layout == "webdataset" else f"{shard:06d}"
+
+
 def sensor_of(manifest: dict[str, Any]) -> AbstractDepthNoise:
     """The noise model that made a dataset's readings.
 
@@ -98,13 +104,12 @@ def read_dataset(path: str | Path, *, allow_partial: bool = False) -> "Dataset":
         return Dataset([_Part(home, None)])
     manifest = read_manifest(home)
     count, size = manifest["count"], manifest["shard_size"]
-    is_archive = manifest["layout"] == "webdataset"
     split = home / SPLIT
     # A name that begins with a point is of a shard that is not whole.
     there = set(os.listdir(split)) if split.is_dir() else set()
     parts = []
     for shard in range(-(-count // size)):
-        name = f"shard-{shard:06d}.tar" if is_archive else f"{shard:06d}"
+        name = shard_name(manifest["layout"], shard)
         if name in there:
             parts.append(_Part(split / name, min(size, count - shard * size)))
         elif not allow_partial:
@@ -121,13 +126,13 @@ class _Part(NamedTuple):
     path: Path
     num_images: int | None
 
-    def opened(self) -> "Scene | Archive":
+    def opened(self) -> "ShardFolder | ShardArchive":
         """Its labels, or its table of contents.
 
         Raises:
             ValueError: It is broken, or has another number of images.
         """
-        shard = (Scene if self.path.is_dir() else Archive)(self.path)
+        shard = (ShardFolder if self.path.is_dir() else ShardArchive)(self.path)
         if self.num_images not in (None, len(shard)):
             raise ValueError(
                 f"{str(self.path)!r} must have {self.num_images} images, got "
@@ -151,7 +156,7 @@ class Dataset(Sequence[LabeledImage]):
             for part in parts
         )
         self._ends = list(itertools.accumulate(counts))
-        self._last: tuple[int, Scene | Archive] | None = None
+        self._last: tuple[int, ShardFolder | ShardArchive] | None = None
 
     @override
     def __len__(self) -> int:

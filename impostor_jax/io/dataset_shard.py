@@ -3,7 +3,7 @@
 That is a folder with its labels, or an archive with its table of contents.
 """
 
-__all__ = ["Archive", "LabeledImage", "Scene"]
+__all__ = ["LabeledImage", "ShardArchive", "ShardFolder"]
 
 import contextlib
 import functools
@@ -54,7 +54,7 @@ class LabeledImage(NamedTuple):
         return self.shapes
 
 
-class Scene:
+class ShardFolder:
     """A scene's folder, with its labels."""
 
     def __init__(self, folder: Path):
@@ -90,7 +90,7 @@ class Scene:
         return label.image(depth, masks, f"{folder.name}_{name}")
 
 
-class Archive:
+class ShardArchive:
     """An archive of a scene, with its table of contents."""
 
     def __init__(self, path: Path):
@@ -176,20 +176,18 @@ class _Label(NamedTuple):
     @staticmethod
     def of(camera: Any, info: Any, cylinders: Any) -> "_Label":
         """The labels of records; what is wrong with them raises something."""
-        parts = {
-            name: np.array([one[name] for one in cylinders["cylinders"]], np.float32)
-            for name in ("center_m", "axis", "radius_m", "height_m")
-        }
-        count = len(cylinders["cylinders"])
+        listed = cylinders["cylinders"]
+        count = len(listed)
         if len(info) != count:
             raise ValueError(f"gt_info must have {count} cylinders, got {len(info)}")
-        shapes = Cylinder(
-            parts["center_m"], parts["axis"], parts["radius_m"], parts["height_m"]
+        center, axis, radius, height = (
+            np.array([one[name] for one in listed], np.float32)
+            for name in ("center_m", "axis", "radius_m", "height_m")
         )
         scale = real_number("depth_scale", camera["depth_scale"], positive=True)
         return _Label(
             camera=_camera(json.dumps(cylinders["camera"])),
-            cylinders=shapes,
+            cylinders=Cylinder(center, axis, radius, height),
             visible_fraction=np.array([float(one["visib_fract"]) for one in info]),
             scale_m=1e-3 * scale,
             num_cylinders=count,

@@ -221,16 +221,11 @@ def _finite(depth: Any) -> Float[np.ndarray, "h w"]:
     return np.where(np.isfinite(values), values, 0)
 
 
-def check_image_name(path: Path, name: str = "output") -> None:
-    """Raise unless the suffix of a file is of a format that can be written.
-
-    Args:
-        path: Of the file.
-        name: Of the argument, for the error.
-    """
+def check_image_name(path: Path) -> None:
+    """Raise unless the suffix of a file is of a format that can be written."""
     if not cv2.haveImageWriter(path.name):
         raise ValueError(
-            f"{name} must have the suffix of a picture, such as .png, got {str(path)!r}"
+            f"output must have the suffix of a picture, such as .png, got {str(path)!r}"
         )
 
 

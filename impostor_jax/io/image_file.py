@@ -6,11 +6,9 @@ size is taken; and no library prints anything.
 
 __all__ = ["Size", "decoded_image", "read_image", "read_integers", "read_npy"]
 
-import contextlib
 import io
 import math
 import warnings
-from collections.abc import Iterator
 from pathlib import Path
 
 import cv2
@@ -18,7 +16,7 @@ import numpy as np
 
 from impostor_jax.arguments import image_size
 from impostor_jax.io.image_header import PNG, TIFF, plain_png, read_header
-from impostor_jax.io.input_file import require_file
+from impostor_jax.io.input_file import opened
 
 MOST_EXTRA_BYTES = 2**26
 """Of a file beyond twice its pixels: profiles, previews and what else there is."""
@@ -33,8 +31,7 @@ def read_npy(path: Path, what: str, size: Size | None) -> np.ndarray:
     Raises:
         ValueError: The file is missing, broken, or of another kind or size.
     """
-    require_file(path, what)
-    with _opened(path, what) as file:
+    with opened(path, what) as file:
         try:
             shape, dtype = _npy_header(file)
         except Exception as error:
@@ -86,16 +83,6 @@ def _npy_header(file: io.BufferedIOBase) -> tuple[tuple[int, ...], np.dtype]:
     return shape, dtype
 
 
-@contextlib.contextmanager
-def _opened(path: Path, what: str) -> Iterator[io.BufferedIOBase]:
-    try:
-        file = path.open("rb")
-    except OSError as error:
-        raise ValueError(f"{what} cannot be read: {error.strerror}") from error
-    with file:
-        yield file
-
-
 def _check_one_channel(shape: tuple[int, ...], what: str) -> None:
     """Raise unless the shape is of rows and columns alone."""
     if len(shape) != 2:
@@ -126,8 +113,7 @@ def read_image(path: Path, what: str, size: Size | None) -> np.ndarray:
     Raises:
         ValueError: The file is missing, broken, or of another kind or size.
     """
-    require_file(path, what)
-    with _opened(path, what) as file:
+    with opened(path, what) as file:
         return decoded_image(file, path.stat().st_size, what, size)
 
 

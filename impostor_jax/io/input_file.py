@@ -1,11 +1,14 @@
 """What is read must be a regular file: all else could block, or never end."""
 
-__all__ = ["require_file"]
+__all__ = ["opened", "require_file"]
 
+import contextlib
+import io
 import stat
+from collections.abc import Iterator
 from pathlib import Path
 
-KINDS = (
+OTHER_KINDS = (
     (stat.S_ISDIR, "a folder"),
     (stat.S_ISFIFO, "a pipe"),
     (stat.S_ISSOCK, "a socket"),
@@ -29,6 +32,21 @@ def require_file(path: Path, what: str) -> None:
         raise ValueError(f"{what} cannot be read: {error.strerror}") from error
     except ValueError as error:
         raise ValueError(f"{what} cannot be read: {error}") from error
-    for is_kind, name in KINDS:
+    for is_kind, name in OTHER_KINDS:
         if is_kind(mode):
             raise ValueError(f"{what} must be a file, got {name}")
+
+
+@contextlib.contextmanager
+def opened(path: Path, what: str) -> Iterator[io.BufferedIOBase]:
+    """Open a regular file to read it; `what` names it in errors.
+
+    Raises:
+        ValueError: There is nothing, or something else, or it cannot be read.
+    """
+    require_file(path, what)
+    try:
+        with path.open("rb") as file:
+            yield file
+    except OSError as error:
+        raise ValueError(f"{what} cannot be read: {error.strerror}") from error

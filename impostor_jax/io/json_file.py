@@ -1,12 +1,20 @@
 """JSON of files: read within bounds, and an error names the file."""
 
-__all__ = ["json_value", "read_json_object"]
+__all__ = [
+    "arguments_of",
+    "check_keys",
+    "json_value",
+    "read_json_object",
+    "typed_record",
+]
 
+import inspect
 import json
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-from impostor_jax.io.input_file import require_file
+from impostor_jax.io.input_file import opened
 
 MAX_DEPTH = 100
 """Deepest nesting of lists and objects; files of this package need seven."""
@@ -18,12 +26,8 @@ def read_json_object(path: Path, what: str) -> dict[str, Any]:
     Raises:
         ValueError: The file is missing or broken, or holds something else.
     """
-    require_file(path, what)
-    try:
-        data = path.read_bytes()
-    except OSError as error:
-        raise ValueError(f"{what} cannot be read: {error.strerror}") from error
-    record = json_value(data, what)
+    with opened(path, what) as file:
+        record = json_value(file.read(), what)
     if not isinstance(record, dict):
         raise ValueError(f"{what} must hold one JSON object")
     return record
@@ -53,6 +57,50 @@ def json_value(data: bytes, what: str) -> Any:
             if isinstance(child, dict | list)
         ]
     raise ValueError(_too_deep(what))
+
+
+def check_keys(
+    record: dict[str, Any], required: Iterable[str], allowed: Iterable[str], what: str
+) -> None:
+    """Raise a `ValueError` unless a record has all required keys and allowed ones."""
+    if missing := [key for key in required if key not in record]:
+        raise ValueError(f"{what} lacks {', '.join(missing)}")
+    if unknown := sorted(set(record) - set(allowed)):
+        raise ValueError(f"{what} holds unknown keys: {', '.join(unknown)}")
+
+
+def typed_record(
+    kinds: Mapping[str, type], record: Any, what: str
+) -> tuple[str, dict[str, Any]]:
+    """Take apart the record of an object: its type, and the arguments of its class.
+
+    Args:
+        kinds: Classes by their names in records.
+        record: With the key `type`.
+        what: Names it in errors.
+
+    Raises:
+        ValueError: The type is unknown, or an argument is missing or unknown.
+    """
+    name = record.get("type") if isinstance(record, dict) else record
+    if not isinstance(name, str) or name not in kinds:
+        raise ValueError(
+            f"type of {what} must be one of {', '.join(kinds)}; got {name!r}"
+        )
+    values = {key: value for key, value in record.items() if key != "type"}
+    known = arguments_of(kinds[name])
+    required = [
+        key for key, argument in known.items() if argument.default is argument.empty
+    ]
+    check_keys(values, required, known, f"{what} ({name})")
+    return name, values
+
+
+def arguments_of(kind: type) -> dict[str, inspect.Parameter]:
+    """What a class is made from."""
+    arguments = dict(inspect.signature(kind.__init__).parameters)
+    del arguments["self"]
+    return arguments
 
 
 def _too_deep(what: str) -> str:

@@ -17,11 +17,11 @@ rows of four numbers. Lengths are in meters, angles in radians.
 
 __all__ = ["VERSION", "SceneFile", "read_scene", "write_scene"]
 
-import inspect
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import equinox as eqx
 import jax
 import numpy as np
 
@@ -29,7 +29,12 @@ from impostor_jax.camera.pinhole import PinholeCamera
 from impostor_jax.geometry.frames import RigidTransform
 from impostor_jax.io.atomic import write_json
 from impostor_jax.io.camera_file import camera_from_record, camera_record
-from impostor_jax.io.json_file import read_json_object
+from impostor_jax.io.json_file import (
+    arguments_of,
+    check_keys,
+    read_json_object,
+    typed_record,
+)
 from impostor_jax.primitives import PRIMITIVES
 from impostor_jax.primitives.base import AbstractPrimitive
 
@@ -60,7 +65,7 @@ def read_scene(path: Path) -> SceneFile:
     """
     what = f"scene file {str(path)!r}"
     record = read_json_object(path, what)
-    _check_keys(record, {"version", "camera", "shapes"}, {"version", "shapes"}, what)
+    check_keys(record, ("version", "shapes"), ("version", "shapes", "camera"), what)
     if record["version"] != VERSION:
         raise ValueError(
             f"version of {what} must be {VERSION}, got {record['version']!r}"
@@ -101,15 +106,6 @@ def write_scene(
     write_json(path, record)
 
 
-def _check_keys(
-    record: dict[str, Any], allowed: set[str], required: set[str], what: str
-) -> None:
-    if missing := sorted(required - set(record)):
-        raise ValueError(f"{what} lacks {', '.join(missing)}")
-    if unknown := sorted(set(record) - allowed):
-        raise ValueError(f"{what} holds unknown keys: {', '.join(unknown)}")
-
-
 def _read_camera(record: Any, what: str) -> PinholeCamera:
     if not isinstance(record, dict):
         raise ValueError(f"camera of {what} must be a JSON object")
@@ -119,36 +115,19 @@ def _read_camera(record: Any, what: str) -> PinholeCamera:
     except ValueError as error:
         raise ValueError(f"camera of {what}: {error}") from error
     camera = camera_from_record(values, f"camera of {what}").camera
-    if pose is None:
-        return camera
-    return PinholeCamera(
-        camera.fx, camera.fy, camera.cx, camera.cy, camera.width, camera.height,
-        camera.distortion, camera.fisheye, pose,
-    )  # fmt: skip
-
-
-def _parameters(kind: type[AbstractPrimitive]) -> dict[str, inspect.Parameter]:
-    parameters = dict(inspect.signature(kind.__init__).parameters)
-    del parameters["self"]
-    return parameters
+    return eqx.tree_at(
+        lambda c: c.camera_from_world, camera, pose, is_leaf=lambda x: x is None
+    )
 
 
 def _read_shape(entry: Any, where: str) -> AbstractPrimitive:
-    if not isinstance(entry, dict) or entry.get("type") not in PRIMITIVES:
-        names = ", ".join(PRIMITIVES)
-        kind = entry.get("type") if isinstance(entry, dict) else entry
-        raise ValueError(f"type of {where} must be one of {names}; got {kind!r}")
-    values = dict(entry)
-    name = values.pop("type")
-    kind, where = PRIMITIVES[name], f"{where} ({name})"
-    parameters = _parameters(kind)
-    required = {n for n, p in parameters.items() if p.default is p.empty}
-    _check_keys(values, set(parameters), required, where)
+    name, values = typed_record(PRIMITIVES, entry, where)
+    where = f"{where} ({name})"
     for flag in ("caps", "cut_faces"):
         if not isinstance(values.get(flag, True), bool):
             raise ValueError(f"{flag} of {where} must be true or false")
     try:
-        shape = kind(**values)
+        shape = PRIMITIVES[name](**values)
     except (TypeError, ValueError) as error:
         raise ValueError(f"{where}: {error}") from error
     if shape.batch_shape:
@@ -166,7 +145,7 @@ def _singles(shape: AbstractPrimitive) -> list[AbstractPrimitive]:
 def _shape_record(shape: AbstractPrimitive) -> dict[str, Any]:
     name = next(name for name, kind in PRIMITIVES.items() if kind is type(shape))
     record: dict[str, Any] = {"type": name}
-    for argument, parameter in _parameters(type(shape)).items():
+    for argument, parameter in arguments_of(type(shape)).items():
         value = getattr(shape, STORED_AS.get((name, argument), argument))
         if isinstance(value, RigidTransform):
             value = _matrix(value)

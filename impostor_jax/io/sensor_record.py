@@ -6,9 +6,9 @@
 __all__ = ["SENSORS", "sensor_from_record", "sensor_record"]
 
 import dataclasses
-import inspect
 from typing import Any
 
+from impostor_jax.io.json_file import typed_record
 from impostor_jax.sensor.base import AbstractDepthNoise
 from impostor_jax.sensor.dropout import Dropout
 from impostor_jax.sensor.flying_pixels import FlyingPixels
@@ -55,20 +55,9 @@ def sensor_from_record(record: Any, what: str) -> AbstractDepthNoise:
         what: Names it in errors.
 
     Raises:
-        ValueError: The type or a key is unknown, or a value is out of range.
+        ValueError: The type or a key is unknown or missing, or a value is out of range.
     """
-    kind = record.get("type") if isinstance(record, dict) else record
-    if kind not in SENSORS:
-        raise ValueError(
-            f"type of {what} must be one of {', '.join(SENSORS)}; got {kind!r}"
-        )
-    values = {name: value for name, value in record.items() if name != "type"}
-    known = set(inspect.signature(SENSORS[kind].__init__).parameters) - {"self"}
-    if unknown := sorted(set(values) - known):
-        raise ValueError(f"{what} holds unknown keys: {', '.join(unknown)}")
+    name, values = typed_record(SENSORS, record, what)
     if "sensor" in values:
         values["sensor"] = sensor_from_record(values["sensor"], what)
-    try:
-        return SENSORS[kind](**values)
-    except TypeError as error:
-        raise ValueError(f"{what} ({kind}): {error}") from error
+    return SENSORS[name](**values)

@@ -5,8 +5,8 @@ __all__ = [
     "Primitives",
     "camera_of_kind",
     "camera_on",
-    "scattered",
     "scattered_case",
+    "scattered_places",
 ]
 
 import dataclasses
@@ -73,7 +73,7 @@ def camera_on(
     return camera_of_kind(kind, RADIUS_PX * part)
 
 
-def scattered(
+def scattered_places(
     rng: np.random.Generator, kind: str, count: int
 ) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, " n"]]:
     """Random centers and radii that a camera sees overlap."""

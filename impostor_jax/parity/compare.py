@@ -125,13 +125,11 @@ def rounding(
     same = reference.mask & (reference.index == drawn.index)
     true = reference.depth[same].astype(np.float64)
     angle = angles_between(reference.normal[same], drawn.normal[same])
-    pairs = (
-        (np.abs(drawn.depth[same] - true), condition.depth),
-        (np.radians(angle), condition.normal),
-    )
-    spreads = []
-    for apart, of_inputs in pairs:
+
+    def over(apart: np.ndarray, of_inputs: np.ndarray) -> Spread:
         known_to = eps(reference.depth.dtype) * of_inputs[same].astype(np.float64)
         with np.errstate(divide="ignore", invalid="ignore"):
-            spreads.append(Spread.of(np.where(apart > 0, apart / known_to, 0.0)))
-    return spreads[0], spreads[1]
+            return Spread.of(np.where(apart > 0, apart / known_to, 0.0))
+
+    depth = over(np.abs(drawn.depth[same] - true), condition.depth)
+    return depth, over(np.radians(angle), condition.normal)

@@ -22,7 +22,7 @@ from jaxtyping import Array, Float, Int
 from impostor_jax.camera.base import AbstractCamera
 from impostor_jax.compiling import quickly_compiled
 from impostor_jax.geometry.rays import Hit, Ray
-from impostor_jax.glsl.request import batches_in_camera
+from impostor_jax.glsl.batches import batches_in_camera
 from impostor_jax.numerics import safe_norm
 from impostor_jax.parity.case import Primitives
 from impostor_jax.primitives.base import UNITS, AbstractPrimitive

@@ -14,7 +14,7 @@ import math
 
 import numpy as np
 
-from impostor_jax.parity.case import Case, camera_on, scattered, scattered_case
+from impostor_jax.parity.case import Case, camera_on, scattered_case, scattered_places
 from impostor_jax.primitives.cylinder import Cylinder
 from impostor_jax.primitives.frustum import Frustum
 from impostor_jax.primitives.sphere import Sphere
@@ -120,7 +120,7 @@ def single_tori(kind: str) -> list[Case]:
 
 def many_spheres(kind: str) -> list[Case]:
     """Random spheres that overlap; the closest wins."""
-    spheres = Sphere(*scattered(np.random.default_rng(0), kind, 100))
+    spheres = Sphere(*scattered_places(np.random.default_rng(0), kind, 100))
     return [scattered_case(f"{kind}/100 spheres", kind, spheres)]
 
 
@@ -129,7 +129,7 @@ def mixed_primitives(kind: str) -> list[Case]:
     rng = np.random.default_rng(1)
     one = Sphere((0.1, 0.2, 3.0), 0.3)
     cylinders = _random_cylinders(rng, kind, 100)
-    spheres = Sphere(*scattered(rng, kind, 100))
+    spheres = Sphere(*scattered_places(rng, kind, 100))
     several = (one, cylinders, spheres)
     return [scattered_case(f"{kind}/cylinders and spheres", kind, several)]
 
@@ -178,7 +178,7 @@ def single_frusta(kind: str) -> list[Case]:
 
 def _random_cylinders(rng: np.random.Generator, kind: str, count: int) -> Cylinder:
     """A batch of cylinders in front of a camera, in every direction."""
-    center, radius = scattered(rng, kind, count)
+    center, radius = scattered_places(rng, kind, count)
     axis = rng.normal(size=(count, 3))
     height = radius * np.exp(rng.uniform(np.log(0.5), np.log(10), count))
     return Cylinder(center, axis, radius, height)

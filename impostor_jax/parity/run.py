@@ -24,7 +24,7 @@ from impostor_jax.rendering.scene import Scene
 
 RENDERERS = (*DRIVERS, "webgl")
 
-OUTPUTS = ("depth", "point", "normal", "mask", "index", "part")
+COMPARED = ("depth", "point", "normal", "mask", "index", "part")
 """Maps that both sides have."""
 
 
@@ -71,8 +71,8 @@ def drawn_by_jax(
     several = primitives if isinstance(primitives, Sequence) else (primitives,)
     one = several[0] if len(several) == 1 and not several[0].batch_shape else None
     seen = Scene(several) if one is None else one
-    maps = render(seen, camera, OUTPUTS, effort=Effort(precision=precision))
-    return DrawnMaps(**{name: np.asarray(getattr(maps, name)) for name in OUTPUTS})
+    maps = render(seen, camera, COMPARED, effort=Effort(precision=precision))
+    return DrawnMaps(**{name: np.asarray(getattr(maps, name)) for name in COMPARED})
 
 
 def open_renderer(

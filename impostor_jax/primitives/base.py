@@ -1,6 +1,6 @@
 """What every primitive promises."""
 
-__all__ = ["AbstractPrimitive", "in_camera_frame", "in_world_frame"]
+__all__ = ["AbstractPrimitive", "check_single", "in_camera_frame", "in_world_frame"]
 
 import abc
 from typing import Protocol, TypeVar, runtime_checkable
@@ -71,6 +71,15 @@ class AbstractPrimitive(eqx.Module):
     def _text(self) -> str:
         # Of a batch the plain form, with shapes and dtypes, says more.
         return repr(self) if self.batch_shape else described(self, UNITS)
+
+
+def check_single(primitive: AbstractPrimitive, name: str = "primitive") -> None:
+    """Raise a `ValueError` where a shape is a batch; `name` is the argument's."""
+    if primitive.batch_shape:
+        raise ValueError(
+            f"{name} must be a single one, got a batch of shape "
+            f"{primitive.batch_shape}; map over it with jax.vmap"
+        )
 
 
 @runtime_checkable

@@ -73,16 +73,13 @@ class Box(AbstractPrimitive):
     size: Float[Array, "*batch 3"]
 
     def __init__(self, center: Any, rotation: Any, size: Any):
-        center, rotation, size = float_arrays(
+        self.center, self.rotation, self.size = float_arrays(
             center=(center, (3,), "meters"),
             rotation=(rotation, (3, 3), "numbers"),
             size=(size, (3,), "meters"),
         )
-        check_rotation("rotation", rotation)
-        check_positive("size", size, "meters")
-        self.center = center
-        self.rotation = rotation
-        self.size = size
+        check_rotation("rotation", self.rotation)
+        check_positive("size", self.size, "meters")
 
     @property
     @override
@@ -148,7 +145,7 @@ def _of(face: Int[Array, "*batch"], values: list[Values]) -> Values:
     )
 
 
-def _bounds(ray: Ray, cuboid: _Cuboid) -> tuple[Float[Array, "*batch"], list[Interval]]:
+def _slabs(ray: Ray, cuboid: _Cuboid) -> tuple[Float[Array, "*batch"], list[Interval]]:
     """Stretches of the ray in the slabs, less the parameter that comes first."""
     center, axes, halves = cuboid
     # The point of the box that is nearest to the ray's origin.
@@ -169,10 +166,9 @@ def _trace(
     """
 
     def trace() -> tuple[Float[Array, "*batch"], Int[Array, "*batch"]]:
-        foot, (x, y, z) = _bounds(ray, cuboid)
-        lower = jnp.maximum(jnp.maximum(x.lower, y.lower), z.lower)
-        upper = jnp.minimum(jnp.minimum(x.upper, y.upper), z.upper)
-        enter, leave = foot + lower, foot + upper
+        foot, (x, y, z) = _slabs(ray, cuboid)
+        solid = x.overlap(y).overlap(z)
+        enter, leave = foot + solid.lower, foot + solid.upper
         enters = enter > 0
         bounds = [jnp.where(enters, slab.lower, -slab.upper) for slab in (x, y, z)]
         axis = jnp.where(
@@ -185,7 +181,7 @@ def _trace(
         face = 2 * axis + (rises != enters).astype(axis.dtype)
         first, second, third = cuboid.halves
         is_solid = jnp.minimum(jnp.minimum(first, second), third) > 0
-        hit = (lower <= upper) & (leave > 0) & is_solid
+        hit = (solid.lower <= solid.upper) & (leave > 0) & is_solid
         return jnp.where(hit, jnp.where(enters, enter, leave), jnp.inf), face
 
     return computed_apart(trace, cuboid.halves[0])

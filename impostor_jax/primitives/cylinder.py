@@ -51,7 +51,7 @@ from impostor_jax.geometry.rays import Hit, Ray, slab_interval, wall_interval
 from impostor_jax.geometry.vec3 import Vec3, unit
 from impostor_jax.numerics import has_square, safe_normalize, safe_sqrt
 from impostor_jax.primitives.base import AbstractPrimitive
-from impostor_jax.primitives.sector import sector, sector_fields
+from impostor_jax.primitives.sector import sector, sector_fields, with_zero_turned
 from impostor_jax.primitives.surface import (
     facing,
     hit_tangent,
@@ -116,19 +116,16 @@ class Cylinder(AbstractPrimitive):
         caps: bool = True,
         cut_faces: bool | None = None,
     ):
-        center, axis, radius, height = float_arrays(
+        self.center, axis, self.radius, self.height = float_arrays(
             center=(center, (3,), "meters"),
             axis=(axis, (3,), "numbers"),
             radius=(radius, (), "meters"),
             height=(height, (), "meters"),
         )
-        check_positive("radius", radius, "meters")
-        check_positive("height", height, "meters")
+        check_positive("radius", self.radius, "meters")
+        check_positive("height", self.height, "meters")
         check_direction("axis", axis)
-        self.center = center
         self.axis = safe_normalize(axis)
-        self.radius = radius
-        self.height = height
         self.start_angle, self.end_angle, self.zero = sector_fields(
             self.axis, start_angle, end_angle, zero
         )
@@ -186,10 +183,7 @@ class Cylinder(AbstractPrimitive):
         center = target_from_source.apply(self.center)
         axis = target_from_source.rotate(unit(self.axis))
         moved = eqx.tree_at(lambda c: (c.center, c.axis), self, (center, axis))
-        if self.zero is None:
-            return moved
-        zero = target_from_source.rotate(self.zero)
-        return eqx.tree_at(lambda c: c.zero, moved, zero)
+        return with_zero_turned(moved, target_from_source)
 
     def _tapered(self) -> Tapered:
         """The open body, or the sector, of no slope."""
@@ -271,8 +265,8 @@ def _signed_hit_tangent(
     # in proportion to the distance from the axis.
     lean = (q * -end).where(on_cap, radial * q.dot(a))
     squares = q.dot(q) + t * t * d.dot(d)
-    curvature = jnp.where(on_cap, 1, cylinder.radius)
-    n, n_d, lean, t = within_range((n, n_d, lean, t), squares, curvature, n_d)
+    bending_radius = jnp.where(on_cap, 1, cylinder.radius)
+    n, n_d, lean, t = within_range((n, n_d, lean, t), squares, bending_radius, n_d)
     d_size = jnp.where(on_cap, d_cylinder.height / 2, d_cylinder.radius)
     d_point = d_ray.at(t) - Vec3.from_array(d_cylinder.center)
     change = d_size - n.dot(d_point) + lean.dot(d_axis)

@@ -21,7 +21,7 @@ from impostor_jax.geometry.rays import Hit, Ray
 from impostor_jax.geometry.vec3 import Vec3
 from impostor_jax.numerics import safe_divide, safe_normalize
 from impostor_jax.primitives.base import AbstractPrimitive
-from impostor_jax.primitives.sector import sector, sector_fields
+from impostor_jax.primitives.sector import sector, sector_fields, with_zero_turned
 from impostor_jax.primitives.tapered import (
     Tapered,
     tapered_distance,
@@ -79,25 +79,22 @@ class Frustum(AbstractPrimitive):
         caps: bool = True,
         cut_faces: bool | None = None,
     ):
-        p1, p2, radius1, radius2 = float_arrays(
+        self.p1, self.p2, self.radius1, self.radius2 = float_arrays(
             p1=(p1, (3,), "meters"),
             p2=(p2, (3,), "meters"),
             radius1=(radius1, (), "meters"),
             radius2=(radius2, (), "meters"),
         )
-        if is_concrete((radius1, radius2)):
-            ends = np.stack([radius1, radius2])
+        points, radii = (self.p1, self.p2), (self.radius1, self.radius2)
+        if is_concrete(radii):
+            ends = np.stack(radii)
             if np.any(ends < 0) or not np.all(np.any(ends > 0, axis=0)):
                 raise ValueError(
                     "radius1 and radius2 must not be negative, in meters, and one of "
-                    f"them positive, got {radius1} and {radius2}"
+                    f"them positive, got {radii[0]} and {radii[1]}"
                 )
-        if is_concrete((p1, p2)) and np.any(np.all(np.equal(p1, p2), axis=-1)):
-            raise ValueError(f"p1 and p2 must be two points, got {p1} twice")
-        self.p1 = p1
-        self.p2 = p2
-        self.radius1 = radius1
-        self.radius2 = radius2
+        if is_concrete(points) and np.any(np.all(np.equal(*points), axis=-1)):
+            raise ValueError(f"p1 and p2 must be two points, got {points[0]} twice")
         self.start_angle, self.end_angle, self.zero = sector_fields(
             self.axis, start_angle, end_angle, zero
         )
@@ -133,15 +130,9 @@ class Frustum(AbstractPrimitive):
 
     @override
     def transformed(self, target_from_source: RigidTransform) -> "Frustum":
-        moved = eqx.tree_at(
-            lambda f: (f.p1, f.p2),
-            self,
-            (target_from_source.apply(self.p1), target_from_source.apply(self.p2)),
-        )
-        if self.zero is None:
-            return moved
-        turned = target_from_source.rotate(self.zero)
-        return eqx.tree_at(lambda f: f.zero, moved, turned)
+        p1, p2 = (target_from_source.apply(p) for p in (self.p1, self.p2))
+        moved = eqx.tree_at(lambda f: (f.p1, f.p2), self, (p1, p2))
+        return with_zero_turned(moved, target_from_source)
 
     def _seen_from(self, place: Vec3) -> Tapered:
         """The body relative to the end that is nearer to a place."""

@@ -15,7 +15,6 @@ it.
 
 __all__ = ["Heightfield"]
 
-from collections.abc import Callable
 from typing import Any
 
 import equinox as eqx
@@ -26,14 +25,16 @@ from jaxtyping import Array, Float
 from typing_extensions import override
 
 from impostor_jax.arguments import float_array, is_concrete, one_of
+from impostor_jax.compiling import compiled
 from impostor_jax.geometry.frames import RigidTransform
 from impostor_jax.geometry.rays import Hit, Interval, Ray, slab_interval
 from impostor_jax.geometry.vec3 import Vec3
 from impostor_jax.numerics import safe_sqrt
-from impostor_jax.primitives.base import AbstractPrimitive
+from impostor_jax.primitives.base import AbstractPrimitive, check_single
 from impostor_jax.primitives.heightfield_cells import first_crossing
 from impostor_jax.primitives.heightfield_grid import INTERPOLATIONS, all_control_points
 from impostor_jax.primitives.heightfield_height import (
+    Function,
     as_tree,
     function_surface,
     grid_surface,
@@ -42,7 +43,6 @@ from impostor_jax.primitives.heightfield_march import advance
 from impostor_jax.primitives.surface import facing, hit_tangent
 
 Numbers = Float[Array, "*batch"]
-Function = Callable[[Any, Any], Any]
 
 
 class Heightfield(AbstractPrimitive):
@@ -137,26 +137,35 @@ class Heightfield(AbstractPrimitive):
 
     @override
     def intersect(self, ray: Ray) -> Hit:
-        if self.batch_shape:
-            raise ValueError(
-                f"heightfield must be a single one, got a batch of shape "
-                f"{self.batch_shape}; map over it with jax.vmap"
-            )
-        t = _first_hit(ray, self)
-        return Hit.on_one_piece(t)
+        check_single(self, "heightfield")
+        return Hit.on_one_piece(_first_hit(ray, self))
 
     @override
+    @compiled
     def normal(self, ray: Ray, hit: Hit) -> Vec3:
-        return _normal(self, ray, hit)
+        point = self._hit_point(ray, hit)
+        _, by_x, by_z = self.surface(point.x, point.z)
+        n = Vec3(-by_x, jnp.ones_like(by_x), -by_z).normalize()
+        if self.world_from_field is not None:
+            n = Vec3.from_array(self.world_from_field.rotate(n.stack()))
+        return facing(n, ray.direction, hit.mask)
 
     @override
+    @compiled
     def implicit(self, point: Vec3) -> Float[Array, "*batch"]:
         """First-order signed distance in meters: the gap over sqrt(1 + slope^2).
 
         Negative below. Beside the extent it is positive: the distance from the extent
         put together with that of the surface at its border.
         """
-        return _distance(self, point)
+        still = Vec3(*(jnp.zeros_like(point.x) for _ in range(3)))
+        p = self._own_ray(Ray(point, still)).origin
+        (x0, x1), (z0, z1) = self.extent
+        x, z = jnp.clip(p.x, x0, x1), jnp.clip(p.z, z0, z1)
+        height, by_x, by_z = self.surface(x, z)
+        distance = (p.y - height) / jnp.sqrt(1 + by_x * by_x + by_z * by_z)
+        beside = (p.x - x) ** 2 + (p.z - z) ** 2
+        return jnp.where(beside > 0, safe_sqrt(beside + distance * distance), distance)
 
     @override
     def transformed(self, target_from_source: RigidTransform) -> "Heightfield":
@@ -174,10 +183,6 @@ class Heightfield(AbstractPrimitive):
         if callable(self.height):
             return function_surface(self.height, x, z)
         return grid_surface(self.height, self.extent, self.interpolation, x, z)
-
-    def _gap(self, point: Vec3) -> Numbers:
-        """Height of a point of its own frame above the surface."""
-        return point.y - self.surface(point.x, point.z)[0]
 
     def _own_ray(self, ray: Ray) -> Ray:
         """The ray in its own frame."""
@@ -197,31 +202,6 @@ class Heightfield(AbstractPrimitive):
         point = self._own_ray(ray).at(jnp.where(hit.mask, hit.t, 0))
         x, z = jax.lax.stop_gradient(jnp.mean(self.extent, axis=-1))
         return point.where(hit.mask, Vec3(x, jnp.zeros_like(x), z))
-
-    def _facing_normal(self, by_x: Numbers, by_z: Numbers, ray: Ray, hit: Hit) -> Vec3:
-        n = Vec3(-by_x, jnp.ones_like(by_x), -by_z).normalize()
-        if self.world_from_field is not None:
-            n = Vec3.from_array(self.world_from_field.rotate(n.stack()))
-        return facing(n, ray.direction, hit.mask)
-
-
-@jax.jit
-def _normal(field: Heightfield, ray: Ray, hit: Hit) -> Vec3:
-    point = field._hit_point(ray, hit)
-    _, by_x, by_z = field.surface(point.x, point.z)
-    return field._facing_normal(by_x, by_z, ray, hit)
-
-
-@jax.jit
-def _distance(field: Heightfield, point: Vec3) -> Numbers:
-    still = Vec3(*(jnp.zeros_like(point.x) for _ in range(3)))
-    p = field._own_ray(Ray(point, still)).origin
-    (x0, x1), (z0, z1) = field.extent
-    x, z = jnp.clip(p.x, x0, x1), jnp.clip(p.z, z0, z1)
-    height, by_x, by_z = field.surface(x, z)
-    distance = (p.y - height) / jnp.sqrt(1 + by_x * by_x + by_z * by_z)
-    beside = (p.x - x) ** 2 + (p.z - z) ** 2
-    return jnp.where(beside > 0, safe_sqrt(beside + distance * distance), distance)
 
 
 @jax.custom_jvp
@@ -253,7 +233,6 @@ def _hit_tangent(t: Numbers, primals: Any, tangents: Any) -> Numbers:
 @jax.jit
 def _trace(ray: Ray, field: Heightfield) -> Float[Array, "*batch"]:
     ray = field._own_ray(ray)
-    dtype = field.dtype
     x, z = jnp.mean(field.extent, axis=-1)
     half_x, half_z = (field.extent[:, 1] - field.extent[:, 0]) / 2
     radius = jnp.sqrt(half_x * half_x + half_z * half_z)
@@ -271,17 +250,14 @@ def _trace(ray: Ray, field: Heightfield) -> Float[Array, "*batch"]:
     span = Interval(lower=-foot, upper=jnp.full_like(foot, jnp.inf))
     # From above the surface by its size, so that a ray begins clearly on one side.
     for axis, half in enumerate((half_x, relief + radius, half_z)):
-        slab = slab_interval(near, Vec3.from_array(jnp.eye(3, dtype=dtype)[axis]), half)
-        span = Interval(
-            lower=jnp.maximum(span.lower, slab.lower),
-            upper=jnp.minimum(span.upper, slab.upper),
-        )
+        across = Vec3.from_array(jnp.eye(3, dtype=field.dtype)[axis])
+        span = span.overlap(slab_interval(near, across, half))
 
     def gap(t: Numbers) -> Numbers:
         p = near.at(t)
         # A function may have no height beside the extent.
-        p = Vec3(jnp.clip(p.x, -half_x, half_x), p.y, jnp.clip(p.z, -half_z, half_z))
-        return field._gap(p + center)
+        x, z = jnp.clip(p.x, -half_x, half_x), jnp.clip(p.z, -half_z, half_z)
+        return p.y + center.y - field.surface(x + center.x, z + center.z)[0]
 
     if points is not None:
         t = first_crossing(points - y, near, half_x, half_z, span)

@@ -18,16 +18,19 @@ __all__ = ["first_crossing"]
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Float
 
 from impostor_jax.geometry.rays import Interval, Ray
 from impostor_jax.geometry.vec3 import Vec3
 from impostor_jax.numerics import eps
-from impostor_jax.primitives.heightfield_grid import Blocks, largest_bend, surface
+from impostor_jax.primitives.heightfield_grid import (
+    Indices,
+    MaximumMipmap,
+    Numbers,
+    largest_curvature,
+    surface,
+)
 from impostor_jax.primitives.heightfield_march import free_step, side_of
-
-Numbers = Float[Array, "*batch"]
-Indices = Int[Array, "*batch"]
 
 
 def first_crossing(
@@ -47,8 +50,8 @@ def first_crossing(
         span: Stretch of the ray over the grid.
     """
     ray = _in_patches(near, points, half_x, half_z)
-    blocks = Blocks.of(points)
-    last = len(blocks.shapes) - 1
+    mipmap = MaximumMipmap.of(points)
+    last = len(mipmap.shapes) - 1
     o, d = ray.origin, ray.direction
 
     def turn(state):
@@ -58,7 +61,7 @@ def first_crossing(
         to_z = _reaches(jnp.where(d.z > 0, j + 1, j) * size, o.z, d.z)
         leave = jnp.maximum(t, jnp.minimum(jnp.minimum(to_x, to_z), span.upper))
         lowest = jnp.minimum(side * (o.y + t * d.y), side * (o.y + leave * d.y))
-        enters = active & (lowest <= blocks.top(level, i, j, side))
+        enters = active & (lowest <= mipmap.top(level, i, j, side))
         descends = enters & (level > 0)
         at_patch = enters & (level == 0)
         step = jax.lax.cond(
@@ -74,14 +77,14 @@ def first_crossing(
         over_x = to_x <= to_z
         i_next = i + jnp.where(passes & over_x, _sign(d.x), 0)
         j_next = j + jnp.where(passes & ~over_x, _sign(d.z), 0)
-        rows, cols = blocks.shape(level)
+        rows, cols = mipmap.shape(level)
         inside = (i_next >= 0) & (i_next < rows) & (j_next >= 0) & (j_next < cols)
         active = active & ~arrives & ~(passes & ((leave >= span.upper) | ~inside))
         # Into another block of twice the size: that one is yet to be looked at.
         ascends = passes & (level < last)
         ascends &= (i_next >> 1 != i >> 1) | (j_next >> 1 != j >> 1)
         level = level + ascends.astype(level.dtype) - descends.astype(level.dtype)
-        rows, cols = blocks.shape(level)
+        rows, cols = mipmap.shape(level)
         size = jnp.left_shift(1, level)
         i_part = _part(i, o.x + t * d.x, size, rows)
         j_part = _part(j, o.z + t * d.z, size, cols)
@@ -134,7 +137,7 @@ def _step(
     here = points[:, :, i, j] * side[None, None]
     count = max(points.shape[2:])
     gap, slope, rounding = _gap(here, count, ray, side, t, i, j)
-    step = free_step(jnp.maximum(gap, 0), slope, -largest_bend(here, d.x, d.z))
+    step = free_step(jnp.maximum(gap, 0), slope, -largest_curvature(here, d.x, d.z))
     closes = (gap <= rounding) & ((slope < 0) | (step <= least))
     rest = jnp.where(gap > 0, jnp.minimum(step, leave - t), 0)
     return jnp.where(closes | (gap < -rounding), -rest, jnp.maximum(step, least))

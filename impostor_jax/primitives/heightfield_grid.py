@@ -8,10 +8,12 @@ second derivative, whose control points are differences of those of the patch.
 
 __all__ = [
     "INTERPOLATIONS",
-    "Blocks",
+    "Indices",
+    "MaximumMipmap",
+    "Numbers",
     "all_control_points",
     "control_points",
-    "largest_bend",
+    "largest_curvature",
     "surface",
 ]
 
@@ -20,8 +22,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
+Indices = Int[Array, "*batch"]
 Numbers = Float[Array, "*batch"]
-
 
 INTERPOLATIONS = {
     "bilinear": np.eye(2),
@@ -37,8 +39,8 @@ that the slope there is that of the first segment.
 def control_points(
     grid: Float[Array, "n m"],
     interpolation: str,
-    i: Int[Array, "*batch"],
-    j: Int[Array, "*batch"],
+    i: Indices,
+    j: Indices,
 ) -> Float[Array, "k k *batch"]:
     """Control points of the patches between samples i, j and i + 1, j + 1."""
     matrix = INTERPOLATIONS[interpolation]
@@ -85,7 +87,7 @@ def _basis(t: Numbers, degree: int) -> tuple[Float[Array, "..."], Float[Array, "
     return values, 3 * jnp.stack([-s * s, *middle, t * t])
 
 
-def largest_bend(
+def largest_curvature(
     points: Float[Array, "k k *batch"], p: Numbers, q: Numbers
 ) -> Float[Array, "*batch"]:
     """Upper bound of the patch's second derivative along (p, q).
@@ -96,17 +98,17 @@ def largest_bend(
     by_u, by_v = jnp.diff(points, axis=0), jnp.diff(points, axis=1)
     mixed = degree**2 * jnp.diff(by_u, axis=1)
     twice = 2 * p * q
-    bend = jnp.maximum(
+    curvature = jnp.maximum(
         twice * jnp.max(mixed, axis=(0, 1)), twice * jnp.min(mixed, axis=(0, 1))
     )
     if degree > 1:
         along_u = jnp.max(jnp.diff(by_u, axis=0), axis=(0, 1))
         along_v = jnp.max(jnp.diff(by_v, axis=1), axis=(0, 1))
-        bend += degree * (degree - 1) * (along_u * p * p + along_v * q * q)
-    return bend
+        curvature += degree * (degree - 1) * (along_u * p * p + along_v * q * q)
+    return curvature
 
 
-class Blocks(eqx.Module):
+class MaximumMipmap(eqx.Module):
     """Highest control point of every block of 2^level by 2^level patches.
 
     Attributes:
@@ -119,18 +121,16 @@ class Blocks(eqx.Module):
     shapes: tuple[tuple[int, int], ...] = eqx.field(static=True)
 
     @staticmethod
-    def of(points: Float[Array, "k k rows cols"]) -> "Blocks":
+    def of(points: Float[Array, "k k rows cols"]) -> "MaximumMipmap":
         """Merge the patches two by two until one block is left."""
         levels = [jnp.stack([jnp.max(p, axis=(0, 1)) for p in (points, -points)])]
         while levels[-1].shape[1:] != (1, 1):
             levels.append(_merged(levels[-1]))
         flat = jnp.concatenate([level.reshape(2, -1) for level in levels], axis=1)
         shapes = tuple((level.shape[1], level.shape[2]) for level in levels)
-        return Blocks(tops=flat.ravel(), shapes=shapes)
+        return MaximumMipmap(tops=flat.ravel(), shapes=shapes)
 
-    def shape(
-        self, level: Int[Array, "*batch"]
-    ) -> tuple[Int[Array, "*batch"], Int[Array, "*batch"]]:
+    def shape(self, level: Indices) -> tuple[Indices, Indices]:
         """Number of rows and columns of blocks at a level."""
         rows, cols = self.shapes[0]
         return (
@@ -138,13 +138,7 @@ class Blocks(eqx.Module):
             jnp.right_shift(cols - 1, level) + 1,
         )
 
-    def top(
-        self,
-        level: Int[Array, "*batch"],
-        i: Int[Array, "*batch"],
-        j: Int[Array, "*batch"],
-        side: Float[Array, "*batch"],
-    ) -> Float[Array, "*batch"]:
+    def top(self, level: Indices, i: Indices, j: Indices, side: Numbers) -> Numbers:
         """Highest point of a block; where `side` is -1, of the block upside down."""
         sizes = [rows * cols for rows, cols in self.shapes]
         start = np.cumsum([0, *sizes[:-1]], dtype=np.int32)

@@ -1,6 +1,6 @@
 """Height and slope of a heightfield's surface at points of its own frame."""
 
-__all__ = ["as_tree", "function_surface", "grid_surface"]
+__all__ = ["Function", "as_tree", "function_surface", "grid_surface"]
 
 from collections.abc import Callable
 from typing import Any

@@ -12,7 +12,7 @@ from collections.abc import Callable
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Float
 
 from impostor_jax.geometry.rays import Interval, Ray
 from impostor_jax.numerics import eps, safe_divide, safe_sqrt
@@ -48,17 +48,19 @@ def advance(
     def rounding(t: Numbers) -> Numbers:
         return eps(t.dtype, 2) * (jnp.abs(o.y) + jnp.abs(t * d.y) + reach)
 
-    active, t = _beginning(span)
-    side = _side(gap, t, rounding(t))
+    active = span.lower <= span.upper
+    t = jnp.where(active, span.lower, 0)
+    now, slope = jax.jvp(gap, (t,), (jnp.ones_like(t),))
+    side = side_of(now, slope, rounding(t))
     level = safe_sqrt(d.x * d.x + d.z * d.z)
     closing = lipschitz * level - side * d.y
-    bend = None if curvature is None else curvature * level * level
+    along_ray = None if curvature is None else curvature * level * level
 
     def above(t: Numbers) -> Numbers:
         return side * gap(t)
 
     def slope_of(t: Numbers) -> tuple[Numbers, Numbers]:
-        if bend is None:
+        if along_ray is None:
             return above(t), jnp.zeros_like(t)
         return jax.jvp(above, (t,), (jnp.ones_like(t),))
 
@@ -70,10 +72,10 @@ def advance(
         arrives = active & (((now <= close) & away) | (now < -close))
         found = jnp.where(arrives, t, found)
         room = jnp.maximum(now, close)
-        falls = closing > 0
-        step = jnp.where(falls, room / jnp.where(falls, closing, 1), jnp.inf)
-        if bend is not None:
-            step = jnp.maximum(step, free_step(room, slope, -bend))
+        closes = closing > 0
+        step = jnp.where(closes, room / jnp.where(closes, closing, 1), jnp.inf)
+        if along_ray is not None:
+            step = jnp.maximum(step, free_step(room, slope, -along_ray))
         ahead = t + step
         away = away | (now > close)
         active = active & ~arrives & (ahead <= span.upper)
@@ -86,18 +88,6 @@ def advance(
     state = (jnp.int32(0), t, away, active, never)
     _, t, _, active, found = jax.lax.while_loop(is_open, turn, state)
     return _settled(gap, jnp.where(active, t, found))
-
-
-def _beginning(span: Interval) -> tuple[Bool[Array, "*batch"], Numbers]:
-    """Whether a ray is over the extent at all, and where it begins to be."""
-    active = span.lower <= span.upper
-    return active, jnp.where(active, span.lower, 0)
-
-
-def _side(gap: Gap, t: Numbers, rounding: Numbers) -> Numbers:
-    """Side on which a ray is at t."""
-    now, slope = jax.jvp(gap, (t,), (jnp.ones_like(t),))
-    return side_of(now, slope, rounding)
 
 
 def side_of(gap: Numbers, slope: Numbers, rounding: Numbers) -> Numbers:
@@ -115,8 +105,10 @@ def _settled(gap: Gap, t: Numbers) -> Numbers:
     return jnp.where(lowers, ahead, t)
 
 
-def free_step(gap: Numbers, slope: Numbers, bend: Numbers) -> Numbers:
-    """Step over which a gap cannot close: first root of gap + slope s + bend s^2 / 2.
+def free_step(gap: Numbers, slope: Numbers, curvature: Numbers) -> Numbers:
+    """Step s over which a gap cannot close: first root of its parabola.
+
+    That is gap + slope s + curvature s^2 / 2.
 
     Near the surface it is Newton's step, taken from the safe side; along a ray that
     grazes, it is the square root of the gap and not the gap that bounds it.
@@ -124,13 +116,14 @@ def free_step(gap: Numbers, slope: Numbers, bend: Numbers) -> Numbers:
     Args:
         gap: Now, not negative.
         slope: Its derivative now.
-        bend: Lower bound of its second derivative ahead; the step is exact where the
-            second derivative is this number.
+        curvature: Lower bound of its second derivative ahead; the step is exact where
+            the second derivative is this number.
     """
-    root = safe_sqrt(slope * slope - 2 * bend * gap)
-    passes = (slope * slope < 2 * bend * gap) | ((slope >= 0) & (bend >= 0))
+    square = slope * slope
+    root = safe_sqrt(square - 2 * curvature * gap)
+    passes = (square < 2 * curvature * gap) | ((slope >= 0) & (curvature >= 0))
     # Of the two forms of the root, the one that subtracts nothing.
-    falls = slope < 0
-    top = jnp.where(falls, 2 * gap, root + slope)
-    below = jnp.where(falls, root - slope, -bend)
+    closes = slope < 0
+    top = jnp.where(closes, 2 * gap, root + slope)
+    below = jnp.where(closes, root - slope, -curvature)
     return jnp.where(passes, jnp.inf, top / jnp.where(passes, 1, below))

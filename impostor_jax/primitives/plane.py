@@ -64,11 +64,10 @@ class Plane(AbstractPrimitive):
     unit_normal: Float[Array, "*batch 3"]
 
     def __init__(self, point: Any, normal: Any):
-        point, normal = float_arrays(
+        self.point, normal = float_arrays(
             point=(point, (3,), "meters"), normal=(normal, (3,), "numbers")
         )
         check_direction("normal", normal)
-        self.point = point
         self.unit_normal = safe_normalize(normal)
 
     @property

@@ -5,9 +5,9 @@ the sector that is missing. So a ray spends one interval in the sector or one ou
 it, and no angle of a point is ever computed.
 """
 
-__all__ = ["Cut", "Sector", "sector", "sector_fields"]
+__all__ = ["Cut", "Sector", "sector", "sector_fields", "with_zero_turned"]
 
-from typing import Any
+from typing import Any, TypeVar
 
 import equinox as eqx
 import jax
@@ -16,10 +16,13 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from impostor_jax.arguments import float_arrays, is_concrete
+from impostor_jax.geometry.frames import RigidTransform
 from impostor_jax.geometry.rays import Interval, Ray
 from impostor_jax.geometry.so3 import tangent_basis
 from impostor_jax.geometry.vec3 import Vec3
 from impostor_jax.numerics import eps, smallest_slope
+
+Body = TypeVar("Body", bound=Any)
 
 
 class Sector(eqx.Module):
@@ -45,10 +48,7 @@ class Sector(eqx.Module):
         first = _half_space(ray, self.start * sign)
         second = _half_space(ray, self.end * -sign)
         return Cut(
-            Interval(
-                jnp.maximum(first.lower, second.lower),
-                jnp.minimum(first.upper, second.upper),
-            ),
+            first.overlap(second),
             is_convex,
             first.lower > second.lower,
             first.upper < second.upper,
@@ -170,6 +170,13 @@ def sector_fields(
         if np.any(aside <= eps(a.dtype, 8) * np.linalg.norm(z, axis=-1)):
             raise ValueError(f"zero must not be along the axis {a}, got {z}")
     return start, end, zero
+
+
+def with_zero_turned(body: Body, target_from_source: RigidTransform) -> Body:
+    """A body whose direction of the angle 0, if it has one, is in another frame."""
+    if body.zero is None:
+        return body
+    return eqx.tree_at(lambda b: b.zero, body, target_from_source.rotate(body.zero))
 
 
 def _half_space(ray: Ray, normal: Vec3) -> Interval:

@@ -59,12 +59,10 @@ class Sphere(AbstractPrimitive):
     radius: Float[Array, "*batch"]
 
     def __init__(self, center: Any, radius: Any):
-        center, radius = float_arrays(
+        self.center, self.radius = float_arrays(
             center=(center, (3,), "meters"), radius=(radius, (), "meters")
         )
-        check_positive("radius", radius, "meters")
-        self.center = center
-        self.radius = radius
+        check_positive("radius", self.radius, "meters")
 
     @property
     @override

@@ -127,8 +127,8 @@ def within_range(
         radius: Of the curvature; 1 for a plane.
         n_d: Unit normal times the ray's direction.
     """
-    bend = radius * jnp.abs(n_d) ** 3
-    bounded = 1 + squares < bend * (float(np.finfo(n_d.dtype).max) / 1024)
+    divisor = radius * jnp.abs(n_d) ** 3
+    bounded = 1 + squares < divisor * (float(np.finfo(n_d.dtype).max) / 1024)
     return jax.tree.map(
         lambda x: jnp.where(bounded, x, jax.lax.stop_gradient(x)), values
     )

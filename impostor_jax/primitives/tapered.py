@@ -157,8 +157,8 @@ def _crossings(near: Ray, body: Tapered) -> list[_Crossing]:
     a = body.axis
     wall = cone_interval(near, a, body.radius, body.slope)
     slab = plane_interval(near, a, body.low, body.high)
-    enter = jnp.maximum(wall.lower, slab.lower)
-    leave = jnp.minimum(wall.upper, slab.upper)
+    solid = wall.overlap(slab)
+    enter, leave = solid.lower, solid.upper
     meets = enter <= leave
     rises = near.direction.dot(a) > 0
     # An end that is a point, to rounding, has no cap.
@@ -213,8 +213,10 @@ def _first_hit_jvp(primals, tangents):
     lengths = q.dot(q) + t * t * d.dot(d)
     lengths += safe_divide(lengths, jnp.broadcast_to(span * span, lengths.shape))
     squares = lengths * (1 + body.slope * body.slope)
-    curvature = jnp.where(on_wall, local, 1) / 1024
-    n, n_d, q, along, t = within_range((n, n_d, q, along, t), squares, curvature, n_d)
+    bending_radius = jnp.where(on_wall, local, 1) / 1024
+    n, n_d, q, along, t = within_range(
+        (n, n_d, q, along, t), squares, bending_radius, n_d
+    )
     d_q = d_ray.at(t) - d_body.anchor
     # How far the surface itself moves along n, the point held.
     moved = jnp.where(part == LOW_CAP, -d_body.low, 0)

@@ -13,6 +13,8 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from impostor_jax.numerics import Scalar
+
 
 class Terrain(eqx.Module):
     """Sum of octaves over the plane y = 0.
@@ -28,10 +30,10 @@ class Terrain(eqx.Module):
         octaves: Their number.
     """
 
-    amplitude: float | Float[Array, ""] = 5.0
-    frequency: float | Float[Array, ""] = 0.2
-    gain: float | Float[Array, ""] = 0.5
-    lacunarity: float | Float[Array, ""] = 2.07
+    amplitude: Scalar = 5.0
+    frequency: Scalar = 0.2
+    gain: Scalar = 0.5
+    lacunarity: Scalar = 2.07
     octaves: int = eqx.field(default=10, static=True)
 
     def __call__(
@@ -46,13 +48,13 @@ class Terrain(eqx.Module):
         return jnp.sum(size * jnp.sin(f * x[None]) * jnp.sin(f * z[None]), axis=0)
 
     @property
-    def lipschitz(self) -> float | Float[Array, ""]:
+    def lipschitz(self) -> Scalar:
         """Bound of the slope: no octave is steeper than amplitude times frequency."""
         ratio = self.gain * self.lacunarity
         return self.amplitude * self.frequency * self._sum(ratio)
 
     @property
-    def curvature(self) -> float | Float[Array, ""]:
+    def curvature(self) -> Scalar:
         """Bound of the second derivative along a horizontal direction, in 1/m.
 
         That of sin(x) sin(z) has the eigenvalues -cos(x - z) and cos(x + z), so no
@@ -61,5 +63,5 @@ class Terrain(eqx.Module):
         ratio = self.gain * self.lacunarity**2
         return self.amplitude * self.frequency**2 * self._sum(ratio)
 
-    def _sum(self, ratio: float | Float[Array, ""]) -> float | Float[Array, ""]:
+    def _sum(self, ratio: Scalar) -> Scalar:
         return sum(ratio**i for i in range(self.octaves))

@@ -90,24 +90,21 @@ class Torus(AbstractPrimitive):
     minor_radius: Float[Array, "*batch"]
 
     def __init__(self, center: Any, axis: Any, major_radius: Any, minor_radius: Any):
-        center, axis, major_radius, minor_radius = float_arrays(
+        self.center, axis, self.major_radius, self.minor_radius = float_arrays(
             center=(center, (3,), "meters"),
             axis=(axis, (3,), "numbers"),
             major_radius=(major_radius, (), "meters"),
             minor_radius=(minor_radius, (), "meters"),
         )
         check_direction("axis", axis)
-        check_positive("minor_radius", minor_radius, "meters")
-        radii = major_radius, minor_radius
-        if is_concrete(radii) and not np.all(np.greater(*radii)):
+        self.axis = safe_normalize(axis)
+        major, minor = self.major_radius, self.minor_radius
+        check_positive("minor_radius", minor, "meters")
+        if is_concrete((major, minor)) and not np.all(np.greater(major, minor)):
             raise ValueError(
                 "minor_radius must be less than major_radius, in meters, got "
-                f"{minor_radius} and {major_radius}"
+                f"{minor} and {major}"
             )
-        self.center = center
-        self.axis = safe_normalize(axis)
-        self.major_radius = major_radius
-        self.minor_radius = minor_radius
 
     @property
     @override
@@ -289,7 +286,7 @@ def _first_crossing(
     first, largest, second = line.extremes()
     near, far = (jnp.where(lag < 0, *x) for x in ((second, first), (first, second)))
     distances = [line.distance(x) for x in (near, largest, far)]
-    bends = [line.past(x)[1] for x in (near, far)]
+    curvatures = [line.past(x)[1] for x in (near, far)]
     near, middle, far = (foot + sign * x for x in (near, largest, far))
 
     def gap(u: Numbers) -> tuple[Numbers, Numbers]:
@@ -323,8 +320,8 @@ def _first_crossing(
     low = jnp.maximum(low, start)
     # Where the parabola of the squared distance crosses.
     least = jnp.where(by_near, distances[0], distances[2])
-    bend = jnp.where(by_near, bends[0], bends[1])
-    half = safe_sqrt(safe_divide((r - least) * (r + least), bend))
+    curvature = jnp.where(by_near, curvatures[0], curvatures[1])
+    half = safe_sqrt(safe_divide((r - least) * (r + least), curvature))
     place = jnp.where(by_near, near, far)
     at = jnp.where(is_inside, place + half, place - half)
 

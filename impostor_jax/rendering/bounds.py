@@ -13,7 +13,7 @@ from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Float
 
 from impostor_jax.geometry.vec3 import Vec3
 from impostor_jax.numerics import eps, safe_sqrt
@@ -41,13 +41,6 @@ class ImageBounds(eqx.Module):
 
     low: Corner
     high: Corner
-
-    def overlaps(
-        self, low: tuple[Array, Array], high: tuple[Array, Array]
-    ) -> Bool[Array, "*batch"]:
-        """Whether blocks of rays, from low to high (x, y), may meet the shape."""
-        x = (low[0] <= self.high[0]) & (high[0] >= self.low[0])
-        return x & (low[1] <= self.high[1]) & (high[1] >= self.low[1])
 
 
 def is_bounded(kind: type[AbstractPrimitive]) -> bool:

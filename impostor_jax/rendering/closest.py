@@ -1,12 +1,12 @@
 """What every ray meets first of a scene's many shapes.
 
-The image is cut into cells of pixels, and each cell lists the shapes whose outline's
-bounds overlap it. Then the cells are cast at their shapes side by side, each at the
+The image is cut into blocks of pixels, and each block lists the shapes whose outline's
+bounds overlap it. Then the blocks are cast at their shapes side by side, each at the
 first of its list, at the second, and so on, and what is nearer than before is kept: the
-work is that of the pixels that shapes can cover, not of shapes times pixels. Cells with
-lists of about the same length go together, so that none waits for another.
+work is that of the pixels that shapes can cover, not of shapes times pixels. Blocks
+with lists of about the same length go together, so that none waits for another.
 
-A cell keeps the depth of what it sees and its code: which shape, and which part of it.
+A block keeps the depth of what it sees and its code: which shape, and which part of it.
 The normal follows from these once, of all pixels, and so does the derivative, which
 does not pass through the search.
 """
@@ -26,20 +26,20 @@ from impostor_jax.compiling import computed_apart
 from impostor_jax.geometry.rays import Hit, Ray
 from impostor_jax.geometry.vec3 import Vec3
 from impostor_jax.primitives.base import AbstractPrimitive
-from impostor_jax.rendering.bounds import image_bounds
+from impostor_jax.rendering.blocks import Extent, blocks_of, extent_of
 from impostor_jax.rendering.scene import Group
 
 ROWS, COLS = 8, 16
-"""Size of a cell: smaller ones list more shapes, larger ones cast more rays in vain."""
+"""Size of a block: smaller ones list more shapes, larger cast more rays in vain."""
 
 TOGETHER = 64
-"""Cells that are cast side by side: what they hold stays in a processor's cache."""
+"""Blocks that are cast side by side: what they hold stays in a processor's cache."""
 
 PARTS = 16
 """Codes of a shape: more than pieces of any, times two for a cap or none."""
 
 MOST_PAIRS = 1 << 16
-"""Pairs of a cell and a shape that are listed at a time; more take more rounds."""
+"""Pairs of a block and a shape that are listed at a time; more take more rounds."""
 
 Surface = tuple[Float[Array, "h w"], Vec3 | None]
 """Depth, and the normal if it is wanted."""
@@ -50,13 +50,13 @@ nothing is."""
 
 
 class _Lists(eqx.Module):
-    """Some pairs of a cell and a shape, sorted by cells.
+    """Some pairs of a block and a shape, sorted by blocks.
 
     Attributes:
         shape: Number of the shape in its group.
-        first: Place of each cell's first pair.
+        first: Place of each block's first pair.
         count: Its number of pairs.
-        order: The cells, those with the longest lists first.
+        order: The blocks, those with the longest lists first.
     """
 
     shape: Int[Array, " p"]
@@ -145,84 +145,54 @@ def _search(
 ) -> tuple[Float[Array, "h w"], Code]:
     """Depth and code of what is nearest, without a derivative."""
     height, width = rays.direction.z.shape
-    cells = jax.tree.map(_as_cells, rays)
-    ends = _extremes(rays, is_central)
-    size = cells.direction.z.shape
+    blocks = jax.tree.map(_as_blocks, rays)
+    extent = extent_of(rays, is_central, ROWS, COLS)
+    size = blocks.direction.z.shape
     t = jnp.full(size, jnp.inf, rays.direction.z.dtype)
     code = jnp.full(size, -PARTS, jnp.int32)
     first = 0
     for group in groups:
         for part in _parts(group, size[0]):
-            t, code = _cast(part, first, cells, is_central, ends, (t, code))
+            t, code = _cast(part, first, blocks, is_central, extent, (t, code))
             first += part.index.shape[0]
     return _as_image(t, height, width), _as_image(code, height, width)
 
 
-def _parts(group: Group, num_cells: int) -> Iterator[Group]:
-    """Parts of a group whose pairs with all cells can be counted."""
-    most = np.iinfo(np.int32).max // num_cells
+def _parts(group: Group, num_blocks: int) -> Iterator[Group]:
+    """Parts of a group whose pairs with all blocks can be counted."""
+    most = np.iinfo(np.int32).max // num_blocks
     for start in range(0, group.index.shape[0], most):
         yield jax.tree.map(lambda x, k=start: x[k : k + most], group)
 
 
-def _as_cells(image: Array) -> Array:
-    """Cells of an image, row by row; the last pixels once more to make them whole."""
+def _as_blocks(image: Array) -> Array:
+    """Blocks of an image, row by row; the last pixels once more to make them whole."""
     height, width = image.shape
     pad = ((0, -height % ROWS), (0, -width % COLS))
     image = jnp.pad(image, pad, mode="edge")
-    blocks = image.reshape(image.shape[0] // ROWS, ROWS, -1, COLS).swapaxes(1, 2)
-    return blocks.reshape(-1, ROWS * COLS)
+    parts = image.reshape(image.shape[0] // ROWS, ROWS, -1, COLS).swapaxes(1, 2)
+    return parts.reshape(-1, ROWS * COLS)
 
 
-def _as_image(cells: Array, height: int, width: int) -> Array:
-    """The image that cells were cut from."""
+def _as_image(blocks: Array, height: int, width: int) -> Array:
+    """The image that blocks were cut from."""
     rows, cols = -(-height // ROWS), -(-width // COLS)
-    blocks = cells.reshape(rows, cols, ROWS, COLS).swapaxes(1, 2)
-    return blocks.reshape(rows * ROWS, cols * COLS)[:height, :width]
-
-
-Extremes = tuple[tuple[Array, Array], tuple[Array, Array]]
-"""Smallest and largest y of the rays of each row of cells, and x of each column."""
-
-
-def _extremes(rays: Ray, is_central: bool) -> Extremes:
-    across = rays.direction if is_central else rays.origin
-
-    def ends(values: Array, step: int) -> tuple[Array, Array]:
-        found = []
-        for reduce, nothing in ((jnp.min, np.inf), (jnp.max, -np.inf)):
-            known = jnp.where(jnp.isfinite(values), values, nothing)
-            line = reduce(known, axis=1)
-            more = jnp.full(-line.shape[0] % step, nothing, line.dtype)
-            line = jnp.concatenate([line, more])
-            found.append(reduce(line.reshape(-1, step), axis=1))
-        return found[0], found[1]
-
-    return ends(across.y, ROWS), ends(across.x.T, COLS)
+    parts = blocks.reshape(rows, cols, ROWS, COLS).swapaxes(1, 2)
+    return parts.reshape(rows * ROWS, cols * COLS)[:height, :width]
 
 
 def _cast(
     group: Group,
     first: int,
-    cells: Ray,
+    blocks: Ray,
     is_central: bool,
-    ends: Extremes,
+    extent: Extent,
     nearest: tuple[Array, Array],
 ) -> tuple[Array, Array]:
     """What is nearest after the shapes of one group."""
-    bounds = jax.vmap(lambda shape: image_bounds(shape, is_central))(group.primitives)
-    spans = []
-    for (low, high), axis in zip(ends, (1, 0), strict=True):
-        overlaps = low[None] <= bounds.high[:, axis, None]
-        overlaps &= high[None] >= bounds.low[:, axis, None]
-        overlaps &= (group.index >= 0)[:, None]
-        number = jnp.arange(low.shape[0], dtype=jnp.int32)
-        start = jnp.min(jnp.where(overlaps, number[None], low.shape[0]), axis=1)
-        stop = jnp.max(jnp.where(overlaps, number[None] + 1, 0), axis=1)
-        spans += [start, jnp.maximum(stop - start, 0)]
-    row, num_rows, col, num_cols = spans
-    num_cells, line = cells.direction.z.shape[0], ends[1][0].shape[0]
-    ending = jnp.cumsum(num_rows * num_cols)
+    mine = blocks_of(group.primitives, group.index >= 0, extent, is_central)
+    num_blocks, line = blocks.direction.z.shape[0], extent[1][0].shape[0]
+    ending = jnp.cumsum(mine.count)
     most = int(np.clip(16 * group.index.shape[0], 2048, MOST_PAIRS))
 
     def listed(turn: Array) -> _Lists:
@@ -230,56 +200,57 @@ def _cast(
         pair = turn * most + jnp.arange(most, dtype=jnp.int32)
         shape = jnp.searchsorted(ending, pair, side="right").astype(jnp.int32)
         shape = jnp.minimum(shape, group.index.shape[0] - 1)
-        within = pair - (ending - num_rows * num_cols)[shape]
-        wide = jnp.maximum(num_cols[shape], 1)
-        cell = (row[shape] + within // wide) * line + col[shape] + within % wide
-        cell = jnp.where(pair < ending[-1], cell, num_cells).astype(jnp.int32)
-        cell, shape = _sorted_pairs(cell, shape, num_cells, group.index.shape[0])
-        start = jnp.searchsorted(cell, jnp.arange(num_cells + 1, dtype=jnp.int32))
+        within = pair - (ending - mine.count)[shape]
+        wide = jnp.maximum(mine.num_cols[shape], 1)
+        row, col = mine.row[shape] + within // wide, mine.col[shape] + within % wide
+        block = row * line + col
+        block = jnp.where(pair < ending[-1], block, num_blocks).astype(jnp.int32)
+        block, shape = _sorted_pairs(block, shape, num_blocks, group.index.shape[0])
+        start = jnp.searchsorted(block, jnp.arange(num_blocks + 1, dtype=jnp.int32))
         count = jnp.diff(start).astype(jnp.int32)
         order = jnp.argsort(-count).astype(jnp.int32)
         return _Lists(shape, start[:-1].astype(jnp.int32), count, order)
 
     def round_(turn: Array, nearest: tuple[Array, Array]) -> tuple[Array, Array]:
-        return _cast_lists(group, first, cells, listed(turn), nearest)
+        return _cast_lists(group, first, blocks, listed(turn), nearest)
 
     turns = -(-ending[-1] // most)
     return jax.lax.fori_loop(0, turns, round_, nearest)
 
 
 def _sorted_pairs(
-    cell: Int[Array, " p"], shape: Int[Array, " p"], num_cells: int, num_shapes: int
+    block: Int[Array, " p"], shape: Int[Array, " p"], num_blocks: int, num_shapes: int
 ) -> tuple[Int[Array, " p"], Int[Array, " p"]]:
-    """Pairs in the order of their cells.
+    """Pairs in the order of their blocks.
 
     As one number each where they fit: 65536 are sorted in 4 ms, and in 14 as two.
     """
     bits = (num_shapes - 1).bit_length()
-    if (num_cells + 1) << bits > np.iinfo(np.int32).max:
-        cell, shape = jax.lax.sort((cell, shape), num_keys=1)
-        return cell, shape
-    both = jnp.sort((cell << bits) | shape)
+    if (num_blocks + 1) << bits > np.iinfo(np.int32).max:
+        block, shape = jax.lax.sort((block, shape), num_keys=1)
+        return block, shape
+    both = jnp.sort((block << bits) | shape)
     return both >> bits, both & ((1 << bits) - 1)
 
 
 def _cast_lists(
     group: Group,
     first: int,
-    cells: Ray,
+    blocks: Ray,
     lists: _Lists,
     nearest: tuple[Array, Array],
 ) -> tuple[Array, Array]:
     """What is nearest after the shapes of all lists."""
-    num_cells = lists.order.shape[0]
-    # Beyond the last cell there is none, and nothing is written.
-    more = jnp.full(-num_cells % TOGETHER, num_cells, jnp.int32)
+    num_blocks = lists.order.shape[0]
+    # Beyond the last block there is none, and nothing is written.
+    more = jnp.full(-num_blocks % TOGETHER, num_blocks, jnp.int32)
     order = jnp.concatenate([lists.order, more]).reshape(-1, TOGETHER)
     lengths = lists.count.at[order].get(mode="fill", fill_value=0)
 
     def at_chunk(number: Array, nearest: tuple[Array, Array]) -> tuple[Array, Array]:
-        cell, count = order[number], lengths[number]
-        ray = jax.tree.map(lambda x: x.at[cell].get(mode="clip"), cells)
-        start = lists.first.at[cell].get(mode="clip")
+        block, count = order[number], lengths[number]
+        ray = jax.tree.map(lambda x: x.at[block].get(mode="clip"), blocks)
+        start = lists.first.at[block].get(mode="clip")
 
         def at_slot(slot: Array, nearest: tuple[Array, Array]):
             t, code = nearest
@@ -297,10 +268,10 @@ def _cast_lists(
             own = PARTS * (first + number)[:, None] + piece
             return jnp.where(nearer, hit.t, t), jnp.where(nearer, own, code)
 
-        kept = jax.tree.map(lambda x: x.at[cell].get(mode="clip"), nearest)
+        kept = jax.tree.map(lambda x: x.at[block].get(mode="clip"), nearest)
         kept = jax.lax.fori_loop(0, count[0], at_slot, kept)
         return jax.tree.map(
-            lambda x, new: x.at[cell].set(new, mode="drop", unique_indices=True),
+            lambda x, new: x.at[block].set(new, mode="drop", unique_indices=True),
             nearest,
             kept,
         )

@@ -14,6 +14,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
+from impostor_jax.compiling import compiled
 from impostor_jax.geometry.vec3 import Vec3
 
 Place = tuple[Float[Array, "*batch"], Float[Array, "*batch"], Float[Array, "*batch"]]
@@ -60,9 +61,10 @@ class AbstractOutline(eqx.Module):
         """Whether the camera is in the body and sees no outline."""
         return self.clearance < 0
 
+    @compiled
     def at(self, parameter: Float[Array, "*batch"]) -> Float[Array, "*batch 3"]:
         """Point of the curve; `parameter` as in `place`."""
-        return _at(self, parameter)
+        return self.point(*self.place(parameter))
 
     def point(
         self,
@@ -89,10 +91,3 @@ class AbstractOutline(eqx.Module):
         """
         steps = jnp.arange(count, dtype=self.clearance.dtype)
         return self.at(steps * (4 / count))
-
-
-@jax.jit
-def _at(
-    curve: AbstractOutline, parameter: Float[Array, "*batch"]
-) -> Float[Array, "*batch 3"]:
-    return curve.point(*curve.place(parameter))

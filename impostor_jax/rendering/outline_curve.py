@@ -24,7 +24,11 @@ from impostor_jax.camera.base import AbstractCamera, check_central
 from impostor_jax.geometry.so3 import tangent_basis
 from impostor_jax.geometry.vec3 import Vec3, unit
 from impostor_jax.numerics import eps, safe_divide, safe_sqrt
-from impostor_jax.primitives.base import AbstractPrimitive, in_camera_frame
+from impostor_jax.primitives.base import (
+    AbstractPrimitive,
+    check_single,
+    in_camera_frame,
+)
 from impostor_jax.primitives.cylinder import Cylinder
 from impostor_jax.primitives.sphere import Sphere
 from impostor_jax.rendering.outline_base import AbstractOutline, Place
@@ -195,11 +199,7 @@ def outline(primitive: AbstractPrimitive, camera: AbstractCamera) -> AbstractOut
             "primitive must be a Cylinder or a Sphere to have an outline in closed "
             f"form, got a {type(primitive).__name__}"
         )
-    if primitive.batch_shape:
-        raise ValueError(
-            f"primitive must be a single one, got a batch of shape "
-            f"{primitive.batch_shape}; map over it with jax.vmap"
-        )
+    check_single(primitive)
     return outline_of(in_camera_frame(primitive, camera))
 
 

@@ -9,10 +9,9 @@ from jaxtyping import Array, Float, Int
 from impostor_jax.camera.base import AbstractCamera
 from impostor_jax.geometry.rays import Hit, Ray
 from impostor_jax.geometry.vec3 import Vec3
-from impostor_jax.primitives.base import AbstractPrimitive, in_camera_frame
+from impostor_jax.primitives.base import in_camera_frame
 from impostor_jax.rendering.bounds import is_bounded
 from impostor_jax.rendering.closest import closest
-from impostor_jax.rendering.maps import GeometryMaps
 from impostor_jax.rendering.scene import Scene, Shown
 
 Places = Int[Array, "h w"]
@@ -26,22 +25,23 @@ def raycast(
     camera: AbstractCamera,
     row: Int[Array, "h w"],
     col: Int[Array, "h w"],
-    outputs: frozenset[str],
-) -> GeometryMaps:
-    """Maps of some pixels; only those that are asked for are computed.
+    with_normal: bool,
+) -> dict[str, Array]:
+    """Maps of some pixels, all but the coverage, by the names of `GeometryMaps`.
+
+    Of a compiled program no more than what is taken of them is left.
 
     Args:
         primitive: One shape or a scene, in the world frame.
         camera: The camera.
         row: Rows of the pixels.
         col: Columns of the pixels.
-        outputs: Any of the maps but the coverage.
+        with_normal: Whether the normal is wanted; it is not among them if not.
 
     Derivatives:
         As of `render`.
     """
     ray = camera.rays(row, col, primitive.dtype)
-    with_normal = "normal" in outputs
     t, normal, index, part = first_surface(primitive, camera, ray, with_normal)
     sees = camera.sees(row, col)
     if sees is not None:
@@ -50,23 +50,16 @@ def raycast(
             zero = jnp.zeros_like(t)
             normal = normal.where(sees, Vec3(zero, zero, zero))
     mask = jnp.isfinite(t)
-    maps = {}
-    if "depth" in outputs:
-        maps["depth"] = t
-    if "range" in outputs:
-        maps["range"] = t * ray.direction.norm()
-    if "point" in outputs:
-        point = ray.at(jnp.where(mask, t, 0)).stack()
-        maps["point"] = jnp.where(mask[..., None], point, jnp.inf)
-    if normal is not None:
-        maps["normal"] = normal.stack()
-    if "mask" in outputs:
-        maps["mask"] = mask
-    if "index" in outputs:
-        maps["index"] = jnp.where(mask, index, -1)
-    if "part" in outputs:
-        maps["part"] = jnp.where(mask, part, -1)
-    return GeometryMaps(**maps)
+    point = ray.at(jnp.where(mask, t, 0)).stack()
+    maps = {
+        "depth": t,
+        "range": t * ray.direction.norm(),
+        "point": jnp.where(mask[..., None], point, jnp.inf),
+        "mask": mask,
+        "index": jnp.where(mask, index, -1),
+        "part": jnp.where(mask, part, -1),
+    }
+    return maps if normal is None else {**maps, "normal": normal.stack()}
 
 
 def first_surface(
@@ -85,12 +78,6 @@ def first_surface(
     """
     if isinstance(primitive, Scene):
         return _see_scene(primitive, camera, ray, with_normal)
-    return _see_one(primitive, camera, ray, with_normal)
-
-
-def _see_one(
-    primitive: AbstractPrimitive, camera: AbstractCamera, ray: Ray, with_normal: bool
-) -> FirstHit:
     primitive = in_camera_frame(primitive, camera)
     hit = primitive.intersect(ray)
     normal = primitive.normal(ray, hit) if with_normal else None

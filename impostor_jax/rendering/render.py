@@ -23,7 +23,8 @@ from impostor_jax.camera.base import AbstractCamera
 from impostor_jax.camera.pixels import Tile
 from impostor_jax.compiling import kept
 from impostor_jax.effort import Effort, effort_of
-from impostor_jax.primitives.base import AbstractPrimitive
+from impostor_jax.numerics import Scalar
+from impostor_jax.primitives.base import AbstractPrimitive, check_single
 from impostor_jax.rendering.bounds import is_bounded
 from impostor_jax.rendering.coverage import coverage
 from impostor_jax.rendering.maps import MISSES, OUTPUTS, GeometryMaps
@@ -97,11 +98,8 @@ def render(
             "camera must be a PinholeCamera or an OrthographicCamera, got "
             f"{type(camera).__name__}"
         )
-    if isinstance(primitive, AbstractPrimitive) and primitive.batch_shape:
-        raise ValueError(
-            f"primitive must be a single one, got a batch of shape "
-            f"{primitive.batch_shape}; map over it with jax.vmap"
-        )
+    if isinstance(primitive, AbstractPrimitive):
+        check_single(primitive)
     if miss != math.inf:
         miss = real_number("miss", miss, unit="meters")
     effort = effort_of(effort)
@@ -122,15 +120,12 @@ def render(
 
 
 @jax.jit
-def _with_miss(maps: GeometryMaps, miss: float | Float[Array, ""]) -> GeometryMaps:
+def _with_miss(maps: GeometryMaps, miss: Scalar) -> GeometryMaps:
     """The maps with another number for what is infinite."""
-
-    def filled(values: Any) -> Any:
-        if values is None:
-            return None
-        return jnp.where(jnp.isfinite(values), values, miss)
-
-    depth, range_, point = map(filled, (maps.depth, maps.range, maps.point))
+    depth, range_, point = jax.tree.map(
+        lambda values: jnp.where(jnp.isfinite(values), values, miss),
+        (maps.depth, maps.range, maps.point),
+    )
     return dataclasses.replace(maps, depth=depth, range=range_, point=point)
 
 
@@ -186,23 +181,17 @@ def _render(
     """
     tile = camera.frame if tile is None else tile
     row, col = (pixel[::stride, ::stride] for pixel in tile.pixels())
-    others = frozenset(outputs) - {"coverage"}
-    if "coverage" not in outputs:
-        return raycast(primitive, camera, row, col, others)
-    if samples == 1:
-        # What the centers see is cast once, for the mask and for this.
-        maps = raycast(primitive, camera, row, col, others | {"mask"})
-        assert maps.mask is not None
-        mask = maps.mask if "mask" in outputs else None
-        covered = maps.mask.astype(primitive.dtype)
-        return dataclasses.replace(maps, mask=mask, coverage=covered)
-    maps = raycast(primitive, camera, row, col, others)
-    if samples:
-        covered = _sampled_coverage(primitive, camera, row, col, samples)
-    else:
-        assert isinstance(primitive, AbstractPrimitive)
-        covered = coverage(primitive, camera, tile)[::stride, ::stride]
-    return dataclasses.replace(maps, coverage=covered)
+    maps = raycast(primitive, camera, row, col, "normal" in outputs)
+    if "coverage" in outputs:
+        if samples == 1:
+            covered = maps["mask"].astype(primitive.dtype)
+        elif samples:
+            covered = _sampled_coverage(primitive, camera, row, col, samples)
+        else:
+            assert isinstance(primitive, AbstractPrimitive)
+            covered = coverage(primitive, camera, tile)[::stride, ::stride]
+        maps["coverage"] = covered
+    return GeometryMaps(**{name: maps[name] for name in outputs})
 
 
 def _sampled_coverage(
@@ -218,8 +207,7 @@ def _sampled_coverage(
 
     def add(total: Float[Array, "h w"], place: Float[Array, "2"]):
         moved = camera.shifted(place[0], place[1])
-        mask = raycast(primitive, moved, row, col, frozenset({"mask"})).mask
-        assert mask is not None
+        mask = raycast(primitive, moved, row, col, with_normal=False)["mask"]
         return total + mask.astype(total.dtype), None
 
     blank = jnp.zeros(row.shape, primitive.dtype)

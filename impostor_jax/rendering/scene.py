@@ -89,12 +89,8 @@ class Scene(eqx.Module):
 
     def seen_by(self, camera: AbstractCamera) -> "Scene":
         """Express the shapes in the frame of a camera."""
-
-        def moved(group: Group) -> Group:
-            each = jax.vmap(lambda primitive: in_camera_frame(primitive, camera))
-            return Group(each(group.primitives), group.index)
-
-        groups = tuple(moved(group) for group in self.groups)
+        moved = jax.vmap(lambda primitive: in_camera_frame(primitive, camera))
+        groups = tuple(Group(moved(g.primitives), g.index) for g in self.groups)
         return eqx.tree_at(lambda scene: scene.groups, self, groups)
 
 

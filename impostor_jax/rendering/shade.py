@@ -25,16 +25,14 @@ from impostor_jax.arguments import bounded_number, check_direction, float_array
 from impostor_jax.camera.base import AbstractCamera
 from impostor_jax.geometry.frames import RigidTransform
 from impostor_jax.geometry.vec3 import Vec3
-from impostor_jax.numerics import safe_normalize
+from impostor_jax.numerics import Scalar, safe_normalize
 from impostor_jax.rendering.maps import GeometryMaps
-
-Number = float | Float[Array, ""]
 
 
 class AbstractLight(eqx.Module):
     """A light; its intensity is what a white surface reflects that faces it."""
 
-    intensity: eqx.AbstractVar[Number]
+    intensity: eqx.AbstractVar[Scalar]
 
     @abc.abstractmethod
     def towards(self, point: Vec3) -> Vec3 | None:
@@ -55,7 +53,7 @@ class AmbientLight(AbstractLight):
         intensity: Not negative.
     """
 
-    intensity: Number
+    intensity: Scalar
 
     def __init__(self, intensity: Any):
         self.intensity = _intensity(intensity)
@@ -78,7 +76,7 @@ class PointLight(AbstractLight):
     """
 
     position: Float[Array, "3"]
-    intensity: Number
+    intensity: Scalar
 
     def __init__(self, position: Any, intensity: Any):
         self.position = float_array("position", position, (3,), "meters")
@@ -103,7 +101,7 @@ class DirectionalLight(AbstractLight):
     """
 
     direction: Float[Array, "3"]
-    intensity: Number
+    intensity: Scalar
 
     def __init__(self, direction: Any, intensity: Any):
         self.direction = float_array("direction", direction, (3,))

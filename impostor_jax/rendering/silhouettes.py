@@ -16,15 +16,11 @@ from jaxtyping import Array, Bool, Int
 from impostor_jax.camera.pinhole import PinholeCamera
 from impostor_jax.camera.pixels import PixelBox, linear_pixel_box
 from impostor_jax.primitives.base import AbstractPrimitive, in_camera_frame
-from impostor_jax.rendering.blocks import (
-    COLS,
-    ROWS,
-    Blocks,
-    blocks_of,
-    extremes,
-    whole_blocks,
-)
+from impostor_jax.rendering.blocks import Blocks, blocks_of, extent_of
 from impostor_jax.rendering.bounds import image_bounds
+
+ROWS, COLS = 8, 32
+"""Size of a block. Long rows fill the processor's lanes."""
 
 Margin = tuple[int, int]
 """Rows above and below the image, columns on its left and right."""
@@ -105,14 +101,14 @@ def _silhouettes(
 ) -> Silhouettes:
     shapes = jax.vmap(lambda shape: in_camera_frame(shape, camera))(shapes)
     row, col = camera.frame.pixels()
-    rays = whole_blocks(camera.rays(row, col, shapes.dtype))
+    rays = camera.rays(row, col, shapes.dtype)
     every = jnp.ones(shapes.batch_shape, bool)
-    blocks = blocks_of(shapes, every, extremes(rays, True), True)
-    grown = rays.direction.z.shape
+    blocks = blocks_of(shapes, every, extent_of(rays, True, ROWS, COLS), True)
     is_pixel = camera.sees(row, col)
     is_pixel = jnp.ones_like(row, bool) if is_pixel is None else is_pixel
-    # Not what fills up the last blocks.
-    more = [(0, have - size) for have, size in zip(grown, row.shape, strict=True)]
+    # What fills up the last blocks is no pixel.
+    more = ((0, -camera.height % ROWS), (0, -camera.width % COLS))
+    rays = jax.tree.map(lambda x: jnp.pad(x, more, mode="edge"), rays)
     is_pixel = jnp.pad(is_pixel, more)
     cut = partial(jax.lax.dynamic_slice, slice_sizes=(ROWS, COLS))
 
@@ -121,13 +117,13 @@ def _silhouettes(
 
         def at_block(number, state):
             mask, found = state
-            corner = mine.corner(number)
+            corner = _corner(mine, number)
             ray, real = jax.tree.map(lambda x: cut(x, corner), (rays, is_pixel))
             hit = shape.intersect(ray).mask & real
             mask = jax.lax.dynamic_update_slice(mask, hit, corner)
             return mask, found.and_(hit, *_pixels(corner))
 
-        start = jnp.zeros(grown, bool), _Found.nothing()
+        start = jnp.zeros(is_pixel.shape, bool), _Found.nothing()
         mask, found = jax.lax.fori_loop(0, mine.count, at_block, start)
         if any(margin):
             found = _beyond(shape, camera, margin, found)
@@ -136,6 +132,14 @@ def _silhouettes(
         return Silhouettes(mask[: camera.height, : camera.width], found.count, box)
 
     return jax.lax.map(cover, (shapes, blocks))
+
+
+def _corner(
+    blocks: Blocks, number: Int[Array, ""]
+) -> tuple[Int[Array, ""], Int[Array, ""]]:
+    """First row and column of pixels of one of a single shape's blocks."""
+    row = ROWS * (blocks.row + number // blocks.num_cols)
+    return row, COLS * (blocks.col + number % blocks.num_cols)
 
 
 def _pixels(
@@ -164,10 +168,10 @@ def _beyond(
     row, col = box.first_row // ROWS, box.first_col // COLS
     num_rows, num_cols = box.last_row // ROWS + 1 - row, box.last_col // COLS + 1 - col
     is_empty = (box.last_row < box.first_row) | (box.last_col < box.first_col)
-    blocks = Blocks(row, col, num_cols, jnp.where(is_empty, 0, num_rows * num_cols))
+    blocks = Blocks(row, jnp.where(is_empty, 0, num_rows), col, num_cols)
 
     def at_block(number: Int[Array, ""], found: _Found) -> _Found:
-        row, col = _pixels(blocks.corner(number))
+        row, col = _pixels(_corner(blocks, number))
         y, x = row - above, col - left
         outside = (y < 0) | (y >= camera.height) | (x < 0) | (x >= camera.width)
         outside = outside & (row < wide.height) & (col < wide.width)

@@ -8,7 +8,11 @@ import jax.numpy as jnp
 from impostor_jax.arguments import is_concrete
 from impostor_jax.camera.base import AbstractCamera
 from impostor_jax.camera.pixels import PixelBox, Tile
-from impostor_jax.primitives.base import AbstractPrimitive, in_camera_frame
+from impostor_jax.primitives.base import (
+    AbstractPrimitive,
+    check_single,
+    in_camera_frame,
+)
 from impostor_jax.rendering.bounds import image_bounds
 
 STEP = 16
@@ -34,11 +38,7 @@ def outline_box(primitive: AbstractPrimitive, camera: AbstractCamera) -> PixelBo
     Raises:
         ValueError: The shape is a batch.
     """
-    if primitive.batch_shape:
-        raise ValueError(
-            f"primitive must be a single one, got a batch of shape "
-            f"{primitive.batch_shape}; map over it with jax.vmap"
-        )
+    check_single(primitive)
     primitive = in_camera_frame(primitive, camera)
     bounds = image_bounds(primitive, camera.is_central)
     return camera.pixel_box(bounds.low, bounds.high)

@@ -8,8 +8,10 @@ sensor reads it, or the readings after; so parts stack in any order.
 __all__ = [
     "NO_READING",
     "AbstractDepthNoise",
+    "Depths",
+    "Normals",
+    "Numbers",
     "Reach",
-    "Scalar",
     "cos_incidence",
     "has_surface",
     "noise_model",
@@ -27,7 +29,13 @@ from impostor_jax.camera.base import AbstractCamera
 from impostor_jax.geometry.vec3 import Vec3
 from impostor_jax.sensor.draws import normal_draws
 
-Scalar = float | Float[Array, ""]
+Numbers = Float[Array, "*batch"]
+Depths = Float[Array, "h w"]
+"""Camera-frame z of each pixel, in meters."""
+
+Normals = Float[Array, "h w 3"]
+"""Unit normals that face the camera, in its frame."""
+
 Reach = int | Int[Array, ""]
 
 NO_READING = 0.0
@@ -41,11 +49,7 @@ class AbstractDepthNoise(eqx.Module):
     """Noise of depth readings along z of the camera frame."""
 
     @abc.abstractmethod
-    def sigma(
-        self,
-        depth: Float[Array, "*batch"],
-        cos_incidence: Float[Array, "*batch"],
-    ) -> Float[Array, "*batch"]:
+    def sigma(self, depth: Numbers, cos_incidence: Numbers) -> Numbers:
         """Standard deviation of a reading, in meters.
 
         Of a reading that is there and is of its own pixel's surface: what wrappers add
@@ -74,12 +78,8 @@ class AbstractDepthNoise(eqx.Module):
 
     @abc.abstractmethod
     def sample(
-        self,
-        key: PRNGKeyArray,
-        depth: Float[Array, "h w"],
-        normal: Float[Array, "h w 3"],
-        camera: AbstractCamera,
-    ) -> Float[Array, "h w"]:
+        self, key: PRNGKeyArray, depth: Depths, normal: Normals, camera: AbstractCamera
+    ) -> Depths:
         """Readings of a scene, in meters.
 
         Args:
@@ -98,9 +98,7 @@ class AbstractDepthNoise(eqx.Module):
         """
 
 
-def cos_incidence(
-    normal: Float[Array, "h w 3"], camera: AbstractCamera
-) -> Float[Array, "h w"]:
+def cos_incidence(normal: Normals, camera: AbstractCamera) -> Float[Array, "h w"]:
     """Cosine between surface normal and viewing ray; 0 where nothing is hit.
 
     Args:
@@ -123,9 +121,7 @@ def cos_incidence(
     return jnp.clip(cosine, 0, 1)
 
 
-def scattered(
-    key: PRNGKeyArray, depth: Float[Array, "h w"], sigma: Float[Array, "h w"]
-) -> Float[Array, "h w"]:
+def scattered(key: PRNGKeyArray, depth: Depths, sigma: Float[Array, "h w"]) -> Depths:
     """Add independent normal noise; depths with an infinite sigma stay as they are.
 
     What comes out behind the camera is no reading.
@@ -135,7 +131,7 @@ def scattered(
     return jnp.where(reading > 0, reading, NO_READING)
 
 
-def has_surface(depth: Float[Array, "*batch"]) -> Bool[Array, "*batch"]:
+def has_surface(depth: Numbers) -> Bool[Array, "*batch"]:
     """Whether a depth is one that a sensor can read."""
     return jnp.isfinite(depth) & (depth > 0)
 

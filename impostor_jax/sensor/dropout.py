@@ -7,17 +7,20 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float, PRNGKeyArray
+from jaxtyping import PRNGKeyArray
 from typing_extensions import override
 
 from impostor_jax.arguments import angle_below_grazing, bounded_number
 from impostor_jax.camera.base import AbstractCamera
 from impostor_jax.compiling import compiled
+from impostor_jax.numerics import Scalar
 from impostor_jax.sensor.base import (
     NO_READING,
     AbstractDepthNoise,
+    Depths,
+    Normals,
+    Numbers,
     Reach,
-    Scalar,
     cos_incidence,
     has_surface,
     noise_model,
@@ -57,9 +60,7 @@ class Dropout(AbstractDepthNoise):
         self.rate = bounded_number("rate", rate, "a probability from 0 to 1", 1.0)
         self.cutoff = angle_below_grazing("cutoff", cutoff)
 
-    def probability(
-        self, cos_incidence: Float[Array, "*batch"]
-    ) -> Float[Array, "*batch"]:
+    def probability(self, cos_incidence: Numbers) -> Numbers:
         """Probability that a reading is missing, at a cosine of the incidence."""
         dtype = cos_incidence.dtype
         share = cos_incidence / jnp.cos(jnp.asarray(self.cutoff, dtype))
@@ -68,11 +69,7 @@ class Dropout(AbstractDepthNoise):
         return 1 - (1 - rate) * share * share * (3 - 2 * share)
 
     @override
-    def sigma(
-        self,
-        depth: Float[Array, "*batch"],
-        cos_incidence: Float[Array, "*batch"],
-    ) -> Float[Array, "*batch"]:
+    def sigma(self, depth: Numbers, cos_incidence: Numbers) -> Numbers:
         return self.sensor.sigma(depth, cos_incidence)
 
     @property
@@ -83,12 +80,8 @@ class Dropout(AbstractDepthNoise):
     @override
     @compiled
     def sample(
-        self,
-        key: PRNGKeyArray,
-        depth: Float[Array, "h w"],
-        normal: Float[Array, "h w 3"],
-        camera: AbstractCamera,
-    ) -> Float[Array, "h w"]:
+        self, key: PRNGKeyArray, depth: Depths, normal: Normals, camera: AbstractCamera
+    ) -> Depths:
         drop_key, sensor_key = jax.random.split(key)
         reading = self.sensor.sample(sensor_key, depth, normal, camera)
         cosine = jnp.where(has_surface(depth), cos_incidence(normal, camera), 1)

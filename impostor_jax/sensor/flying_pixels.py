@@ -10,16 +10,19 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, PRNGKeyArray
+from jaxtyping import Array, Bool, PRNGKeyArray
 from typing_extensions import override
 
 from impostor_jax.arguments import bounded_number
 from impostor_jax.camera.base import AbstractCamera
 from impostor_jax.compiling import compiled
+from impostor_jax.numerics import Scalar
 from impostor_jax.sensor.base import (
     AbstractDepthNoise,
+    Depths,
+    Normals,
+    Numbers,
     Reach,
-    Scalar,
     has_surface,
     noise_model,
 )
@@ -56,11 +59,7 @@ class FlyingPixels(AbstractDepthNoise):
         )
 
     @override
-    def sigma(
-        self,
-        depth: Float[Array, "*batch"],
-        cos_incidence: Float[Array, "*batch"],
-    ) -> Float[Array, "*batch"]:
+    def sigma(self, depth: Numbers, cos_incidence: Numbers) -> Numbers:
         return self.sensor.sigma(depth, cos_incidence)
 
     @property
@@ -71,12 +70,8 @@ class FlyingPixels(AbstractDepthNoise):
     @override
     @compiled
     def sample(
-        self,
-        key: PRNGKeyArray,
-        depth: Float[Array, "h w"],
-        normal: Float[Array, "h w 3"],
-        camera: AbstractCamera,
-    ) -> Float[Array, "h w"]:
+        self, key: PRNGKeyArray, depth: Depths, normal: Normals, camera: AbstractCamera
+    ) -> Depths:
         mix_key, sensor_key = jax.random.split(key)
         other, at_jump = self._across(depth)
         probability = jnp.asarray(self.probability, depth.dtype)
@@ -90,9 +85,7 @@ class FlyingPixels(AbstractDepthNoise):
         scene = jnp.where(mixes, mixed, depth)
         return self.sensor.sample(sensor_key, scene, normal, camera)
 
-    def _across(
-        self, depth: Float[Array, "h w"]
-    ) -> tuple[Float[Array, "h w"], Bool[Array, "h w"]]:
+    def _across(self, depth: Depths) -> tuple[Depths, Bool[Array, "h w"]]:
         """Depth of the neighbor across the largest jump, and whether there is one."""
         height, width = depth.shape
         z = jnp.where(has_surface(depth), depth, 0)

@@ -5,14 +5,18 @@ __all__ = ["ConstantNoise"]
 from typing import Any
 
 import jax.numpy as jnp
-from jaxtyping import Array, Float, PRNGKeyArray
+from jaxtyping import PRNGKeyArray
 from typing_extensions import override
 
 from impostor_jax.arguments import real_number
 from impostor_jax.camera.base import AbstractCamera
 from impostor_jax.compiling import compiled
+from impostor_jax.numerics import Scalar
 from impostor_jax.sensor.base import (
     AbstractDepthNoise,
+    Depths,
+    Normals,
+    Numbers,
     Reach,
     has_surface,
     scattered,
@@ -26,7 +30,7 @@ class ConstantNoise(AbstractDepthNoise):
         deviation: Standard deviation in meters, positive.
     """
 
-    deviation: float | Float[Array, ""]
+    deviation: Scalar
 
     def __init__(self, deviation: Any):
         self.deviation = real_number(
@@ -34,11 +38,7 @@ class ConstantNoise(AbstractDepthNoise):
         )
 
     @override
-    def sigma(
-        self,
-        depth: Float[Array, "*batch"],
-        cos_incidence: Float[Array, "*batch"],
-    ) -> Float[Array, "*batch"]:
+    def sigma(self, depth: Numbers, cos_incidence: Numbers) -> Numbers:
         return jnp.where(
             has_surface(depth), jnp.asarray(self.deviation, depth.dtype), jnp.inf
         )
@@ -51,10 +51,6 @@ class ConstantNoise(AbstractDepthNoise):
     @override
     @compiled
     def sample(
-        self,
-        key: PRNGKeyArray,
-        depth: Float[Array, "h w"],
-        normal: Float[Array, "h w 3"],
-        camera: AbstractCamera,
-    ) -> Float[Array, "h w"]:
+        self, key: PRNGKeyArray, depth: Depths, normal: Normals, camera: AbstractCamera
+    ) -> Depths:
         return scattered(key, depth, self.sigma(depth, jnp.ones_like(depth)))

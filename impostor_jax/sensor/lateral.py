@@ -10,16 +10,19 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float, PRNGKeyArray
+from jaxtyping import PRNGKeyArray
 from typing_extensions import override
 
 from impostor_jax.arguments import angle_below_grazing, bounded_number
 from impostor_jax.camera.base import AbstractCamera
 from impostor_jax.compiling import compiled
+from impostor_jax.numerics import Scalar
 from impostor_jax.sensor.base import (
     AbstractDepthNoise,
+    Depths,
+    Normals,
+    Numbers,
     Reach,
-    Scalar,
     cos_incidence,
     has_surface,
     noise_model,
@@ -80,11 +83,7 @@ class LateralNoise(AbstractDepthNoise):
         self.max_angle = angle_below_grazing("max_angle", max_angle)
 
     @override
-    def sigma(
-        self,
-        depth: Float[Array, "*batch"],
-        cos_incidence: Float[Array, "*batch"],
-    ) -> Float[Array, "*batch"]:
+    def sigma(self, depth: Numbers, cos_incidence: Numbers) -> Numbers:
         return self.sensor.sigma(depth, cos_incidence)
 
     @property
@@ -96,12 +95,8 @@ class LateralNoise(AbstractDepthNoise):
     @override
     @compiled
     def sample(
-        self,
-        key: PRNGKeyArray,
-        depth: Float[Array, "h w"],
-        normal: Float[Array, "h w 3"],
-        camera: AbstractCamera,
-    ) -> Float[Array, "h w"]:
+        self, key: PRNGKeyArray, depth: Depths, normal: Normals, camera: AbstractCamera
+    ) -> Depths:
         shift_key, sensor_key = jax.random.split(key)
         ratio, _ = grazing_ratio(cos_incidence(normal, camera), self.max_angle)
         ratio = jnp.where(has_surface(depth), ratio, 0)

@@ -16,11 +16,14 @@ from typing_extensions import override
 from impostor_jax.arguments import bounded_number, real_number
 from impostor_jax.camera.base import AbstractCamera
 from impostor_jax.compiling import compiled
+from impostor_jax.numerics import Scalar
 from impostor_jax.sensor.base import (
     NO_READING,
     AbstractDepthNoise,
+    Depths,
+    Normals,
+    Numbers,
     Reach,
-    Scalar,
     has_surface,
 )
 from impostor_jax.sensor.draws import normal_draws
@@ -70,9 +73,7 @@ class StereoDisparity(AbstractDepthNoise):
         )
         self.step = bounded_number("step", step, "0 or positive, in pixels")
 
-    def interval(
-        self, depth: Float[Array, "*batch"]
-    ) -> tuple[Float[Array, "*batch"], Float[Array, "*batch"]]:
+    def interval(self, depth: Numbers) -> tuple[Numbers, Numbers]:
         """Nearest and farthest depth whose disparity is rounded to that of a reading.
 
         Args:
@@ -101,11 +102,7 @@ class StereoDisparity(AbstractDepthNoise):
         return jnp.where(reads, lower, 0), jnp.where(reads, upper, jnp.inf)
 
     @override
-    def sigma(
-        self,
-        depth: Float[Array, "*batch"],
-        cos_incidence: Float[Array, "*batch"],
-    ) -> Float[Array, "*batch"]:
+    def sigma(self, depth: Numbers, cos_incidence: Numbers) -> Numbers:
         deviation = jnp.asarray(self.deviation, depth.dtype)
         step = jnp.asarray(self.step, depth.dtype)
         error = jnp.sqrt(deviation * deviation + step * step / 12)
@@ -121,12 +118,8 @@ class StereoDisparity(AbstractDepthNoise):
     @override
     @compiled
     def sample(
-        self,
-        key: PRNGKeyArray,
-        depth: Float[Array, "h w"],
-        normal: Float[Array, "h w 3"],
-        camera: AbstractCamera,
-    ) -> Float[Array, "h w"]:
+        self, key: PRNGKeyArray, depth: Depths, normal: Normals, camera: AbstractCamera
+    ) -> Depths:
         scale, step = self._scale(depth), jnp.asarray(self.step, depth.dtype)
         seen = has_surface(depth)
         draw = normal_draws(key, depth.shape, depth.dtype)
@@ -141,7 +134,7 @@ class StereoDisparity(AbstractDepthNoise):
         reading = jnp.where(matched, reading, NO_READING)
         return jnp.where(seen, reading, jnp.where(depth > 0, depth, NO_READING))
 
-    def _scale(self, depth: Float[Array, "*batch"]) -> Float[Array, ""]:
+    def _scale(self, depth: Numbers) -> Float[Array, ""]:
         """Disparity times depth, in pixel meters, in the precision of `depth`."""
         focal_length = jnp.asarray(self.focal_length, depth.dtype)
         return focal_length * jnp.asarray(self.baseline, depth.dtype)

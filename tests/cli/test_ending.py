@@ -173,9 +173,10 @@ def test_every_command_finds_an_output_that_cannot_be_written(
 
 def test_ctrl_c_ends_the_process_with_one_line():
     program = (
-        f"{LISTEN}; import sys, time; from impostor_jax.cli.fit import Fit\n"
+        f"{LISTEN}; import sys, time\n"
+        "from impostor_jax.cli.fit_command import FitCommand\n"
         "from impostor_jax.__main__ import main\n"
-        "Fit.run = lambda self: print('ready', flush=True) or time.sleep(60)\n"
+        "FitCommand.run = lambda self: print('ready', flush=True) or time.sleep(60)\n"
         "sys.argv = ['impostor-jax', 'fit', 'a.png', '--camera', 'a.json']\n"
         "sys.exit(main())"
     )
@@ -194,11 +195,12 @@ def test_ctrl_c_ends_the_process_with_one_line():
 
 def test_an_interrupt_of_what_must_not_raise_is_not_lost():
     program = (
-        f"{LISTEN}; import sys, time; from impostor_jax.cli.fit import Fit\n"
+        f"{LISTEN}; import sys, time\n"
+        "from impostor_jax.cli.fit_command import FitCommand\n"
         "from impostor_jax.__main__ import main\n"
         "class Left:\n"
         "    def __del__(self): raise KeyboardInterrupt\n"
-        "Fit.run = lambda self: Left() and time.sleep(60)\n"
+        "FitCommand.run = lambda self: Left() and time.sleep(60)\n"
         "sys.argv = ['impostor-jax', 'fit', 'a.png', '--camera', 'a.json']\n"
         "sys.exit(main())"
     )
@@ -212,9 +214,9 @@ def test_an_interrupt_of_what_must_not_raise_is_not_lost():
 @pytest.mark.skipif(not os.path.exists("/dev/full"), reason="no /dev/full")
 def test_a_full_standard_output_is_an_error():
     program = (
-        "import sys; from impostor_jax.cli.fit import Fit\n"
+        "import sys; from impostor_jax.cli.fit_command import FitCommand\n"
         "from impostor_jax.__main__ import main\n"
-        "Fit.run = lambda self: print('fitted') or 0\n"
+        "FitCommand.run = lambda self: print('fitted') or 0\n"
         "sys.argv = ['impostor-jax', 'fit', 'a.png', '--camera', 'a.json']\n"
         "sys.exit(main())"
     )

@@ -192,7 +192,7 @@ def test_resume_makes_what_is_missing_and_nothing_else(tmp_path, bop, archives, 
     shutil.copytree(whole, folder)
     manifest = Manifest.read(folder)
     # Ended between the shard and its checksums; and before the shard.
-    manifest.checksums_path(folder, 1).unlink()
+    (folder / manifest.checksums_name(1)).unlink()
     lost = manifest.shard_path(folder, 2)
     shutil.rmtree(lost) if lost.is_dir() else lost.unlink()
     (lost.parent / f".{lost.name}.left").mkdir()

@@ -22,13 +22,14 @@ Limits.
 
 
 @dataclasses.dataclass(frozen=True)
-class Config(RunConfig):
+class Config:
+    run: RunConfig = RunConfig()
     seeds: int = 200
     seed: int = 0
 
 
 def measure(config):
-    assert config.output is not None
+    assert config.run.output is not None
     yield Metric("seeds", config.seeds, 0.5, "1", "higher", config.seeds)
     yield Metric.share("share", 0.2, 100)
 

@@ -6,26 +6,26 @@ import pytest
 
 import impostor_jax as ij
 from impostor_jax.glsl import offscreen
+from impostor_jax.glsl.draw_list import draw_list_of
 from impostor_jax.glsl.program import shader_sources
-from impostor_jax.glsl.scene import scene_of
 
 pytest.importorskip("moderngl")
 
 
 def filled(renderer, primitive, camera):
     """Pixels of the billboard, all of it filled."""
-    scene = scene_of(primitive, camera)
-    (draw,) = scene.draws
-    vertex, _ = shader_sources(draw.impostor, "330", scene.orthographic)
+    draws = draw_list_of(primitive, camera)
+    (call,) = draws.calls
+    vertex, _ = shader_sources(call.impostor, "330", draws.orthographic)
     fill = "#version 330 core\nout vec4 color;\nvoid main() { color = vec4(1.0); }\n"
     size = (camera.width, camera.height)
     with renderer._context as context:
         program = context.program(vertex_shader=vertex, fragment_shader=fill)
-        for name, value in scene.uniforms.items():
+        for name, value in draws.uniforms.items():
             if name in program:
                 program[name].value = value
-        buffer = context.buffer(draw.rows.tobytes())
-        layout, names = offscreen._layout(draw.impostor, program)
+        buffer = context.buffer(call.rows.tobytes())
+        layout, names = offscreen._layout(call.impostor, program)
         array = context.vertex_array(program, [(buffer, layout, *names)])
         target = context.texture(size, 4, dtype="f4")
         frame = context.framebuffer([target])

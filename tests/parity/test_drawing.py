@@ -9,12 +9,12 @@ import pytest
 import impostor_jax as ij
 from experiments.published_faults.run import SHADERS
 from impostor_jax.glsl import offscreen
+from impostor_jax.glsl.batches import batches_in_camera
 from impostor_jax.glsl.conventions import depth_range
+from impostor_jax.glsl.draw_list import draw_list_of
 from impostor_jax.glsl.impostors import Impostor
 from impostor_jax.glsl.offscreen import DriverError, OffscreenRenderer
 from impostor_jax.glsl.program import attributes
-from impostor_jax.glsl.request import batches_in_camera
-from impostor_jax.glsl.scene import scene_of
 from impostor_jax.glsl.webgl import WebglRenderer, page
 from impostor_jax.parity.compare import compare, edge_band
 from impostor_jax.parity.run import drawn_by_jax
@@ -46,7 +46,7 @@ def test_pose_of_the_camera_is_used(renderer):
 def test_depth_buffer_holds_the_depth(renderer):
     drawn = renderer.draw(ROD, CAMERA)
     apart = drawn.buffer_depth[drawn.mask] - drawn.depth[drawn.mask]
-    assert np.abs(apart).max() < scene_of(ROD, CAMERA).stretch.length * 2.0**-22
+    assert np.abs(apart).max() < draw_list_of(ROD, CAMERA).stretch.length * 2.0**-22
 
 
 def test_depth_buffer_reaches_to_infinity_where_something_has_no_end():

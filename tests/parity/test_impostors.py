@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 import impostor_jax as ij
-from impostor_jax.glsl import scene
+from impostor_jax.glsl import draw_list
+from impostor_jax.glsl.draw_list import draw_list_of
 from impostor_jax.glsl.impostors import IMPOSTORS
 from impostor_jax.glsl.program import SAMPLES_PER_ROW, attributes
-from impostor_jax.glsl.scene import scene_of
 from impostor_jax.parity.compare import compare
 from impostor_jax.parity.flat_cases import random_heights, seen_pose
 from impostor_jax.parity.run import drawn_by_jax
@@ -46,9 +46,9 @@ def test_cylinder_that_is_not_whole_is_drawn_with_the_frusta():
     half = ij.Cylinder((0.0, 0.0, 2.0), (0, 1, 0), 0.3, 1.0, 0.0, 3.0)
     cup = ij.Frustum((0, 0, 2), (0, 1, 2), 0.2, 0.1)
     whole = ij.Cylinder((0.0, 0.0, 2.0), (0, 1, 0), 0.3, 1.0)
-    draws = scene_of([half, whole, cup], CAMERA).draws
-    assert [draw.impostor.name for draw in draws] == ["frustum", "cylinder"]
-    assert [draw.rows[:, -1].tolist() for draw in draws] == [[0, 2], [1]]
+    calls = draw_list_of([half, whole, cup], CAMERA).calls
+    assert [call.impostor.name for call in calls] == ["frustum", "cylinder"]
+    assert [call.rows[:, -1].tolist() for call in calls] == [[0, 2], [1]]
 
 
 def test_plane_is_drawn_to_its_horizon(renderer):
@@ -63,7 +63,7 @@ def test_plane_is_drawn_to_its_horizon(renderer):
 
 def test_point_that_a_plane_is_given_by_does_not_matter_to_the_depth_buffer():
     stretches = [
-        scene_of(ij.Plane((x, 1.0, 0.0), (0.0, 1.0, 0.0)), CAMERA).stretch
+        draw_list_of(ij.Plane((x, 1.0, 0.0), (0.0, 1.0, 0.0)), CAMERA).stretch
         for x in (0.0, 1e6)
     ]
     assert stretches[0] == stretches[1]
@@ -94,9 +94,9 @@ def test_heightfields_of_any_grids_share_a_texture(renderer):
         ground((40, 30), (0.3, 0.1, 2.2)),
         ground((5, 3), (-0.3, 0.5, 2.0), "bicubic"),
     ]
-    (draw,) = scene_of(grounds, CAMERA).draws
-    assert draw.rows[:, -2].tolist() == [0, 4, 4 + 40 * 30]
-    assert draw.samples.shape == (2, SAMPLES_PER_ROW)
+    (call,) = draw_list_of(grounds, CAMERA).calls
+    assert call.rows[:, -2].tolist() == [0, 4, 4 + 40 * 30]
+    assert call.samples.shape == (2, SAMPLES_PER_ROW)
     drawn, reference = renderer.draw(grounds, CAMERA), drawn_by_jax(grounds, CAMERA)
     assert set(np.unique(drawn.index)) == {-1, 0, 1, 2}
     found = compare(reference, drawn)
@@ -140,10 +140,10 @@ def test_camera_on_a_heightfield_sees_it_where_it_is_crossed_next(
 def test_heightfield_that_no_shader_can_draw_is_named(monkeypatch):
     hill = ij.Heightfield(lambda x, z: x * z, ((-1, 1), (-1, 1)), lipschitz=2.0)
     with pytest.raises(ValueError, match="height must be an array where a shader"):
-        scene_of(hill, CAMERA)
+        draw_list_of(hill, CAMERA)
     several = ij.Heightfield(np.zeros((2, 3, 3)), ((-1, 1), (-1, 1)))
     with pytest.raises(ValueError, match="give several as a sequence"):
-        scene_of(several, CAMERA)
-    monkeypatch.setattr(scene, "MOST_SAMPLES", 14)
+        draw_list_of(several, CAMERA)
+    monkeypatch.setattr(draw_list, "MOST_SAMPLES", 14)
     with pytest.raises(ValueError, match="at most 14 samples in all, got 15"):
-        scene_of(ground((5, 3), (0.0, 0.0, 2.0)), CAMERA)
+        draw_list_of(ground((5, 3), (0.0, 0.0, 2.0)), CAMERA)

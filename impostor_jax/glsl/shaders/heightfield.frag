@@ -90,13 +90,13 @@ mat4 part(mat4 p, float a, float b) {
 
 // First root of a quadratic that begins above 0, or on 0 and leaves it.
 float first_root(vec3 b) {
-    float fall = b.x - b.y, bend = b.x - 2.0 * b.y + b.z;
+    float fall = b.x - b.y, curvature = b.x - 2.0 * b.y + b.z;
     float discriminant = b.y * b.y - b.x * b.z;
     if (min(b.y, b.z) > 0.0 || discriminant < 0.0) return NONE;
     float root = sqrt(discriminant);
     // Of the two forms of the root, the one that subtracts nothing.
     if (fall > 0.0) return b.x / (fall + root);
-    return bend < 0.0 ? (root - fall) / -bend : NONE;
+    return curvature < 0.0 ? (root - fall) / -curvature : NONE;
 }
 
 // Bernstein coefficients of the part of a polynomial after s.

@@ -97,8 +97,8 @@ Surface intersect(vec3 origin, vec3 direction) {
     low = max(low, start);
 
     // Where the parabola of the squared distance crosses; then by Newton's steps.
-    float least = by_near ? off.x : off.z, bend = past(line, by_near ? near : far).y;
-    float half_chord = sqrt(max((r - least) * (r + least) / max(bend, 1e-30), 0.0));
+    float least = by_near ? off.x : off.z, curvature = past(line, by_near ? near : far).y;
+    float half_chord = sqrt(max((r - least) * (r + least) / max(curvature, 1e-30), 0.0));
     float u = (by_near ? at.x : at.z) + (is_inside ? half_chord : -half_chord);
     u = clamp(u, low, high);
     for (int k = 0; k < STEPS; k++) {

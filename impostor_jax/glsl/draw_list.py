@@ -1,6 +1,6 @@
 """All that a driver is told in order to draw primitives with a camera."""
 
-__all__ = ["NOTHING", "Draw", "Scene", "scene_of"]
+__all__ = ["CLEAR_COLOR", "DrawCall", "DrawList", "draw_list_of"]
 
 import dataclasses
 from typing import Any
@@ -10,20 +10,20 @@ from jaxtyping import Float, Int
 
 from impostor_jax.camera.orthographic import OrthographicCamera
 from impostor_jax.camera.pinhole import PinholeCamera
+from impostor_jax.glsl.batches import Batch, batches_in_camera
 from impostor_jax.glsl.conventions import DepthRange, depth_range, uniforms
 from impostor_jax.glsl.impostors import Impostor
 from impostor_jax.glsl.program import SAMPLES_PER_ROW
-from impostor_jax.glsl.request import Batch, batches_in_camera
 
 MOST_SAMPLES = 2048 * SAMPLES_PER_ROW
 """Rows of a texture that every implementation of WebGL2 has, times its width."""
 
-NOTHING = (0.0, 0.0, 0.0, -1.0)
+CLEAR_COLOR = (0.0, 0.0, 0.0, -1.0)
 """Where nothing is drawn: no position, and the index -1."""
 
 
 @dataclasses.dataclass(frozen=True)
-class Draw:
+class DrawCall:
     """Primitives that one call draws.
 
     Attributes:
@@ -38,24 +38,26 @@ class Draw:
 
 
 @dataclasses.dataclass(frozen=True)
-class Scene:
+class DrawList:
     """What a driver draws.
 
     Attributes:
-        draws: One for each type of primitive.
+        calls: One for each type of primitive.
         orthographic: Whether the camera's rays are parallel.
         stretch: Depths that the depth buffer spans.
         uniforms: Values of the shaders' uniforms.
     """
 
-    draws: list[Draw]
+    calls: list[DrawCall]
     orthographic: bool
     stretch: DepthRange
     uniforms: dict[str, tuple[float, ...]]
 
 
-def scene_of(primitives: Any, camera: PinholeCamera | OrthographicCamera) -> Scene:
-    """Scene of primitives in the world frame, as `batches_in_camera` takes them.
+def draw_list_of(
+    primitives: Any, camera: PinholeCamera | OrthographicCamera
+) -> DrawList:
+    """What draws primitives in the world frame, as `batches_in_camera` takes them.
 
     Raises:
         ValueError: A type is wrong, the camera has a lens, something is traced, or
@@ -67,12 +69,12 @@ def scene_of(primitives: Any, camera: PinholeCamera | OrthographicCamera) -> Sce
     rows: dict[str, list[Batch]] = {}
     for batch in batches:
         rows.setdefault(batch.impostor.name, []).append(batch)
-    draws = [_draw(same) for same in rows.values()]
+    calls = [_call(same) for same in rows.values()]
     orthographic = isinstance(camera, OrthographicCamera)
-    return Scene(draws, orthographic, stretch, uniforms(camera, stretch))
+    return DrawList(calls, orthographic, stretch, uniforms(camera, stretch))
 
 
-def _draw(same: list[Batch]) -> Draw:
+def _call(same: list[Batch]) -> DrawCall:
     """What draws the batches of one impostor."""
     impostor, rows, count = same[0].impostor, [], 0
     given: list[Float[np.ndarray, "n k"]] = []
@@ -91,7 +93,7 @@ def _draw(same: list[Batch]) -> Draw:
     texture = np.zeros((-(-count // SAMPLES_PER_ROW), SAMPLES_PER_ROW), np.float32)
     if given:
         texture.ravel()[:count] = np.concatenate([part.ravel() for part in given])
-    return Draw(impostor, np.concatenate(rows), texture)
+    return DrawCall(impostor, np.concatenate(rows), texture)
 
 
 def _rows(

@@ -1,6 +1,6 @@
 """The command `impostor-jax evaluate`."""
 
-__all__ = ["Evaluate"]
+__all__ = ["EvaluateCommand"]
 
 import dataclasses
 import sys
@@ -8,11 +8,11 @@ from pathlib import Path
 
 import tyro
 
-from impostor_jax.cli.dials import Dials, Preset, chosen_effort
+from impostor_jax.cli.dials import Dials, EffortName, chosen_effort
 
 
 @dataclasses.dataclass(frozen=True)
-class Evaluate:
+class EvaluateCommand:
     """Fit every visible cylinder of a synthetic dataset and compare with the truth.
 
     Prints errors, errors over their standard deviations and the coverage of the
@@ -28,7 +28,7 @@ class Evaluate:
     readings with those behind."""
     json: Path | None = None
     """File for the outcome of every cylinder; "-" is the standard output."""
-    effort: Preset = "balanced"
+    effort: EffortName = "balanced"
     """How much work each fit takes; each dial may be set apart from it."""
     dials: Dials = dataclasses.field(default_factory=Dials)
 

@@ -1,6 +1,6 @@
 """The command `impostor-jax demo`."""
 
-__all__ = ["Demo"]
+__all__ = ["DemoCommand"]
 
 import dataclasses
 import time
@@ -17,7 +17,7 @@ FILES = ("depth.png", "camera.json", "fit.json", "overlay.png")
 
 
 @dataclasses.dataclass(frozen=True)
-class Demo:
+class DemoCommand:
     """Render a noisy can in front of a wall, fit it and compare.
 
     Writes depth.png, camera.json, fit.json and overlay.png; then
@@ -80,18 +80,12 @@ def _table(truth: "Cylinder", fit: "Fit") -> str:
     first, second = (np.asarray(c.axis, dtype=float) for c in (truth, fitted))
     sine = np.linalg.norm(np.cross(first, second))
     lines = [f"{'':12}{'true':>10}{'fitted':>10}{'std':>10}"]
-    for index, name in enumerate("xyz"):
-        lines.append(
-            f"{'center ' + name:<12}{1e3 * float(truth.center[index]):>10.3f}"
-            f"{1e3 * float(fitted.center[index]):>10.3f}"
-            f"{1e3 * float(std.center[index]):>10.3f} mm"
-        )
-    for name in ("radius", "height"):
-        values = [float(getattr(part, name)) for part in (truth, fitted, std)]
-        lines.append(
-            f"{name:<12}{1e3 * values[0]:>10.3f}{1e3 * values[1]:>10.3f}"
-            f"{1e3 * values[2]:>10.3f} mm"
-        )
+    for name in ("center x", "center y", "center z", "radius", "height"):
+        field, _, letter = name.partition(" ")
+        values = [getattr(one, field) for one in (truth, fitted, std)]
+        values = [value["xyz".index(letter)] if letter else value for value in values]
+        cells = "".join(f"{1e3 * float(value):>10.3f}" for value in values)
+        lines.append(f"{name:<12}{cells} mm")
     angle = np.degrees(np.arcsin(min(1.0, sine)))
     spread = np.degrees(np.linalg.norm(std.axis))
     lines.append(f"{'axis, off by':<12}{0:>10.3f}{angle:>10.3f}{spread:>10.3f} degrees")

@@ -1,13 +1,13 @@
 """The command `impostor-jax render`."""
 
-__all__ = ["Render"]
+__all__ = ["RenderCommand"]
 
 import dataclasses
 from pathlib import Path
 
 import tyro
 
-from impostor_jax.cli.dials import Dials, Preset, chosen_effort
+from impostor_jax.cli.dials import Dials, EffortName, chosen_effort
 
 FILES = (
     "depth.png", "depth.tiff", "normal.png", "mask.png", "index.png", "camera.json",
@@ -16,7 +16,7 @@ FILES = (
 
 
 @dataclasses.dataclass(frozen=True)
-class Render:
+class RenderCommand:
     """Render a capped cylinder, or the shapes of a scene file.
 
     Writes depth.png (16 bit), depth.tiff, normal.png, mask.png, index.png (which shape
@@ -38,7 +38,7 @@ class Render:
     """Radius in meters."""
     height: float | None = None
     """Length from cap to cap in meters."""
-    effort: Preset = "balanced"
+    effort: EffortName = "balanced"
     """How much work it takes; each dial may be set apart from it."""
     dials: Dials = dataclasses.field(default_factory=Dials)
 

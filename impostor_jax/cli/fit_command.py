@@ -1,17 +1,16 @@
 """The command `impostor-jax fit`."""
 
-__all__ = ["Fit"]
+__all__ = ["FitCommand"]
 
 import dataclasses
 import time
-from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 import tyro
 
-from impostor_jax.cli.dials import Dials, Preset, chosen_effort
+from impostor_jax.cli.dials import Dials, EffortName, chosen_effort
 from impostor_jax.cli.given import (
     chosen_noise,
     files_of,
@@ -22,15 +21,11 @@ from impostor_jax.cli.given import (
 
 if TYPE_CHECKING:
     from impostor_jax.camera.pinhole import PinholeCamera
-    from impostor_jax.fit.result import Fit as Fitted
-    from impostor_jax.fit.result import TaperTest
-
-    Named = tuple[Fitted, TaperTest | None, float, str]
-    """A fit, a test of it, the seconds that took, and the folder for them."""
+    from impostor_jax.fit.result import Fit, TaperTest
 
 
 @dataclasses.dataclass(frozen=True)
-class Fit:
+class FitCommand:
     """Fit a capped cylinder, or another shape, to depth images.
 
     Writes fit.json and overlay.png; of several images each into a folder of its name,
@@ -75,7 +70,7 @@ class Fit:
     json: Path | None = None
     """File for the record of a single fit, instead of fit.json in the output folder;
     "-" is the standard output."""
-    effort: Preset = "balanced"
+    effort: EffortName = "balanced"
     """How much work it takes; each dial may be set apart from it."""
     dials: Dials = dataclasses.field(default_factory=Dials)
 
@@ -117,12 +112,9 @@ class Fit:
             depth = read_depth(self.depth[index], depth_scale_m, size)
             if len(places) > 1:
                 tell(f"{self.depth[index]}:")
-            if labels:
-                fits = self._fits_of_labels(labels[index], depth, camera, asked)
-            else:
-                mask = masks[index] if masks else None
-                fits = self._fit(mask, depth, camera, asked)
-            for fit, taper, seconds, name in fits:
+            given = (labels or masks or [None] * len(places))[index]
+            fits, tests, seconds = self._fits(given, depth, camera, asked)
+            for (name, fit), taper in zip(fits.items(), tests, strict=True):
                 if labels:
                     tell(f"{name.replace('_', ' ')}:")
                 elif not masks:
@@ -153,45 +145,39 @@ class Fit:
             "errors": self.errors,
         }
 
-    def _fit(
+    def _fits(
         self,
-        mask_file: Path | None,
+        given: Path | None,
         depth: Any,
         camera: "PinholeCamera",
         asked: dict[str, Any],
-    ) -> "Iterator[Named]":
-        """The fit of an image, written to its folder."""
-        from impostor_jax.io.label_image import read_one_mask
+    ) -> "tuple[dict[str, Fit], list[TaperTest | None], float]":
+        """Fits of an image's objects, by their folders; tests of them; the seconds.
 
-        size = camera.height, camera.width
-        mask = None if mask_file is None else read_one_mask(mask_file, size)
-        start = time.perf_counter()
-        with hints_on_stderr():
-            fit = self._function()(depth, camera, mask=mask, **asked)
-            taper = self._taper(fit)
-        fit.rms.block_until_ready()
-        seconds = time.perf_counter() - start
-        yield fit, taper, seconds, ""
+        Args:
+            given: File of its mask or its labels, if there is one.
+            depth: The image.
+            camera: The camera.
+            asked: As of `_asked`, with the effort.
+        """
+        import jax
 
-    def _fits_of_labels(
-        self,
-        label_file: Path,
-        depth: Any,
-        camera: "PinholeCamera",
-        asked: dict[str, Any],
-    ) -> "Iterator[Named]":
-        """Fits of all objects; the seconds are those of all, side by side."""
         from impostor_jax.fit.labels import fit_labels
-        from impostor_jax.io.label_image import read_labels
+        from impostor_jax.io.label_image import read_labels, read_one_mask
 
-        labels = read_labels(label_file, (camera.height, camera.width))
+        function, size = self._function(), (camera.height, camera.width)
+        read = read_labels if self.labels else read_one_mask
+        pixels = None if given is None else read(given, size)
         start = time.perf_counter()
         with hints_on_stderr():
-            fits = fit_labels(depth, camera, labels, self._function(), **asked)
+            if self.labels:
+                found = fit_labels(depth, camera, pixels, function, **asked)
+                fits = {f"label_{label}": fit for label, fit in found.items()}
+            else:
+                fits = {"": function(depth, camera, mask=pixels, **asked)}
             tests = [self._taper(fit) for fit in fits.values()]
-        seconds = time.perf_counter() - start
-        for (label, fit), taper in zip(fits.items(), tests, strict=True):
-            yield fit, taper, seconds, f"label_{label}"
+        jax.block_until_ready([fit.rms for fit in fits.values()])
+        return fits, tests, time.perf_counter() - start
 
     def _function(self) -> Any:
         """What fits the shape."""
@@ -201,7 +187,7 @@ class Fit:
             "cylinder": fit_cylinder, "sphere": fit_sphere, "frustum": fit_frustum,
         }[self.shape]  # fmt: skip
 
-    def _taper(self, fit: "Fitted") -> "TaperTest | None":
+    def _taper(self, fit: "Fit") -> "TaperTest | None":
         """Whether a frustum is needed, where that is asked and an object was seen."""
         from impostor_jax.fit.taper import test_taper
 
@@ -209,7 +195,7 @@ class Fit:
         return test_taper(fit) if is_tested else None
 
 
-def _region_taken(fit: "Fitted") -> str:
+def _region_taken(fit: "Fit") -> str:
     import numpy as np
 
     rows, cols = np.nonzero(np.asarray(fit.region))

@@ -1,6 +1,6 @@
 """The command `impostor-jax parity`."""
 
-__all__ = ["Parity"]
+__all__ = ["ParityCommand"]
 
 import dataclasses
 from pathlib import Path
@@ -8,7 +8,7 @@ from typing import Literal
 
 
 @dataclasses.dataclass(frozen=True)
-class Parity:
+class ParityCommand:
     """Compare JAX with the GLSL impostors, drawn by a real OpenGL driver.
 
     Writes parity.json, parity.md and a picture of each case; exit code 1 where a
