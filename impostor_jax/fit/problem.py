@@ -251,5 +251,9 @@ def sigma_of(
     depth: Float[Array, "*batch"],
     cos_incidence: Float[Array, "*batch"],
 ) -> Float[Array, "*batch"]:
-    """What the sensor says, but no less than depths are rounded to."""
-    return jnp.maximum(noise.sigma(depth, cos_incidence), eps(depth.dtype, 4) * depth)
+    """What the sensor says, but no less than depths are rounded to.
+
+    With 4 eps in place of 16 an eighth of 24 rendered cans ran to the step limit, after
+    140 steps on average: steps are then of the size of roundings.
+    """
+    return jnp.maximum(noise.sigma(depth, cos_incidence), eps(depth.dtype, 16) * depth)

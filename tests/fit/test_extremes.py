@@ -167,8 +167,9 @@ def test_depth_without_noise_gives_the_height_too(sigma):
     assert abs(float(fit.cylinder.height) - 0.12) < 4 * float(fit.std.height)
 
 
-def test_sigma_below_the_rounding_of_depth_is_not_believed():
-    maps = ij.render(can(), CAMERA)
+@pytest.mark.parametrize("degrees", [44.2, 60.0, 75.7])
+def test_sigma_below_the_rounding_of_depth_is_not_believed(degrees):
+    maps = ij.render(can(degrees), CAMERA)
     depth = np.minimum(np.asarray(maps.depth), 0.6)
     fit = ij.fit_cylinder(depth, CAMERA, np.asarray(maps.mask), 1e-12)
     assert fit.success

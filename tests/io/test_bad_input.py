@@ -91,7 +91,7 @@ def test_what_is_no_file_is_named_as_what_it_is(what, kind, message, tmp_path):
         (json.dumps(SETTINGS | {"cx": "a"}), "cx must be a finite number"),
         (json.dumps(SETTINGS | {"cx": float("nan")}), "cx must be a finite number"),
         (json.dumps(SETTINGS | {"width": 10**12}), "at most 268435456 pixels together"),
-        (json.dumps(SETTINGS | {"width": 64.0}), "width must be a positive whole"),
+        (json.dumps(SETTINGS | {"width": 64.0}), "width must be a whole number"),
         (json.dumps(SETTINGS | {"distortion": {"k1": 0}}), "distortion must"),
         (json.dumps(SETTINGS | {"distortion": [[1]]}), "distortion must"),
     ],
