@@ -9,7 +9,9 @@ import pytest
 CACHE = Path(__file__).parent.parent / ".pytest_cache" / "jax"
 # Compile time rules the suite; the command-line tests' processes share the cache too.
 os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(CACHE))
-os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.2")
+# What takes less is compiled as fast as it is written and read again.
+os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "1")
+
 import hypothesis  # noqa: E402
 import jax  # noqa: E402
 import numpy as np  # noqa: E402
@@ -49,6 +51,11 @@ def pytest_collection_finish():
     time that a suite with a filled cache took went into looking for a few."""
     gc.freeze()
     gc.set_threshold(100_000)
+
+
+def pytest_sessionfinish():
+    """Pytest looks for unreachable objects five times at the end."""
+    gc.freeze()
 
 
 @pytest.fixture(params=["float32", "float64"])
