@@ -28,7 +28,7 @@ hypothesis.settings.load_profile("fixed")
 
 def pytest_addoption(parser):
     parser.addoption(
-        "--full", action="store_true", help="draw all scenes of the parity matrix"
+        "--full", action="store_true", help="run what CI runs: all, and optimized"
     )
 
 
@@ -73,8 +73,15 @@ def double():
 
 
 @pytest.hookimpl(tryfirst=True)
-def pytest_collection_modifyitems(items):
-    """A process takes a whole file, or what `tests.groups` keeps together: first."""
+def pytest_collection_modifyitems(config, items):
+    """A process takes a whole file, or what `tests.groups` keeps together: first.
+
+    What is marked as `tests.groups.FULL` is for --full alone.
+    """
+    if not config.getoption("--full"):
+        later = [item for item in items if item.get_closest_marker("full")]
+        config.hook.pytest_deselected(items=later)
+        items[:] = [item for item in items if item not in later]
 
     def is_grouped(item):
         return item.get_closest_marker("xdist_group") is not None

@@ -1,7 +1,8 @@
-"""Tests that share compiled fits, so that one process runs them one after the other.
+"""Marks of tests: what one process runs together, and what is left to --full.
 
-Two processes at a time would both trace and compile the same fit; the second to begin
-would find nothing in the cache.
+Tests that share compiled fits go one after the other. Two processes at a time would
+both trace and compile the same fit; the second to begin would find nothing in the
+cache.
 """
 
 import pytest
@@ -9,3 +10,6 @@ import pytest
 SMALL_IMAGES = pytest.mark.xdist_group("fits of small images")
 LARGE_IMAGES = pytest.mark.xdist_group("fits of large images")
 DATASETS = pytest.mark.xdist_group("datasets")
+
+FULL = pytest.mark.full
+"""Only run with --full, which CI gives: long, and of no part of the package alone."""

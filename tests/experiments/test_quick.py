@@ -11,7 +11,7 @@ import pytest
 
 from experiments.markdown import tables_of
 from experiments.recording import Results
-from tests.groups import LARGE_IMAGES, SMALL_IMAGES
+from tests.groups import FULL, LARGE_IMAGES, SMALL_IMAGES
 
 ROOT = Path(__file__).parents[2]
 EXPERIMENTS = sorted(path.parent.name for path in ROOT.glob("experiments/*/run.py"))
@@ -19,13 +19,17 @@ EXPERIMENTS = sorted(path.parent.name for path in ROOT.glob("experiments/*/run.p
 SMALL = ("fit_speed", "synthetic_benchmark")
 """Those whose quick runs fit images of 160x120."""
 
+LONG = ("mask_errors", "render_speed", "speed_accuracy", "synthetic_benchmark")
+"""Those that take 9 to 24 seconds; the others take 19 together."""
+
+
+def marks_of(name):
+    group = SMALL_IMAGES if name in SMALL else LARGE_IMAGES
+    return (group, FULL) if name in LONG else (group,)
+
 
 @pytest.mark.parametrize(
-    "name",
-    [
-        pytest.param(name, marks=SMALL_IMAGES if name in SMALL else LARGE_IMAGES)
-        for name in EXPERIMENTS
-    ],
+    "name", [pytest.param(name, marks=marks_of(name)) for name in EXPERIMENTS]
 )
 def test_quick_run_writes_its_metrics(name, tmp_path, monkeypatch):
     # In this process, where another test may have compiled the same, or imported it.

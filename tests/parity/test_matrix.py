@@ -10,11 +10,11 @@ import pytest
 
 from experiments.published_faults.run import SHADERS
 from impostor_jax.parity.cases import CAMERAS, select
+from tests.groups import FULL
 
 pytest.importorskip("moderngl")
 
-# Of each kind one, some of them near the camera. With --full llvmpipe draws all;
-# softpipe and the browser run the shaders that it compiles.
+# Of each kind one, some of them near the camera. With --full llvmpipe draws all.
 SOME = {
     "perspective": (
         "oblique", "near, reaching behind", "sphere, distance 2", "inside a sphere",
@@ -23,14 +23,14 @@ SOME = {
     "orthographic": ("oblique", "sphere, distance 2"),
 }  # fmt: skip
 CORE = tuple(f"{camera}/{kind}" for camera in CAMERAS for kind in SOME[camera])
-DRIVERS = ("llvmpipe", "softpipe", "webgl")
 BROKEN = ("perspective/oblique", "perspective/radius 0.01")
 
 ROOT = Path(__file__).parents[2]
 
 # Commands one after the other in one process, for which JAX draws what they share once.
-# Mesa takes one driver in a process.
-PROCESSES = (("llvmpipe", "webgl", "published", "unknown"), ("softpipe",))
+# Mesa takes one driver in a process; softpipe, which runs the shaders that llvmpipe
+# compiles, takes one with --full.
+TOGETHER = ("llvmpipe", "webgl", "published", "unknown")
 COMMANDS = """
 import contextlib, json, sys
 from pathlib import Path
@@ -51,14 +51,14 @@ for name, arguments in commands.items():
 @pytest.fixture(scope="module")
 def chosen(pytestconfig):
     """Patterns of the cases that each driver draws."""
-    patterns = dict.fromkeys(DRIVERS, CORE)
+    patterns = dict.fromkeys(("llvmpipe", "softpipe", "webgl"), CORE)
     if pytestconfig.getoption("--full"):
         patterns["llvmpipe"] = ("all",)
     return patterns
 
 
 @pytest.fixture(scope="module")
-def ended(chosen, tmp_path_factory):
+def ended(chosen, tmp_path_factory, pytestconfig):
     """Exit code, standard error and folder of each command, as users type it."""
     folder = tmp_path_factory.mktemp("parity")
     commands = {
@@ -69,7 +69,8 @@ def ended(chosen, tmp_path_factory):
     commands["unknown"] = ["--cases", "cone"]
     # Rounding errors are promised of the code that users get, not of conftest's.
     settings = {k: v for k, v in os.environ.items() if k != "XLA_FLAGS"}
-    for names in PROCESSES:
+    is_full = pytestconfig.getoption("--full")
+    for names in (TOGETHER, ("softpipe",)) if is_full else (TOGETHER,):
         mine = json.dumps({name: commands[name] for name in names})
         program = [sys.executable, "-c", COMMANDS, str(folder), mine]
         subprocess.run(program, cwd=ROOT, env=settings, check=True)
@@ -88,7 +89,9 @@ def record_of(folder):
     return json.loads((folder / "parity.json").read_text())
 
 
-@pytest.mark.parametrize("driver", DRIVERS)
+@pytest.mark.parametrize(
+    "driver", ["llvmpipe", pytest.param("softpipe", marks=FULL), "webgl"]
+)
 def test_jax_and_the_driver_agree_on_every_case(driver, ended, chosen):
     if driver == "webgl":
         pytest.importorskip("playwright")
