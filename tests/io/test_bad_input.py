@@ -91,7 +91,10 @@ def test_what_is_no_file_is_named_as_what_it_is(what, kind, message, tmp_path):
         (json.dumps(SETTINGS | {"cx": "a"}), "cx must be a finite number"),
         (json.dumps(SETTINGS | {"cx": float("nan")}), "cx must be a finite number"),
         (json.dumps(SETTINGS | {"width": 10**12}), "at most 268435456 pixels together"),
-        (json.dumps(SETTINGS | {"width": 64.0}), "width must be a whole number"),
+        (
+            json.dumps(SETTINGS | {"width": 64.0}),
+            "width must be a whole number of at least 1 pixels",
+        ),
         (json.dumps(SETTINGS | {"distortion": {"k1": 0}}), "distortion must"),
         (json.dumps(SETTINGS | {"distortion": [[1]]}), "distortion must"),
     ],
@@ -146,7 +149,10 @@ def npz():
         (npy((4, 4), data=b"\0" * 63), "must hold 64 bytes of numbers, got 63"),
         (npy((4, 4), data=b"\0" * 65), "must hold 64 bytes of numbers, got 65"),
         (npy((0, 4)), "height must be a whole number of at least 1 pixels"),
-        (npy((-4, -4)), "width must be a whole number|is not a readable NPY file"),
+        (
+            npy((-4, -4)),
+            "width must be a whole number of at least 1|is not a readable NPY file",
+        ),
         (npy((4, 4, 4)), r"must have one channel, got shape \(4, 4, 4\)"),
         (npy((16,)), r"must have one channel, got shape \(16,\)"),
         (npy((4, 4), "<M8[s]"), "must hold integers or floats, got datetime64"),
