@@ -6,6 +6,7 @@ taken has a finite derivative too.
 """
 
 __all__ = [
+    "Numbers",
     "Scalar",
     "eps",
     "has_square",
@@ -24,6 +25,9 @@ import jax.numpy as jnp
 import numpy as np
 from jax.typing import DTypeLike
 from jaxtyping import Array, Bool, Float
+
+Numbers = Float[Array, "*batch"]
+"""One number of each of a batch, of any shape: of rays, points or pixels."""
 
 Scalar = float | Float[Array, ""]
 """A number; it may be traced."""

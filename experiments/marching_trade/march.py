@@ -8,15 +8,13 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
 
 from impostor_jax.geometry.rays import Hit, Interval, Ray, slab_interval
 from impostor_jax.geometry.vec3 import Vec3
+from impostor_jax.numerics import Numbers
 from impostor_jax.primitives.heightfield import Heightfield
 from impostor_jax.primitives.heightfield_march import side_of
 from impostor_jax.primitives.surface import facing
-
-Numbers = Float[Array, "*batch"]
 
 
 @dataclasses.dataclass(frozen=True)

@@ -9,7 +9,6 @@ is compared with the wall changes with a motion of the body by alpha dn + beta d
 __all__ = [
     "AbstractBody",
     "FreeDirections",
-    "Numbers",
     "Passing",
     "Readout",
     "blunted_root",
@@ -31,10 +30,8 @@ from jaxtyping import Array, Bool, Float
 from impostor_jax.geometry.frames import RigidTransform
 from impostor_jax.geometry.rays import Ray
 from impostor_jax.geometry.vec3 import Vec3
-from impostor_jax.numerics import product
+from impostor_jax.numerics import Numbers, product
 from impostor_jax.primitives.base import AbstractPrimitive
-
-Numbers = Float[Array, "*batch"]
 
 Readout = OrderedDict[str, Array]
 """What a user reads of a shape, by name, in an order that JAX keeps."""

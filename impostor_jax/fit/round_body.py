@@ -15,7 +15,6 @@ from typing_extensions import override
 from impostor_jax.fit.body import (
     AbstractBody,
     FreeDirections,
-    Numbers,
     Passing,
     Readout,
     blunted_root,
@@ -25,7 +24,7 @@ from impostor_jax.fit.body import (
 from impostor_jax.geometry.frames import RigidTransform
 from impostor_jax.geometry.so3 import tangent_basis
 from impostor_jax.geometry.vec3 import Vec3, unit
-from impostor_jax.numerics import product, safe_norm, safe_sqrt, smallest_slope
+from impostor_jax.numerics import Numbers, product, safe_norm, safe_sqrt, smallest_slope
 from impostor_jax.primitives.cylinder import Cylinder
 from impostor_jax.primitives.frustum import Frustum
 

@@ -14,7 +14,6 @@ from typing_extensions import override
 from impostor_jax.fit.body import (
     AbstractBody,
     FreeDirections,
-    Numbers,
     Passing,
     Readout,
     blunted_root,
@@ -23,6 +22,7 @@ from impostor_jax.fit.body import (
 )
 from impostor_jax.geometry.frames import RigidTransform
 from impostor_jax.geometry.vec3 import Vec3
+from impostor_jax.numerics import Numbers
 from impostor_jax.primitives.sphere import Sphere
 
 

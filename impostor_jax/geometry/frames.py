@@ -14,6 +14,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from impostor_jax.arguments import check_rotation, float_array, is_concrete
+from impostor_jax.numerics import product
 
 
 class RigidTransform(eqx.Module):
@@ -69,6 +70,6 @@ class RigidTransform(eqx.Module):
 
     def __matmul__(self, other: "RigidTransform") -> "RigidTransform":
         return RigidTransform(
-            jnp.matmul(self.rotation, other.rotation, precision="highest"),
+            product(self.rotation, other.rotation),
             self.apply(other.translation),
         )

@@ -29,7 +29,7 @@ from impostor_jax.compiling import compiled
 from impostor_jax.geometry.frames import RigidTransform
 from impostor_jax.geometry.rays import Hit, Interval, Ray, slab_interval
 from impostor_jax.geometry.vec3 import Vec3
-from impostor_jax.numerics import safe_sqrt
+from impostor_jax.numerics import Numbers, safe_sqrt
 from impostor_jax.primitives.base import AbstractPrimitive, check_single
 from impostor_jax.primitives.heightfield_cells import first_crossing
 from impostor_jax.primitives.heightfield_grid import INTERPOLATIONS, all_control_points
@@ -41,8 +41,6 @@ from impostor_jax.primitives.heightfield_height import (
 )
 from impostor_jax.primitives.heightfield_march import advance
 from impostor_jax.primitives.surface import facing, hit_tangent
-
-Numbers = Float[Array, "*batch"]
 
 
 class Heightfield(AbstractPrimitive):

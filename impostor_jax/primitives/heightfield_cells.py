@@ -22,11 +22,10 @@ from jaxtyping import Array, Float
 
 from impostor_jax.geometry.rays import Interval, Ray
 from impostor_jax.geometry.vec3 import Vec3
-from impostor_jax.numerics import eps
+from impostor_jax.numerics import Numbers, eps
 from impostor_jax.primitives.heightfield_grid import (
     Indices,
     MaximumMipmap,
-    Numbers,
     largest_curvature,
     surface,
 )

@@ -10,7 +10,6 @@ __all__ = [
     "INTERPOLATIONS",
     "Indices",
     "MaximumMipmap",
-    "Numbers",
     "all_control_points",
     "control_points",
     "largest_curvature",
@@ -22,8 +21,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
+from impostor_jax.numerics import Numbers
+
 Indices = Int[Array, "*batch"]
-Numbers = Float[Array, "*batch"]
 
 INTERPOLATIONS = {
     "bilinear": np.eye(2),

@@ -10,9 +10,9 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
+from impostor_jax.numerics import Numbers
 from impostor_jax.primitives.heightfield_grid import control_points, surface
 
-Numbers = Float[Array, "*batch"]
 Function = Callable[[Any, Any], Any]
 
 

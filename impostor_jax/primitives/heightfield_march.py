@@ -15,9 +15,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from impostor_jax.geometry.rays import Interval, Ray
-from impostor_jax.numerics import eps, safe_divide, safe_sqrt
+from impostor_jax.numerics import Numbers, eps, safe_divide, safe_sqrt
 
-Numbers = Float[Array, "*batch"]
 Gap = Callable[[Numbers], Numbers]
 
 

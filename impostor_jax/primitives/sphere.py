@@ -30,11 +30,10 @@ from impostor_jax.compiling import computed_apart
 from impostor_jax.geometry.frames import RigidTransform
 from impostor_jax.geometry.rays import Hit, Ray, ball_interval
 from impostor_jax.geometry.vec3 import Vec3
-from impostor_jax.numerics import has_square
+from impostor_jax.numerics import Numbers, has_square
 from impostor_jax.primitives.base import AbstractPrimitive
 from impostor_jax.primitives.surface import facing, implicit_hit
 
-Numbers = Float[Array, "*batch"]
 _Ball = tuple[Vec3, Float[Array, "*#batch"]]
 """Center and radius."""
 

@@ -50,6 +50,7 @@ from impostor_jax.geometry.frames import RigidTransform
 from impostor_jax.geometry.rays import Hit, Ray
 from impostor_jax.geometry.vec3 import Vec3, unit
 from impostor_jax.numerics import (
+    Numbers,
     eps,
     has_square,
     safe_divide,
@@ -59,8 +60,6 @@ from impostor_jax.numerics import (
 )
 from impostor_jax.primitives.base import AbstractPrimitive
 from impostor_jax.primitives.surface import facing, implicit_hit
-
-Numbers = Float[Array, "*batch"]
 
 
 class Torus(AbstractPrimitive):

@@ -16,6 +16,7 @@ from jaxtyping import Array, Bool, Float
 
 from impostor_jax.compiling import compiled
 from impostor_jax.geometry.vec3 import Vec3
+from impostor_jax.numerics import product
 
 Place = tuple[Float[Array, "*batch"], Float[Array, "*batch"], Float[Array, "*batch"]]
 """Coordinates of a point on a body, along the last three of its `vectors`."""
@@ -76,13 +77,13 @@ class AbstractOutline(eqx.Module):
         place = jnp.stack([jnp.ones_like(first), first, second, third], axis=-1)
         place = jax.lax.stop_gradient(place)
         # One product, whose derivative is one product too.
-        return jnp.matmul(place, self.vectors(), precision="highest")
+        return product(place, self.vectors())
 
     def tangent(self, parameter: Float[Array, "*batch"]) -> Float[Array, "*batch 3"]:
         """Derivative of the point of the curve by the parameter, the body held."""
         _, change = jax.jvp(self.place, (parameter,), (jnp.ones_like(parameter),))
         place = jnp.stack([jnp.zeros_like(parameter), *change], axis=-1)
-        return jnp.matmul(place, self.vectors(), precision="highest")
+        return product(place, self.vectors())
 
     def points(self, count: int = 360) -> Float[Array, "{count} 3"]:
         """Points of the closed curve in order, at equal steps of the parameter.

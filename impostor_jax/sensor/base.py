@@ -10,7 +10,6 @@ __all__ = [
     "AbstractDepthNoise",
     "Depths",
     "Normals",
-    "Numbers",
     "Reach",
     "cos_incidence",
     "has_surface",
@@ -27,9 +26,9 @@ from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
 from impostor_jax.camera.base import AbstractCamera
 from impostor_jax.geometry.vec3 import Vec3
+from impostor_jax.numerics import Numbers
 from impostor_jax.sensor.draws import normal_draws
 
-Numbers = Float[Array, "*batch"]
 Depths = Float[Array, "h w"]
 """Camera-frame z of each pixel, in meters."""
 

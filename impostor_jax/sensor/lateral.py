@@ -16,12 +16,11 @@ from typing_extensions import override
 from impostor_jax.arguments import angle_below_grazing, bounded_number
 from impostor_jax.camera.base import AbstractCamera
 from impostor_jax.compiling import compiled
-from impostor_jax.numerics import Scalar
+from impostor_jax.numerics import Numbers, Scalar
 from impostor_jax.sensor.base import (
     AbstractDepthNoise,
     Depths,
     Normals,
-    Numbers,
     Reach,
     cos_incidence,
     has_surface,
