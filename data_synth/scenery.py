@@ -66,6 +66,16 @@ class Scenery(abc.ABC):
 
     count: Distribution
 
+    def __post_init__(self) -> None:
+        for field in dataclasses.fields(self):
+            value = getattr(self, field.name)
+            low = value.ends[0] if isinstance(value, Distribution) else value
+            if low < 0:
+                raise ValueError(
+                    f"{field.name} of {type(self).__name__} must not be negative, got "
+                    f"{value}"
+                )
+
     @property
     @abc.abstractmethod
     def shapes(self) -> tuple[type[AbstractPrimitive], int]:
@@ -253,10 +263,12 @@ class Hands(Things):
             lift = np.array([0.0, rng.uniform(-4, 4), vary(12.0) + 40 * (1 - curl)])
             tip = knuckle * [1, 1, 0] + reach + [0.0, 0.0, 0.75 * wide]
             between = knuckle + 0.55 * reach + lift
-            rows.append(_row((knuckle, between, tip), (1.15 * wide, 0.72 * wide), 0.06))
+            finger = np.stack([knuckle, between, tip])
+            rows.append(_row(finger, (1.15 * wide, 0.72 * wide), 0.06))
             wrist = np.array([-vary(85.0), 0.5 * aside, vary(20.0)])
             middle = (knuckle + wrist) / 2 + [0.0, 0.0, 4.0]
-            rows.append(_row((knuckle, middle, wrist), (1.3 * wide, vary(17.0)), 0.0))
+            palm = np.stack([knuckle, middle, wrist])
+            rows.append(_row(palm, (1.3 * wide, vary(17.0)), 0.0))
         thumb = np.array(
             [[-60.0, 20.0, 19.0], [-45.0, 62.0, vary(24.0)], [vary(8.0), 66.0, 8.0]]
         )
@@ -274,12 +286,12 @@ class Bumps(Things):
 
     Attributes:
         width: Half of the shorter axes, in meters.
-        aspect: Longer over shorter axis, from 1.
+        stretch: Half the distance of the foci over that; 0 for a ball.
         part: Of the half width that is above the table, up to 2.
     """
 
     width: Distribution
-    aspect: Distribution
+    stretch: Distribution
     part: Distribution
 
     may_touch: ClassVar[bool] = False
@@ -292,7 +304,7 @@ class Bumps(Things):
     @override
     def draw(self, spread: float, rng: np.random.Generator) -> Loose:
         short = self.width.draw(rng)
-        focus = short * np.sqrt(self.aspect.draw(rng) ** 2 - 1)
+        focus = short * self.stretch.draw(rng)
         # The largest balls in an ellipsoid: their centers end before the foci.
         end = focus**2 / np.hypot(focus, short)
         along = np.linspace(-end, end, LINKS)
@@ -325,12 +337,11 @@ class Pillars(Things):
 
     @override
     def draw(self, spread: float, rng: np.random.Generator) -> Loose:
-        size = np.array([distribution.draw(rng) for distribution in (self.width,) * 2])
-        box = _box("pillar", np.array([*size, self.height.draw(rng)]))
-        edge = box.center - np.array([*size / 2, box.center[2]])
+        size = np.array([part.draw(rng) for part in (*[self.width] * 2, self.height)])
+        box = _box("pillar", size)
         turn = _turned_by(np.radians(rng.uniform(20.0, 70.0)))
         aside, beyond = rng.uniform(-2 * spread, 2 * spread), self.beyond.draw(rng)
-        foot = np.array([aside, beyond, 0.0]) - turn @ edge
+        foot = np.array([aside, beyond, 0.0]) + turn @ (size * [0.5, 0.5, 0.0])
         return Loose(box.transformed(turn, foot))
 
 
@@ -390,12 +401,18 @@ def _somewhere(
 
 
 def _row(
-    points: tuple[Point, Point, Point], radii: tuple[float, float], swell: float
+    points: Float[np.ndarray, "3 3"], radii: tuple[float, float], swell: float
 ) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, " n"]]:
-    """Balls along a bent line, from one radius to another, thicker at three joints."""
+    """Balls along a bent line, from one radius to another, thicker at three joints.
+
+    Args:
+        points: Three control points of a Bézier curve.
+        radii: Of the first ball and of the last.
+        swell: How much thicker, as a part.
+    """
     t = np.linspace(0.0, 1.0, LINKS)
     weights = np.stack([(1 - t) ** 2, 2 * t * (1 - t), t**2], axis=1)
     radius = (radii[0] + t * (radii[1] - radii[0])) * (
         1 + swell * np.cos(4 * np.pi * t)
     )
-    return weights @ np.array(points), radius
+    return weights @ points, radius

@@ -1,9 +1,9 @@
 """Solids on a table: how far apart they are, and where one that slides meets another.
 
-Each is known by its support function, how far it reaches in a direction. Two convex
-solids are apart by the widest gap between two parallel planes that separate them; a
-search among the planes' normals never finds more than that, so that what it calls apart
-is apart. What is not convex counts as its hull.
+Each is known by the point of it that is farthest in a direction. Two convex solids are
+as far apart as the widest gap between two parallel planes that separate them, and such
+planes are what is found: a distance is never more than it is, but for rounding. What is
+not convex counts as its hull.
 """
 
 __all__ = [
@@ -12,15 +12,15 @@ __all__ = [
     "Object",
     "Round",
     "Solid",
+    "across_to",
     "are_apart",
-    "sine_to",
     "slide_to_touch",
 ]
 
 import abc
 import dataclasses
-from collections.abc import Callable
-from typing import Any, ClassVar, Self
+import itertools
+from typing import Any, ClassVar
 
 import numpy as np
 from jaxtyping import Float
@@ -32,20 +32,19 @@ from impostor_jax.primitives.frustum import Frustum
 from impostor_jax.primitives.sphere import Sphere
 
 Point = Float[np.ndarray, "3"]
-Directions = Float[np.ndarray, "m 3"]
 
-FIRST = 256
-"""Normals that the search begins with, evenly over the sphere."""
+ACCURACY = 1e-7
+"""Of a distance, in meters."""
 
-NEXT = 32
-"""Normals that it tries around the best one, again and again."""
-
-ROUNDS, NARROWER = 20, 0.6
-"""How often, and by how much they are closer each time: at last to 1e-5."""
+MOST_STEPS = 100
+"""In the search for a distance, which takes some ten; it ends early at an edge of
+rounding."""
 
 
 class Solid(abc.ABC):
-    """What others must keep clear of."""
+    """What others must keep clear of; a primitive of the package shows it."""
+
+    primitive: ClassVar[type[AbstractPrimitive]]
 
     @property
     @abc.abstractmethod
@@ -63,27 +62,30 @@ class Solid(abc.ABC):
         """Radius of a ball around the middle that holds it."""
 
     @abc.abstractmethod
-    def support(self, direction: Directions) -> Float[np.ndarray, " m"]:
-        """How far it reaches in directions: the largest product with a point of it."""
+    def farthest(self, direction: Point) -> Point:
+        """The point of it that is farthest in a direction, of any length but 0."""
 
     @abc.abstractmethod
-    def moved(self, by: Point) -> Self:
+    def moved(self, by: Point) -> "Solid":
         """The same solid elsewhere."""
+
+    @abc.abstractmethod
+    def arguments(self) -> dict[str, Any]:
+        """Those of its primitive, of one shape or of a batch of them."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Object(Solid):
-    """A thing that is no cylinder, as the package renders it.
+    """A thing that is no cylinder.
 
     Attributes:
         kind: What it is, for a reader.
     """
 
     kind: str
-    primitive: ClassVar[type[AbstractPrimitive]]
 
     @abc.abstractmethod
-    def transformed(self, rotation: Float[np.ndarray, "3 3"], by: Point) -> Self:
+    def transformed(self, rotation: Float[np.ndarray, "3 3"], by: Point) -> "Object":
         """The same thing turned, and then moved."""
 
     def record(self) -> dict[str, Any]:
@@ -94,7 +96,7 @@ class Object(Solid):
         return {"kind": self.kind, "type": self.primitive.__name__.lower(), **values}
 
     @override
-    def moved(self, by: Point) -> Self:
+    def moved(self, by: Point) -> "Object":
         return self.transformed(np.eye(3), by)
 
     @abc.abstractmethod
@@ -133,13 +135,12 @@ class Cuboid(Object):
         return float(np.linalg.norm(self.size)) / 2
 
     @override
-    def support(self, direction: Directions) -> Float[np.ndarray, " m"]:
-        return direction @ self.center + np.abs(direction @ self.rotation) @ (
-            self.size / 2
-        )
+    def farthest(self, direction: Point) -> Point:
+        side = np.where(direction @ self.rotation > 0, 0.5, -0.5)
+        return self.center + self.rotation @ (side * self.size)
 
     @override
-    def transformed(self, rotation: Float[np.ndarray, "3 3"], by: Point) -> Self:
+    def transformed(self, rotation: Float[np.ndarray, "3 3"], by: Point) -> "Cuboid":
         center, turned = rotation @ self.center + by, rotation @ self.rotation
         return dataclasses.replace(self, center=center, rotation=turned)
 
@@ -182,16 +183,13 @@ class Round(Object):
         return float(np.hypot(half, max(self.radius1, self.radius2)))
 
     @override
-    def support(self, direction: Directions) -> Float[np.ndarray, " m"]:
-        along = self.p2 - self.p1
-        across = sine_to(direction, along / np.linalg.norm(along))
-        return np.maximum(
-            direction @ self.p1 + self.radius1 * across,
-            direction @ self.p2 + self.radius2 * across,
-        )
+    def farthest(self, direction: Point) -> Point:
+        across = across_to(self.p2 - self.p1, direction)
+        p1, p2 = self.p1 + self.radius1 * across, self.p2 + self.radius2 * across
+        return p2 if direction @ p2 > direction @ p1 else p1
 
     @override
-    def transformed(self, rotation: Float[np.ndarray, "3 3"], by: Point) -> Self:
+    def transformed(self, rotation: Float[np.ndarray, "3 3"], by: Point) -> "Round":
         p1, p2 = (rotation @ point + by for point in (self.p1, self.p2))
         return dataclasses.replace(self, p1=p1, p2=p2)
 
@@ -231,11 +229,13 @@ class Cluster(Object):
         return float(np.max(away + self.radius))
 
     @override
-    def support(self, direction: Directions) -> Float[np.ndarray, " m"]:
-        return np.max(direction @ self.center.T + self.radius, axis=1)
+    def farthest(self, direction: Point) -> Point:
+        toward = direction / np.linalg.norm(direction)
+        k = np.argmax(self.center @ toward + self.radius)
+        return self.center[k] + self.radius[k] * toward
 
     @override
-    def transformed(self, rotation: Float[np.ndarray, "3 3"], by: Point) -> Self:
+    def transformed(self, rotation: Float[np.ndarray, "3 3"], by: Point) -> "Cluster":
         return dataclasses.replace(self, center=self.center @ rotation.T + by)
 
     @override
@@ -243,84 +243,104 @@ class Cluster(Object):
         return {"center": self.center, "radius": self.radius}
 
 
-def sine_to(direction: Directions, axis: Point) -> Float[np.ndarray, " m"]:
-    """Sine of the angle between unit directions and an axis."""
-    return np.sqrt(np.maximum(1 - (direction @ axis) ** 2, 0))
+def across_to(axis: Point, direction: Point) -> Point:
+    """Unit vector across an axis that goes most in a direction; 0 if none does."""
+    across = direction - (direction @ axis) / (axis @ axis) * axis
+    length = np.linalg.norm(across)
+    # Of a direction along the axis only rounding is left.
+    return across / length if length > 1e-9 * np.linalg.norm(direction) else 0 * across
 
 
 def are_apart(one: Solid, other: Solid, gap: float) -> bool:
     """Whether two solids are surely apart by more than a gap, in meters."""
-    between = one.middle - other.middle
-    if np.linalg.norm(between) > one.reach + other.reach + gap:
+    between = np.linalg.norm(one.middle - other.middle)
+    if between > one.reach + other.reach + gap:
         return True
-    return _largest(lambda n: _gap(one, other, n), between, enough=gap) > gap
+    return _separation(one, other, gap)[0] > gap
 
 
 def slide_to_touch(one: Solid, other: Solid, along: Point, gap: float) -> float:
-    """How far a solid has to be moved for a gap to another, to some micrometers.
+    """How far a solid has to be moved for a gap to another.
+
+    From beyond the distance grows ever faster with the move, so Newton's steps come
+    nearer and never too near.
 
     Args:
         one: It moves.
         other: It stays.
         along: Unit vector along which it moves.
-        gap: In meters.
+        gap: In meters, positive.
 
     Returns:
-        In meters; negative where they are apart from the beginning, `-inf` where they
-        are whatever the move.
+        In meters, from 0; 0 where that leaves a larger gap.
+    """
+    length = float(np.linalg.norm(one.middle - other.middle))
+    length += one.reach + other.reach + gap
+    while length > 0:
+        distance, normal = _separation(one.moved(length * along), other)
+        if distance < gap + ACCURACY:
+            return length
+        opens = normal @ along
+        # Where the plane would never close they do not meet at all.
+        length -= float((distance - gap) / opens) if opens > 0 else np.inf
+    return 0.0
+
+
+def _separation(
+    one: Solid, other: Solid, enough: float = np.inf
+) -> tuple[float, Point]:
+    """Distance from the other to the one, 0 if they overlap, and its unit vector.
+
+    Once it is known to be more than enough it is not looked for any further.
+
+    References:
+        Gilbert, Johnson, Keerthi (1988), "A fast procedure for computing the distance
+        between complex objects in three-dimensional space".
     """
 
-    def less(n: Directions) -> Float[np.ndarray, " m"]:
-        """What makes the move shorter: a plane is passed where it opens the gap."""
-        opens = n @ along
-        ahead = opens > 1e-6
-        length = (_gap(one, other, n) - gap) / np.where(ahead, opens, 1)
-        return np.where(ahead, length, -np.inf)
+    def least_along(direction: Point) -> Point:
+        """Of all differences of two points the one that is least in a direction."""
+        return one.farthest(-direction) - other.farthest(direction)
 
-    return -_largest(less, one.middle - other.middle)
-
-
-def _gap(one: Solid, other: Solid, n: Directions) -> Float[np.ndarray, " m"]:
-    """Width between the planes across n that touch both, from the other to the one."""
-    return -one.support(-n) - other.support(n)
-
-
-def _evenly(count: int) -> Directions:
-    """Directions over the sphere, on a spiral."""
-    place = np.arange(count) + 0.5
-    z, turn = 1 - 2 * place / count, np.pi * (1 + 5**0.5) * place
-    across = np.sqrt(1 - z * z)
-    return np.stack([across * np.cos(turn), across * np.sin(turn), z], axis=1)
-
-
-NORMALS = _evenly(FIRST)
-AROUND = np.concatenate([_evenly(NEXT // 2), _evenly(NEXT // 2)[:, [2, 0, 1]] / 2])
-
-
-def _largest(
-    value: Callable[[Directions], Float[np.ndarray, " m"]],
-    guess: Point,
-    enough: float = np.inf,
-) -> float:
-    """Largest value over unit vectors, of a function with one hill; or more than enough.
-
-    Args:
-        value: The function.
-        guess: A direction to begin with, of any length.
-        enough: Where the search may end.
-    """
-    length = float(np.linalg.norm(guess))
-    first = NORMALS if length == 0 else np.vstack([NORMALS, guess / length])
-    values = value(first)
-    best, place = float(values.max()), first[values.argmax()]
-    width = 0.3
-    for _ in range(ROUNDS):
-        if best > enough:
+    # Any direction will do, also where the middles are the same.
+    nearest = least_along(one.middle - other.middle + ACCURACY)
+    corners, best, normal = nearest[None], 0.0, nearest
+    for _ in range(MOST_STEPS):
+        length = float(np.linalg.norm(nearest))
+        if length < ACCURACY:
+            return 0.0, normal
+        least = least_along(nearest)
+        distance = float(nearest @ least) / length
+        if distance > best:
+            best, normal = distance, nearest / length
+        if best > enough or length - distance < ACCURACY:
             break
-        near = place + width * AROUND
-        near /= np.linalg.norm(near, axis=1, keepdims=True)
-        values = value(near)
-        if values.max() > best:
-            best, place = float(values.max()), near[values.argmax()]
-        width *= NARROWER
-    return best
+        corners, nearer = _nearest_of_hull(np.vstack([corners, least]))
+        if not np.linalg.norm(nearer) < length:
+            break
+        nearest = nearer
+    return best, normal
+
+
+def _nearest_of_hull(
+    corners: Float[np.ndarray, "n 3"],
+) -> tuple[Float[np.ndarray, "m 3"], Point]:
+    """Point of the hull of up to four that is nearest to 0, and those it lies between.
+
+    The last one is among these.
+    """
+    last = len(corners) - 1
+    found, shortest = (corners[last:], corners[last]), np.inf
+    for count in range(last + 1):
+        for some in itertools.combinations(range(last), count):
+            own = corners[[*some, last]]
+            edges = own[:-1] - own[-1]
+            try:
+                shares = np.linalg.solve(edges @ edges.T, -edges @ own[-1])
+            except np.linalg.LinAlgError:
+                continue
+            point = own[-1] + shares @ edges
+            length = np.linalg.norm(point)
+            if np.all(shares > 0) and shares.sum() < 1 and length < shortest:
+                found, shortest = (own, point), length
+    return found
