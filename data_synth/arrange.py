@@ -6,8 +6,9 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from data_synth.contact import are_apart, slide_to_touch
 from data_synth.pose import GAP, Pose, are_capsules_apart
-from data_synth.solid import Object, Point, Solid, are_apart, slide_to_touch
+from data_synth.solid import Object, Point, Solid
 
 PLACINGS = 50
 """Places that are tried for a thing before the scene is given up."""

@@ -161,8 +161,13 @@ class Preset:
         on_ground = sorted({"standing", "lying", "stacked"} & set(self.placement))
         if on_ground and not self.ground:
             raise ValueError(f"ground must be True for cylinders that are {on_ground}")
-        if self.is_mixed and not (self.ground and "around" not in self.placement):
+        if self.is_mixed and not self.ground:
             raise ValueError("ground must be True for scenery and things in contact")
+        if self.is_mixed and "around" in self.placement:
+            raise ValueError(
+                "placement must not be around where there are scenery and things in "
+                "contact"
+            )
         for name in ("radius", "aspect", "distance", "depth_scale_mm"):
             value = getattr(self, name)
             low = value.ends[0] if isinstance(value, Distribution) else value

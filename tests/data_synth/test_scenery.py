@@ -11,13 +11,13 @@ import pytest
 import impostor_jax as ij
 from data_synth import solid
 from data_synth.catalogue import Item, draw_catalogue
+from data_synth.contact import are_apart, slide_to_touch
 from data_synth.distribution import Fixed, Uniform
 from data_synth.draw import draw_scene
 from data_synth.pose import Pose
 from data_synth.presets import PRESETS
 from data_synth.preview import preview
 from data_synth.scenery import Bumps, Cones, Corners, Hands, Pillars
-from data_synth.solid import are_apart, slide_to_touch
 from data_synth.validate import validate
 from impostor_jax.__main__ import main
 from impostor_jax.io.dataset import read_dataset
@@ -281,7 +281,7 @@ def test_labels_of_scenery_render_the_clean_depth(empty):
         ({"objects": 0}, "objects must be a whole number from 1"),
         ({"touching": 1.5}, "touching must be a fraction from 0 to 1"),
         ({"touching": 0.5, "ground": False, "placement": ("free",)}, "ground must be"),
-        ({"scenery": EMPTY.scenery, "placement": ("around",)}, "ground must be"),
+        ({"scenery": EMPTY.scenery, "placement": ("around",)}, "must not be around"),
     ],
 )
 def test_bad_presets_of_scenery_are_refused(changes, message):
