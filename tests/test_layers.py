@@ -24,6 +24,7 @@ LAYERS = (
     "fit",
     "find",
     "io",
+    "matching",
     "evaluate",
     "viewer",
     "glsl",
