@@ -30,13 +30,15 @@ __all__ = [
     "points_of",
     "precision_recall",
     "score_of",
+    "score_record",
+    "score_table",
     "truth_of",
 ]
 
 import dataclasses
 import math
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -44,6 +46,7 @@ from jaxtyping import Bool, Float, Int
 from impostor_jax.camera.pinhole import PinholeCamera
 from impostor_jax.fit.result import Fit
 from impostor_jax.io.dataset_shard import LabeledImage
+from impostor_jax.io.record import numbers
 from impostor_jax.rendering.silhouettes import silhouettes
 
 
@@ -356,3 +359,38 @@ def score_of(images: Sequence[Comparison]) -> Score:
         sure_false_per_image=sure,
         calibration=told["standard"],
     )
+
+
+def score_table(score: Score) -> str:
+    """Table of a score, for a reader."""
+    titles = ("tolerance", "recall", "false/image", "of these sure", "precision")
+    lines = [
+        f"{score.num_images} images, {score.num_truths} cylinders that count",
+        "".join(f"{title:>15}" for title in titles),
+    ]
+    for level in LEVELS:
+        numbers = (
+            score.recall[level],
+            score.false_per_image[level],
+            score.sure_false_per_image[level],
+            score.average_precision[level],
+        )
+        lines.append(f"{level:>15}" + "".join(f"{x:>15.3f}" for x in numbers))
+    lines.append(f"confidences are off by {score.calibration.error:.3f} on average")
+    return "\n".join(lines)
+
+
+def score_record(score: Score) -> dict[str, Any]:
+    """A score as JSON can hold it; null where a number is NaN."""
+    names = "recall", "false_per_image", "sure_false_per_image", "average_precision"
+    return {
+        "num_images": score.num_images,
+        "num_truths": score.num_truths,
+        **{
+            name: {
+                level: numbers(value) for level, value in getattr(score, name).items()
+            }
+            for name in names
+        },
+        "calibration_error": numbers(score.calibration.error),
+    }

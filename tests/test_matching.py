@@ -18,6 +18,8 @@ from impostor_jax.matching import (
     match,
     precision_recall,
     score_of,
+    score_record,
+    score_table,
     truth_of,
 )
 
@@ -85,6 +87,7 @@ def test_what_is_near_an_ignored_cylinder_is_neither_right_nor_false():
     assert verdicts(found, there) == [WRONG, IGNORED, IGNORED, RIGHT]
     score = score_of([compare(there, found)])
     assert score.num_truths == 1
+    assert score.recall["standard"] == 1
     assert score.false_per_image["standard"] == 1
 
 
@@ -98,6 +101,10 @@ def test_nothing_is_found_in_an_image_without_cylinders():
     assert np.isnan(score.average_precision["standard"])
     assert score.false_per_image["standard"] == 0.5
     assert score.sure_false_per_image["standard"] == 0.5
+    record = score_record(score)
+    assert record["recall"]["standard"] is None
+    assert record["calibration_error"] == pytest.approx(0.9)
+    assert "2 images, 0 cylinders" in score_table(score)
 
 
 def test_average_precision_of_a_known_list():

@@ -16,6 +16,7 @@ from impostor_jax.cli.given import (
     files_of,
     hints_on_stderr,
     places_of,
+    priors_of,
     start_of,
 )
 
@@ -133,14 +134,13 @@ class FitCommand:
 
     def _asked(self, camera: "PinholeCamera") -> dict[str, Any]:
         """What a fit takes by name, but the mask and the effort."""
-        priors = {"radius": self.prior_radius, "height": self.prior_height}
         if self.test_taper and self.shape != "cylinder":
             raise ValueError(f"--test-taper must not be given for a {self.shape}")
         return {
             "sigma": chosen_noise(self.sigma, self.sensor, float(camera.fx)),
             "initial": start_of(self.initial, self.shape),
             "fixed": self.fixed,
-            "prior": {name: prior for name, prior in priors.items() if prior},
+            "prior": priors_of(self.prior_radius, self.prior_height),
             "mask_meaning": self.mask_meaning,
             "errors": self.errors,
         }
