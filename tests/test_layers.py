@@ -23,6 +23,7 @@ LAYERS = (
     "sensor",
     "fit",
     "find",
+    "fits",
     "io",
     "matching",
     "evaluate",

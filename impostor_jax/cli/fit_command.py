@@ -162,7 +162,7 @@ class FitCommand:
         """
         import jax
 
-        from impostor_jax.fit.labels import fit_labels
+        from impostor_jax.fits.labels import fit_labels
         from impostor_jax.io.label_image import read_labels, read_one_mask
 
         function, size = self._function(), (camera.height, camera.width)
@@ -181,7 +181,7 @@ class FitCommand:
 
     def _function(self) -> Any:
         """What fits the shape."""
-        from impostor_jax.fit.single import fit_cylinder, fit_frustum, fit_sphere
+        from impostor_jax.fits.single import fit_cylinder, fit_frustum, fit_sphere
 
         return {
             "cylinder": fit_cylinder, "sphere": fit_sphere, "frustum": fit_frustum,
