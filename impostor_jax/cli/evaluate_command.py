@@ -76,10 +76,6 @@ class EvaluateCommand:
         else:
             fitted = shown(evaluate(images, sensor, self.erode_px, effort))
             outcomes = [outcome for some in fitted for outcome in some]
-            if not outcomes:
-                raise ValueError(
-                    f"dataset {str(self.dataset)!r} has no cylinder to fit"
-                )
         if self.json is not None:
             told = [dataclasses.asdict(outcome) for outcome in outcomes]
             if score is None:
@@ -88,6 +84,9 @@ class EvaluateCommand:
                 record = {"score": score_record(score), "outcomes": told}
                 write_json(self.json, record)
         parts = [] if score is None else [score_table(score)]
-        parts += [table(outcomes)] if outcomes else []
+        if outcomes:
+            parts.append(table(outcomes))
+        elif score is None:
+            parts.append(f"{self.dataset}: no cylinder to fit")
         print("\n".join(parts), file=stream_beside(self.json))
         return 0
