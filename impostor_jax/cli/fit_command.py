@@ -39,7 +39,7 @@ class FitCommand:
     camera: Path
     """Camera file (JSON): fx, fy, cx, cy, width, height, depth_scale_m, distortion."""
     mask: tyro.conf.UseAppendAction[tuple[Path, ...]] = ()
-    """Mask image, not 0 on the object; the nearest object is taken if none is given. Of
+    """Mask image, not 0 on the object; an object is searched for if none is given. Of
     several depth images once for each, or a folder of PNG files of their names."""
     labels: tyro.conf.UseAppendAction[tuple[Path, ...]] = ()
     """Label image instead of a mask: 0 where there is no object, otherwise its number;
@@ -200,8 +200,8 @@ def _region_taken(fit: "Fit") -> str:
 
     rows, cols = np.nonzero(np.asarray(fit.region))
     if not len(rows):
-        return "no mask: no object stands in front of its surroundings"
+        return "no mask: no object is found"
     return (
-        f"no mask: took the nearest object in front of its surroundings, {len(rows)} "
-        f"pixels in rows {rows.min()}-{rows.max()}, columns {cols.min()}-{cols.max()}"
+        f"no mask: found an object of {len(rows)} pixels in rows "
+        f"{rows.min()}-{rows.max()}, columns {cols.min()}-{cols.max()}"
     )

@@ -1,45 +1,16 @@
-"""Fits side by side, of which each fails alone."""
+"""Fits side by side, in threads."""
 
-__all__ = ["fit_or_failure", "side_by_side"]
+__all__ = ["side_by_side"]
 
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from impostor_jax.arguments import working_precision
-from impostor_jax.camera.pinhole import PinholeCamera
-from impostor_jax.fit.fittable import Fittable, no_guess
-from impostor_jax.fit.options import Options
-from impostor_jax.fit.request import TooFewReadingsError, checked_mask
-from impostor_jax.fit.result import Fit
-from impostor_jax.fit.shapes import fit_shape
-from impostor_jax.primitives.base import AbstractPrimitive
-
 Values = TypeVar("Values")
-
-
-def fit_or_failure(
-    kind: Fittable,
-    depth: Any,
-    camera: PinholeCamera,
-    mask: Any,
-    sigma: Any,
-    initial: AbstractPrimitive | None,
-    options: Options,
-) -> Fit:
-    """As `fit_shape`, or a failed fit where there are too few readings."""
-    try:
-        return fit_shape(kind, depth, camera, mask, sigma, initial, options)
-    except TooFewReadingsError:
-        with working_precision(options.effort.precision, ()):
-            region = checked_mask(mask, camera)
-            if region is None:
-                region = np.zeros(checked_depth(depth, camera).shape, bool)
-            return no_guess(kind, np.asarray(region))
 
 
 def side_by_side(fit: Callable[[int], Values], which: Sequence[int]) -> list[Values]:

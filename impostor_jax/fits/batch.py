@@ -3,30 +3,21 @@
 __all__ = ["fit_cylinders"]
 
 import math
-from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
-from typing import Any, TypeVar, Unpack
+from collections.abc import Sequence
+from typing import Any, Unpack
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
-from impostor_jax.arguments import is_concrete, working_precision
+from impostor_jax.arguments import is_concrete
 from impostor_jax.camera.pinhole import PinholeCamera
-from impostor_jax.fit.fittable import CYLINDER, Fittable, no_guess
+from impostor_jax.fit.batch import side_by_side
+from impostor_jax.fit.fittable import CYLINDER
 from impostor_jax.fit.options import FitOptions, Options
-from impostor_jax.fit.request import (
-    TooFewReadingsError,
-    check_types,
-    checked_depth,
-    checked_mask,
-)
+from impostor_jax.fit.request import check_types
 from impostor_jax.fit.result import Fit
-from impostor_jax.fit.shapes import fit_shape
-from impostor_jax.primitives.base import AbstractPrimitive
+from impostor_jax.fits.shown import fit_or_failure
 from impostor_jax.primitives.cylinder import Cylinder
-
-Values = TypeVar("Values")
 
 ALIGNMENT = 64
 """Bytes to whose multiples XLA aligns what it computes with on processors."""
