@@ -329,7 +329,8 @@ NAMES = ("taper", "barrel", "ellipse", "ellipse2", "bend1", "bend2", "cubic1", "
 def deformation(view, noise, wall, ends, region):
     """Departures from a cylinder over the radius, and their standard deviations."""
     c, a, r, side = wall
-    index = np.flatnonzero(region)
+    # Beside an edge readings are of more than one surface.
+    index = np.flatnonzero(cv2.erode(region.view(np.uint8), np.ones((3, 3), np.uint8)))
     index = index[:: max(1, len(index) // 3000)]
     P = view.points(np.unravel_index(index, region.shape)).astype(float)
     V = view.views(np.unravel_index(index, region.shape)).astype(float)
@@ -340,7 +341,7 @@ def deformation(view, noise, wall, ends, region):
     u = across / np.maximum(rho, 1e-9)[:, None]
     cos = -(u * V).sum(1)
     half = max((ends[1] - ends[0]) / 2, 1e-9)
-    on_wall = (np.abs(rho - r) < 0.3 * r) & (side * cos > 0.1) & (t > ends[0]) & (t < ends[1])
+    on_wall = (np.abs(rho - r) < 0.3 * r) & (side * cos > 0.2) & (np.abs(t - (ends[0] + ends[1]) / 2) < 0.95 * half)
     if on_wall.sum() < 20:
         return None
     t, u, rho, cos = t[on_wall], u[on_wall], rho[on_wall], cos[on_wall]

@@ -13,14 +13,14 @@ def features(e, d, fit):
     else:
         sol, dev, _ = d
         c, s = np.abs(sol[5:]), dev[5:]
-        over = np.maximum(c - 2 * s - 0.03, 0)
+        over = np.maximum(c - 2 * s - 0.02, 0)
         excess = np.array([over[0], max(over[1] - 0.05, 0), max(over[2], over[3]), max(over[4], over[5])])
         vague = float(np.sqrt(np.mean(s[[0, 1, 2, 3]] ** 2)))
     total = e.explained + e.behind + e.off
-    exact = np.clip(within(fit, e), 1e-3, 1 - 1e-3)
+    exact = 0.98 if fit is None else np.clip(within(fit, e), 1e-3, 1 - 1e-3)
     return np.array([
         np.log(max(e.chi, 0.7) / 0.7),
-        np.log(max(float(fit.chi2), 1.0)),
+        0.0 if fit is None else np.log(max(float(fit.chi2), 1.0)),
         np.sqrt((e.behind + e.off) / total),
         *np.sqrt(np.minimum(excess, 1)),
         np.log(vague / 0.02 + 1),

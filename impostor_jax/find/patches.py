@@ -20,6 +20,8 @@ def patches_of(view, normals, objects, fewest, levels=(1, 4, 9, 16)):
         row, col = np.divmod(pixels, w)
         wide = pixels[spread(count, WIDE)]
         for level in levels:
+            if level > 4 and number[0] == 'part':
+                break
             if level > 1 and count < level * fewest / 2:
                 break
             if level == 1:
@@ -32,7 +34,7 @@ def patches_of(view, normals, objects, fewest, levels=(1, 4, 9, 16)):
                 k = min(count - 1, max(int(1.2 * count / level), fewest // 3))
                 near = np.flatnonzero(d <= np.partition(d, k)[k])
                 made.append((pixels[near[spread(len(near), POINTS)]], wide)); owner.append(number)
-    return made, np.array(owner, int)
+    return made, owner
 
 
 def _seeds(row, col, level):

@@ -6,7 +6,7 @@ import cv2
 from impostor_jax.find.view import view_of
 from impostor_jax.find.normals import normals_of, stray
 from impostor_jax.find.planes import planes_of
-from impostor_jax.find.objects import objects_of
+from impostor_jax.find.objects import creases, numbered, objects_of
 from impostor_jax.find.patches import patches_of, gathered, spread
 from impostor_jax.find.walls import propose, BATCH
 from impostor_jax.find.evidence import examine, Candidate, deformation, shown
@@ -15,7 +15,7 @@ from impostor_jax.find.judge import WEIGHTS, confidence, features
 
 CLOCK = {}
 TRACE = []
-SURE = 0.1
+SURE = 0.02
 class clock:
     def __init__(self, name): self.name = name
     def __enter__(self): self.t = time.perf_counter()
@@ -35,7 +35,7 @@ def proposals(view, normals, noise, objs, fewest, limits, levels, keep):
     sizes = {k: len(p) for k, p in objs}
     found = []
     for number, _ in objs:
-        rows = np.flatnonzero(owner == number)
+        rows = np.array([i for i, x in enumerate(owner) if x == number], int)
         some = [(wide[i, k] * sizes[number], i, k) for i in rows for k in range(best.shape[1])]
         some.sort(key=lambda x: -x[0])
         kept = []
@@ -52,14 +52,15 @@ def proposals(view, normals, noise, objs, fewest, limits, levels, keep):
     return found
 
 
-def guesses(view, depth, camera, sensor, labels, objs, radius_range, known):
+def guesses(view, depth, camera, sensor, objs, radius_range, known):
     from impostor_jax.fit.fittable import CYLINDER
     from impostor_jax.fit.regions import typical_sigma
     if view.stride > 1 or not view.is_central:
         return []
     found = []
     for number, pixels in objs:
-        region = labels == number
+        region = np.zeros(depth.shape, bool)
+        region.ravel()[pixels] = True
         for body in CYLINDER.guesses(depth, region, camera, typical_sigma(depth, region, sensor))[:6]:
             r = float(body.radius)
             if not radius_range[0] < r < radius_range[1]:
@@ -91,6 +92,8 @@ def search(depth, camera, sensor, min_pixels=150, min_arc=50., radius_range=(0.0
         usable = view.valid & ~stray(view)
     with clock("normals"):
         normals = normals_of(view, usable)
+    with clock("creases"):
+        crease = creases(view, normals)
     with clock("planes"):
         planes = planes_of(view, usable)
     noise = planes.noise
@@ -100,16 +103,20 @@ def search(depth, camera, sensor, min_pixels=150, min_arc=50., radius_range=(0.0
     for turn in range(3):
         with clock("objects"):
             labels = objects_of(view, free & ~dead, noise, min_pixels // 2)
-            flat = labels.ravel()
-            order = np.argsort(flat, kind="stable")
-            cut = np.searchsorted(flat[order], np.arange(labels.max() + 2))
-            objs = [(k, np.sort(order[cut[k]:cut[k+1]])) for k in range(1, labels.max() + 1)]
+            parts = numbered((labels > 0) & ~crease, min_pixels // 2)
+            wholes = split(labels)
+            objs = [(("whole", k), p) for k, p in wholes]
+            # What creases cut into several.
+            owner = {k: int(labels.ravel()[p[0]]) for k, p in split(parts)}
+            for k, p in split(parts):
+                if len(p) < 0.9 * len(wholes[owner[k] - 1][1]):
+                    objs.append((("part", k), p))
         if not objs:
             break
         with clock("propose"):
             cands = proposals(view, normals, noise, objs, min_pixels, limits, (1, 4, 9), 5)
         with clock("guess"):
-            cands += guesses(view, depth, camera, sensor, labels, objs, radius_range, cands)
+            cands += guesses(view, depth, camera, sensor, objs, radius_range, cands)
         def look(c):
             pool = np.flatnonzero(free)
             if not len(pool):
@@ -119,11 +126,16 @@ def search(depth, camera, sensor, min_pixels=150, min_arc=50., radius_range=(0.0
         TRACE.extend(("proposed", turn, c) for c in cands)
         with clock("examine"):
             seen = [look(c) for c in cands]
+        def early(e):
+            d = deformation(view, noise, e.wall, e.ends, e.region)
+            return 0.02 + confidence(features(e, d, None)) if WEIGHTS is not None else 1.0
         seen = [e for e in seen if e is not None and e.explained + e.cap >= min_pixels / 2 and e.gain > 0]
         TRACE.extend(("seen", turn, e.wall) for e in seen)
         got = False
+        with clock("deform"):
+            chance = {id(e): early(e) for e in seen}
         while seen:
-            k = int(np.argmax([e.gain for e in seen]))
+            k = int(np.argmax([e.gain * chance[id(e)] for e in seen]))
             e = seen.pop(k)
             with clock("deform"):
                 if refuted(e, deformation(view, noise, e.wall, e.ends, e.region)):
@@ -153,6 +165,7 @@ def search(depth, camera, sensor, min_pixels=150, min_arc=50., radius_range=(0.0
                 got = True
                 with clock("examine"):
                     again = [x if not (x.region & region).any() else look(x.wall) for x in seen]
+                chance |= {id(x): early(x) for x in again if x is not None and id(x) not in chance}
                 seen = [x for x in again if x is not None and x.explained + x.cap >= min_pixels / 2 and x.gain > 0]
             else:
                 # Nothing that begins like this leads anywhere.
@@ -169,6 +182,13 @@ def refuted(e, d):
         return e.rim < 90
     sol, dev, _ = d
     return bool(np.any(np.abs(sol[5:]) - 3 * dev[5:] > 0.3))
+
+
+def split(labels):
+    flat = labels.ravel()
+    order = np.argsort(flat, kind="stable")
+    cut = np.searchsorted(flat[order], np.arange(labels.max() + 2))
+    return [(k, order[cut[k]:cut[k + 1]]) for k in range(1, labels.max() + 1)]
 
 
 def wall_of(fit, camera, side):

@@ -173,10 +173,13 @@ def propose(patches: Patches, grazing, limits):
         def widened(wall, side):
             def body(wall, scale):
                 return _step(wall, side, *wide, limits, scale, 0.02), None
-            wall, _ = jax.lax.scan(body, wall, jnp.array([2.0, 1.5, 1.0, 1.0, 1.0]))
+            wall, _ = jax.lax.scan(body, wall, jnp.array([1.0, 1.0, 1.0, 1.0, 1.0]))
             return wall, _score(wall, side, *wide)
 
-        walls, wide_scores = jax.vmap(widened)(walls, sides)
-        return walls, sides, best, wide_scores
+        wider, wide_scores = jax.vmap(widened)(walls, sides)
+        own_scores = jax.vmap(lambda wall, side: _score(wall, side, *wide))(walls, sides)
+        both = lambda a, b: jnp.concatenate([a, b])
+        walls = jax.tree.map(both, wider, walls)
+        return walls, both(sides, sides), both(best, best), both(wide_scores, own_scores)
 
     return jax.lax.map(one, patches, batch_size=16)
