@@ -35,7 +35,7 @@ def numbered(inside, fewest):
 def creases(view, normals):
     """Where two convex things touch: normals lean towards each other."""
     k = (normals.window + 1) // 2
-    n, p = normals.normal, view.points().astype(np.float32)
+    n, p = normals.normal, view.points
     known = np.isfinite(normals.error)
     found = np.zeros(known.shape, bool)
     for near, far, middle in (
