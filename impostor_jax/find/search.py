@@ -4,7 +4,7 @@ __all__ = ["Detection", "Request", "Searched", "search"]
 
 import dataclasses
 import itertools
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -60,7 +60,6 @@ class Entry(NamedTuple):
     caps: Caps
     shape: Deformation | None
     chance: float
-    turn: int
 
     @property
     def gain(self) -> float:
@@ -133,8 +132,6 @@ class _Search:
         self.detections: list[Detection] = []
         self.looked_at: set[tuple[int, int]] = set()
         self.refused: list[Candidate] = []
-        self.turn = 0
-        self.trace: list[Any] = []
 
     def scene(self) -> Scene:
         """What candidates are compared with now."""
@@ -155,16 +152,15 @@ class _Search:
             best = queue.pop(int(np.argmax([entry.gain for entry in queue])))
             if best.gain <= 0 or best.chance < LEAST_CHANCE:
                 break
-            if best.turn < self.turn:
+            if self._known(best.evidence.wall):
+                continue
+            if not self.free.ravel()[best.evidence.index].all():
                 # Something has taken pixels since.
                 again = self._entry(scene, best.evidence.wall)
                 if again is not None:
                     queue.append(again)
                 continue
-            if self._known(best.evidence.wall):
-                continue
             if self._fitted(scene, best):
-                self.turn += 1
                 scene = self.scene()
             else:
                 self.refused.append(best.evidence.wall)
@@ -237,7 +233,7 @@ class _Search:
         if shape is not None and np.any(np.abs(shape.value) > 0.3 + 3 * shape.deviation):
             return None
         chance = confidence(facts_of(evidence, caps, shape, None))
-        return Entry(evidence, caps, shape, chance, self.turn)
+        return Entry(evidence, caps, shape, chance)
 
     def _known(self, wall: Candidate) -> bool:
         found = (detection.entry.evidence.wall for detection in self.detections)
