@@ -43,12 +43,21 @@ ARC_BINS = 72
 
 
 class Candidate(NamedTuple):
-    """A wall that may be there; the side is 1 from outside and -1 from inside."""
+    """A wall that may be there.
+
+    Attributes:
+        center: A point of its axis, in the camera's frame, in meters.
+        axis: Unit vector.
+        radius: In meters.
+        side: 1 where it is seen from outside, and -1 from inside.
+        limits: Along the axis from the center, between which it may be.
+    """
 
     center: Float[np.ndarray, "3"]
     axis: Float[np.ndarray, "3"]
     radius: float
     side: float
+    limits: tuple[float, float] = (-np.inf, np.inf)
 
 
 class Scene(NamedTuple):
@@ -144,7 +153,7 @@ def _meeting(
     y: Float[np.ndarray, "..."],
     wall: Candidate,
 ) -> _Meeting:
-    c, a, r, side = wall
+    c, a, r, side, _ = wall
     c, a = c.astype(np.float32).tolist(), a.astype(np.float32).tolist()
     if view.is_central:
         # Rays d = (x, y, 1) from the origin; off is the center.
@@ -283,10 +292,15 @@ def _reach(scene: Scene, wall: Candidate) -> tuple[float, float] | None:
     deviation = view.deviation(depth, sigma, cosine) * np.maximum(np.abs(cosine), 0.05)
     near = np.abs(distance - wall.radius) < LIMIT * deviation
     near &= wall.side * cosine > 0
+    low, high = wall.limits
+    near &= (along > low) & (along < high)
     if np.count_nonzero(near) < 4:
         return None
     places = along[near]
-    return float(places.min()) - wall.radius, float(places.max()) + wall.radius
+    return (
+        max(float(places.min()) - wall.radius, low),
+        min(float(places.max()) + wall.radius, high),
+    )
 
 
 def _inside(
@@ -380,6 +394,9 @@ def shown(
 ) -> Bool[np.ndarray, "h w"]:
     """Pixels that show a wall: inside of its outline, with nothing in front.
 
+    The outline of a thin wall is known to a pixel or two, by which the mask may be too
+    small: readings beside it that are as far are its own, too.
+
     Args:
         scene: What is searched.
         evidence: Of the wall.
@@ -399,7 +416,7 @@ def _near(
 ) -> Bool[np.ndarray, "h w"]:
     view, wall, ends = scene.view, evidence.wall, evidence.ends
     region = np.zeros(view.depth.shape, bool)
-    box = view.box_around(ring(wall, ends, 1.05))
+    box = view.box_around(ring(wall, ends, 1.2 if mixed else 1.05))
     if box is None:
         return region
     met = _meeting(view, view.x[box], view.y[box], wall)
@@ -411,6 +428,8 @@ def _near(
     near = own[box][hit] & (np.abs(z - depth) < limit * deviation)
     if mixed:
         near |= ((z > depth) & (met.inside[hit] < 1.5)) | (z == 0)
+        beside = _beside(scene, wall, ends, box, own)
+        region[box] |= beside & ~met.hit
     else:
         x, y = view.x[box][hit], view.y[box][hit]
         out = _out(view, x, y, wall, depth, met.along[hit])
@@ -419,3 +438,21 @@ def _near(
         near &= agrees | (error > UNSURE)
     region[box[0].start + row[near], box[1].start + col[near]] = True
     return region
+
+
+def _beside(
+    scene: Scene,
+    wall: Candidate,
+    ends: tuple[float, float],
+    box: Box,
+    own: Bool[np.ndarray, "h w"],
+) -> Bool[np.ndarray, "h w"]:
+    """Pixels of a box up to 1.5 pixels outside of an outline that are as far."""
+    view = scene.view
+    middle = wall.center + (ends[0] + ends[1]) / 2 * wall.axis
+    width = float(view.width(max(middle[2], 0.0)))
+    wider = wall._replace(radius=wall.radius + 1.5 * width)
+    met = _meeting(view, view.x[box], view.y[box], wider)
+    near = met.hit & (met.along > ends[0]) & (met.along < ends[1])
+    reach = wall.radius + LIMIT * scene.noise * view.sigma[box]
+    return near & own[box] & (np.abs(view.depth[box] - met.depth) < reach)

@@ -21,6 +21,10 @@ from impostor_jax.sensor.base import AbstractDepthNoise
 MOST_GUESSES = 6
 """First guesses of an object that are weighed."""
 
+FEW = 2000
+"""Pixels of a mask up to which a fit that fails is tried from its own guesses: the
+walls that are proposed for a thin thing are rough."""
+
 
 @dataclasses.dataclass(frozen=True)
 class Fitter:
@@ -69,19 +73,29 @@ class Fitter:
             center, axis = np.asarray(back.apply(center)), np.asarray(back.rotate(axis))
         start = Cylinder(center, axis, wall.radius, 1.02 * (high - low))
         stride = -(-self.depth.shape[0] // mask.shape[0])
-        return fit_shape(
-            CYLINDER, self.depth, self.camera, self._of_image(mask, stride), self.noise,
-            start, self.options,
-        )  # fmt: skip
+        whole = self._of_image(mask, stride)
+        fit = self._fit(whole, start)
+        if bool(fit.success) or np.count_nonzero(whole) > FEW:
+            return fit
+        return self._fit(whole, None)
 
-    def wall_of(self, fit: Fit, side: float) -> Candidate:
-        """The wall of a fit, in the camera's frame."""
+    def _fit(self, mask: Bool[np.ndarray, "h w"], start: Cylinder | None) -> Fit:
+        return fit_shape(
+            CYLINDER, self.depth, self.camera, mask, self.noise, start, self.options
+        )
+
+    def wall_of(self, fit: Fit, start: Candidate) -> Candidate:
+        """The wall of a fit, in the camera's frame, between the limits of its start."""
         shape, move = fit.cylinder, self.camera.camera_from_world
         center, axis = shape.center, shape.axis
         if move is not None:
             center, axis = move.apply(center), move.rotate(axis)
         center, axis = np.asarray(center, float), np.asarray(axis, float)
-        return Candidate(center, axis, float(shape.radius), side)
+        sign = 1.0 if axis @ start.axis > 0 else -1.0
+        place = sign * float((start.center - center) @ axis)
+        low, high = (place + limit for limit in start.limits)
+        radius = float(shape.radius)
+        return Candidate(center, sign * axis, radius, start.side, (low, high))
 
     def _of_image(
         self, mask: Bool[np.ndarray, "h w"], stride: int

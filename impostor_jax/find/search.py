@@ -34,6 +34,9 @@ KEPT = 5
 LEAST_CHANCE = 0.03
 """Of being right, as far as it is known without a fit, of what is fitted."""
 
+CHANGED = 0.03
+"""Part of a mask from whose change on it is fitted again."""
+
 LEAST_SURE = 0.02
 """Confidence of what is found."""
 
@@ -160,6 +163,10 @@ class _Search:
                 if again is not None:
                     queue.append(again)
                 continue
+            halves = self._halves(scene, best)
+            if len(halves) == 2:
+                queue += halves
+                continue
             if self._fitted(scene, best):
                 scene = self.scene()
             else:
@@ -239,20 +246,41 @@ class _Search:
         found = (detection.entry.evidence.wall for detection in self.detections)
         return any(alike(wall, other) for other in itertools.chain(found, self.refused))
 
+    def _halves(self, scene: Scene, entry: Entry) -> list[Entry]:
+        """The two cylinders that meet where one was taken for both; [] for one."""
+        if entry.shape is None or entry.shape.seam is None:
+            return []
+        wall, seam = entry.evidence.wall, entry.shape.seam
+        low, high = wall.limits
+        halves = (
+            self._entry(scene, wall._replace(limits=limits))
+            for limits in ((low, seam), (seam, high))
+        )
+        return [half for half in halves if half is not None]
+
     def _fitted(self, scene: Scene, entry: Entry) -> bool:
         """Fit a candidate, and keep it if it is sure enough."""
         mask = self._mask(scene, entry)
         fit = self.fitter.fit(mask, entry.evidence)
         if not bool(fit.success):
             return False
-        final = self._entry(scene, self.fitter.wall_of(fit, entry.evidence.wall.side))
+        final = self._entry(scene, self.fitter.wall_of(fit, entry.evidence.wall))
         if final is None or self._known(final.evidence.wall):
             return False
+        before, mask = mask, self._mask(scene, final)
+        if np.count_nonzero(mask ^ before) > CHANGED * np.count_nonzero(mask):
+            # The fit knows better than the proposal what shows it.
+            again = self.fitter.fit(mask, final.evidence)
+            better = bool(again.success) and self._entry(
+                scene, self.fitter.wall_of(again, final.evidence.wall)
+            )
+            if better:
+                fit, final = again, better
+                mask = self._mask(scene, final)
         facts = facts_of(final.evidence, final.caps, final.shape, fit)
         sure = confidence(facts)
         if sure < LEAST_SURE:
             return False
-        mask = self._mask(scene, final)
         self.detections.append(Detection(fit, final, facts, mask, sure))
         taken = cv2.dilate(mask.view(np.uint8), np.ones((3, 3), np.uint8)) > 0
         self.free = self.free & ~taken
@@ -266,14 +294,21 @@ class _Search:
 
 
 def alike(one: Candidate, other: Candidate) -> bool:
-    """Whether two walls are so near that they lead to the same fit."""
-    if one.side != other.side or abs(np.log(one.radius / other.radius)) > 0.15:
+    """Whether two walls are so near that they lead to the same fit.
+
+    What stands on something is nearer to its wall than that, so walls that may be at
+    other places along the axis are the same only where they agree closely.
+    """
+    loose = one.limits == other.limits
+    if one.side != other.side:
         return False
-    if abs(one.axis @ other.axis) < np.cos(np.radians(8)):
+    if abs(np.log(one.radius / other.radius)) > (0.15 if loose else 0.03):
+        return False
+    if abs(one.axis @ other.axis) < np.cos(np.radians(8.0 if loose else 2.0)):
         return False
     off = other.center - one.center
     off = off - (off @ one.axis) * one.axis
-    return bool(np.linalg.norm(off) < 0.2 * one.radius)
+    return bool(np.linalg.norm(off) < (0.2 if loose else 0.08) * one.radius)
 
 
 def _pixels_of(labels: Int[np.ndarray, "h w"]) -> list[Int[np.ndarray, " n"]]:
