@@ -100,11 +100,7 @@ def propose(
             its incidence.
         log_limits: Logarithms of the smallest and largest radius.
     """
-
-    found: Proposed = jax.vmap(lambda patch: _of_patch(patch, grazing, log_limits))(
-        patches
-    )
-    return found
+    return jax.vmap(_of_patch, in_axes=(0, None, None))(patches, grazing, log_limits)
 
 
 def _of_patch(
@@ -132,8 +128,10 @@ def _of_patch(
 
 
 class _Readings(NamedTuple):
-    """A cloud whose vectors are taken apart: formulas of arrays (n, 3) took twice the
-    time."""
+    """A cloud whose vectors are taken apart.
+
+    Formulas of arrays (n, 3) took twice the time.
+    """
 
     points: Vec3
     views: Vec3
