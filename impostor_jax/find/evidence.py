@@ -420,7 +420,10 @@ def _near(
     if box is None:
         return region
     met = _meeting(view, view.x[box], view.y[box], wall)
-    hit = met.hit & (met.along > ends[0]) & (met.along < ends[1])
+    # Ends are known to a pixel; beyond them nothing is near the wall.
+    middle = wall.center + (ends[0] + ends[1]) / 2 * wall.axis
+    width = float(view.width(max(middle[2], 0.0)))
+    hit = met.hit & (met.along > ends[0] - width) & (met.along < ends[1] + width)
     row, col = np.nonzero(hit)
     depth, cosine = met.depth[hit], met.cosine[hit]
     z = view.depth[box][hit]

@@ -69,7 +69,7 @@ class Entry(NamedTuple):
         """Pixels that speak for it less those against it, times its chance."""
         evidence = self.evidence
         against = 2 * evidence.behind + evidence.other
-        return self.chance * (evidence.explained + len(self.caps.index) - against)
+        return self.chance * (evidence.explained + self.caps.size - against)
 
 
 class Detection(NamedTuple):
@@ -229,7 +229,7 @@ class _Search:
         if evidence is None:
             return None
         caps = caps_of(scene, evidence)
-        seen = evidence.explained + len(caps.index)
+        seen = evidence.explained + caps.size
         if seen < self.fewest / 2 or max(evidence.arc, caps.rim) < self.request.min_arc:
             return None
         if evidence.misfit > 3 or evidence.explained < evidence.behind + evidence.other:
@@ -239,7 +239,7 @@ class _Search:
             return None
         if shape is not None and np.any(np.abs(shape.value) > 0.3 + 3 * shape.deviation):
             return None
-        chance = confidence(facts_of(evidence, caps, shape, None))
+        chance = confidence(facts_of(evidence, caps, shape))
         return Entry(evidence, caps, shape, chance)
 
     def _known(self, wall: Candidate) -> bool:
@@ -277,7 +277,7 @@ class _Search:
             if better:
                 fit, final = again, better
                 mask = self._mask(scene, final)
-        facts = facts_of(final.evidence, final.caps, final.shape, fit)
+        facts = facts_of(final.evidence, final.caps, final.shape, fit, self.planes.noise)
         sure = confidence(facts)
         if sure < LEAST_SURE:
             return False
