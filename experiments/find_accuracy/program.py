@@ -1,6 +1,6 @@
 """What a program that finds cylinders is given, and what it returns."""
 
-__all__ = ["Detection", "Program", "points_of"]
+__all__ = ["Detection", "MissingProgramError", "Program", "points_of"]
 
 import math
 from collections.abc import Callable
@@ -38,6 +38,10 @@ Program = Callable[
     list[Detection],
 ]
 """Of readings (float32, meters, 0 for none), their camera and the sensor's noise."""
+
+
+class MissingProgramError(Exception):
+    """A program that is not installed; it is left out, and the sentence printed."""
 
 
 def points_of(

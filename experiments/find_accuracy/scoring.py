@@ -120,14 +120,14 @@ class Calibration(NamedTuple):
     Attributes:
         confidence: Mean of each bin; NaN where it is empty.
         right: Share that is right; NaN where it is empty.
-        count: Detections of the bin.
+        number: Detections of the bin.
         error: Mean absolute difference of the two, weighted by the counts (the expected
             calibration error); NaN where nothing was detected.
     """
 
     confidence: Float[np.ndarray, " b"]
     right: Float[np.ndarray, " b"]
-    count: Int[np.ndarray, " b"]
+    number: Int[np.ndarray, " b"]
     error: float
 
 

@@ -1,0 +1,156 @@
+"""Programs that search a cloud of points: what they are given, and their settings.
+
+All lengths are multiples of the sensor's noise and of the distance of neighboring
+pixels, both of a reading of middling depth, so that cans and trees are searched with
+one set of settings. They are those that did best on 8 images of each preset with seeds
+below 1000; README.md tells what else was tried.
+"""
+
+__all__ = ["cgal", "pcl", "pyransac3d"]
+
+import random
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+import impostor_jax as ij
+from experiments.find_accuracy.peers.compiling import Source, cylinders_of
+from experiments.find_accuracy.program import (
+    Detection,
+    MissingProgramError,
+    points_of,
+)
+
+EIGEN = "/usr/include/eigen3"
+
+PCL = Source(
+    "pcl",
+    tuple(
+        f"-lpcl_{part}"
+        for part in (
+            *("segmentation", "sample_consensus", "features", "filters"),
+            *("search", "kdtree", "octree", "common"),
+        )
+    ),
+    (*(f"/usr/include/pcl-1.{minor}" for minor in range(11, 20)), EIGEN),
+    "Debian's libpcl-dev",
+)
+
+CGAL = Source(
+    "cgal",
+    ("-DCGAL_EIGEN3_ENABLED", "-lgmp", "-lmpfr"),
+    (EIGEN,),
+    "Debian's libcgal-dev and libeigen3-dev",
+)
+
+RADII = (0.005, 0.6)
+"""Least and largest radius that is looked for, in meters: what the presets draw lies
+well within."""
+
+
+class Cloud(NamedTuple):
+    """Points of an image of which the median readings of blocks were taken.
+
+    Attributes:
+        points: In the camera's frame, in meters.
+        noise: Standard deviation of a reading of small depth, in meters.
+        far_noise: Of one of large depth.
+        spacing: Distance of neighboring points of small depth, in meters.
+    """
+
+    points: Float[np.ndarray, "n 3"]
+    noise: float
+    far_noise: float
+    spacing: float
+
+
+def cloud_of(
+    depth: Float[np.ndarray, "h w"],
+    camera: ij.PinholeCamera,
+    sensor: ij.AbstractDepthNoise,
+    block: int,
+    near: float,
+) -> Cloud:
+    """The readings of an image as a cloud.
+
+    Args:
+        depth: Readings in meters, 0 for none.
+        camera: Of the image.
+        sensor: Its noise.
+        block: Rows and columns of a block of pixels that becomes a point.
+        near: Part of the readings that are nearer than the depth that counts as small.
+    """
+    height, width = (block * (side // block) for side in depth.shape)
+    blocks = depth[:height, :width].reshape(height // block, block, -1, block)
+    readings = np.where(blocks > 0, blocks, np.nan).transpose(0, 2, 1, 3)
+    readings = readings.reshape(*readings.shape[:2], -1)
+    seen = np.count_nonzero(readings > 0, axis=2) > block**2 / 2
+    middle = slice(block // 2, None, block)
+    unit = points_of(np.ones_like(depth), camera)[middle, middle]
+    unit = unit[: seen.shape[0], : seen.shape[1]][seen]
+    median = np.nanmedian(readings[seen], axis=1)
+    if not len(median):
+        return Cloud(np.zeros((0, 3)), 0.0, 0.0, 0.0)
+    small, large = np.quantile(median, (near, 1 - near)).astype(np.float32)
+    noise, far_noise = (float(sensor.sigma(z, np.float32(1))) for z in (small, large))
+    spacing = float(block * small / camera.fx)
+    return Cloud(unit * median[:, None], noise, far_noise, spacing)
+
+
+def pcl(
+    depth: Float[np.ndarray, "h w"],
+    camera: ij.PinholeCamera,
+    sensor: ij.AbstractDepthNoise,
+    *,
+    near: float = 0.1,
+    block: int = 4,
+    threshold: float = 3.0,
+    neighbors: int = 30,
+    weight: float = 0.1,
+    plane_threshold: float = 3.0,
+    plane_part: float = 0.1,
+    fewest: int = 60,
+    samples: int = 1000,
+    gap: float = 0.0,
+    radii: tuple[float, float] = RADII,
+) -> list[Detection]:
+    """PCL: planes by RANSAC, then cylinders by RANSAC with normals, one by one."""
+    cloud = cloud_of(depth, camera, sensor, block, near)
+    settings = (
+        *(threshold * cloud.noise, neighbors, weight, plane_part, fewest, *radii),
+        *(samples, gap * cloud.spacing, plane_threshold * cloud.far_noise),
+    )
+    return _detections(cylinders_of(PCL, cloud.points, settings), fewest)
+
+
+def cgal(
+    depth: Float[np.ndarray, "h w"],
+    camera: ij.PinholeCamera,
+    sensor: ij.AbstractDepthNoise,
+    *,
+    near: float = 0.1,
+    block: int = 4,
+    threshold: float = 3.0,
+    neighbors: int = 20,
+    angle_deg: float = 25.0,
+    gap: float = 3.0,
+    fewest: int = 60,
+    missed: float = 0.01,
+    radii: tuple[float, float] = RADII,
+) -> list[Detection]:
+    """CGAL's Efficient RANSAC for cylinders and planes."""
+    cloud = cloud_of(depth, camera, sensor, block, near)
+    settings = (
+        *(threshold * cloud.noise, neighbors, angle_deg, gap * cloud.spacing),
+        *(fewest, *radii, missed),
+    )
+    return _detections(cylinders_of(CGAL, cloud.points, settings), fewest)
+
+
+def _detections(rows: Float[np.ndarray, "k 8"], fewest: float) -> list[Detection]:
+    """Cylinders as detections; the more inliers, the surer."""
+    return [
+        Detection(row[:3], row[3:6], row[6], np.nan, 1 - fewest / (row[7] + fewest))
+        for row in rows
+    ]
