@@ -29,8 +29,8 @@ from impostor_jax.camera.pixels import PixelBox
 from impostor_jax.geometry.vec3 import Vec3
 from impostor_jax.io.depth_image import MAX_UINT16
 from impostor_jax.numerics import Scalar, eps
+from impostor_jax.primitives.base import AbstractPrimitive
 from impostor_jax.primitives.cylinder import Cylinder
-from impostor_jax.primitives.plane import Plane
 from impostor_jax.rendering.render import render
 from impostor_jax.rendering.scene import Scene
 from impostor_jax.rendering.shadow import lit
@@ -56,21 +56,20 @@ class SceneBatch(eqx.Module):
     Attributes:
         camera: One for each scene.
         cylinders: As many for each; those behind the camera only fill up.
-        planes: As many for each, None for none.
+        others: What else there is, by type: as many of each for each scene.
         num_bound: How many of the cylinders, the first ones, must keep the rules.
         is_used: Whether a place is in use.
     """
 
     camera: PinholeCamera
     cylinders: Cylinder
-    planes: Plane | None
+    others: tuple[AbstractPrimitive, ...]
     num_bound: Int[Array, "*b"]
     is_used: Bool[Array, "*b"]
 
     def scene(self) -> Scene:
         """The scene, of a batch that is mapped over."""
-        shapes = (self.cylinders, self.planes)
-        return Scene([shape for shape in shapes if shape is not None])
+        return Scene([self.cylinders, *self.others])
 
 
 class Captured(eqx.Module):

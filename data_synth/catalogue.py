@@ -48,7 +48,7 @@ def draw_catalogue(
         aspect: Height over radius.
         rng: Source of all that is drawn.
     """
-    whole_number("count", count, 1, MAX_OBJECTS)
+    whole_number("count", count, 0, MAX_OBJECTS)
     items = []
     for number in range(1, count + 1):
         wide = radius.draw(rng)

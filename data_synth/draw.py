@@ -1,48 +1,27 @@
-"""Draw the scene of one image: cylinders and planes, all in the camera's frame.
+"""Draw the scene of one image: cylinders and what is around them, seen by the camera.
 
 Everything is drawn on the host from one key, so any worker draws the same scene,
 whatever it did before.
 """
 
-__all__ = ["Drawn", "Pose", "draw_cameras", "draw_scene", "generator"]
+__all__ = ["Drawn", "draw_cameras", "draw_scene", "generator"]
 
 import dataclasses
+from collections.abc import Callable
 
 import numpy as np
-from jaxtyping import Float, UInt32
+from jaxtyping import UInt32
 
+from data_synth.arrange import Arrangement, Plane, Put
 from data_synth.catalogue import Item
+from data_synth.pose import Pose, free_pose, ground_frame, holds_camera, placed, stacked
 from data_synth.preset import CameraDraw, Placement, Preset
+from data_synth.scenery import Corners, Things
+from data_synth.solid import Object, Point
 from impostor_jax.camera.pinhole import PinholeCamera
-
-GAP = 0.002
-"""Least distance of two cylinders, in meters."""
-
-PLACINGS = 50
-"""Places that are tried for a cylinder before the scene is given up."""
 
 CLUTTER_DEPTH = 0.4, 0.8
 """Where clutter is, as parts of the distance to what the camera looks at."""
-
-
-@dataclasses.dataclass(frozen=True)
-class Pose:
-    """One cylinder of an image, in the camera's frame.
-
-    Attributes:
-        item: Its size.
-        center: In meters.
-        rotation: From the mesh's frame, whose z is the axis.
-    """
-
-    item: Item
-    center: Float[np.ndarray, "3"]
-    rotation: Float[np.ndarray, "3 3"]
-
-    @property
-    def axis(self) -> Float[np.ndarray, "3"]:
-        """Unit vector."""
-        return self.rotation[:, 2]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -54,13 +33,15 @@ class Drawn:
         poses: Of the cylinders, in the order of their labels.
         num_clutter: How many of them, the last ones, need not keep the rules.
         planes: A point and a unit normal of each.
+        scenery: What else is there.
         failure: Name of the rule that the drawing itself broke; None if none.
     """
 
     camera: int
     poses: tuple[Pose, ...]
     num_clutter: int
-    planes: tuple[tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"]], ...]
+    planes: tuple[Plane, ...]
+    scenery: tuple[Object, ...] = ()
     failure: str | None = None
 
 
@@ -103,139 +84,103 @@ def draw_scene(
     angle = np.radians(preset.elevation.draw(rng))
     # The camera looks down on the ground, whose normal points up: towards -y.
     up = np.array([0.0, -np.cos(angle), -np.sin(angle)])
-    if preset.ground:
-        planes.append((target, up))
     if preset.wall is not None:
         far = np.array([0.0, 0.0, preset.wall.draw(rng)])
         planes.append((far, np.array([0.0, 0.0, -1.0])))
     count, num_clutter = int(preset.count.draw(rng)), int(preset.clutter.draw(rng))
-    poses: list[Pose] = []
+    kinds = [kind for kind in preset.scenery for _ in range(int(kind.count.draw(rng)))]
+    for kind in kinds:
+        if isinstance(kind, Corners):
+            planes += _corner(kind, preset.spread, target, up, rng)
+    things = Arrangement(up, planes, preset.is_mixed, rng)
+    if preset.ground:
+        planes.insert(0, (target, up))
     for number in range(count + num_clutter):
         item = catalogue[int(rng.integers(len(catalogue)))]
         placement = preset.placement[int(rng.integers(len(preset.placement)))]
-        for _ in range(PLACINGS):
-            if number < count:
-                pose = _place(preset, item, placement, target, up, rng)
-            else:
-                near = rng.uniform(*CLUTTER_DEPTH) * target
-                pose = _free(preset.spread, item, near, rng)
-            if all(_apart(pose, other) for other in poses):
-                break
+        if number < count:
+            draw = _cylinder(preset, item, placement, target, things, rng)
         else:
-            return Drawn(camera, (), 0, (), "no_room")
-        poses.append(pose)
-    if any(_holds_camera(pose) for pose in poses) and preset.placement != ("around",):
-        return Drawn(camera, (), 0, (), "camera_inside")
-    return Drawn(camera, tuple(poses), num_clutter, tuple(planes))
+            draw = _clutter(preset, item, target, rng)
+        if not things.put(draw):
+            return Drawn(camera, (), 0, (), failure="no_room")
+    for kind in kinds:
+        if isinstance(kind, Things) and not things.put(
+            _object(preset, kind, target, things, rng)
+        ):
+            return Drawn(camera, (), 0, (), failure="no_room")
+    poses = things.poses
+    if any(map(holds_camera, poses)) and preset.placement != ("around",):
+        return Drawn(camera, (), 0, (), failure="camera_inside")
+    return Drawn(camera, poses, num_clutter, tuple(planes), things.scenery)
 
 
-def _place(
+def _cylinder(
     preset: Preset,
     item: Item,
     placement: Placement,
-    target: Float[np.ndarray, "3"],
-    up: Float[np.ndarray, "3"],
+    target: Point,
+    things: Arrangement,
     rng: np.random.Generator,
-) -> Pose:
-    if placement == "around":
-        return _around(preset, item, rng)
-    if placement == "free":
-        return _free(preset.spread, item, target, rng)
-    # On the ground: two directions along it.
-    first = np.array([1.0, 0.0, 0.0])
-    second = _cross(up, first)
-    aside, ahead = rng.uniform(-preset.spread, preset.spread, 2)
-    foot = target + aside * first + ahead * second
-    turn = rng.uniform(0, 2 * np.pi)
-    level = np.cos(turn) * first + np.sin(turn) * second
-    if placement == "lying":
-        return Pose(item, foot + up * item.radius, _frame(level, rng))
-    lean = np.radians(rng.uniform(0, preset.tilt)) if preset.tilt else 0.0
-    axis = np.cos(lean) * up + np.sin(lean) * level
-    return Pose(item, foot + axis * (item.height / 2), _frame(axis, rng))
+) -> Callable[[], Put | None]:
+    """What draws places of a cylinder."""
+    bases = things.bases() if placement == "stacked" else []
+    touches = not bases and _is_to_touch(preset, things, rng)
+
+    def draw() -> Put | None:
+        if bases:
+            below = bases[int(rng.integers(len(bases)))]
+            return stacked(item, below, things.up, rng), below
+        pose = placed(preset, item, placement, target, things.up, rng)
+        return things.against(pose) if touches else (pose, None)
+
+    return draw
 
 
-def _free(
-    spread: float, item: Item, target: Float[np.ndarray, "3"], rng: np.random.Generator
-) -> Pose:
-    """In any direction, the center in a cube around the target."""
-    center = target + rng.uniform(-spread, spread, 3)
-    return Pose(item, center, _frame(_direction(rng), rng))
+def _clutter(
+    preset: Preset, item: Item, target: Point, rng: np.random.Generator
+) -> Callable[[], Put]:
+    """What draws places of a cylinder before the others."""
+
+    def draw() -> Put:
+        near = rng.uniform(*CLUTTER_DEPTH) * target
+        return free_pose(preset.spread, item, near, rng), None
+
+    return draw
 
 
-def _around(preset: Preset, item: Item, rng: np.random.Generator) -> Pose:
-    """A pipe around the camera, which is at least a quarter radius from its wall."""
-    lean, turn = np.radians(rng.uniform(0, preset.tilt)), rng.uniform(0, 2 * np.pi)
-    axis = np.array(
-        [np.sin(lean) * np.cos(turn), np.sin(lean) * np.sin(turn), np.cos(lean)]
-    )
-    rotation = _frame(axis, rng)
-    radius, angle = (
-        0.75 * item.radius * np.sqrt(rng.random()),
-        rng.uniform(0, 2 * np.pi),
-    )
-    aside = rotation[:, 0] * np.cos(angle) + rotation[:, 1] * np.sin(angle)
-    along = rng.uniform(0.1, 0.4) * item.height
-    return Pose(item, radius * aside + along * axis, rotation)
+def _object(
+    preset: Preset,
+    kind: Things,
+    target: Point,
+    things: Arrangement,
+    rng: np.random.Generator,
+) -> Callable[[], Put | None]:
+    """What draws objects of a kind."""
+    touches = kind.may_touch and _is_to_touch(preset, things, rng)
+    frame = ground_frame(things.up)
+
+    def draw() -> Put | None:
+        drawn, leans = kind.draw(preset.spread, rng)
+        thing = drawn.transformed(frame, target)
+        if leans is not None:
+            return things.against(thing, frame @ leans)
+        return things.against(thing) if touches else (thing, None)
+
+    return draw
 
 
-def _direction(rng: np.random.Generator) -> Float[np.ndarray, "3"]:
-    """Evenly over the sphere."""
-    z, turn = rng.uniform(-1, 1), rng.uniform(0, 2 * np.pi)
-    across = np.sqrt(1 - z * z)
-    return np.array([across * np.cos(turn), across * np.sin(turn), z])
+def _is_to_touch(preset: Preset, things: Arrangement, rng: np.random.Generator) -> bool:
+    """Whether a thing is put in contact; nothing is drawn where none can be."""
+    return bool(things.touchable) and rng.random() < preset.touching
 
 
-def _frame(
-    axis: Float[np.ndarray, "3"], rng: np.random.Generator
-) -> Float[np.ndarray, "3 3"]:
-    """Rotation whose z is the axis, with any turn about it."""
-    smallest = np.eye(3)[np.argmin(np.abs(axis))]
-    first = _cross(axis, smallest)
-    first /= np.linalg.norm(first)
-    second = _cross(axis, first)
-    turn = rng.uniform(0, 2 * np.pi)
-    x = np.cos(turn) * first + np.sin(turn) * second
-    return np.stack([x, _cross(axis, x), axis], axis=1)
-
-
-def _cross(
-    a: Float[np.ndarray, "3"], b: Float[np.ndarray, "3"]
-) -> Float[np.ndarray, "3"]:
-    """Cross product; NumPy's takes 0.2 ms for a single one."""
-    (x, y, z), (u, v, w) = a.tolist(), b.tolist()
-    return np.array([y * w - z * v, z * u - x * w, x * v - y * u])
-
-
-def _apart(one: Pose, other: Pose) -> bool:
-    """Whether two cylinders surely do not touch: the capsules around them do not."""
-    reach = one.item.radius + other.item.radius + GAP
-    return _distance_of_axes(one, other) > reach
-
-
-def _holds_camera(pose: Pose) -> bool:
-    """Whether the camera is in a cylinder, or nearer to it than the gap."""
-    along = pose.center @ pose.axis
-    across = np.linalg.norm(pose.center - along * pose.axis)
-    return bool(
-        abs(along) < pose.item.height / 2 + GAP and across < pose.item.radius + GAP
-    )
-
-
-def _distance_of_axes(one: Pose, other: Pose) -> float:
-    """Smallest distance of two cylinders' axes, from end to end.
-
-    References:
-        Ericson (2005), "Real-Time Collision Detection", section 5.1.9.
-    """
-    d1, d2 = (pose.axis * pose.item.height for pose in (one, other))
-    r = (one.center - d1 / 2) - (other.center - d2 / 2)
-    a, e, b = d1 @ d1, d2 @ d2, d1 @ d2
-    c, f = d1 @ r, d2 @ r
-    across = a * e - b * b
-    s = float(np.clip((b * f - c * e) / across, 0, 1)) if across > 0 else 0.0
-    t = (b * s + f) / e
-    if not 0 <= t <= 1:
-        t = float(np.clip(t, 0, 1))
-        s = float(np.clip((b * t - c) / a, 0, 1))
-    return float(np.linalg.norm(r + s * d1 - t * d2))
+def _corner(
+    kind: Corners, spread: float, target: Point, up: Point, rng: np.random.Generator
+) -> list[Plane]:
+    """A corner of a room, in the camera's frame."""
+    frame = ground_frame(up)
+    return [
+        (frame @ point + target, frame @ normal)
+        for point, normal in kind.draw(spread, rng)
+    ]

@@ -67,8 +67,17 @@ def visibility_labels(
     return labels
 
 
-def cylinders_label(scene: Drawn, camera: PinholeCamera) -> dict[str, Any]:
-    """Of `scene_cylinders.json`: cylinders, planes and camera in meters and pixels."""
+def cylinders_label(
+    scene: Drawn, camera: PinholeCamera, with_scenery: bool
+) -> dict[str, Any]:
+    """Of `scene_cylinders.json`: cylinders, planes and camera in meters and pixels.
+
+    Args:
+        scene: What is there.
+        camera: What sees it.
+        with_scenery: Whether scenery is listed: arguments of primitives, for each of
+            one or of a batch of them.
+    """
     cylinders = [
         {
             "obj_id": pose.item.number,
@@ -84,7 +93,10 @@ def cylinders_label(scene: Drawn, camera: PinholeCamera) -> dict[str, Any]:
         {"point_m": point.tolist(), "normal": normal.tolist()}
         for point, normal in scene.planes
     ]
-    return {"camera": camera_record(camera), "cylinders": cylinders, "planes": planes}
+    label = {"camera": camera_record(camera), "cylinders": cylinders, "planes": planes}
+    if with_scenery:
+        label["scenery"] = [thing.record() for thing in scene.scenery]
+    return label
 
 
 def _box_label(box: PixelBox) -> list[Any]:

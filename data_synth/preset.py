@@ -2,6 +2,7 @@
 
 __all__ = ["MAX_CYLINDERS", "CameraDraw", "Placement", "Preset", "Rules"]
 
+import collections
 import dataclasses
 from typing import Any, Literal, get_args
 
@@ -14,14 +15,18 @@ from data_synth.distribution import (
     Uniform,
     Whole,
 )
+from data_synth.scenery import SCENERY, Scenery
 from impostor_jax.arguments import image_size, whole_number
 from impostor_jax.io.sensor_record import sensor_from_record, sensor_record
+from impostor_jax.primitives.base import AbstractPrimitive
+from impostor_jax.primitives.plane import Plane
 from impostor_jax.sensor.base import AbstractDepthNoise
 from impostor_jax.sensor.gaussian import ConstantNoise
 
-Placement = Literal["free", "standing", "lying", "around"]
-"""How a cylinder is put: anywhere; upright or on its side on the ground; or around the
-camera, which looks along it."""
+Placement = Literal["free", "standing", "lying", "stacked", "around"]
+"""How a cylinder is put: anywhere; upright or on its side on the ground; upright on
+another one that is, on the ground where none is; or around the camera, which looks
+along it."""
 
 MAX_CYLINDERS = 255
 """Most cylinders of an image: 8 bits tell which of them, or none, a pixel shows."""
@@ -106,6 +111,9 @@ class Preset:
         sensor: The noise model that reads depths, and weighs them in a fit.
         projector_baseline: Distance in meters, along x of the camera, of the projector
             without whose light there is no reading; None for none.
+        scenery: What is among the cylinders on the ground, and is none.
+        touching: Share of cylinders and scenery that are put in contact with another
+            thing; those that stand or lean on one come on top.
         depth_scale_mm: Millimeters a unit of depth files; 65535 of them are the
             farthest reading.
         rules: When a scene is rejected.
@@ -127,33 +135,58 @@ class Preset:
     camera: CameraDraw = CameraDraw()
     sensor: AbstractDepthNoise = ConstantNoise(0.001)
     projector_baseline: float | None = None
+    scenery: tuple[Scenery, ...] = ()
+    touching: float = 0.0
     depth_scale_mm: float = 0.1
     rules: Rules = Rules()
 
     def __post_init__(self) -> None:
-        whole_number("objects", self.objects, 1, MAX_OBJECTS)
+        for name in ("count", "clutter"):
+            if getattr(self, name).ends[0] < 0:
+                raise ValueError(
+                    f"{name} must not be negative, got {getattr(self, name)}"
+                )
+        most = self.count.ends[1] + self.clutter.ends[1]
+        whole_number("objects", self.objects, min(most, 1), MAX_OBJECTS)
         unknown = sorted(set(self.placement) - set(get_args(Placement)))
         if unknown or not self.placement:
             raise ValueError(
                 f"placement must be some of {', '.join(get_args(Placement))}; got "
                 f"{list(self.placement)}"
             )
-        on_ground = sorted({"standing", "lying"} & set(self.placement))
+        if not 0 <= self.touching <= 1:
+            raise ValueError(
+                f"touching must be a fraction from 0 to 1, got {self.touching}"
+            )
+        on_ground = sorted({"standing", "lying", "stacked"} & set(self.placement))
         if on_ground and not self.ground:
             raise ValueError(f"ground must be True for cylinders that are {on_ground}")
-        for name in ("count", "radius", "aspect", "distance", "depth_scale_mm"):
+        if self.is_mixed and not (self.ground and "around" not in self.placement):
+            raise ValueError("ground must be True for scenery and things in contact")
+        for name in ("radius", "aspect", "distance", "depth_scale_mm"):
             value = getattr(self, name)
             low = value.ends[0] if isinstance(value, Distribution) else value
             if not low > 0:
                 raise ValueError(f"{name} must be positive, got {value}")
-        if self.clutter.ends[0] < 0:
-            raise ValueError(f"clutter must not be negative, got {self.clutter}")
-        most = self.count.ends[1] + self.clutter.ends[1]
         if most > MAX_CYLINDERS:
             raise ValueError(
                 f"count and clutter must be at most {MAX_CYLINDERS} cylinders "
                 f"together, got up to {most:g}"
             )
+
+    @property
+    def is_mixed(self) -> bool:
+        """Whether things are on one ground, and may touch."""
+        return bool(self.scenery or self.touching or "stacked" in self.placement)
+
+    def num_others(self) -> dict[type[AbstractPrimitive], int]:
+        """Most shapes of each type in an image that are no cylinders."""
+        most = collections.Counter({Plane: self.ground + (self.wall is not None)})
+        for kind in self.scenery:
+            primitive, number = kind.shapes
+            most[primitive] += number * int(kind.count.ends[1])
+        kinds = sorted(most, key=lambda kind: kind.__name__)
+        return {kind: most[kind] for kind in kinds if most[kind]}
 
     def record(self) -> dict[str, Any]:
         """All of it as JSON holds it: what a manifest keeps."""
@@ -203,6 +236,7 @@ RECORD_KINDS = {
     for kind in (
         *(Preset, CameraDraw, Rules),
         *(Fixed, Uniform, LogUniform, Whole, Choice),
+        *SCENERY,
     )
 }
 """What a record may hold, by name."""

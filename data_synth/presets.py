@@ -3,9 +3,20 @@
 __all__ = ["PRESETS", "preset_named"]
 
 from pathlib import Path
+from typing import Any
 
 from data_synth.distribution import Choice, Fixed, LogUniform, Uniform, Whole
 from data_synth.preset import CameraDraw, Preset, Rules
+from data_synth.scenery import (
+    Balls,
+    Books,
+    Boxes,
+    Bumps,
+    Cones,
+    Corners,
+    Hands,
+    Pillars,
+)
 from impostor_jax.io.json_file import read_json_object
 from impostor_jax.sensor.dropout import Dropout
 from impostor_jax.sensor.flying_pixels import FlyingPixels
@@ -13,6 +24,37 @@ from impostor_jax.sensor.gaussian import ConstantNoise
 from impostor_jax.sensor.lateral import LateralNoise
 from impostor_jax.sensor.quantization import StereoDisparity
 from impostor_jax.sensor.structured_light import StructuredLight
+
+CUPS = Cones(
+    count=Whole(0, 2),
+    radius=LogUniform(0.03, 0.055),
+    aspect=Uniform(1.5, 3.0),
+    half_angle=Uniform(4.0, 12.0),
+    inverted=0.5,
+    lying=0.25,
+)
+CONES = Cones(
+    count=Whole(0, 2),
+    radius=LogUniform(0.03, 0.07),
+    aspect=Uniform(1.0, 4.0),
+    half_angle=Uniform(12.0, 40.0),
+    inverted=0.1,
+    lying=0.15,
+)
+
+TABLE: dict[str, Any] = {
+    "distance": Uniform(0.7, 1.1),
+    "elevation": Uniform(20.0, 60.0),
+    "spread": 0.25,
+    "ground": True,
+    "wall": Uniform(1.8, 2.5),
+    "camera": CameraDraw(focal=Uniform(500.0, 560.0), shift=Uniform(-8.0, 8.0)),
+    "sensor": Dropout(FlyingPixels(StructuredLight())),
+    "projector_baseline": 0.075,
+    "touching": 0.25,
+    "rules": Rules(visible_fraction=0.1),
+}
+"""Of the presets of many things on a table: where it is, and what reads it."""
 
 PRESETS = {
     "bench": Preset(
@@ -102,6 +144,56 @@ PRESETS = {
         sensor=Dropout(FlyingPixels(LateralNoise(StructuredLight(), floor=0.5))),
         projector_baseline=0.075,
         rules=Rules(visible_fraction=0.05, smallest_outline=100),
+    ),
+    "mixed_table": Preset(
+        sentence="Two to five cans on a table before a wall, standing, lying and on top "
+        "of each other, among boxes, balls, cones and cups that some of them touch, "
+        "read as tabletop_cans.",
+        count=Whole(2, 5),
+        radius=LogUniform(0.025, 0.055),
+        aspect=Uniform(1.3, 4.0),
+        placement=("standing", "lying", "stacked"),
+        scenery=(
+            Boxes(count=Whole(0, 2), edge=LogUniform(0.04, 0.2)),
+            Balls(count=Whole(0, 2), radius=LogUniform(0.02, 0.07)),
+            CUPS,
+            CONES,
+        ),
+        **TABLE,
+    ),
+    "no_cylinders": Preset(
+        sentence="No can at all: boxes, books, balls, cones, cups, hands and bumps on a "
+        "table before a wall, with edges and corners of a room, read as tabletop_cans.",
+        objects=0,
+        count=Fixed(0),
+        scenery=(
+            Corners(count=Whole(0, 1), beyond=Uniform(0.6, 1.1)),
+            Pillars(
+                count=Whole(0, 1),
+                width=Uniform(0.15, 0.4),
+                height=Uniform(0.3, 0.8),
+                beyond=Uniform(0.25, 0.5),
+            ),
+            Hands(count=Whole(0, 1), length=Uniform(0.15, 0.2)),
+            Bumps(
+                count=Whole(0, 2),
+                width=LogUniform(0.015, 0.05),
+                aspect=Uniform(1.0, 2.2),
+                part=Uniform(0.4, 1.2),
+            ),
+            Boxes(count=Whole(1, 3), edge=LogUniform(0.04, 0.2)),
+            Books(
+                count=Whole(0, 2),
+                length=Uniform(0.15, 0.25),
+                thickness=Uniform(0.01, 0.04),
+                leaning=0.5,
+                tilt=Uniform(8.0, 35.0),
+            ),
+            Balls(count=Whole(0, 2), radius=LogUniform(0.02, 0.07)),
+            CUPS,
+            CONES,
+        ),
+        **TABLE,
     ),
 }
 """By the name that a command takes."""

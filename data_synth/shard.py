@@ -124,7 +124,8 @@ def _masks(image: Image) -> dict[str, Bool[np.ndarray, "n h w"]]:
 
 def _labels(image: Image, manifest: Manifest) -> dict[str, Any]:
     """Records of one image, by their names in an archive."""
-    cylinders = cylinders_label(image.scene, image.camera)
+    with_scenery = bool(manifest.preset.scenery)
+    cylinders = cylinders_label(image.scene, image.camera, with_scenery)
     return {
         "camera": camera_label(image.camera, manifest.preset.depth_scale_mm),
         "gt": pose_labels(image.scene),

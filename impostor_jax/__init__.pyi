@@ -3,6 +3,8 @@ from .camera.orthographic import OrthographicCamera
 from .camera.pinhole import PinholeCamera
 from .camera.pixels import Tile
 from .effort import Effort
+from .find.cylinders import find_cylinders
+from .find.found import Found
 from .fit.batch import fit_cylinders
 from .fit.depth_loss import depth_loss
 from .fit.labels import fit_labels
@@ -70,6 +72,7 @@ __all__ = [
     "FitResult",
     "FitStatus",
     "FlyingPixels",
+    "Found",
     "Frustum",
     "FrustumDeviations",
     "FrustumFit",
@@ -97,6 +100,7 @@ __all__ = [
     "Torus",
     "coverage",
     "depth_loss",
+    "find_cylinders",
     "fit_cylinder",
     "fit_cylinders",
     "fit_frustum",

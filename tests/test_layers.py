@@ -22,6 +22,7 @@ LAYERS = (
     "rendering",
     "sensor",
     "fit",
+    "find",
     "io",
     "evaluate",
     "viewer",

@@ -26,6 +26,9 @@ from impostor_jax.io.run_lengths import mask_of_rle
 from impostor_jax.primitives.base import AbstractPrimitive
 from impostor_jax.primitives.cylinder import Cylinder
 
+FIELDS = {"center_m": (3,), "axis": (3,), "radius_m": (), "height_m": ()}
+"""Of a cylinder's label, with their shapes."""
+
 
 class LabeledImage(NamedTuple):
     """One image of a dataset, and what it shows.
@@ -181,8 +184,8 @@ class _Label(NamedTuple):
         if len(info) != count:
             raise ValueError(f"gt_info must have {count} cylinders, got {len(info)}")
         center, axis, radius, height = (
-            np.array([one[name] for one in listed], np.float32)
-            for name in ("center_m", "axis", "radius_m", "height_m")
+            np.array([one[name] for one in listed], np.float32).reshape(count, *shape)
+            for name, shape in FIELDS.items()
         )
         scale = real_number("depth_scale", camera["depth_scale"], positive=True)
         return _Label(

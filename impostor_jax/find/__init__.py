@@ -1,0 +1,1 @@
+"""Every cylinder in a depth image, without a mask."""

@@ -1,0 +1,66 @@
+"""What a search for cylinders returns."""
+
+__all__ = ["Found"]
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Bool, Float
+
+from impostor_jax.fit.result import Fit
+from impostor_jax.fit.text import millimeters
+from impostor_jax.primitives.cylinder import Cylinder
+from impostor_jax.primitives.plane import Plane
+
+
+@dataclasses.dataclass(frozen=True)
+class Found:
+    """The n cylinders that were found in a depth image, the surest first.
+
+    Attributes:
+        fits: One fit each: estimate, standard deviations, covariance, status, and which
+            ends are seen. All of them succeeded.
+        masks: Pixels that show each, wall and caps together; of none do two.
+        visible: Part of each one's silhouette, beyond the frame too, that is seen.
+        confidence: Probability that each is there: within 5 degrees, 0.15 radii and 10
+            percent of the radius.
+        inside: Whether each is seen from inside, as a pipe is looked into.
+        planes: The m planes that were taken away before the search, in the world frame.
+            Each faces the camera.
+    """
+
+    fits: tuple[Fit, ...]
+    masks: Bool[np.ndarray, "n h w"]
+    visible: Float[np.ndarray, " n"]
+    confidence: Float[np.ndarray, " n"]
+    inside: Bool[np.ndarray, " n"]
+    planes: Plane
+
+    def __len__(self) -> int:
+        return len(self.fits)
+
+    @property
+    def cylinders(self) -> Cylinder:
+        """The estimates, a batch (n,) in the world frame."""
+        if not self.fits:
+            nothing = np.zeros((0,), jnp.result_type(float))
+            vectors = np.zeros((0, 3), nothing.dtype)
+            return Cylinder(vectors, vectors, nothing, nothing)
+        return jax.tree.map(
+            lambda *parts: jnp.stack(parts), *(fit.cylinder for fit in self.fits)
+        )
+
+    def __str__(self) -> str:
+        lines = [f"{len(self)} found, {self.planes.batch_shape[0]} planes taken away"]
+        for k, fit in enumerate(self.fits):
+            shape, std = fit.cylinder, fit.std
+            at = ", ".join(f"{float(x):.4f}" for x in shape.center)
+            lines.append(
+                f"  {k + 1}: radius {millimeters(shape.radius)} +- "
+                f"{millimeters(std.radius)} mm at ({at}) m, {self.visible[k]:.0%} "
+                f"visible, confidence {self.confidence[k]:.2f}"
+                + (", seen from inside" if self.inside[k] else "")
+            )
+        return "\n".join(lines)
