@@ -17,15 +17,18 @@ __all__ = [
     "Calibration",
     "Curve",
     "Matches",
+    "Outcome",
     "Score",
     "Tolerance",
     "Truth",
     "average_precision",
     "calibration",
     "match",
+    "outcome_of",
     "precision_recall",
+    "resampled",
     "score",
-    "score_truths",
+    "score_of",
     "truth_of",
 ]
 
@@ -107,6 +110,20 @@ class Matches(NamedTuple):
     truth: Int[np.ndarray, " d"]
 
 
+class Outcome(NamedTuple):
+    """What came of an image.
+
+    Attributes:
+        num_truths: Cylinders that count.
+        confidence: Of the detections.
+        matches: At each of `LEVELS`.
+    """
+
+    num_truths: int
+    confidence: Float[np.ndarray, " d"]
+    matches: dict[str, Matches]
+
+
 class Curve(NamedTuple):
     """Precision against recall, from the surest detections to all."""
 
@@ -138,12 +155,11 @@ class Score:
     Attributes:
         num_images: Number of images.
         num_truths: Cylinders that count in all.
-        average_precision: Of each of `LEVELS`; NaN where no cylinder counts.
-        curves: Precision against recall of each level.
+        average_precision: At each of `LEVELS`; NaN where no cylinder counts.
+        curves: Precision against recall at each level.
         false_per_image: All false detections, at each level.
         sure_false_per_image: Those with a confidence of at least `SURE`.
         calibration: At the standard level.
-        matches: Of each image, at the standard level.
     """
 
     num_images: int
@@ -153,16 +169,17 @@ class Score:
     false_per_image: dict[str, float]
     sure_false_per_image: dict[str, float]
     calibration: Calibration
-    matches: list[Matches]
 
 
 def truth_of(image: ij.LabeledImage) -> Truth:
     """What detections in an image of a dataset are compared with."""
     cylinders = image.cylinders
     center, axis = (np.asarray(v, float) for v in (cylinders.center, cylinders.axis))
+    place, counted = center.copy(), np.zeros(len(center), bool)
+    if not len(center):
+        return Truth(axis, place, np.zeros(0), counted)
     points = points_of(image.depth, image.camera)
     whole = np.asarray(ij.silhouettes(cylinders, image.camera).count)
-    place, counted = center.copy(), np.zeros(len(center), bool)
     for k, mask in enumerate(image.mask):
         seen = points[mask & (image.depth > 0)]
         if len(seen):
@@ -252,47 +269,55 @@ def score(
     images: Sequence[ij.LabeledImage], detections: Sequence[Sequence[Detection]]
 ) -> Score:
     """Score a program's detections in each of some images."""
-    return score_truths([truth_of(image) for image in images], detections)
-
-
-def score_truths(
-    truths: Sequence[Truth], detections: Sequence[Sequence[Detection]]
-) -> Score:
-    """Score a program's detections where the truths were made before."""
-    num_truths = int(sum(np.count_nonzero(truth.counted) for truth in truths))
-    matches = {
-        level: [
-            match(truth, some, tolerance)
-            for truth, some in zip(truths, detections, strict=True)
-        ]
-        for level, tolerance in LEVELS.items()
-    }
-    confidence = np.array([one.confidence for some in detections for one in some])
-    verdicts = {
-        level: np.concatenate([[], *(m.verdict for m in own)])
-        for level, own in matches.items()
-    }
-    curves, false = {}, {}
-    for level, verdict in verdicts.items():
-        told = verdict != IGNORED
-        curves[level] = precision_recall(
-            verdict[told] == RIGHT, confidence[told], num_truths
-        )
-        false[level] = confidence[verdict == WRONG]
-    told = verdicts["standard"] != IGNORED
-    n = len(truths)
-    return Score(
-        num_images=n,
-        num_truths=num_truths,
-        average_precision={
-            level: average_precision(curve) if num_truths else float("nan")
-            for level, curve in curves.items()
-        },
-        curves=curves,
-        false_per_image={level: len(own) / n for level, own in false.items()},
-        sure_false_per_image={
-            level: np.count_nonzero(own >= SURE) / n for level, own in false.items()
-        },
-        calibration=calibration(verdicts["standard"][told] == RIGHT, confidence[told]),
-        matches=matches["standard"],
+    truths = map(truth_of, images)
+    return score_of(
+        [outcome_of(*pair) for pair in zip(truths, detections, strict=True)]
     )
+
+
+def outcome_of(truth: Truth, detections: Sequence[Detection]) -> Outcome:
+    """Compare the detections in an image with what is there."""
+    return Outcome(
+        num_truths=int(np.count_nonzero(truth.counted)),
+        confidence=np.array([one.confidence for one in detections], float),
+        matches={
+            level: match(truth, detections, tolerance)
+            for level, tolerance in LEVELS.items()
+        },
+    )
+
+
+def score_of(outcomes: Sequence[Outcome]) -> Score:
+    """Sum up what came of at least one image."""
+    num_images = len(outcomes)
+    num_truths = sum(outcome.num_truths for outcome in outcomes)
+    confidence = np.concatenate([outcome.confidence for outcome in outcomes])
+    curves, precision, false, sure = {}, {}, {}, {}
+    told: dict[str, Calibration] = {}
+    for level in LEVELS:
+        verdict = np.concatenate([o.matches[level].verdict for o in outcomes])
+        rated = verdict != IGNORED
+        right, sureness = verdict[rated] == RIGHT, confidence[rated]
+        curve = precision_recall(right, sureness, num_truths)
+        curves[level] = curve
+        precision[level] = average_precision(curve) if num_truths else float("nan")
+        false[level] = np.count_nonzero(~right) / num_images
+        sure[level] = np.count_nonzero(~right & (sureness >= SURE)) / num_images
+        told[level] = calibration(right, sureness)
+    return Score(
+        num_images=num_images,
+        num_truths=num_truths,
+        average_precision=precision,
+        curves=curves,
+        false_per_image=false,
+        sure_false_per_image=sure,
+        calibration=told["standard"],
+    )
+
+
+def resampled(outcomes: Sequence[Outcome], repeats: int = 100) -> list[Score]:
+    """Scores of as many images drawn from these with replacement (bootstrap)."""
+    rng = np.random.default_rng(0)
+    n = len(outcomes)
+    draws = rng.integers(n, size=(repeats, n))
+    return [score_of([outcomes[k] for k in draw]) for draw in draws]
