@@ -8,9 +8,12 @@ below 1000; README.md tells what else was tried.
 
 __all__ = ["cgal", "pcl", "pyransac3d"]
 
+import importlib.util
 import random
+from collections.abc import Sequence
 from typing import NamedTuple
 
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
@@ -92,8 +95,11 @@ def cloud_of(
     median = np.nanmedian(readings[seen], axis=1)
     if not len(median):
         return Cloud(np.zeros((0, 3)), 0.0, 0.0, 0.0)
-    small, large = np.quantile(median, (near, 1 - near)).astype(np.float32)
-    noise, far_noise = (float(sensor.sigma(z, np.float32(1))) for z in (small, large))
+    small, large = np.quantile(median, (near, 1 - near))
+    noises = sensor.sigma(
+        jnp.asarray(np.array([small, large], np.float32)), jnp.ones(2)
+    )
+    noise, far_noise = np.asarray(noises, float)
     spacing = float(block * small / camera.fx)
     return Cloud(unit * median[:, None], noise, far_noise, spacing)
 
@@ -121,7 +127,7 @@ def pcl(
         *(threshold * cloud.noise, neighbors, weight, plane_part, fewest, *radii),
         *(samples, gap * cloud.spacing, plane_threshold * cloud.far_noise),
     )
-    return _detections(cylinders_of(PCL, cloud.points, settings), fewest)
+    return _detections(_found_by(PCL, cloud, settings), fewest)
 
 
 def cgal(
@@ -145,7 +151,62 @@ def cgal(
         *(threshold * cloud.noise, neighbors, angle_deg, gap * cloud.spacing),
         *(fewest, *radii, missed),
     )
-    return _detections(cylinders_of(CGAL, cloud.points, settings), fewest)
+    return _detections(_found_by(CGAL, cloud, settings), fewest)
+
+
+def pyransac3d(
+    depth: Float[np.ndarray, "h w"],
+    camera: ij.PinholeCamera,
+    sensor: ij.AbstractDepthNoise,
+    *,
+    near: float = 0.1,
+    block: int = 8,
+    threshold: float = 2.0,
+    plane_threshold: float = 2.0,
+    plane_part: float = 0.1,
+    fewest: int = 30,
+    samples: int = 1000,
+    most: int = 8,
+) -> list[Detection]:
+    """The same with pyransac3d, whose cylinders go through three points.
+
+    It stops when `most` were tried: each takes a second.
+    """
+    if importlib.util.find_spec("pyransac3d") is None:
+        raise MissingProgramError("pyransac3d is not installed: pip install '.[bench]'")
+    import pyransac3d
+
+    random.seed(0)
+    cloud = cloud_of(depth, camera, sensor, block, near)
+    points, limit = cloud.points, plane_part * len(cloud.points)
+    while len(points) > max(limit, 3):
+        search = pyransac3d.Plane()
+        _, inliers = search.fit(
+            points, plane_threshold * cloud.far_noise, maxIteration=samples
+        )
+        if len(inliers) < limit:
+            break
+        points = np.delete(points, inliers, axis=0)
+    rows = []
+    for _ in range(most):
+        if len(points) < fewest:
+            break
+        search = pyransac3d.Cylinder()
+        center, axis, radius, inliers = search.fit(
+            points, threshold * cloud.noise, maxIteration=samples
+        )
+        if len(inliers) < fewest:
+            break
+        if RADII[0] < radius < RADII[1]:
+            rows.append([*center, *axis, radius, len(inliers)])
+        points = np.delete(points, inliers, axis=0)
+    return _detections(np.array(rows, float).reshape(-1, 8), fewest)
+
+
+def _found_by(
+    source: Source, cloud: Cloud, settings: Sequence[float]
+) -> Float[np.ndarray, "k 8"]:
+    return cylinders_of(source, cloud.points.astype(np.float32).tobytes(), settings)
 
 
 def _detections(rows: Float[np.ndarray, "k 8"], fewest: float) -> list[Detection]:

@@ -18,6 +18,9 @@ from impostor_jax.caching import compiled_folder
 
 HERE = Path(__file__).parent
 
+MOST_SECONDS = 120.0
+"""Of an image: most take about one."""
+
 
 @dataclasses.dataclass(frozen=True)
 class Source:
@@ -39,19 +42,28 @@ class Source:
 
 
 def cylinders_of(
-    source: Source, points: Float[np.ndarray, "n 3"], settings: Sequence[float]
+    source: Source, points: bytes, settings: Sequence[float]
 ) -> Float[np.ndarray, "k 8"]:
-    """What a program finds in points: a point, the axis, radius and inliers of each.
+    """What a program finds: a point of the axis, the axis, radius and inliers of each.
+
+    Nothing if it crashes or takes longer than `MOST_SECONDS`.
+
+    Args:
+        source: The program.
+        points: What it reads.
+        settings: Its arguments.
 
     Raises:
         MissingProgramError: It does not compile here.
     """
-    done = subprocess.run(
-        [_compiled(source), *map(repr, map(float, settings))],
-        input=points.astype(np.float32).tobytes(),
-        capture_output=True,
-        check=True,
-    )
+    words = [_compiled(source), *map(repr, map(float, settings))]
+    try:
+        done = subprocess.run(
+            words, input=points, capture_output=True, check=True, timeout=MOST_SECONDS
+        )
+    except (subprocess.CalledProcessError, subprocess.TimeoutExpired) as error:
+        print(f"{source.name} found nothing: {error}")
+        return np.zeros((0, 8))
     rows = [line.split() for line in done.stdout.decode().splitlines()]
     return np.array(rows, float).reshape(-1, 8)
 
