@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Float
 
 import impostor_jax as ij
+from experiments.find_accuracy.peers.cape import cape
 from experiments.find_accuracy.peers.clouds import cgal, pcl, pyransac3d
 from experiments.find_accuracy.program import Detection, Program
 from impostor_jax.effort import MIN_READINGS
@@ -95,6 +96,7 @@ PROGRAMS: dict[str, Entry] = {
         "Planes are taken away, then cylinders by RANSAC with normals, one by one.", pcl
     ),
     "CGAL": Entry("Efficient RANSAC for planes and cylinders at once.", cgal),
+    "CAPE": Entry("Cells of pixels, grown into planes and cylinders.", cape),
     "pyransac3d": Entry("As PCL, with cylinders through three points.", pyransac3d),
 }
 """By name, which must have no point in it."""

@@ -10,7 +10,6 @@ __all__ = ["cgal", "pcl", "pyransac3d"]
 
 import importlib.util
 import random
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import jax.numpy as jnp
@@ -18,14 +17,17 @@ import numpy as np
 from jaxtyping import Float
 
 import impostor_jax as ij
-from experiments.find_accuracy.peers.compiling import Source, cylinders_of
+from experiments.find_accuracy.peers.compiling import (
+    EIGEN,
+    Source,
+    cylinders_of,
+    detections_of,
+)
 from experiments.find_accuracy.program import (
     Detection,
     MissingProgramError,
     points_of,
 )
-
-EIGEN = "/usr/include/eigen3"
 
 PCL = Source(
     "pcl",
@@ -127,7 +129,7 @@ def pcl(
         *(threshold * cloud.noise, neighbors, weight, plane_part, fewest, *radii),
         *(samples, gap * cloud.spacing, plane_threshold * cloud.far_noise),
     )
-    return _detections(_found_by(PCL, cloud, settings), fewest)
+    return detections_of(cylinders_of(PCL, cloud.points, settings), fewest)
 
 
 def cgal(
@@ -151,7 +153,7 @@ def cgal(
         *(threshold * cloud.noise, neighbors, angle_deg, gap * cloud.spacing),
         *(fewest, *radii, missed),
     )
-    return _detections(_found_by(CGAL, cloud, settings), fewest)
+    return detections_of(cylinders_of(CGAL, cloud.points, settings), fewest)
 
 
 def pyransac3d(
@@ -200,18 +202,4 @@ def pyransac3d(
         if RADII[0] < radius < RADII[1]:
             rows.append([*center, *axis, radius, len(inliers)])
         points = np.delete(points, inliers, axis=0)
-    return _detections(np.array(rows, float).reshape(-1, 8), fewest)
-
-
-def _found_by(
-    source: Source, cloud: Cloud, settings: Sequence[float]
-) -> Float[np.ndarray, "k 8"]:
-    return cylinders_of(source, cloud.points.astype(np.float32).tobytes(), settings)
-
-
-def _detections(rows: Float[np.ndarray, "k 8"], fewest: float) -> list[Detection]:
-    """Cylinders as detections; the more inliers, the surer."""
-    return [
-        Detection(row[:3], row[3:6], row[6], np.nan, 1 - fewest / (row[7] + fewest))
-        for row in rows
-    ]
+    return detections_of(np.array(rows, float).reshape(-1, 8), fewest)

@@ -1,6 +1,6 @@
 """Programs in C++, compiled when they are first called, and what they print."""
 
-__all__ = ["Source", "cylinders_of"]
+__all__ = ["EIGEN", "Source", "cylinders_of", "detections_of"]
 
 import dataclasses
 import functools
@@ -13,10 +13,13 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
-from experiments.find_accuracy.program import MissingProgramError
+from experiments.find_accuracy.program import Detection, MissingProgramError
 from impostor_jax.caching import compiled_folder
 
 HERE = Path(__file__).parent
+
+EIGEN = "/usr/include/eigen3"
+"""Where Debian has the headers of Eigen."""
 
 MOST_SECONDS = 120.0
 """Of an image: most take about one."""
@@ -42,7 +45,7 @@ class Source:
 
 
 def cylinders_of(
-    source: Source, points: bytes, settings: Sequence[float]
+    source: Source, points: Float[np.ndarray, "*n 3"], settings: Sequence[float]
 ) -> Float[np.ndarray, "k 8"]:
     """What a program finds: a point of the axis, the axis, radius and inliers of each.
 
@@ -50,7 +53,7 @@ def cylinders_of(
 
     Args:
         source: The program.
-        points: What it reads.
+        points: In meters.
         settings: Its arguments.
 
     Raises:
@@ -59,13 +62,30 @@ def cylinders_of(
     words = [_compiled(source), *map(repr, map(float, settings))]
     try:
         done = subprocess.run(
-            words, input=points, capture_output=True, check=True, timeout=MOST_SECONDS
+            words,
+            input=points.astype(np.float32).tobytes(),
+            capture_output=True,
+            check=True,
+            timeout=MOST_SECONDS,
         )
     except (subprocess.CalledProcessError, subprocess.TimeoutExpired) as error:
         print(f"{source.name} found nothing: {error}")
         return np.zeros((0, 8))
     rows = [line.split() for line in done.stdout.decode().splitlines()]
     return np.array(rows, float).reshape(-1, 8)
+
+
+def detections_of(rows: Float[np.ndarray, "k 8"], fewest: float) -> list[Detection]:
+    """Cylinders as detections: the more inliers, the surer.
+
+    Args:
+        rows: As `cylinders_of` returns them.
+        fewest: Inliers from which the confidence is 0.5 and more.
+    """
+    return [
+        Detection(row[:3], row[3:6], row[6], np.nan, row[7] / (row[7] + fewest))
+        for row in rows
+    ]
 
 
 @functools.cache
@@ -85,10 +105,12 @@ def _compiled(source: Source) -> Path:
             [*words, "-o", partial, *source.flags],
             check=True,
             capture_output=True,
+            text=True,
         )
     except (OSError, subprocess.CalledProcessError) as error:
         raise MissingProgramError(
-            f"{source.name}.cpp does not compile; it needs g++ and {source.package}"
+            f"{source.name}.cpp does not compile; it needs g++ and {source.package}: "
+            f"{getattr(error, 'stderr', None) or error}"
         ) from error
     partial.replace(program)
     return program
