@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 import impostor_jax as ij
-from experiments.find_accuracy.program import Detection
+from experiments.find_accuracy.program import Detection, MissingProgramError
+from experiments.find_accuracy.programs import PROGRAMS
 from experiments.find_accuracy.scoring import (
     BINS,
     IGNORED,
@@ -167,3 +168,11 @@ def test_what_hardly_shows_is_ignored():
     assert seen.counted.tolist() == [True, False, False]
     np.testing.assert_allclose(seen.place[0], center[0], atol=0.01)
     assert seen.place[1, 1] < -0.05
+
+
+def test_a_program_that_is_missing_says_what_it_needs(monkeypatch):
+    monkeypatch.delenv("CAPE_ROOT", raising=False)
+    camera = ij.PinholeCamera(150.0, 150.0, 79.5, 59.5, 160, 120)
+    readings = np.ones((120, 160), np.float32)
+    with pytest.raises(MissingProgramError, match=r"github\.com/pedropro/CAPE"):
+        PROGRAMS["CAPE"].function(readings, camera, ij.ConstantNoise(0.001))
