@@ -5,8 +5,7 @@ __all__ = ["describe"]
 import dataclasses
 from typing import Any
 
-from data_synth.distribution import Distribution
-from data_synth.preset import Preset
+from data_synth.preset import CameraDraw, Preset, Rules
 from impostor_jax.sensor.base import AbstractDepthNoise
 
 
@@ -21,10 +20,12 @@ def _lines(value: Any, indent: str) -> list[str]:
         if field.name == "sentence":
             continue
         part = getattr(value, field.name)
-        is_nested = dataclasses.is_dataclass(part) and not isinstance(
-            part, Distribution | AbstractDepthNoise
-        )
-        if is_nested:
+        if field.name == "scenery" and part:
+            lines.append(f"{indent}{field.name}")
+            for kind in part:
+                lines.append(f"{indent}  {type(kind).__name__}")
+                lines += _lines(kind, indent + "    ")
+        elif isinstance(part, CameraDraw | Rules):
             lines += [f"{indent}{field.name}", *_lines(part, indent + "  ")]
         else:
             lines.append(f"{indent}{field.name:<20} {_words(part)}")
@@ -32,7 +33,7 @@ def _lines(value: Any, indent: str) -> list[str]:
 
 
 def _words(value: Any) -> str:
-    if value is None:
+    if value is None or value == ():
         return "none"
     if isinstance(value, tuple):
         return ", ".join(map(_words, value))

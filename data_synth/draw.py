@@ -17,7 +17,7 @@ from data_synth.catalogue import Item
 from data_synth.pose import Pose, free_pose, ground_frame, holds_camera, placed, stacked
 from data_synth.preset import CameraDraw, Placement, Preset
 from data_synth.scenery import Corners, Things
-from data_synth.solid import Object, Point
+from data_synth.solid import Object
 from impostor_jax.camera.pinhole import PinholeCamera
 
 CLUTTER_DEPTH = 0.4, 0.8
@@ -84,6 +84,7 @@ def draw_scene(
     angle = np.radians(preset.elevation.draw(rng))
     # The camera looks down on the ground, whose normal points up: towards -y.
     up = np.array([0.0, -np.cos(angle), -np.sin(angle)])
+    frame = ground_frame(up)
     if preset.wall is not None:
         far = np.array([0.0, 0.0, preset.wall.draw(rng)])
         planes.append((far, np.array([0.0, 0.0, -1.0])))
@@ -91,23 +92,24 @@ def draw_scene(
     kinds = [kind for kind in preset.scenery for _ in range(int(kind.count.draw(rng)))]
     for kind in kinds:
         if isinstance(kind, Corners):
-            planes += _corner(kind, preset.spread, target, up, rng)
-    things = Arrangement(up, planes, preset.is_mixed, rng)
+            planes += [
+                (frame @ point + target, frame @ normal)
+                for point, normal in kind.draw(preset.spread, rng)
+            ]
+    things = Arrangement(target, up, planes, preset.is_mixed, rng)
     if preset.ground:
         planes.insert(0, (target, up))
     for number in range(count + num_clutter):
         item = catalogue[int(rng.integers(len(catalogue)))]
         placement = preset.placement[int(rng.integers(len(preset.placement)))]
         if number < count:
-            draw = _cylinder(preset, item, placement, target, things, rng)
+            draw = _cylinder(preset, item, placement, things)
         else:
-            draw = _clutter(preset, item, target, rng)
+            draw = _clutter(preset, item, things)
         if not things.put(draw):
             return Drawn(camera, (), 0, (), failure="no_room")
     for kind in kinds:
-        if isinstance(kind, Things) and not things.put(
-            _object(preset, kind, target, things, rng)
-        ):
+        if isinstance(kind, Things) and not things.put(_object(preset, kind, things)):
             return Drawn(camera, (), 0, (), failure="no_room")
     poses = things.poses
     if any(map(holds_camera, poses)) and preset.placement != ("around",):
@@ -116,53 +118,43 @@ def draw_scene(
 
 
 def _cylinder(
-    preset: Preset,
-    item: Item,
-    placement: Placement,
-    target: Point,
-    things: Arrangement,
-    rng: np.random.Generator,
+    preset: Preset, item: Item, placement: Placement, things: Arrangement
 ) -> Callable[[], Put | None]:
     """What draws places of a cylinder."""
-    bases = things.bases() if placement == "stacked" else []
-    touches = not bases and _is_to_touch(preset, things, rng)
+    target, up, rng = things.target, things.up, things.rng
+    bases = things.bases if placement == "stacked" else []
+    touches = not bases and _is_to_touch(preset, things)
 
     def draw() -> Put | None:
         if bases:
             below = bases[int(rng.integers(len(bases)))]
-            return stacked(item, below, things.up, rng), below
-        pose = placed(preset, item, placement, target, things.up, rng)
+            return stacked(item, below, up, rng), below
+        pose = placed(preset, item, placement, target, up, rng)
         return things.against(pose) if touches else (pose, None)
 
     return draw
 
 
-def _clutter(
-    preset: Preset, item: Item, target: Point, rng: np.random.Generator
-) -> Callable[[], Put]:
+def _clutter(preset: Preset, item: Item, things: Arrangement) -> Callable[[], Put]:
     """What draws places of a cylinder before the others."""
 
     def draw() -> Put:
-        near = rng.uniform(*CLUTTER_DEPTH) * target
-        return free_pose(preset.spread, item, near, rng), None
+        near = things.rng.uniform(*CLUTTER_DEPTH) * things.target
+        return free_pose(preset.spread, item, near, things.rng), None
 
     return draw
 
 
 def _object(
-    preset: Preset,
-    kind: Things,
-    target: Point,
-    things: Arrangement,
-    rng: np.random.Generator,
+    preset: Preset, kind: Things, things: Arrangement
 ) -> Callable[[], Put | None]:
-    """What draws objects of a kind."""
-    touches = kind.may_touch and _is_to_touch(preset, things, rng)
+    """What draws places of an object of a kind."""
+    touches = kind.may_touch and _is_to_touch(preset, things)
     frame = ground_frame(things.up)
 
     def draw() -> Put | None:
-        drawn, leans = kind.draw(preset.spread, rng)
-        thing = drawn.transformed(frame, target)
+        drawn, leans = kind.draw(preset.spread, things.rng)
+        thing = drawn.transformed(frame, things.target)
         if leans is not None:
             return things.against(thing, frame @ leans)
         return things.against(thing) if touches else (thing, None)
@@ -170,17 +162,6 @@ def _object(
     return draw
 
 
-def _is_to_touch(preset: Preset, things: Arrangement, rng: np.random.Generator) -> bool:
+def _is_to_touch(preset: Preset, things: Arrangement) -> bool:
     """Whether a thing is put in contact; nothing is drawn where none can be."""
-    return bool(things.touchable) and rng.random() < preset.touching
-
-
-def _corner(
-    kind: Corners, spread: float, target: Point, up: Point, rng: np.random.Generator
-) -> list[Plane]:
-    """A corner of a room, in the camera's frame."""
-    frame = ground_frame(up)
-    return [
-        (frame @ point + target, frame @ normal)
-        for point, normal in kind.draw(spread, rng)
-    ]
+    return bool(things.touchable) and things.rng.random() < preset.touching

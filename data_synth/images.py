@@ -9,7 +9,6 @@ __all__ = [
     "Clock",
     "Image",
     "Plan",
-    "batch_of",
     "captured",
     "catalogue_of",
     "draw_scenes",
@@ -20,14 +19,14 @@ import collections
 import contextlib
 import dataclasses
 import time
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from typing import Any
+from collections.abc import Iterable, Iterator, Sequence
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int, Key, PRNGKeyArray, UInt16
 
+from data_synth.batch import batch_of
 from data_synth.capture import (
     BATCH,
     KEPT,
@@ -40,29 +39,11 @@ from data_synth.capture import (
 from data_synth.catalogue import Item, draw_catalogue
 from data_synth.draw import Drawn, draw_cameras, draw_scene, generator
 from data_synth.manifest import Manifest
-from data_synth.preset import Preset
 from impostor_jax.camera.pinhole import PinholeCamera
 from impostor_jax.camera.pixels import PixelBox
-from impostor_jax.primitives.base import AbstractPrimitive
-from impostor_jax.primitives.box import Box
-from impostor_jax.primitives.cylinder import Cylinder
-from impostor_jax.primitives.frustum import Frustum
-from impostor_jax.primitives.plane import Plane
-from impostor_jax.primitives.sphere import Sphere
 
 STAGES = ("drawing", "capturing", "coding", "writing")
 """What the time of a dataset goes into."""
-
-AWAY = (0.0, 0.0, -10.0)
-"""Where shapes are that only fill up a batch: behind the camera, in meters."""
-
-FILLERS: dict[type[AbstractPrimitive], dict[str, Any]] = {
-    Box: {"center": AWAY, "rotation": np.eye(3), "size": (0.01, 0.01, 0.01)},
-    Frustum: {"p1": AWAY, "p2": (0.0, 0.0, -11.0), "radius1": 0.01, "radius2": 0.01},
-    Plane: {"point": AWAY, "normal": (0.0, 0.0, -1.0)},
-    Sphere: {"center": AWAY, "radius": 0.01},
-}
-"""Arguments of shapes that only fill up a batch."""
 
 
 class Clock:
@@ -90,14 +71,12 @@ class Plan:
         key: Of all that is drawn.
         catalogue: Sizes of the cylinders.
         cameras: The cameras.
-        cylinders_per_image: Places for them in an image, one at least.
     """
 
     manifest: Manifest
     key: PRNGKeyArray
     catalogue: tuple[Item, ...]
     cameras: tuple[PinholeCamera, ...]
-    cylinders_per_image: int
 
     @staticmethod
     def of(manifest: Manifest) -> "Plan":
@@ -105,8 +84,7 @@ class Plan:
         preset, key = manifest.preset, jax.random.key(manifest.seed)
         catalogue, rng = catalogue_of(manifest)
         cameras = draw_cameras(preset.camera, rng)
-        most = int(preset.count.ends[1] + preset.clutter.ends[1])
-        return Plan(manifest, key, catalogue, cameras, max(most, 1))
+        return Plan(manifest, key, catalogue, cameras)
 
 
 def catalogue_of(
@@ -183,7 +161,7 @@ def _window(plan: Plan, numbers: Sequence[int], clock: Clock) -> list[Image]:
                     del scenes[k]
             if not scenes:
                 continue
-            batch = batch_of(plan, scenes)
+            batch = batch_of(plan.manifest.preset, plan.cameras, scenes)
         with clock.stage("capturing"):
             seen = captured(plan, keys[1], batch)
         for k, scene in scenes.items():
@@ -251,57 +229,3 @@ def _no_scene(number: int, rejected: dict[str, int]) -> str:
         f"preset must draw scenes that its rules allow: all scenes for image {number} "
         f"were rejected, {counts}"
     )
-
-
-def batch_of(plan: Plan, scenes: Mapping[int, Drawn]) -> SceneBatch:
-    """Arrays of scenes, filled up to as many shapes for each."""
-    shape = (BATCH, plan.cylinders_per_image)
-    center = np.broadcast_to(np.array(AWAY, np.float32), (*shape, 3)).copy()
-    axis = np.broadcast_to(np.array([0, 0, 1], np.float32), (*shape, 3)).copy()
-    radius, height = np.full(shape, 0.01, np.float32), np.full(shape, 0.01, np.float32)
-    num_bound = np.zeros(BATCH, np.int32)
-    cameras = [plan.cameras[0]] * BATCH
-    for k, scene in scenes.items():
-        cameras[k] = plan.cameras[scene.camera]
-        num_bound[k] = len(scene.poses) - scene.num_clutter
-        for n, pose in enumerate(scene.poses):
-            center[k, n], axis[k, n] = pose.center, pose.axis
-            radius[k, n], height[k, n] = pose.item.radius, pose.item.height
-    return SceneBatch(
-        camera=jax.tree.map(lambda *x: np.stack(x), *cameras),
-        cylinders=Cylinder(center, axis, radius, height),
-        others=_others(plan.manifest.preset, scenes),
-        num_bound=jnp.asarray(num_bound),
-        is_used=jnp.array([k in scenes for k in range(BATCH)]),
-    )
-
-
-def _others(
-    preset: Preset, scenes: Mapping[int, Drawn]
-) -> tuple[AbstractPrimitive, ...]:
-    """Planes and scenery, by type."""
-    batches = []
-    for kind, most in preset.num_others().items():
-        filler = FILLERS[kind]
-        values = {
-            name: np.broadcast_to(
-                np.asarray(value, np.float32), (BATCH, most, *np.shape(value))
-            ).copy()
-            for name, value in filler.items()
-        }
-        for k, scene in scenes.items():
-            first = 0
-            for shape in _arguments(scene, kind):
-                for name, value in values.items():
-                    given = np.reshape(shape[name], (-1, *value.shape[2:]))
-                    value[k, first : first + len(given)] = given
-                first += len(given)
-        batches.append(kind(**values))
-    return tuple(batches)
-
-
-def _arguments(scene: Drawn, kind: type[AbstractPrimitive]) -> list[dict[str, Any]]:
-    """Those of all shapes of a type in a scene, one by one or some together."""
-    if kind is Plane:
-        return [{"point": point, "normal": normal} for point, normal in scene.planes]
-    return [what.arguments() for what in scene.scenery if what.primitive is kind]

@@ -12,6 +12,7 @@ __all__ = [
 ]
 
 import dataclasses
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -19,10 +20,11 @@ from typing_extensions import override
 
 from data_synth.catalogue import Item
 from data_synth.preset import Placement, Preset
-from data_synth.solid import Directions, Point, Solid, sine_to
+from data_synth.solid import Point, Solid, across_to
+from impostor_jax.primitives.cylinder import Cylinder
 
 GAP = 0.002
-"""Least distance of two cylinders, in meters."""
+"""Least distance of things that do not touch, in meters."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -38,6 +40,7 @@ class Pose(Solid):
     item: Item
     center: Float[np.ndarray, "3"]
     rotation: Float[np.ndarray, "3 3"]
+    primitive = Cylinder
 
     @property
     def axis(self) -> Float[np.ndarray, "3"]:
@@ -60,21 +63,24 @@ class Pose(Solid):
         return float(np.hypot(self.item.radius, self.item.height / 2))
 
     @override
-    def support(self, direction: Directions) -> Float[np.ndarray, " m"]:
-        along = np.abs(direction @ self.axis) * (self.item.height / 2)
-        return (
-            direction @ self.center
-            + along
-            + (self.item.radius * sine_to(direction, self.axis))
-        )
+    def farthest(self, direction: Point) -> Point:
+        side = np.copysign(self.item.height / 2, direction @ self.axis)
+        across = across_to(self.axis, direction)
+        return self.center + side * self.axis + self.item.radius * across
 
     @override
     def moved(self, by: Point) -> "Pose":
         return dataclasses.replace(self, center=self.center + by)
 
+    @override
+    def arguments(self) -> dict[str, Any]:
+        radius, height = self.item.radius, self.item.height
+        own = {"center": self.center, "axis": self.axis}
+        return {**own, "radius": radius, "height": height}
+
 
 def ground_frame(up: Point) -> Float[np.ndarray, "3 3"]:
-    """Two directions along the ground, the first as the image's rows, and its normal."""
+    """Two directions along the ground, the first along the rows, and its normal."""
     first = np.array([1.0, 0.0, 0.0])
     return np.stack([first, _cross(up, first), up], axis=1)
 
@@ -87,7 +93,7 @@ def placed(
     up: Float[np.ndarray, "3"],
     rng: np.random.Generator,
 ) -> Pose:
-    """A pose of one of the ways; one that stands on another is `stacked`."""
+    """A pose of one of the ways; "stacked" is where nothing is to stand on."""
     if placement == "around":
         return _around(preset, item, rng)
     if placement == "free":

@@ -146,7 +146,7 @@ class Preset:
                 raise ValueError(
                     f"{name} must not be negative, got {getattr(self, name)}"
                 )
-        most = self.count.ends[1] + self.clutter.ends[1]
+        most = self.most_cylinders
         whole_number("objects", self.objects, min(most, 1), MAX_OBJECTS)
         unknown = sorted(set(self.placement) - set(get_args(Placement)))
         if unknown or not self.placement:
@@ -161,8 +161,13 @@ class Preset:
         on_ground = sorted({"standing", "lying", "stacked"} & set(self.placement))
         if on_ground and not self.ground:
             raise ValueError(f"ground must be True for cylinders that are {on_ground}")
-        if self.is_mixed and not (self.ground and "around" not in self.placement):
+        if self.is_mixed and not self.ground:
             raise ValueError("ground must be True for scenery and things in contact")
+        if self.is_mixed and "around" in self.placement:
+            raise ValueError(
+                "placement must not be around where there are scenery and things in "
+                "contact"
+            )
         for name in ("radius", "aspect", "distance", "depth_scale_mm"):
             value = getattr(self, name)
             low = value.ends[0] if isinstance(value, Distribution) else value
@@ -171,7 +176,7 @@ class Preset:
         if most > MAX_CYLINDERS:
             raise ValueError(
                 f"count and clutter must be at most {MAX_CYLINDERS} cylinders "
-                f"together, got up to {most:g}"
+                f"together, got up to {most}"
             )
 
     @property
@@ -179,14 +184,20 @@ class Preset:
         """Whether things are on one ground, and may touch."""
         return bool(self.scenery or self.touching or "stacked" in self.placement)
 
-    def num_others(self) -> dict[type[AbstractPrimitive], int]:
-        """Most shapes of each type in an image that are no cylinders."""
-        most = collections.Counter({Plane: self.ground + (self.wall is not None)})
+    @property
+    def most_cylinders(self) -> int:
+        """Most cylinders of an image."""
+        return int(self.count.ends[1] + self.clutter.ends[1])
+
+    @property
+    def most_others(self) -> dict[type[AbstractPrimitive], int]:
+        """Most other shapes of an image, by type; none of a type that it never has."""
+        most: collections.Counter[type[AbstractPrimitive]] = collections.Counter()
+        most[Plane] = self.ground + (self.wall is not None)
         for kind in self.scenery:
             primitive, number = kind.shapes
             most[primitive] += number * int(kind.count.ends[1])
-        kinds = sorted(most, key=lambda kind: kind.__name__)
-        return {kind: most[kind] for kind in kinds if most[kind]}
+        return {primitive: number for primitive, number in most.items() if number}
 
     def record(self) -> dict[str, Any]:
         """All of it as JSON holds it: what a manifest keeps."""

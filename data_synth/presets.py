@@ -146,9 +146,9 @@ PRESETS = {
         rules=Rules(visible_fraction=0.05, smallest_outline=100),
     ),
     "mixed_table": Preset(
-        sentence="Two to five cans on a table before a wall, standing, lying and on top "
-        "of each other, among boxes, balls, cones and cups that some of them touch, "
-        "read as tabletop_cans.",
+        sentence="Two to five cans on a table before a wall, standing, lying and on "
+        "one another, among boxes, balls, cones and cups, a quarter of all put in "
+        "contact, read as tabletop_cans.",
         count=Whole(2, 5),
         radius=LogUniform(0.025, 0.055),
         aspect=Uniform(1.3, 4.0),
@@ -162,8 +162,8 @@ PRESETS = {
         **TABLE,
     ),
     "no_cylinders": Preset(
-        sentence="No can at all: boxes, books, balls, cones, cups, hands and bumps on a "
-        "table before a wall, with edges and corners of a room, read as tabletop_cans.",
+        sentence="No cylinder: boxes, books, balls, cones, cups, hands and bumps on a "
+        "table before the edges and corners of a room, read as tabletop_cans.",
         objects=0,
         count=Fixed(0),
         scenery=(
@@ -178,7 +178,7 @@ PRESETS = {
             Bumps(
                 count=Whole(0, 2),
                 width=LogUniform(0.015, 0.05),
-                aspect=Uniform(1.0, 2.2),
+                stretch=Uniform(0.0, 2.0),
                 part=Uniform(0.4, 1.2),
             ),
             Boxes(count=Whole(1, 3), edge=LogUniform(0.04, 0.2)),

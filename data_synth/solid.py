@@ -1,26 +1,13 @@
-"""Solids on a table: how far apart they are, and where one that slides meets another.
+"""Solids that are put on a table, each known by its farthest point in a direction.
 
-Each is known by its support function, how far it reaches in a direction. Two convex
-solids are apart by the widest gap between two parallel planes that separate them; a
-search among the planes' normals never finds more than that, so that what it calls apart
-is apart. What is not convex counts as its hull.
+What is not convex counts as its hull where distances are taken.
 """
 
-__all__ = [
-    "Cluster",
-    "Cuboid",
-    "Object",
-    "Round",
-    "Solid",
-    "are_apart",
-    "sine_to",
-    "slide_to_touch",
-]
+__all__ = ["Cluster", "Cuboid", "Object", "Point", "Round", "Solid", "across_to"]
 
 import abc
 import dataclasses
-from collections.abc import Callable
-from typing import Any, ClassVar, Self
+from typing import Any, ClassVar
 
 import numpy as np
 from jaxtyping import Float
@@ -32,20 +19,12 @@ from impostor_jax.primitives.frustum import Frustum
 from impostor_jax.primitives.sphere import Sphere
 
 Point = Float[np.ndarray, "3"]
-Directions = Float[np.ndarray, "m 3"]
-
-FIRST = 256
-"""Normals that the search begins with, evenly over the sphere."""
-
-NEXT = 32
-"""Normals that it tries around the best one, again and again."""
-
-ROUNDS, NARROWER = 20, 0.6
-"""How often, and by how much they are closer each time: at last to 1e-5."""
 
 
 class Solid(abc.ABC):
-    """What others must keep clear of."""
+    """What others must keep clear of; a primitive of the package shows it."""
+
+    primitive: ClassVar[type[AbstractPrimitive]]
 
     @property
     @abc.abstractmethod
@@ -63,27 +42,30 @@ class Solid(abc.ABC):
         """Radius of a ball around the middle that holds it."""
 
     @abc.abstractmethod
-    def support(self, direction: Directions) -> Float[np.ndarray, " m"]:
-        """How far it reaches in directions: the largest product with a point of it."""
+    def farthest(self, direction: Point) -> Point:
+        """The point of it that is farthest in a direction, of any length but 0."""
 
     @abc.abstractmethod
-    def moved(self, by: Point) -> Self:
+    def moved(self, by: Point) -> "Solid":
         """The same solid elsewhere."""
+
+    @abc.abstractmethod
+    def arguments(self) -> dict[str, Any]:
+        """Those of its primitive, of one shape or of a batch of them."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Object(Solid):
-    """A thing that is no cylinder, as the package renders it.
+    """A thing that is no cylinder.
 
     Attributes:
         kind: What it is, for a reader.
     """
 
     kind: str
-    primitive: ClassVar[type[AbstractPrimitive]]
 
     @abc.abstractmethod
-    def transformed(self, rotation: Float[np.ndarray, "3 3"], by: Point) -> Self:
+    def transformed(self, rotation: Float[np.ndarray, "3 3"], by: Point) -> "Object":
         """The same thing turned, and then moved."""
 
     def record(self) -> dict[str, Any]:
@@ -94,7 +76,7 @@ class Object(Solid):
         return {"kind": self.kind, "type": self.primitive.__name__.lower(), **values}
 
     @override
-    def moved(self, by: Point) -> Self:
+    def moved(self, by: Point) -> "Object":
         return self.transformed(np.eye(3), by)
 
     @abc.abstractmethod
@@ -133,13 +115,12 @@ class Cuboid(Object):
         return float(np.linalg.norm(self.size)) / 2
 
     @override
-    def support(self, direction: Directions) -> Float[np.ndarray, " m"]:
-        return direction @ self.center + np.abs(direction @ self.rotation) @ (
-            self.size / 2
-        )
+    def farthest(self, direction: Point) -> Point:
+        side = np.where(direction @ self.rotation > 0, 0.5, -0.5)
+        return self.center + self.rotation @ (side * self.size)
 
     @override
-    def transformed(self, rotation: Float[np.ndarray, "3 3"], by: Point) -> Self:
+    def transformed(self, rotation: Float[np.ndarray, "3 3"], by: Point) -> "Cuboid":
         center, turned = rotation @ self.center + by, rotation @ self.rotation
         return dataclasses.replace(self, center=center, rotation=turned)
 
@@ -182,16 +163,13 @@ class Round(Object):
         return float(np.hypot(half, max(self.radius1, self.radius2)))
 
     @override
-    def support(self, direction: Directions) -> Float[np.ndarray, " m"]:
-        along = self.p2 - self.p1
-        across = sine_to(direction, along / np.linalg.norm(along))
-        return np.maximum(
-            direction @ self.p1 + self.radius1 * across,
-            direction @ self.p2 + self.radius2 * across,
-        )
+    def farthest(self, direction: Point) -> Point:
+        across = across_to(self.p2 - self.p1, direction)
+        p1, p2 = self.p1 + self.radius1 * across, self.p2 + self.radius2 * across
+        return p2 if direction @ p2 > direction @ p1 else p1
 
     @override
-    def transformed(self, rotation: Float[np.ndarray, "3 3"], by: Point) -> Self:
+    def transformed(self, rotation: Float[np.ndarray, "3 3"], by: Point) -> "Round":
         p1, p2 = (rotation @ point + by for point in (self.p1, self.p2))
         return dataclasses.replace(self, p1=p1, p2=p2)
 
@@ -231,11 +209,13 @@ class Cluster(Object):
         return float(np.max(away + self.radius))
 
     @override
-    def support(self, direction: Directions) -> Float[np.ndarray, " m"]:
-        return np.max(direction @ self.center.T + self.radius, axis=1)
+    def farthest(self, direction: Point) -> Point:
+        toward = direction / np.linalg.norm(direction)
+        k = np.argmax(self.center @ toward + self.radius)
+        return self.center[k] + self.radius[k] * toward
 
     @override
-    def transformed(self, rotation: Float[np.ndarray, "3 3"], by: Point) -> Self:
+    def transformed(self, rotation: Float[np.ndarray, "3 3"], by: Point) -> "Cluster":
         return dataclasses.replace(self, center=self.center @ rotation.T + by)
 
     @override
@@ -243,84 +223,9 @@ class Cluster(Object):
         return {"center": self.center, "radius": self.radius}
 
 
-def sine_to(direction: Directions, axis: Point) -> Float[np.ndarray, " m"]:
-    """Sine of the angle between unit directions and an axis."""
-    return np.sqrt(np.maximum(1 - (direction @ axis) ** 2, 0))
-
-
-def are_apart(one: Solid, other: Solid, gap: float) -> bool:
-    """Whether two solids are surely apart by more than a gap, in meters."""
-    between = one.middle - other.middle
-    if np.linalg.norm(between) > one.reach + other.reach + gap:
-        return True
-    return _largest(lambda n: _gap(one, other, n), between, enough=gap) > gap
-
-
-def slide_to_touch(one: Solid, other: Solid, along: Point, gap: float) -> float:
-    """How far a solid has to be moved for a gap to another, to some micrometers.
-
-    Args:
-        one: It moves.
-        other: It stays.
-        along: Unit vector along which it moves.
-        gap: In meters.
-
-    Returns:
-        In meters; negative where they are apart from the beginning, `-inf` where they
-        are whatever the move.
-    """
-
-    def less(n: Directions) -> Float[np.ndarray, " m"]:
-        """What makes the move shorter: a plane is passed where it opens the gap."""
-        opens = n @ along
-        ahead = opens > 1e-6
-        length = (_gap(one, other, n) - gap) / np.where(ahead, opens, 1)
-        return np.where(ahead, length, -np.inf)
-
-    return -_largest(less, one.middle - other.middle)
-
-
-def _gap(one: Solid, other: Solid, n: Directions) -> Float[np.ndarray, " m"]:
-    """Width between the planes across n that touch both, from the other to the one."""
-    return -one.support(-n) - other.support(n)
-
-
-def _evenly(count: int) -> Directions:
-    """Directions over the sphere, on a spiral."""
-    place = np.arange(count) + 0.5
-    z, turn = 1 - 2 * place / count, np.pi * (1 + 5**0.5) * place
-    across = np.sqrt(1 - z * z)
-    return np.stack([across * np.cos(turn), across * np.sin(turn), z], axis=1)
-
-
-NORMALS = _evenly(FIRST)
-AROUND = np.concatenate([_evenly(NEXT // 2), _evenly(NEXT // 2)[:, [2, 0, 1]] / 2])
-
-
-def _largest(
-    value: Callable[[Directions], Float[np.ndarray, " m"]],
-    guess: Point,
-    enough: float = np.inf,
-) -> float:
-    """Largest value over unit vectors, of a function with one hill; or more than enough.
-
-    Args:
-        value: The function.
-        guess: A direction to begin with, of any length.
-        enough: Where the search may end.
-    """
-    length = float(np.linalg.norm(guess))
-    first = NORMALS if length == 0 else np.vstack([NORMALS, guess / length])
-    values = value(first)
-    best, place = float(values.max()), first[values.argmax()]
-    width = 0.3
-    for _ in range(ROUNDS):
-        if best > enough:
-            break
-        near = place + width * AROUND
-        near /= np.linalg.norm(near, axis=1, keepdims=True)
-        values = value(near)
-        if values.max() > best:
-            best, place = float(values.max()), near[values.argmax()]
-        width *= NARROWER
-    return best
+def across_to(axis: Point, direction: Point) -> Point:
+    """Unit vector across an axis that goes most in a direction; 0 if none does."""
+    across = direction - (direction @ axis) / (axis @ axis) * axis
+    length = np.linalg.norm(across)
+    # Of a direction along the axis only rounding is left.
+    return across / length if length > 1e-9 * np.linalg.norm(direction) else 0 * across

@@ -22,10 +22,11 @@ from typing import TypeVar
 import cv2
 import numpy as np
 
+from data_synth.batch import batch_of
 from data_synth.capture import BATCH, capture_keys
 from data_synth.distribution import Fixed
 from data_synth.generate import generate
-from data_synth.images import STAGES, Plan, batch_of, captured, draw_scenes
+from data_synth.images import STAGES, Plan, captured, draw_scenes
 from data_synth.manifest import Manifest
 from data_synth.preset import CameraDraw, Preset, Rules
 from data_synth.presets import PRESETS
@@ -201,7 +202,7 @@ def _rendering_part(preset: Preset, seed: int) -> float:
     keys = capture_keys(plan.key, number, attempt)
     scenes = draw_scenes(plan, keys[0], range(BATCH))
     scenes = {k: scene for k, scene in scenes.items() if scene.failure is None}
-    batch, least = batch_of(plan, scenes), []
+    batch, least = batch_of(plan.manifest.preset, plan.cameras, scenes), []
     for rules in (Rules(1.0, 10**8), Rules(0.0, 0)):
         own = dataclasses.replace(preset, rules=rules)
         timed = dataclasses.replace(

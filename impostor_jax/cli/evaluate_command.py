@@ -62,9 +62,8 @@ class EvaluateCommand:
             file=sys.stderr,
         )
         outcomes = [outcome for some in fitted for outcome in some]
-        if not outcomes:
-            raise ValueError(f"dataset {str(self.dataset)!r} has no cylinder to fit")
         if self.json is not None:
             write_json(self.json, [dataclasses.asdict(o) for o in outcomes])
-        print(table(outcomes), file=stream_beside(self.json))
+        none = f"{self.dataset}: no cylinder to fit"
+        print(table(outcomes) if outcomes else none, file=stream_beside(self.json))
         return 0

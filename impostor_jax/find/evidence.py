@@ -23,6 +23,7 @@ class Evidence(NamedTuple):
     wall: Candidate
     ends: tuple[float, float]
     region: np.ndarray      # (h, w) bool pixels of wall and caps
+    caps: np.ndarray
     explained: float
     behind: float
     front: float
@@ -34,6 +35,7 @@ class Evidence(NamedTuple):
     off: float
     chi: float
     size: float
+    rim: float
 
 
 def deviations(view, noise, depth, sigma, cos):
@@ -70,14 +72,12 @@ def examine(view, normals, noise, wall, free, usable, planes, pool):
     step = max(1, int(np.ceil(np.sqrt(count / MOST))))
     pick = (slice(box[0].start, box[0].stop, step), slice(box[1].start, box[1].stop, step))
     z = view.depth[pick]
-    hit, depth, along, cos = _meet(view, pick, wall)
+    hit, depth, along, cos, inside = _meet(view, pick, wall)
     hit &= (along > low) & (along < high)
     seen = usable[pick]
     own = free[pick]
     s = deviations(view, noise, np.where(hit, depth, 1), np.where(seen, view.sigma[pick], 0), cos)
     e = np.where(seen & hit, (z - depth) / np.maximum(s, 1e-9), 0)
-    # How far inside of the outline, in pixels of the view.
-    inside = r * (1 - np.sqrt(np.maximum(1 - cos * cos, 0))) / view.width(np.where(hit, depth, 1))
     core = hit & (inside > 0.7)
     # Normals that disagree are of another surface.
     n = normals.normal[pick]
@@ -106,6 +106,8 @@ def examine(view, normals, noise, wall, free, usable, planes, pool):
     top = int(np.argmax(smooth))
     typical = np.median(E[E >= 0.25 * E.max()])
     supports = (E >= 0.25 * typical) & (E > B + O)
+    # A bin or two tell little.
+    E, B, T, O = (np.convolve(x, np.ones(3), "same") for x in (E, B, T, O))
     refutes = (B + O > E) & (B + O >= 0.25 * T) & (T > 0)
     first = last = top
     for k in range(top, -1, -1):
@@ -140,16 +142,18 @@ def examine(view, normals, noise, wall, free, usable, planes, pool):
     region[pick] = explained
     if step > 1:
         region = _refined(view, noise, wall, (lo, hi), free, usable, normals, box)
-    cap = 0
+    cap, rim = 0, 0.0
+    caps = np.zeros(view.depth.shape, bool)
     if side > 0:
         for end, sign in ((lo, -1), (hi, 1)):
-            q, count = _cap(view, noise, wall, end, sign, usable, normals, free | (planes > 0))
-            if count:
-                region |= q
+            q, count, turn = _cap(view, noise, wall, end, sign, usable, normals, free | (planes > 0))
+            if count and turn >= 60:
+                caps |= q
                 cap += count
+                rim = max(rim, turn)
     chi = float(np.mean(np.minimum(e[explained & core] ** 2, LIMIT**2))) if (explained & core).any() else 9.0
     ex, be, fr, un, ot = num(explained), num(behind), num(front), num(unread), num(other)
-    return Evidence(wall, (lo, hi), region, ex, be, fr, un, arc, float(cap), ex - 2 * be - ot, ex / max(ex + be + ot, 1), ot, chi, float(np.count_nonzero(core & part)) * step**2)
+    return Evidence(wall, (lo, hi), region | caps, caps, ex, be, fr, un, arc, float(cap), ex + cap - 2 * be - ot, ex / max(ex + be + ot, 1), ot, chi, float(np.count_nonzero(core & part)) * step**2, rim)
 
 
 def _meet(view, pick, wall):
@@ -179,8 +183,11 @@ def _meet(view, pick, wall):
     depth = (bq - side * root) / A
     hit &= depth > 0
     along = begin + depth * da
-    cos = root / np.sqrt(A) / r * np.sqrt(A) / _length(view, x, y)
-    return hit, depth, along, cos
+    cos = root / r / _length(view, x, y)
+    # How far inside of the outline, in pixels.
+    chord = np.minimum(root / np.sqrt(A) / r, 1)
+    inside = r * (1 - np.sqrt(1 - chord * chord)) / view.width(np.where(hit, depth, 1))
+    return hit, depth, along, cos, inside
 
 
 def _length(view, x, y):
@@ -229,7 +236,7 @@ def _box(view, c, a, r, low, high):
 
 def _refined(view, noise, wall, ends, free, usable, normals, box):
     z = view.depth[box]
-    hit, depth, along, cos = _meet(view, box, wall)
+    hit, depth, along, cos, _ = _meet(view, box, wall)
     hit &= (along >= ends[0]) & (along <= ends[1])
     s = deviations(view, noise, np.where(hit, depth, 1), view.sigma[box], cos)
     ok = hit & usable[box] & free[box] & (np.abs(z - depth) < LIMIT * s)
@@ -241,30 +248,79 @@ def _refined(view, noise, wall, ends, free, usable, normals, box):
 
 
 def _cap(view, noise, wall, end, sign, usable, normals, free):
+    """Pixels of a cap, how many, and the angle along which its rim is seen, in degrees."""
     c, a, r, _ = wall
     middle = c + end * a
     towards = -middle / np.linalg.norm(middle) if view.is_central else np.array([0, 0, -1.0])
     facing = sign * (a @ towards)
-    if facing < 0.05:
-        return None, 0
+    if facing < 0.05 or middle[2] <= 0:
+        return None, 0, 0.0
     w = view.width(middle[2])
-    box = _box(view, c, a, r, end - w, end + w)
+    box = _box(view, c, a, 1.4 * r, end - w, end + w)
     if box is None:
-        return None, 0
+        return None, 0, 0.0
     P = view.points(box)
     off = P - middle
     t = off @ a
-    rho = np.sqrt(np.maximum((off**2).sum(-1) - t * t, 0))
     s = deviations(view, noise, P[..., 2], view.sigma[box], np.full(P.shape[:2], facing)) * facing
-    ok = usable[box] & free[box] & (rho < r) & (np.abs(t) < LIMIT * s + 2 * w)
-    ok &= (normals.error[box] > 0.25) | (sign * (normals.normal[box] @ a) > 0.7)
+    rho = np.sqrt(np.maximum((off**2).sum(-1) - t * t, 0))
+    flat = usable[box] & (np.abs(t) < LIMIT * s + w)
+    flat &= (normals.error[box] > 0.25) | (sign * (normals.normal[box] @ a) > 0.7)
+    ok = flat & free[box] & (rho < r)
     count = int(ok.sum())
     expected = np.pi * r * r * facing / w**2
     if count < 0.2 * expected or count < 5:
-        return None, 0
+        return None, 0, 0.0
+    # Where rays meet the cap's plane, whatever they read.
+    x, y = view.x[box], view.y[box]
+    if view.is_central:
+        d = (middle @ a) / (x * a[0] + y * a[1] + a[2])
+        q = np.stack([x * d, y * d, d], -1) - middle
+    else:
+        d = (middle[2] * a[2] - (x - middle[0]) * a[0] - (y - middle[1]) * a[1]) / a[2]
+        q = np.stack([x, y, d], -1) - middle
+    far = np.sqrt((q**2).sum(-1)) / r
+    b1, b2 = _basis(a)
+    turn = ((np.arctan2(q @ b2, q @ b1) + np.pi) / (2 * np.pi) * 36).astype(int) % 36
+    step = max(0.05, 1.0 * w / r / facing**0.5)
+
+    def binned(mask):
+        return np.bincount(turn[mask], minlength=36)
+
+    inner, outer = (far < 1 - step) & (far > 0.5), (far > 1 + step) & (far < 1.35 + step)
+    on_inner, on_outer = binned(inner & flat), binned(outer & flat)
+    all_inner, all_outer = binned(inner & usable[box]), binned(outer & usable[box])
+    rim = (on_inner >= 0.6 * all_inner) & (on_outer <= 0.3 * all_outer) & (all_inner > 0)
     region = np.zeros(view.depth.shape, bool)
     region[box] = ok
-    return region, count
+    return region, count, 10.0 * np.count_nonzero(rim)
+
+
+def shown(view, noise, wall, ends, free, caps, mixed):
+    """Pixels that show a cylinder: inside of its outline, and nothing in front.
+
+    Args:
+        free: Readings that may be its own.
+        caps: Pixels of its caps.
+        mixed: Whether readings beside the outline may be of what is behind it; a fit
+            knows, and leaves them out.
+    """
+    c, a, r, side = wall
+    low, high = ends
+    box = _box(view, c, a, r, low, high)
+    region = caps.copy()
+    if box is None:
+        return region
+    z = view.depth[box]
+    hit, depth, along, cos, inside = _meet(view, box, wall)
+    hit &= (along > low) & (along < high)
+    ray = deviations(view, noise, np.where(hit, depth, 1), view.sigma[box], cos)
+    e = (z - depth) / np.maximum(ray, 1e-9)
+    ok = hit & free[box] & (np.abs(e) < 4)
+    if mixed:
+        ok |= hit & (((z > depth) & (inside < 1.5)) | (z == 0))
+    region[box] |= ok
+    return region
 
 
 NAMES = ("taper", "barrel", "ellipse", "ellipse2", "bend1", "bend2", "cubic1", "cubic2")

@@ -9,10 +9,13 @@ from impostor_jax.find.planes import planes_of
 from impostor_jax.find.objects import objects_of
 from impostor_jax.find.patches import patches_of, gathered, spread
 from impostor_jax.find.walls import propose, BATCH
-from impostor_jax.find.evidence import examine, Candidate, deformation
+from impostor_jax.find.evidence import examine, Candidate, deformation, shown
 import impostor_jax as ij
+from impostor_jax.find.judge import WEIGHTS, confidence, features
 
 CLOCK = {}
+TRACE = []
+SURE = 0.1
 class clock:
     def __init__(self, name): self.name = name
     def __enter__(self): self.t = time.perf_counter()
@@ -49,6 +52,26 @@ def proposals(view, normals, noise, objs, fewest, limits, levels, keep):
     return found
 
 
+def guesses(view, depth, camera, sensor, labels, objs, radius_range, known):
+    from impostor_jax.fit.fittable import CYLINDER
+    from impostor_jax.fit.regions import typical_sigma
+    if view.stride > 1 or not view.is_central:
+        return []
+    found = []
+    for number, pixels in objs:
+        region = labels == number
+        for body in CYLINDER.guesses(depth, region, camera, typical_sigma(depth, region, sensor))[:6]:
+            r = float(body.radius)
+            if not radius_range[0] < r < radius_range[1]:
+                continue
+            center, axis = np.asarray(body.center, float), np.asarray(body.axis, float)
+            near = np.linalg.norm(center - (center @ axis) * axis) < r
+            cand = Candidate(center, axis, r, -1.0 if near else 1.0)
+            if not any(alike(cand, other) for other in [*known, *found]):
+                found.append(cand)
+    return found
+
+
 def alike(one, other):
     if one.side != other.side or abs(np.log(one.radius / other.radius)) > 0.15:
         return False
@@ -62,6 +85,7 @@ def alike(one, other):
 
 def search(depth, camera, sensor, min_pixels=150, min_arc=50., radius_range=(0.003, 1.0)):
     CLOCK.clear()
+    TRACE.clear()
     with clock("view"):
         view = view_of(depth, camera, sensor)
         usable = view.valid & ~stray(view)
@@ -84,44 +108,67 @@ def search(depth, camera, sensor, min_pixels=150, min_arc=50., radius_range=(0.0
             break
         with clock("propose"):
             cands = proposals(view, normals, noise, objs, min_pixels, limits, (1, 4, 9), 5)
+        with clock("guess"):
+            cands += guesses(view, depth, camera, sensor, labels, objs, radius_range, cands)
         def look(c):
             pool = np.flatnonzero(free)
             if not len(pool):
                 return None
             pool = pool[spread(len(pool), 8192)]
             return examine(view, normals, noise, c, free, usable, planes.labels, pool)
+        TRACE.extend(("proposed", turn, c) for c in cands)
         with clock("examine"):
             seen = [look(c) for c in cands]
-        seen = [e for e in seen if e is not None and e.explained >= min_pixels / 2 and e.gain > 0]
+        seen = [e for e in seen if e is not None and e.explained + e.cap >= min_pixels / 2 and e.gain > 0]
+        TRACE.extend(("seen", turn, e.wall) for e in seen)
         got = False
         while seen:
             k = int(np.argmax([e.gain for e in seen]))
             e = seen.pop(k)
+            with clock("deform"):
+                if refuted(e, deformation(view, noise, e.wall, e.ends, e.region)):
+                    TRACE.append(("refuted", turn, e.wall))
+                    continue
             with clock("fit"):
-                fit = refit(view, depth, camera, sensor, e)
+                fit = refit(view, depth, camera, sensor, e, noise, free | (view.valid & ~usable))
             ok = bool(fit.success)
             final = None
             if ok:
                 wall = wall_of(fit, camera, e.wall.side)
                 with clock("examine"):
                     final = look(wall)
-                if final is not None and (final.explained < min_pixels / 2):
+                if final is not None and (final.explained + final.cap < min_pixels / 2):
                     final = None
-            if final is not None and final.gain > 0.5 * e.gain:
-                found.append((fit, final, deformation(view, noise, final.wall, final.ends, final.region)))
+            TRACE.append(("fit " + str(fit.status) + ("" if final is None else f" gain {final.gain:.0f} of {e.gain:.0f}"), turn, e.wall))
+            p = 0.0
+            if final is not None:
+                d = deformation(view, noise, final.wall, final.ends, final.region)
+                p = confidence(features(final, d, fit)) if WEIGHTS is not None else 1.0
+                TRACE.append((f"judged {p:.2f}", turn, final.wall))
+            if p >= SURE and not any(alike(final.wall, other[1].wall) for other in found):
+                found.append((fit, final, d))
                 region = final.region
                 grown = cv2.dilate(region.view(np.uint8), np.ones((3, 3), np.uint8)) > 0
                 free = free & ~grown
                 got = True
                 with clock("examine"):
                     again = [x if not (x.region & region).any() else look(x.wall) for x in seen]
-                seen = [x for x in again if x is not None and x.explained >= min_pixels / 2 and x.gain > 0]
+                seen = [x for x in again if x is not None and x.explained + x.cap >= min_pixels / 2 and x.gain > 0]
             else:
                 # Nothing that begins like this leads anywhere.
                 seen = [x for x in seen if not alike(x.wall, e.wall)]
         if not got:
             break
     return view, normals, planes, found
+
+
+def refuted(e, d):
+    if e.chi > 3 or e.fill < 0.6 or max(e.arc, e.rim) < 30:
+        return True
+    if d is None:
+        return e.rim < 90
+    sol, dev, _ = d
+    return bool(np.any(np.abs(sol[5:]) - 3 * dev[5:] > 0.3))
 
 
 def wall_of(fit, camera, side):
@@ -133,10 +180,11 @@ def wall_of(fit, camera, side):
     return Candidate(center, axis, float(c.radius), side)
 
 
-def refit(view, depth, camera, sensor, e):
+def refit(view, depth, camera, sensor, e, noise, free):
     c, a, r, side = e.wall
     lo, hi = e.ends
     center = c + (lo + hi) / 2 * a
     initial = ij.Cylinder(center=center, axis=a, radius=r, height=max(hi - lo, 1e-4) * 1.02)
-    mask = e.region
+    reach = sensor.edge_reach
+    mask = shown(view, noise, e.wall, e.ends, free, e.caps, not isinstance(reach, int) or reach > 0)
     return ij.fit_cylinder(depth, camera, mask, sensor, initial)

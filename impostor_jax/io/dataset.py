@@ -4,7 +4,8 @@ A dataset is a folder with `manifest.json`, and in `train/` either a folder for 
 scene (`000000/depth/000000.png`, `mask_visib/`, `scene_gt.json` and so on) or an
 archive for each (`shard-000000.tar`). Beside the labels of that format, whose poses are
 those of meshes, stand exact cylinders, in meters in the camera's frame, and the camera
-with its lens: `scene_cylinders.json`, or `KEY.cylinders.json` in an archive.
+with its lens: `scene_cylinders.json`, or `KEY.cylinders.json` in an archive. An image
+may show no cylinder.
 
 References:
     Hodan et al., BOP: Benchmark for 6D Object Pose Estimation, ECCV 2018; formats as in
