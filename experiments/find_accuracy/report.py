@@ -58,6 +58,8 @@ def tables(results: Results) -> str:
     blocks.append(table(head, rows))
     head = ["calibration error", *programs]
     rows = [[preset, *cells("calibration_error", preset)] for preset in presets]
+    errors = (results.values.get(f"{p}.calibration_error") for p in programs)
+    rows.append(["all", *(number(error, ".2f") for error in errors)])
     blocks.append(table(head, rows))
     ours = [p for p in seen if f"{OURS}.{p}.from_mask" in results.values]
     head = ["right ones of ours", "radius off by", "95 % intervals that hold"]
@@ -131,21 +133,14 @@ def _draw_curves(axes: Axes, results: Results, preset: str) -> None:
 
 
 def _draw_reliability(axes: Axes, results: Results) -> None:
-    """All presets together; the area of a point tells how many detections it is of."""
+    """The area of a point tells how many detections it is of."""
     for program in _programs(results):
-        points = []
-        for k in range(BINS):
-            found = [
-                (n, *(results.values[f"{program}.{p}.bin{k}.{part}"] for part in PARTS))
-                for p in _presets(results)
-                if (n := results.values.get(f"{program}.{p}.bin{k}.number"))
-            ]
-            if found:
-                n, confidence, right = np.array(found, float).T
-                weights = n / n.sum()
-                points.append((weights @ confidence, weights @ right, n.sum()))
-        if points:
-            x, y, n = np.array(points).T
+        bins = [
+            [results.values.get(f"{program}.bin{k}.{part}") for part in PARTS]
+            for k in range(BINS)
+        ]
+        if points := [own for own in bins if None not in own]:
+            x, y, n = np.array(points, float).T
             (line,) = axes.plot(x, y, label=program)
             axes.scatter(x, y, 5 + 60 * n / n.max(), color=line.get_color())
     axes.plot([0, 1], [0, 1], color="black", linewidth=0.5)
@@ -153,5 +148,5 @@ def _draw_reliability(axes: Axes, results: Results) -> None:
     axes.legend(fontsize=8)
 
 
-PARTS = ("confidence", "right")
+PARTS = ("confidence", "right", "number")
 """Of a bin of confidences."""

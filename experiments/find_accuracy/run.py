@@ -69,6 +69,7 @@ def _measured(config: Config, home: Path) -> Iterator[Metric]:
         preset = _small(PRESETS[name]) if config.run.quick else PRESETS[name]
         all_runs[name] = Runs(preset, config.count, config.seed, home, config.workers)
     programs = list(config.programs)
+    pooled: dict[str, list[Outcome]] = {program: [] for program in programs}
     for name, runs in all_runs.items():
         truths = [truth_of(image) for image in read_dataset(runs.dataset)]
         yield _counts(name, truths)
@@ -81,12 +82,15 @@ def _measured(config: Config, home: Path) -> Iterator[Metric]:
                 continue
             label = f"{program}.{name}"
             outcomes = [outcome_of(*pair) for pair in zip(truths, found, strict=True)]
+            pooled[program] += outcomes
             yield from _scores(label, outcomes)
             yield from _errors(label, truths, found, outcomes)
             if program == OURS:
                 yield from _against_masks(
                     label, found, runs.detections(TRUE_MASKS), outcomes
                 )
+    for program in programs:
+        yield from _reliability(program, pooled[program])
     for name, runs in all_runs.items():
         for program in programs:
             seconds = runs.seconds(program, min(config.timed, config.count))
@@ -123,12 +127,6 @@ def _scores(label: str, outcomes: Sequence[Outcome]) -> Iterator[Metric]:
             better,
             score.num_images,
         )
-    told = score.calibration
-    for k, n in enumerate(told.number.tolist()):
-        yield Metric(f"{label}.bin{k}.number", n, None, "detections", "higher", n)
-        for part, values in (("confidence", told.confidence), ("right", told.right)):
-            value = float(values[k]) if n else None
-            yield Metric(f"{label}.bin{k}.{part}", value, None, "1", "higher", n)
     if score.num_truths:
         curve = score.curves["standard"]
         for recall in GRID:
@@ -136,6 +134,19 @@ def _scores(label: str, outcomes: Sequence[Outcome]) -> Iterator[Metric]:
             value = float(np.max(reached, initial=0.0))
             name, n = f"{label}.precision.{100 * recall:.0f}", score.num_truths
             yield Metric(name, value, None, "1", "higher", n)
+
+
+def _reliability(program: str, outcomes: Sequence[Outcome]) -> Iterator[Metric]:
+    """Confidence against what is right, in the images of all presets."""
+    told = score_of(outcomes).calibration
+    known = None if np.isnan(told.error) else told.error
+    n = int(told.number.sum())
+    yield Metric(f"{program}.calibration_error", known, None, "1", "lower", n)
+    for k, n in enumerate(told.number.tolist()):
+        yield Metric(f"{program}.bin{k}.number", n, None, "detections", "higher", n)
+        for part, values in (("confidence", told.confidence), ("right", told.right)):
+            value = float(values[k]) if n else None
+            yield Metric(f"{program}.bin{k}.{part}", value, None, "1", "higher", n)
 
 
 def _numbers(score: Score) -> Mapping[str, float]:

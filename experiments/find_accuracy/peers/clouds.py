@@ -199,9 +199,11 @@ def pyransac3d(
         if len(points) < fewest:
             break
         search = pyransac3d.Cylinder()
-        center, axis, radius, inliers = search.fit(
-            points, threshold * cloud.noise, maxIteration=samples
-        )
+        # Three points may lie on a line.
+        with np.errstate(divide="ignore", invalid="ignore"):
+            center, axis, radius, inliers = search.fit(
+                points, threshold * cloud.noise, maxIteration=samples
+            )
         if len(inliers) < fewest:
             break
         if RADII[0] < radius < RADII[1]:
