@@ -5,9 +5,7 @@ from .camera.pixels import Tile
 from .effort import Effort
 from .find.cylinders import find_cylinders
 from .find.found import Found
-from .fit.batch import fit_cylinders
 from .fit.depth_loss import depth_loss
-from .fit.labels import fit_labels
 from .fit.options import FitOptions
 from .fit.result import (
     Deviations,
@@ -21,8 +19,10 @@ from .fit.result import (
     SphereFit,
     TaperTest,
 )
-from .fit.single import fit_cylinder, fit_frustum, fit_sphere
 from .fit.taper import test_taper
+from .fits.batch import fit_cylinders
+from .fits.labels import fit_labels
+from .fits.single import fit_cylinder, fit_frustum, fit_sphere
 from .geometry.frames import RigidTransform
 from .io.dataset import read_dataset
 from .io.dataset_shard import LabeledImage

@@ -8,10 +8,12 @@ __all__ = [
     "BINS",
     "LEVELS",
     "Outcome",
+    "Searched",
     "Summary",
     "by_visibility",
     "difference",
     "evaluate",
+    "evaluate_found",
     "interval_coverage",
     "standardized",
     "summarize",
@@ -22,7 +24,7 @@ import dataclasses
 import functools
 import itertools
 from collections.abc import Iterable, Iterator, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import cv2
 import jax
@@ -31,6 +33,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from impostor_jax.effort import MIN_READINGS, Effort
+from impostor_jax.find.cylinders import find_cylinders
 from impostor_jax.fit.body import AbstractBody
 from impostor_jax.fit.fittable import KINDS
 from impostor_jax.fit.options import Options
@@ -38,6 +41,7 @@ from impostor_jax.fit.result import Fit
 from impostor_jax.fit.round_body import RoundBody
 from impostor_jax.fit.shapes import fit_shape
 from impostor_jax.io.dataset_shard import LabeledImage
+from impostor_jax.matching import Comparison, compare, detection_of, truth_of
 from impostor_jax.primitives.base import AbstractPrimitive
 from impostor_jax.sensor.base import AbstractDepthNoise
 
@@ -113,21 +117,63 @@ def evaluate(
             fit = fit_shape(
                 kind, image.depth, image.camera, mask, sensor, None, options
             )
-            truth = jax.tree.map(lambda x, k=number: jnp.asarray(x)[k], image.shapes)
-            errors, deviations = _errors(fit, truth) if fit.success else ({}, {})
-            outcome = Outcome(
-                key=image.key,
-                number=number,
-                visible_fraction=float(image.visible_fraction[number]),
-                num_readings=num_readings,
-                status=str(fit.status),
-                success=bool(fit.success),
-                errors=errors,
-                deviations=deviations,
-                radius_m=float(kind.body.of(truth).radius),
-            )
-            outcomes.append(outcome)
+            outcomes.append(_outcome(image, number, num_readings, fit))
         yield outcomes
+
+
+class Searched(NamedTuple):
+    """What came of an image in which cylinders were searched without masks.
+
+    Attributes:
+        comparison: Of all that was found with what is there.
+        outcomes: Of the cylinders that were found, at the standard tolerance.
+    """
+
+    comparison: Comparison
+    outcomes: list[Outcome]
+
+
+def evaluate_found(
+    images: Iterable[LabeledImage],
+    sensor: AbstractDepthNoise,
+    effort: Effort | str = "balanced",
+) -> Iterator[Searched]:
+    """Find the cylinders of every image, without masks.
+
+    Args:
+        images: Of a dataset of cylinders.
+        sensor: Weighs the readings.
+        effort: As in `find_cylinders`.
+    """
+    for image in images:
+        found = find_cylinders(image.depth, image.camera, sensor, effort=effort)
+        pairs = zip(found.fits, found.confidence.tolist(), strict=True)
+        comparison = compare(truth_of(image), [detection_of(*pair) for pair in pairs])
+        outcomes = []
+        for place, number in enumerate(comparison.matches["standard"].truth.tolist()):
+            if number >= 0:
+                seen = image.mask[number] & (image.depth > 0)
+                num_readings = int(np.count_nonzero(seen))
+                fit = found.fits[place]
+                outcomes.append(_outcome(image, number, num_readings, fit))
+        yield Searched(comparison, outcomes)
+
+
+def _outcome(image: LabeledImage, number: int, num_readings: int, fit: Fit) -> Outcome:
+    """How a fit went of a shape of an image."""
+    truth = jax.tree.map(lambda x: jnp.asarray(x)[number], image.shapes)
+    errors, deviations = _errors(fit, truth) if fit.success else ({}, {})
+    return Outcome(
+        key=image.key,
+        number=number,
+        visible_fraction=float(image.visible_fraction[number]),
+        num_readings=num_readings,
+        status=str(fit.status),
+        success=bool(fit.success),
+        errors=errors,
+        deviations=deviations,
+        radius_m=float(KINDS[type(truth)].body.of(truth).radius),
+    )
 
 
 def _eroded(mask: Bool[np.ndarray, "h w"], depth_px: int) -> Bool[np.ndarray, "h w"]:

@@ -114,6 +114,30 @@ def test_eroded_masks_leave_out_their_edges(cans, outcomes):
 
 
 @SMALL_IMAGES
+def test_the_command_scores_what_is_found_without_masks(
+    cans, tmp_path, monkeypatch, capsys
+):
+    path = tmp_path / "found.json"
+    words = ["evaluate", str(cans), "--find", "--limit", "3", "--json", str(path)]
+    monkeypatch.setattr(sys, "argv", ["impostor-jax", *words])
+    assert main() == 0
+    found = capsys.readouterr()
+    assert found.err == ""
+    lines = found.out.splitlines()
+    assert lines[0] == "3 images, 6 cylinders that count"
+    assert lines[1].split()[:2] == ["tolerance", "recall"]
+    assert any(line.split()[:2] == ["visible", "number"] for line in lines)
+    record = json.loads(path.read_text())
+    score, outcomes = record["score"], record["outcomes"]
+    assert score["recall"]["standard"] > 0.6
+    assert score["recall"]["coarse"] >= score["recall"]["fine"]
+    assert len(outcomes) == round(6 * score["recall"]["standard"])
+    assert all(
+        abs(one["errors"]["radius"]) <= 0.1 * one["radius_m"] for one in outcomes
+    )
+
+
+@SMALL_IMAGES
 @pytest.mark.parametrize("shape", [cup(), ball()], ids=["frustum", "sphere"])
 def test_other_shapes_are_compared_with_the_truth(shape):
     depth, mask = image_of(shape)
@@ -170,6 +194,7 @@ def test_a_table_has_a_row_for_each_visibility():
     [
         (["--limit", "0"], "limit must be a whole number"),
         (["--erode-px", "-1"], "erode_px must be a whole number"),
+        (["--erode-px", "1", "--find"], "must not be given with --find"),
         ([], "manifest of dataset"),
     ],
 )

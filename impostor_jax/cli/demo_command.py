@@ -34,7 +34,7 @@ class DemoCommand:
         import numpy as np
 
         from impostor_jax.camera.pinhole import PinholeCamera
-        from impostor_jax.fit.single import fit_cylinder
+        from impostor_jax.fits.single import fit_cylinder
         from impostor_jax.io.atomic import check_output_folder, write_json
         from impostor_jax.io.camera_file import write_camera
         from impostor_jax.io.depth_image import fitting_scale, write_depth_png

@@ -4,6 +4,7 @@ __all__ = ["EvaluateCommand"]
 
 import dataclasses
 import sys
+from functools import partial
 from pathlib import Path
 
 import tyro
@@ -16,11 +17,15 @@ class EvaluateCommand:
     """Fit every visible cylinder of a synthetic dataset and compare with the truth.
 
     Prints errors, errors over their standard deviations and the coverage of the
-    intervals, by the part of a cylinder that is seen.
+    intervals, by the part of a cylinder that is seen. With --find the cylinders are
+    found without masks, and recall, false ones and average precision come first.
     """
 
     dataset: tyro.conf.Positional[Path]
     """Folder of a dataset that impostor-synth made."""
+    find: bool = False
+    """Whether cylinders are found without masks, instead of fitted with the true ones;
+    those count that have 300 readings and of which 0.3 are seen."""
     limit: int | None = None
     """Most images; all if not given."""
     erode_px: int = 0
@@ -40,30 +45,48 @@ class EvaluateCommand:
 
         from impostor_jax.arguments import whole_number
         from impostor_jax.cli.ending import stream_beside
-        from impostor_jax.evaluate import evaluate, table
+        from impostor_jax.evaluate import evaluate, evaluate_found, table
         from impostor_jax.io.atomic import check_output_file, write_json
         from impostor_jax.io.dataset import read_dataset, read_manifest, sensor_of
+        from impostor_jax.matching import score_of, score_record, score_table
 
         effort = chosen_effort(self.effort, self.dials)
         if self.limit is not None:
             whole_number("limit", self.limit, 1)
         whole_number("erode_px", self.erode_px, 0)
+        if self.find and self.erode_px:
+            raise ValueError("--erode-px must not be given with --find: it has no mask")
         if self.json is not None:
             check_output_file(self.json, "json")
         manifest = read_manifest(self.dataset)
         sensor = sensor_of(manifest)
         images = itertools.islice(read_dataset(self.dataset), self.limit)
-        total = min(manifest["count"], self.limit or manifest["count"])
-        fitted = tqdm(
-            evaluate(images, sensor, self.erode_px, effort),
-            total=total,
+        shown = partial(
+            tqdm,
+            total=min(manifest["count"], self.limit or manifest["count"]),
             unit="image",
             disable=None,
             file=sys.stderr,
         )
-        outcomes = [outcome for some in fitted for outcome in some]
+        score = None
+        if self.find:
+            searched = list(shown(evaluate_found(images, sensor, effort)))
+            outcomes = [outcome for image in searched for outcome in image.outcomes]
+            score = score_of([image.comparison for image in searched])
+        else:
+            fitted = shown(evaluate(images, sensor, self.erode_px, effort))
+            outcomes = [outcome for some in fitted for outcome in some]
         if self.json is not None:
-            write_json(self.json, [dataclasses.asdict(o) for o in outcomes])
-        none = f"{self.dataset}: no cylinder to fit"
-        print(table(outcomes) if outcomes else none, file=stream_beside(self.json))
+            told = [dataclasses.asdict(outcome) for outcome in outcomes]
+            if score is None:
+                write_json(self.json, told)
+            else:
+                record = {"score": score_record(score), "outcomes": told}
+                write_json(self.json, record)
+        parts = [] if score is None else [score_table(score)]
+        if outcomes:
+            parts.append(table(outcomes))
+        elif score is None:
+            parts.append(f"{self.dataset}: no cylinder to fit")
+        print("\n".join(parts), file=stream_beside(self.json))
         return 0

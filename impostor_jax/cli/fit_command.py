@@ -16,6 +16,7 @@ from impostor_jax.cli.given import (
     files_of,
     hints_on_stderr,
     places_of,
+    priors_of,
     start_of,
 )
 
@@ -38,7 +39,7 @@ class FitCommand:
     camera: Path
     """Camera file (JSON): fx, fy, cx, cy, width, height, depth_scale_m, distortion."""
     mask: tyro.conf.UseAppendAction[tuple[Path, ...]] = ()
-    """Mask image, not 0 on the object; the nearest object is taken if none is given. Of
+    """Mask image, not 0 on the object; an object is searched for if none is given. Of
     several depth images once for each, or a folder of PNG files of their names."""
     labels: tyro.conf.UseAppendAction[tuple[Path, ...]] = ()
     """Label image instead of a mask: 0 where there is no object, otherwise its number;
@@ -133,14 +134,13 @@ class FitCommand:
 
     def _asked(self, camera: "PinholeCamera") -> dict[str, Any]:
         """What a fit takes by name, but the mask and the effort."""
-        priors = {"radius": self.prior_radius, "height": self.prior_height}
         if self.test_taper and self.shape != "cylinder":
             raise ValueError(f"--test-taper must not be given for a {self.shape}")
         return {
             "sigma": chosen_noise(self.sigma, self.sensor, float(camera.fx)),
             "initial": start_of(self.initial, self.shape),
             "fixed": self.fixed,
-            "prior": {name: prior for name, prior in priors.items() if prior},
+            "prior": priors_of(self.prior_radius, self.prior_height),
             "mask_meaning": self.mask_meaning,
             "errors": self.errors,
         }
@@ -162,7 +162,7 @@ class FitCommand:
         """
         import jax
 
-        from impostor_jax.fit.labels import fit_labels
+        from impostor_jax.fits.labels import fit_labels
         from impostor_jax.io.label_image import read_labels, read_one_mask
 
         function, size = self._function(), (camera.height, camera.width)
@@ -181,7 +181,7 @@ class FitCommand:
 
     def _function(self) -> Any:
         """What fits the shape."""
-        from impostor_jax.fit.single import fit_cylinder, fit_frustum, fit_sphere
+        from impostor_jax.fits.single import fit_cylinder, fit_frustum, fit_sphere
 
         return {
             "cylinder": fit_cylinder, "sphere": fit_sphere, "frustum": fit_frustum,
@@ -200,8 +200,8 @@ def _region_taken(fit: "Fit") -> str:
 
     rows, cols = np.nonzero(np.asarray(fit.region))
     if not len(rows):
-        return "no mask: no object stands in front of its surroundings"
+        return "no mask: no object is found"
     return (
-        f"no mask: took the nearest object in front of its surroundings, {len(rows)} "
-        f"pixels in rows {rows.min()}-{rows.max()}, columns {cols.min()}-{cols.max()}"
+        f"no mask: found an object of {len(rows)} pixels in rows "
+        f"{rows.min()}-{rows.max()}, columns {cols.min()}-{cols.max()}"
     )

@@ -1,8 +1,17 @@
 """What flags of a fit name: the noise of a sensor, a shape to begin with, hints."""
 
-__all__ = ["chosen_noise", "files_of", "hints_on_stderr", "places_of", "start_of"]
+__all__ = [
+    "chosen_noise",
+    "files_of",
+    "hints_on_stderr",
+    "images_of",
+    "places_of",
+    "priors_of",
+    "start_of",
+]
 
 import contextlib
+import glob
 import sys
 import warnings
 from collections.abc import Iterator, Sequence
@@ -40,6 +49,16 @@ def chosen_noise(sigma: float | None, sensor: str | None, focal_length: float) -
     return sensor_from_record(record, what)
 
 
+Prior = tuple[float, float] | None
+"""A value and its standard deviation, if they are given."""
+
+
+def priors_of(radius: Prior, height: Prior) -> dict[str, tuple[float, float]]:
+    """What a fit takes for prior, of those that are given."""
+    priors = {"radius": radius, "height": height}
+    return {name: prior for name, prior in priors.items() if prior}
+
+
 def start_of(path: Path | None, shape: str) -> "AbstractPrimitive | None":
     """Shape that a fit begins with, from a scene file; None stays.
 
@@ -58,6 +77,28 @@ def start_of(path: Path | None, shape: str) -> "AbstractPrimitive | None":
             f"scene file {str(path)!r} must hold one {shape} to begin with, got {found}"
         )
     return shapes[0]
+
+
+def images_of(given: Sequence[Path]) -> list[Path]:
+    """Depth images, of which folders and patterns stand for several, in order.
+
+    Raises:
+        ValueError: A folder or a pattern stands for none.
+    """
+    from impostor_jax.io.depth_image import SUFFIXES
+
+    images = []
+    for path in given:
+        is_pattern = not path.exists() and glob.has_magic(str(path))
+        if not (is_pattern or path.is_dir()):
+            images.append(path)
+            continue
+        entries = map(Path, glob.glob(str(path))) if is_pattern else path.iterdir()
+        some = [one for one in entries if one.suffix.lower() in SUFFIXES]
+        if not some:
+            raise ValueError(f"{str(path)!r} must hold depth images, got none")
+        images += sorted(some)
+    return images
 
 
 def places_of(images: Sequence[Path], output: Path) -> list[Path]:

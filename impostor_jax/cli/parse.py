@@ -15,12 +15,14 @@ import tyro
 
 from impostor_jax.cli.demo_command import DemoCommand
 from impostor_jax.cli.evaluate_command import EvaluateCommand
+from impostor_jax.cli.find_command import FindCommand
 from impostor_jax.cli.fit_command import FitCommand
 from impostor_jax.cli.parity_command import ParityCommand
 from impostor_jax.cli.render_command import RenderCommand
 
 Command = (
     Annotated[FitCommand, tyro.conf.subcommand("fit")]
+    | Annotated[FindCommand, tyro.conf.subcommand("find")]
     | Annotated[RenderCommand, tyro.conf.subcommand("render")]
     | Annotated[DemoCommand, tyro.conf.subcommand("demo")]
     | Annotated[EvaluateCommand, tyro.conf.subcommand("evaluate")]
@@ -30,7 +32,7 @@ Command = (
 
 def parse(arguments: Sequence[str]) -> Command:
     """Parse the arguments; a mistake ends the program with one line and exit code 2."""
-    description = "Fit capped cylinders to depth images, and render them."
+    description = "Find capped cylinders in depth images, fit and render them."
     return parse_with(Command, "impostor-jax", description, arguments)
 
 

@@ -1,368 +1,421 @@
-"""What an image says for and against a cylinder: its wall rendered, and compared."""
+"""What an image says for and against a wall: the wall rendered, and compared.
 
-__all__ = ["Candidate", "Evidence", "examine", "deformation"]
+Each pixel inside of the wall's outline shows the wall, something in front of it, which
+may stand there, or something behind it, which may not: where the wall should be there
+is free space. Along the axis the wall reaches from where the image begins to explain it
+to where it is refuted.
+"""
+
+__all__ = ["LIMIT", "Candidate", "Evidence", "Scene", "shown", "weighed"]
 
 from typing import NamedTuple
 
-import cv2
 import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from impostor_jax.find.normals import Normals
+from impostor_jax.find.patches import spread
+from impostor_jax.find.view import Box, View
 
 LIMIT = 3.5
-MOST = 40_000
-ANGLES = np.radians(np.arange(0, 90, 10)).astype(np.float32)
+"""Deviations within which a reading is explained."""
+
+AGREEING = 0.6
+"""Cosine between a wall's normal and the measured one, at least."""
+
+UNSURE = 0.25
+"""Deviation from which a measured normal says nothing, in radians."""
+
+MOST_SEEN = 60_000
+"""Pixels of a box that are looked at; of a larger one every n-th row and column."""
+
+MOST_WEIGHED = 12_000
+"""Pixels inside of an outline that are weighed, evenly spread."""
+
+MOST_POOLED = 6144
+"""Readings that tell where along its axis a wall may be."""
+
+MOST_BINS = 128
+"""Bins along an axis."""
+
+ARC_BINS = 72
+"""Bins of the angle around an axis."""
 
 
 class Candidate(NamedTuple):
-    center: np.ndarray
-    axis: np.ndarray
+    """A wall that may be there; the side is 1 from outside and -1 from inside."""
+
+    center: Float[np.ndarray, "3"]
+    axis: Float[np.ndarray, "3"]
     radius: float
     side: float
 
 
+class Scene(NamedTuple):
+    """What candidates are compared with.
+
+    Attributes:
+        view: What is searched.
+        normals: Of it.
+        noise: Factor of its sigma, from planes.
+        usable: Readings that are no flying pixels.
+        free: Those that nothing has explained yet.
+        planes: Those that lie on a plane.
+        pool: Flat indices of some that are free.
+    """
+
+    view: View
+    normals: Normals
+    noise: float
+    usable: Bool[np.ndarray, "h w"]
+    free: Bool[np.ndarray, "h w"]
+    planes: Bool[np.ndarray, "h w"]
+    pool: Int[np.ndarray, " p"]
+
+    @staticmethod
+    def of(
+        view: View,
+        normals: Normals,
+        noise: float,
+        usable: Bool[np.ndarray, "h w"],
+        free: Bool[np.ndarray, "h w"],
+        planes: Bool[np.ndarray, "h w"],
+    ) -> "Scene":
+        """The scene, with its pool."""
+        index = np.flatnonzero(free)
+        pool = index[spread(len(index), MOST_POOLED)] if len(index) else index
+        return Scene(view, normals, noise, usable, free, planes, pool)
+
+
 class Evidence(NamedTuple):
+    """How a wall is seen; counts are in pixels of the view.
+
+    Attributes:
+        wall: The candidate.
+        ends: Along its axis from its center, in meters.
+        index: Flat indices of pixels that it explains, of those weighed.
+        explained: How many it explains.
+        behind: Where something behind it is seen.
+        front: Where something in front of it is seen.
+        unread: Without a reading.
+        other: Of another surface: taken, of a plane, or of other normals.
+        arc: Around the axis, over which it is explained, in radians.
+        misfit: Mean square of the deviations of what it explains.
+    """
+
     wall: Candidate
     ends: tuple[float, float]
-    region: np.ndarray      # (h, w) bool pixels of wall and caps
-    caps: np.ndarray
+    index: Int[np.ndarray, " n"]
     explained: float
     behind: float
     front: float
     unread: float
+    other: float
     arc: float
-    cap: float
-    gain: float
-    fill: float
-    off: float
-    chi: float
-    size: float
-    rim: float
+    misfit: float
+
+    @property
+    def seen(self) -> float:
+        """Pixels inside of the outline, between the ends."""
+        return self.explained + self.behind + self.front + self.unread + self.other
 
 
-def deviations(view, noise, depth, sigma, cos):
-    c = np.clip(np.abs(cos), 0.05, 1)
-    factor = np.interp(np.arccos(c), ANGLES, view.grazing)
-    tan2 = (1 - c * c) / (c * c)
-    return np.sqrt((noise * sigma * factor) ** 2 + (view.width(depth) / 3) ** 2 * tan2)
+class _Meeting(NamedTuple):
+    """Where rays meet a wall; of any shape, and zero where they miss it.
 
-
-def examine(view, normals, noise, wall, free, usable, planes, pool):
-    """None where nothing is left.
-
-    free: bool, pixels that may be its own; usable: readings that say something; pool: flat indices thinned of free.
+    Attributes:
+        hit: Whether they do, in front of the camera.
+        depth: In meters.
+        along: Place along the axis, in meters.
+        cosine: Of the incidence.
+        inside: How far inside of the outline, in pixels.
     """
+
+    hit: Bool[np.ndarray, "..."]
+    depth: Float[np.ndarray, "..."]
+    along: Float[np.ndarray, "..."]
+    cosine: Float[np.ndarray, "..."]
+    inside: Float[np.ndarray, "..."]
+
+
+def _meeting(
+    view: View,
+    x: Float[np.ndarray, "..."],
+    y: Float[np.ndarray, "..."],
+    wall: Candidate,
+) -> _Meeting:
     c, a, r, side = wall
-    # Ends of what may be seen of it.
-    P = view.points(np.unravel_index(pool, free.shape))
-    off = P - c
-    t = off @ a
-    across = off - t[:, None] * a
-    rho = np.linalg.norm(across, axis=1)
-    V = view.views(np.unravel_index(pool, free.shape))
-    cos = -(across * V).sum(1) / np.maximum(rho, 1e-9)
-    sg = view.sigma.ravel()[pool]
-    s = deviations(view, noise, P[:, 2], sg, cos) * np.clip(np.abs(cos), .05, 1)
-    near = (np.abs(rho - r) < LIMIT * s) & (side * cos > 0)
-    if near.sum() < 5:
-        return None
-    low, high = t[near].min() - r, t[near].max() + r
-    box = _box(view, c, a, r, low, high)
-    if box is None:
-        return None
-    count = (box[0].stop - box[0].start) * (box[1].stop - box[1].start)
-    step = max(1, int(np.ceil(np.sqrt(count / MOST))))
-    pick = (slice(box[0].start, box[0].stop, step), slice(box[1].start, box[1].stop, step))
-    z = view.depth[pick]
-    hit, depth, along, cos, inside = _meet(view, pick, wall)
-    hit &= (along > low) & (along < high)
-    seen = usable[pick]
-    own = free[pick]
-    s = deviations(view, noise, np.where(hit, depth, 1), np.where(seen, view.sigma[pick], 0), cos)
-    e = np.where(seen & hit, (z - depth) / np.maximum(s, 1e-9), 0)
-    core = hit & (inside > 0.7)
-    # Normals that disagree are of another surface.
-    n = normals.normal[pick]
-    agree = normals.error[pick] > 0.25
-    u = _radial(view, pick, wall, depth, along)
-    agree |= side * (n * u).sum(-1) > 0.6
-    is_near = hit & seen & (np.abs(e) < LIMIT)
-    explained = is_near & own & agree
-    behind = core & seen & (e > LIMIT)
-    front = core & seen & (e < -LIMIT)
-    unread = core & ~seen
-    other = core & is_near & ~explained
-    # Along the axis.
-    w0 = view.width(float(np.median(depth[hit]))) * step if hit.any() else 1
-    nb = int(np.clip((high - low) / (2 * w0), 8, 128))
-    place = np.clip(((along - low) / (high - low) * nb), 0, nb - 1).astype(int)
-
-    def counts(mask):
-        return np.bincount(place[mask], minlength=nb).astype(float)
-
-    E, B, T = counts(explained & core), counts(behind), counts(core)
-    O = counts(other)
-    if E.sum() < 4:
-        return None
-    smooth = np.convolve(E, np.ones(5), "same")
-    top = int(np.argmax(smooth))
-    typical = np.median(E[E >= 0.25 * E.max()])
-    supports = (E >= 0.25 * typical) & (E > B + O)
-    # A bin or two tell little.
-    E, B, T, O = (np.convolve(x, np.ones(3), "same") for x in (E, B, T, O))
-    refutes = (B + O > E) & (B + O >= 0.25 * T) & (T > 0)
-    first = last = top
-    for k in range(top, -1, -1):
-        if supports[k]:
-            first = k
-        elif refutes[k]:
-            break
-    for k in range(top, nb):
-        if supports[k]:
-            last = k
-        elif refutes[k]:
-            break
-    width = (high - low) / nb
-    lo, hi = low + first * width, low + (last + 1) * width
-    within = explained & (along >= lo) & (along <= hi)
-    if within.sum() < 4:
-        return None
-    lo2, hi2 = np.quantile(along[within], [0.005, 0.995])
-    lo, hi = max(lo, lo2 - w0), min(hi, hi2 + w0)
-    part = (along >= lo) & (along <= hi)
-    explained &= part
-    num = lambda mask: float(np.count_nonzero(mask & part)) * step * step
-    # Arc: bins of the angle about the axis.
-    b1, b2 = _basis(a)
-    phi = np.arctan2(u @ b2, u @ b1)
-    bins = ((phi[explained & core] + np.pi) / (2 * np.pi) * 72).astype(int) % 72
-    expected = np.bincount((((phi[core & part] + np.pi) / (2 * np.pi) * 72).astype(int)) % 72, minlength=72)
-    got = np.bincount(bins, minlength=72)
-    arc = 5.0 * np.count_nonzero((got >= 2) & (got >= 0.3 * expected))
-    # Caps.
-    region = np.zeros(view.depth.shape, bool)
-    region[pick] = explained
-    if step > 1:
-        region = _refined(view, noise, wall, (lo, hi), free, usable, normals, box)
-    cap, rim = 0, 0.0
-    caps = np.zeros(view.depth.shape, bool)
-    if side > 0:
-        for end, sign in ((lo, -1), (hi, 1)):
-            q, count, turn = _cap(view, noise, wall, end, sign, usable, normals, free | (planes > 0))
-            if count and turn >= 60:
-                caps |= q
-                cap += count
-                rim = max(rim, turn)
-    chi = float(np.mean(np.minimum(e[explained & core] ** 2, LIMIT**2))) if (explained & core).any() else 9.0
-    ex, be, fr, un, ot = num(explained), num(behind), num(front), num(unread), num(other)
-    return Evidence(wall, (lo, hi), region | caps, caps, ex, be, fr, un, arc, float(cap), ex + cap - 2 * be - ot, ex / max(ex + be + ot, 1), ot, chi, float(np.count_nonzero(core & part)) * step**2, rim)
-
-
-def _meet(view, pick, wall):
-    c, a, r, side = wall
-    x, y = view.x[pick], view.y[pick]
+    c, a = c.astype(np.float32).tolist(), a.astype(np.float32).tolist()
     if view.is_central:
+        # Rays d = (x, y, 1) from the origin; off is the center.
         da = a[0] * x + a[1] * y + a[2]
-        dx, dy, dz = x - da * a[0], y - da * a[1], 1 - da * a[2]
-        w = c - (c @ a) * a
-        wx, wy, wz = w
-        start = 0.0
-        begin = -(c @ a)
+        d = (x - da * a[0], y - da * a[1], 1 - da * a[2])
+        off = (c[0], c[1], c[2])
+        length = np.sqrt(1 + x * x + y * y)
     else:
-        da = a[2] + 0 * x
-        dx, dy, dz = -da * a[0], -da * a[1], 1 - da * a[2]
-        ox, oy, oz = c[0] - x, c[1] - y, c[2]
-        oa = ox * a[0] + oy * a[1] + oz * a[2]
-        wx, wy, wz = ox - oa * a[0], oy - oa * a[1], oz - oa * a[2]
-        begin = -oa
-    A = dx * dx + dy * dy + dz * dz
-    bq = dx * wx + dy * wy + dz * wz
-    cx, cy, cz = dy * wz - dz * wy, dz * wx - dx * wz, dx * wy - dy * wx
-    disc = A * r * r - (cx * cx + cy * cy + cz * cz)
-    hit = (disc > 0) & (A > 1e-8)
-    root = np.sqrt(np.where(hit, disc, 0))
-    A = np.where(A > 1e-8, A, 1)
-    depth = (bq - side * root) / A
+        da = a[2]
+        d = (-da * a[0], -da * a[1], 1 - da * a[2])
+        off = (c[0] - x, c[1] - y, c[2])
+        length = 1.0
+    oa = off[0] * a[0] + off[1] * a[1] + off[2] * a[2]
+    w = tuple(off[k] - oa * a[k] for k in range(3))
+    square = d[0] * d[0] + d[1] * d[1] + d[2] * d[2]
+    # As a cross product, which does not cancel.
+    across = (
+        (d[1] * w[2] - d[2] * w[1]) ** 2
+        + (d[2] * w[0] - d[0] * w[2]) ** 2
+        + (d[0] * w[1] - d[1] * w[0]) ** 2
+    )
+    gap = square * (r * r) - across
+    hit = (gap > 0) & (square > 1e-8)
+    root = np.sqrt(np.where(hit, gap, 0))
+    square = np.where(square > 1e-8, square, 1)
+    depth = (d[0] * w[0] + d[1] * w[1] + d[2] * w[2] - side * root) / square
     hit &= depth > 0
-    along = begin + depth * da
-    cos = root / r / _length(view, x, y)
-    # How far inside of the outline, in pixels.
-    chord = np.minimum(root / np.sqrt(A) / r, 1)
-    inside = r * (1 - np.sqrt(1 - chord * chord)) / view.width(np.where(hit, depth, 1))
-    return hit, depth, along, cos, inside
+    depth = np.where(hit, depth, 0)
+    chord = np.minimum(root / (np.sqrt(square) * r), 1)
+    width = view.width(np.where(hit, depth, 1))
+    inside = r * (1 - np.sqrt(1 - chord * chord)) / width
+    return _Meeting(hit, depth, depth * da - oa, root / (r * length), inside)
 
 
-def _length(view, x, y):
-    return np.sqrt(1 + x * x + y * y) if view.is_central else np.ones_like(x)
-
-
-def _radial(view, pick, wall, depth, along):
-    c, a, r, _ = wall
-    x, y = view.x[pick], view.y[pick]
-    px, py = (x * depth, y * depth) if view.is_central else (x, y)
-    u = np.stack([px - c[0] - along * a[0], py - c[1] - along * a[1], depth - c[2] - along * a[2]], -1)
-    return (u / r).astype(np.float32)
-
-
-def _basis(a):
-    k = np.eye(3)[np.argmin(np.abs(a))]
-    b = np.cross(a, k)
-    b /= np.linalg.norm(b)
-    return b, np.cross(a, b)
-
-
-def _box(view, c, a, r, low, high):
-    b1, b2 = _basis(a)
-    ang = np.linspace(0, 2 * np.pi, 16, endpoint=False)
-    ring = r * 1.05 * (np.cos(ang)[:, None] * b1 + np.sin(ang)[:, None] * b2)
-    ts = np.linspace(low, high, 8)
-    pts = (c + ts[:, None] * a)[:, None] + ring
-    pts = pts.reshape(-1, 3)
+def _out(
+    view: View,
+    x: Float[np.ndarray, " n"],
+    y: Float[np.ndarray, " n"],
+    wall: Candidate,
+    depth: Float[np.ndarray, " n"],
+    along: Float[np.ndarray, " n"],
+) -> Float[np.ndarray, "n 3"]:
+    """Unit directions away from the axis, where rays meet a wall."""
+    point = np.stack([x, y, np.ones_like(x)], axis=-1)
     if view.is_central:
-        front = pts[:, 2] > 0.02
-        if not front.any():
-            return None
-        if not front.all():
-            return np.s_[0 : view.depth.shape[0]], np.s_[0 : view.depth.shape[1]]
-        xy = pts[:, :2] / pts[:, 2:]
+        point *= depth[:, None]
     else:
-        xy = pts[:, :2]
-    x0, y0 = xy.min(0)
-    x1, y1 = xy.max(0)
-    inside = (view.x >= x0) & (view.x <= x1) & (view.y >= y0) & (view.y <= y1)
-    rows, cols = np.flatnonzero(inside.any(1)), np.flatnonzero(inside.any(0))
-    if not len(rows):
+        point[:, 2] = depth
+    return (point - wall.center - along[:, None] * wall.axis) / wall.radius
+
+
+def ring(
+    wall: Candidate, ends: tuple[float, float], scale: float = 1.0
+) -> Float[np.ndarray, "n 3"]:
+    """Points around a wall, from end to end."""
+    first, second = directions_across(wall.axis)
+    turn = np.linspace(0, 2 * np.pi, 16, endpoint=False)[:, None]
+    around = scale * wall.radius * (np.cos(turn) * first + np.sin(turn) * second)
+    place = np.linspace(*ends, 8)[:, None, None]
+    return (wall.center + place * wall.axis + around).reshape(-1, 3)
+
+
+def directions_across(axis: Float[np.ndarray, "3"]) -> Float[np.ndarray, "2 3"]:
+    """Two unit vectors across an axis, and across each other."""
+    first = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
+    first /= np.linalg.norm(first)
+    return np.stack([first, np.cross(axis, first)])
+
+
+def weighed(scene: Scene, wall: Candidate) -> Evidence | None:
+    """What there is for and against a wall; None where nothing is for it."""
+    view = scene.view
+    reach = _reach(scene, wall)
+    if reach is None:
         return None
-    return np.s_[rows[0] : rows[-1] + 1], np.s_[cols[0] : cols[-1] + 1]
-
-
-def _refined(view, noise, wall, ends, free, usable, normals, box):
-    z = view.depth[box]
-    hit, depth, along, cos, _ = _meet(view, box, wall)
-    hit &= (along >= ends[0]) & (along <= ends[1])
-    s = deviations(view, noise, np.where(hit, depth, 1), view.sigma[box], cos)
-    ok = hit & usable[box] & free[box] & (np.abs(z - depth) < LIMIT * s)
-    u = _radial(view, box, wall, depth, along)
-    ok &= (normals.error[box] > 0.25) | (wall.side * (normals.normal[box] * u).sum(-1) > 0.6)
-    region = np.zeros(view.depth.shape, bool)
-    region[box] = ok
-    return region
-
-
-def _cap(view, noise, wall, end, sign, usable, normals, free):
-    """Pixels of a cap, how many, and the angle along which its rim is seen, in degrees."""
-    c, a, r, _ = wall
-    middle = c + end * a
-    towards = -middle / np.linalg.norm(middle) if view.is_central else np.array([0, 0, -1.0])
-    facing = sign * (a @ towards)
-    if facing < 0.05 or middle[2] <= 0:
-        return None, 0, 0.0
-    w = view.width(middle[2])
-    box = _box(view, c, a, 1.4 * r, end - w, end + w)
+    box = view.box_around(ring(wall, reach, 1.05))
     if box is None:
-        return None, 0, 0.0
-    P = view.points(box)
-    off = P - middle
-    t = off @ a
-    s = deviations(view, noise, P[..., 2], view.sigma[box], np.full(P.shape[:2], facing)) * facing
-    rho = np.sqrt(np.maximum((off**2).sum(-1) - t * t, 0))
-    flat = usable[box] & (np.abs(t) < LIMIT * s + w)
-    flat &= (normals.error[box] > 0.25) | (sign * (normals.normal[box] @ a) > 0.7)
-    ok = flat & free[box] & (rho < r)
-    count = int(ok.sum())
-    expected = np.pi * r * r * facing / w**2
-    if count < 0.2 * expected or count < 5:
-        return None, 0, 0.0
-    # Where rays meet the cap's plane, whatever they read.
-    x, y = view.x[box], view.y[box]
-    if view.is_central:
-        d = (middle @ a) / (x * a[0] + y * a[1] + a[2])
-        q = np.stack([x * d, y * d, d], -1) - middle
-    else:
-        d = (middle[2] * a[2] - (x - middle[0]) * a[0] - (y - middle[1]) * a[1]) / a[2]
-        q = np.stack([x, y, d], -1) - middle
-    far = np.sqrt((q**2).sum(-1)) / r
-    b1, b2 = _basis(a)
-    turn = ((np.arctan2(q @ b2, q @ b1) + np.pi) / (2 * np.pi) * 36).astype(int) % 36
-    step = max(0.05, 1.0 * w / r / facing**0.5)
+        return None
+    index, step = _inside(view, wall, reach, box)
+    if len(index) < 4:
+        return None
+    x, y = view.x.ravel()[index], view.y.ravel()[index]
+    met = _meeting(view, x, y, wall)
+    z, seen = view.depth.ravel()[index], scene.usable.ravel()[index]
+    sigma = scene.noise * view.sigma.ravel()[index]
+    deviation = (z - met.depth) / view.deviation(met.depth, sigma, met.cosine)
+    out = _out(view, x, y, wall, met.depth, met.along)
+    normal = scene.normals.normal.reshape(-1, 3)[index]
+    agrees = wall.side * (normal * out).sum(axis=-1) > AGREEING
+    agrees |= scene.normals.error.ravel()[index] > UNSURE
+    core = met.inside > 0.7
+    near = seen & (np.abs(deviation) < LIMIT)
+    explained = near & scene.free.ravel()[index] & agrees
+    behind = core & seen & (deviation > LIMIT)
+    other = core & near & ~explained
+    width = step * view.width(float(np.median(met.depth)))
+    kept = (explained & core, behind, other, core)
+    ends = _ends(met.along, reach, width, kept)
+    if ends is None:
+        return None
+    between = (met.along >= ends[0]) & (met.along <= ends[1])
+    explained &= between
+    core &= between
+    told = explained & core
+    if np.count_nonzero(told) < 4:
+        return None
 
-    def binned(mask):
-        return np.bincount(turn[mask], minlength=36)
+    def number(mask: Bool[np.ndarray, " n"]) -> float:
+        return float(np.count_nonzero(mask & between)) * step
 
-    inner, outer = (far < 1 - step) & (far > 0.5), (far > 1 + step) & (far < 1.35 + step)
-    on_inner, on_outer = binned(inner & flat), binned(outer & flat)
-    all_inner, all_outer = binned(inner & usable[box]), binned(outer & usable[box])
-    rim = (on_inner >= 0.6 * all_inner) & (on_outer <= 0.3 * all_outer) & (all_inner > 0)
-    region = np.zeros(view.depth.shape, bool)
-    region[box] = ok
-    return region, count, 10.0 * np.count_nonzero(rim)
+    return Evidence(
+        wall=wall,
+        ends=ends,
+        index=index[explained],
+        explained=number(explained),
+        behind=number(behind),
+        front=number(core & seen & (deviation < -LIMIT)),
+        unread=number(core & ~seen),
+        other=number(other),
+        arc=_arc(out, wall.axis, told, core),
+        misfit=float(np.mean(deviation[told] ** 2)),
+    )
 
 
-def shown(view, noise, wall, ends, free, caps, mixed):
-    """Pixels that show a cylinder: inside of its outline, and nothing in front.
+def _reach(scene: Scene, wall: Candidate) -> tuple[float, float] | None:
+    """Ends between which readings lie on a wall, with a radius more at each."""
+    view, pool = scene.view, scene.pool
+    off = view.points.reshape(-1, 3)[pool] - wall.center
+    along = off @ wall.axis
+    across = off - along[:, None] * wall.axis
+    distance = np.sqrt((across**2).sum(axis=1))
+    cosine = -(across * view.views.reshape(-1, 3)[pool]).sum(axis=1)
+    cosine /= np.maximum(distance, 1e-9)
+    sigma = scene.noise * view.sigma.ravel()[pool]
+    depth = view.depth.ravel()[pool]
+    deviation = view.deviation(depth, sigma, cosine) * np.maximum(np.abs(cosine), 0.05)
+    near = np.abs(distance - wall.radius) < LIMIT * deviation
+    near &= wall.side * cosine > 0
+    if np.count_nonzero(near) < 4:
+        return None
+    places = along[near]
+    return float(places.min()) - wall.radius, float(places.max()) + wall.radius
+
+
+def _inside(
+    view: View, wall: Candidate, reach: tuple[float, float], box: Box
+) -> tuple[Int[np.ndarray, " n"], float]:
+    """Pixels inside of an outline, of large ones some; and how many each stands for."""
+    rows, cols = box
+    size = (rows.stop - rows.start) * (cols.stop - cols.start)
+    step = max(1, int(np.ceil(np.sqrt(size / MOST_SEEN))))
+    row = np.arange(rows.start, rows.stop, step)
+    col = np.arange(cols.start, cols.stop, step)
+    pick = np.s_[rows.start : rows.stop : step, cols.start : cols.stop : step]
+    met = _meeting(view, view.x[pick], view.y[pick], wall)
+    hit = met.hit & (met.along > reach[0]) & (met.along < reach[1])
+    down, right = np.nonzero(hit)
+    index = row[down] * view.depth.shape[1] + col[right]
+    share = float(step * step)
+    if len(index) > MOST_WEIGHED:
+        share *= len(index) / MOST_WEIGHED
+        index = index[spread(len(index), MOST_WEIGHED)]
+    return index, share
+
+
+def _ends(
+    along: Float[np.ndarray, " n"],
+    reach: tuple[float, float],
+    width: float,
+    kept: tuple[Bool[np.ndarray, " n"], ...],
+) -> tuple[float, float] | None:
+    """Ends of a wall: from its fullest part to where the image refutes it.
+
+    What is hidden, or has no reading, neither supports nor refutes it, so that a wall
+    goes on behind what stands in front.
+    """
+    low, high = reach
+    bins = int(np.clip((high - low) / (2 * width), 8, MOST_BINS))
+    place = np.clip(((along - low) / (high - low) * bins).astype(int), 0, bins - 1)
+    # A bin or two tell little.
+    explained, behind, other, core = (
+        np.convolve(np.bincount(place[mask], minlength=bins), np.ones(3), "same")
+        for mask in kept
+    )
+    if explained.max() < 3:
+        return None
+    typical = np.median(explained[explained >= 0.25 * explained.max()])
+    against = behind + other
+    supports = (explained >= 0.25 * typical) & (explained > against)
+    refutes = (against > explained) & (against >= 0.25 * core) & (core > 0)
+    middle = int(np.argmax(np.convolve(explained, np.ones(5), "same")))
+    first = last = middle
+    for k in range(middle, -1, -1):
+        if refutes[k]:
+            break
+        first = k if supports[k] else first
+    for k in range(middle, bins):
+        if refutes[k]:
+            break
+        last = k if supports[k] else last
+    size = (high - low) / bins
+    start, stop = low + first * size, low + (last + 1) * size
+    mine = kept[0] & (along >= start) & (along <= stop)
+    if np.count_nonzero(mine) < 4:
+        return None
+    # One in 200 may be a stray.
+    outer = np.quantile(along[mine], [0.005, 0.995])
+    return max(start, float(outer[0]) - width), min(stop, float(outer[1]) + width)
+
+
+def _arc(
+    out: Float[np.ndarray, "n 3"],
+    axis: Float[np.ndarray, "3"],
+    told: Bool[np.ndarray, " n"],
+    core: Bool[np.ndarray, " n"],
+) -> float:
+    """Angle around the axis over which a wall is explained, in radians."""
+    first, second = directions_across(axis)
+    turn = (np.arctan2(out @ second, out @ first) / (2 * np.pi) + 0.5) * ARC_BINS
+    turn = turn.astype(int) % ARC_BINS
+    found = np.bincount(turn[told], minlength=ARC_BINS)
+    there = np.bincount(turn[core], minlength=ARC_BINS)
+    return 2 * np.pi / ARC_BINS * np.count_nonzero((found >= 2) & (found >= 0.3 * there))
+
+
+def explained_by(scene: Scene, evidence: Evidence) -> Bool[np.ndarray, "h w"]:
+    """All pixels that a wall explains."""
+    return _near(scene, evidence, scene.usable & scene.free, LIMIT, mixed=False)
+
+
+def shown(
+    scene: Scene, evidence: Evidence, own: Bool[np.ndarray, "h w"], mixed: bool
+) -> Bool[np.ndarray, "h w"]:
+    """Pixels that show a wall: inside of its outline, with nothing in front.
 
     Args:
-        free: Readings that may be its own.
-        caps: Pixels of its caps.
-        mixed: Whether readings beside the outline may be of what is behind it; a fit
-            knows, and leaves them out.
+        scene: What is searched.
+        evidence: Of the wall.
+        own: Readings that may be its own.
+        mixed: Whether readings beside the outline may be of what is behind it: a fit
+            knows, and leaves out those beside the mask's edge, which so must be there.
     """
-    c, a, r, side = wall
-    low, high = ends
-    box = _box(view, c, a, r, low, high)
-    region = caps.copy()
+    return _near(scene, evidence, own, LIMIT + 0.5, mixed)
+
+
+def _near(
+    scene: Scene,
+    evidence: Evidence,
+    own: Bool[np.ndarray, "h w"],
+    limit: float,
+    mixed: bool,
+) -> Bool[np.ndarray, "h w"]:
+    view, wall, ends = scene.view, evidence.wall, evidence.ends
+    region = np.zeros(view.depth.shape, bool)
+    box = view.box_around(ring(wall, ends, 1.05))
     if box is None:
         return region
-    z = view.depth[box]
-    hit, depth, along, cos, inside = _meet(view, box, wall)
-    hit &= (along > low) & (along < high)
-    ray = deviations(view, noise, np.where(hit, depth, 1), view.sigma[box], cos)
-    e = (z - depth) / np.maximum(ray, 1e-9)
-    ok = hit & free[box] & (np.abs(e) < 4)
+    met = _meeting(view, view.x[box], view.y[box], wall)
+    hit = met.hit & (met.along > ends[0]) & (met.along < ends[1])
+    row, col = np.nonzero(hit)
+    depth, cosine = met.depth[hit], met.cosine[hit]
+    z = view.depth[box][hit]
+    deviation = view.deviation(depth, scene.noise * view.sigma[box][hit], cosine)
+    near = own[box][hit] & (np.abs(z - depth) < limit * deviation)
     if mixed:
-        ok |= hit & (((z > depth) & (inside < 1.5)) | (z == 0))
-    region[box] |= ok
+        near |= ((z > depth) & (met.inside[hit] < 1.5)) | (z == 0)
+    else:
+        x, y = view.x[box][hit], view.y[box][hit]
+        out = _out(view, x, y, wall, depth, met.along[hit])
+        normal, error = scene.normals.normal[box][hit], scene.normals.error[box][hit]
+        agrees = wall.side * (normal * out).sum(axis=-1) > AGREEING
+        near &= agrees | (error > UNSURE)
+    region[box[0].start + row[near], box[1].start + col[near]] = True
     return region
-
-
-NAMES = ("taper", "barrel", "ellipse", "ellipse2", "bend1", "bend2", "cubic1", "cubic2")
-
-
-def deformation(view, noise, wall, ends, region):
-    """Departures from a cylinder over the radius, and their standard deviations."""
-    c, a, r, side = wall
-    index = np.flatnonzero(region)
-    index = index[:: max(1, len(index) // 3000)]
-    P = view.points(np.unravel_index(index, region.shape)).astype(float)
-    V = view.views(np.unravel_index(index, region.shape)).astype(float)
-    off = P - c
-    t = off @ a
-    across = off - t[:, None] * a
-    rho = np.linalg.norm(across, axis=1)
-    u = across / np.maximum(rho, 1e-9)[:, None]
-    cos = -(u * V).sum(1)
-    half = max((ends[1] - ends[0]) / 2, 1e-9)
-    on_wall = (np.abs(rho - r) < 0.3 * r) & (side * cos > 0.1) & (t > ends[0]) & (t < ends[1])
-    if on_wall.sum() < 20:
-        return None
-    t, u, rho, cos = t[on_wall], u[on_wall], rho[on_wall], cos[on_wall]
-    s = deviations(view, noise, P[on_wall, 2], view.sigma.ravel()[index[on_wall]], cos) * np.abs(cos)
-    x = (t - (ends[0] + ends[1]) / 2) / half
-    b1, b2 = _basis(a)
-    f1, f2 = u @ b1, u @ b2
-    base = np.stack([np.ones_like(x), f1, f2, x * f1, x * f2,
-                     x, x * x, f1 * f1 - f2 * f2, 2 * f1 * f2, x * x * f1, x * x * f2], 1)
-    e = (rho - r) / r
-    sr = s / r
-    w = 1 / sr
-    for _ in range(3):
-        A = base * w[:, None]
-        N = A.T @ A
-        N += np.diag(1e-9 * np.trace(N) * np.ones(11))
-        # A prior so wide that it says nothing.
-        N += np.eye(11) / 1.0**2
-        cov = np.linalg.inv(N)
-        sol = cov @ (A.T @ (e * w))
-        rest = (e - base @ sol) / sr
-        w = 1 / sr / (1 + (rest / 3) ** 2)
-    chi = float(np.median(np.abs(rest)) * 1.4826)
-    dev = np.sqrt(np.diag(cov)) * max(chi, 1)
-    return sol, dev, chi

@@ -1,7 +1,7 @@
 """Normals of a depth image: planes fitted to windows of readings.
 
-A window is as wide as the noise asks for, and narrower where a jump of the depth runs
-through it.
+A window is as wide as the noise asks for, and narrower where the depth jumps in it. The
+moments of the windows add up those of blocks of 2 x 2 pixels.
 """
 
 __all__ = ["Normals", "normals_of", "stray"]
@@ -17,8 +17,14 @@ from impostor_jax.find.view import View
 SLOPE_ERROR = 0.06
 """Standard deviation of a normal that windows are made wide enough for, in radians."""
 
-WIDEST = 21
-"""Pixels across the widest window."""
+NARROWEST, WIDEST = 3, 11
+"""Blocks across a window."""
+
+LEAST_KNOWN = 0.3
+"""Part of a window that must have readings."""
+
+ROUGH = 0.5
+"""Standard deviation of a normal whose window a jump runs through, in radians."""
 
 
 class Normals(NamedTuple):
@@ -39,100 +45,177 @@ def stray(view: View) -> Bool[np.ndarray, "h w"]:
     """Readings with fewer than 3 of 8 neighbors near them: flying pixels."""
     z = view.depth
     padded = cv2.copyMakeBorder(z, 1, 1, 1, 1, cv2.BORDER_CONSTANT, value=0)
-    reach = 4 * np.sqrt(2) * view.sigma + 3 * view.width(z)
+    reach = np.float32(4 * np.sqrt(2)) * view.sigma + 3 * view.width(z)
     count = np.zeros(z.shape, np.uint8)
-    h, w = z.shape
-    for dy in (0, 1, 2):
-        for dx in (0, 1, 2):
-            if dx == dy == 1:
-                continue
-            other = padded[dy : dy + h, dx : dx + w]
+    height, width = z.shape
+    for down in range(3):
+        for right in range(3):
+            other = padded[down : down + height, right : right + width]
             count += np.abs(other - z) < reach
-    return (z > 0) & (count < 3)
+    # A reading is near itself.
+    return view.valid & (count < 4)
 
 
 def normals_of(view: View, valid: Bool[np.ndarray, "h w"]) -> Normals:
     """Normals of the readings that are valid."""
     z = view.depth
-    some = valid[::4, ::4]
-    if not some.any():
-        return Normals(np.zeros((*z.shape, 3), np.float32), np.full(z.shape, np.inf), 3)
-    ratio = view.sigma[::4, ::4][some] / view.width(z[::4, ::4][some])
-    widths = np.sqrt(np.sqrt(12) * np.quantile(ratio, [0.25, 0.75]) / SLOPE_ERROR)
-    sizes = sorted({_odd(width) for width in (widths[0] / 1.6, *widths)})
-    normal = np.zeros((*z.shape, 3), np.float32)
-    error = np.full(z.shape, np.inf, np.float32)
-    far = np.where(valid, z, 0)
-    near = np.where(valid, z, np.float32(1e9))
-    # From narrow to wide: where no jump runs through it, the wider window counts.
+    blocks = _Blocks.of(view, valid)
+    normal = np.zeros((*blocks.count.shape, 3), np.float32)
+    error = np.full(blocks.count.shape, np.inf, np.float32)
+    known = blocks.count > 0
+    sizes = [NARROWEST]
+    if known.any():
+        ratio = (blocks.sigma / (2 * view.width(np.maximum(blocks.depth, 1e-9))))[known]
+        wide = np.sqrt(np.sqrt(12) / 2 * np.quantile(ratio[::4], [0.25, 0.75]) / SLOPE_ERROR)
+        sizes = sorted({_odd(x) for x in (wide[0] / 1.6, *wide)})
     for k, size in enumerate(sizes):
-        kernel = np.ones((size, size), np.uint8)
-        span = cv2.dilate(far, kernel) - cv2.erode(near, kernel)
-        smooth = span < 8 * view.sigma + 3 * size * view.width(z)
-        found, deviation = _windowed(view, valid, size)
-        is_better = np.isfinite(deviation) & valid & (smooth | (k == 0))
+        found, deviation, span = blocks.windowed(view, size)
+        smooth = span < 8 * blocks.sigma + 6 * size * view.width(blocks.depth)
+        better = np.isfinite(deviation) & known & (smooth if k else True)
         if k:
-            # No wider than the noise here asks for.
-            is_better &= error > SLOPE_ERROR
-        normal[is_better] = found[is_better]
-        error[is_better] = np.where(smooth, deviation, 0.5)[is_better]
-    return Normals(normal, error, sizes[-1])
+            # No wider than the noise asks for.
+            better &= error > SLOPE_ERROR
+        normal[better] = found[better]
+        error[better] = np.where(smooth, deviation, ROUGH)[better]
+    size = z.shape[::-1]
+    normal, error = (
+        cv2.resize(part, None, fx=2, fy=2, interpolation=cv2.INTER_NEAREST)[
+            : size[1], : size[0]
+        ]
+        for part in (normal, error)
+    )
+    error = np.where(valid, error, np.inf)
+    return Normals(normal, error, 2 * sizes[-1])
 
 
 def _odd(width: float) -> int:
-    return int(np.clip(2 * round((width - 1) / 2) + 1, 5, WIDEST))
+    return int(np.clip(2 * round((width - 1) / 2) + 1, NARROWEST, WIDEST))
 
 
-def _windowed(
-    view: View, valid: Bool[np.ndarray, "h w"], size: int
-) -> tuple[Float[np.ndarray, "h w 3"], Float[np.ndarray, "h w"]]:
-    """Normals by least squares over square windows, and their standard deviations."""
-    offset = (np.arange(size) - (size - 1) / 2).astype(np.float32)
-    one = np.ones(size, np.float32)
-    weight = valid.astype(np.float32)
-    q = np.where(valid, view.linear, 0).astype(np.float32)
+class _Blocks(NamedTuple):
+    """Sums over blocks of 2 x 2 pixels: moments add up, in the blocks' own columns."""
 
-    def moment(image, along_x, along_y):
-        return cv2.sepFilter2D(
-            image, cv2.CV_32F, along_x, along_y, borderType=cv2.BORDER_CONSTANT
+    count: Float[np.ndarray, "h w"]
+    u: Float[np.ndarray, "h w"]
+    v: Float[np.ndarray, "h w"]
+    q: Float[np.ndarray, "h w"]
+    uq: Float[np.ndarray, "h w"]
+    vq: Float[np.ndarray, "h w"]
+    uv: Float[np.ndarray, "h w"]
+    low: Float[np.ndarray, "h w"]
+    high: Float[np.ndarray, "h w"]
+    depth: Float[np.ndarray, "h w"]
+    sigma: Float[np.ndarray, "h w"]
+
+    @staticmethod
+    def of(view: View, valid: Bool[np.ndarray, "h w"]) -> "_Blocks":
+        w = _even(valid.astype(np.float32))
+        q = _even(np.where(valid, view.linear, 0).astype(np.float32))
+        z = _even(np.where(valid, view.depth, 0))
+        s = _even(np.where(valid, view.sigma, 0))
+        quarter = np.s_[::2, ::2], np.s_[::2, 1::2], np.s_[1::2, ::2], np.s_[1::2, 1::2]
+        a, b, c, d = (w[part] for part in quarter)
+        qa, qb, qc, qd = (q[part] for part in quarter)
+        depths = [z[part] for part in quarter]
+        count = a + b + c + d
+        some = np.maximum(count, 1)
+        high = np.maximum.reduce(depths)
+        low = np.minimum.reduce([np.where(part > 0, part, np.float32(1e9)) for part in depths])
+        return _Blocks(
+            count=count,
+            # A pixel is a quarter of a block beside its middle.
+            u=(b + d - a - c) / 4,
+            v=(c + d - a - b) / 4,
+            q=qa + qb + qc + qd,
+            uq=(qb + qd - qa - qc) / 4,
+            vq=(qc + qd - qa - qb) / 4,
+            uv=(a + d - b - c) / 16,
+            low=low,
+            high=high,
+            depth=sum(depths) / some,
+            sigma=sum(s[part] for part in quarter) / some,
         )
 
-    n = moment(weight, one, one)
-    su, sv = moment(weight, offset, one), moment(weight, one, offset)
-    suu, svv = moment(weight, offset**2, one), moment(weight, one, offset**2)
-    suv = moment(weight, offset, offset)
-    sq, squ, sqv = moment(q, one, one), moment(q, offset, one), moment(q, one, offset)
-    enough = valid & (n >= 0.3 * size * size)
-    n = np.where(enough, n, 1)
-    # Central moments: exact enough in single precision, since offsets are small.
-    cuu, cvv, cuv = suu - su * su / n, svv - sv * sv / n, suv - su * sv / n
-    cqu, cqv = squ - sq * su / n, sqv - sq * sv / n
-    det = cuu * cvv - cuv * cuv
-    enough &= det > 1e-3 * n * n
-    det = np.where(enough, det, 1)
-    qu, qv = (cqu * cvv - cqv * cuv) / det, (cqv * cuu - cqu * cuv) / det
-    mean = sq / n - qu * su / n - qv * sv / n
-    # Steps of the rays along columns and rows; of a lens they change, slowly.
-    xu, yu = _steps(view.x, 1), _steps(view.y, 1)
-    xv, yv = _steps(view.x, 0), _steps(view.y, 0)
-    turn = xu * yv - xv * yu
-    turn = np.where(turn != 0, turn, 1)
-    qx, qy = (qu * yv - qv * yu) / turn, (qv * xu - qu * xv) / turn
-    if view.is_central:
-        # The plane is qx x + qy y + q0 = 1 / z, its normal (qx, qy, q0).
-        vector = np.stack([qx, qy, mean - qx * view.x - qy * view.y], axis=-1)
-        vector *= -1
-    else:
-        vector = np.stack([qx, qy, -np.ones_like(qx)], axis=-1)
-    length = np.sqrt((vector**2).sum(axis=-1, keepdims=True))
-    normal = vector / np.where(length > 0, length, 1)
-    facing = -(normal * view.views()).sum(axis=-1)
-    normal *= np.where(facing < 0, -1, 1)[..., None]
-    # A slope of the depth over its footprint is the tangent of the normal's angle.
-    spread = np.sqrt(np.maximum(cuu + cvv, 1e-6) / det / 2)
-    error = view.sigma / view.width(np.maximum(view.depth, 1e-3)) * spread
-    return normal, np.where(enough, error * facing**2, np.inf)
+    def windowed(
+        self, view: View, size: int
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Normals by least squares over windows of blocks.
+
+        Returns:
+            Normals, their standard deviations, and how far depth reaches in a window.
+        """
+        offset = (np.arange(size) - (size - 1) / 2).astype(np.float32)
+        one = np.ones(size, np.float32)
+
+        def total(image, along_u=one, along_v=one):
+            return cv2.sepFilter2D(
+                image, cv2.CV_32F, along_u, along_v, borderType=cv2.BORDER_CONSTANT
+            )
+
+        n = total(self.count)
+        su = total(self.count, offset) + total(self.u)
+        sv = total(self.count, one, offset) + total(self.v)
+        sixteenth = total(self.count) / 16
+        suu = total(self.count, offset**2) + 2 * total(self.u, offset) + sixteenth
+        svv = total(self.count, one, offset**2) + 2 * total(self.v, one, offset) + sixteenth
+        suv = (
+            total(self.count, offset, offset)
+            + total(self.v, offset)
+            + total(self.u, one, offset)
+            + total(self.uv)
+        )
+        sq = total(self.q)
+        squ = total(self.q, offset) + total(self.uq)
+        sqv = total(self.q, one, offset) + total(self.vq)
+        enough = (self.count > 0) & (n >= LEAST_KNOWN * 4 * size * size)
+        n = np.where(enough, n, 1)
+        # Central moments: exact enough in single precision, since offsets are small.
+        cuu, cvv, cuv = suu - su * su / n, svv - sv * sv / n, suv - su * sv / n
+        cqu, cqv = squ - sq * su / n, sqv - sq * sv / n
+        det = cuu * cvv - cuv * cuv
+        enough &= det > 1e-3 * n * n
+        det = np.where(enough, det, 1)
+        qu, qv = (cqu * cvv - cqv * cuv) / det, (cqv * cuu - cqu * cuv) / det
+        mean = sq / n - qu * su / n - qv * sv / n
+        x, y = _middles(view.x), _middles(view.y)
+        # Steps of the rays along columns and rows; of a lens they change, slowly.
+        xu, yu = np.gradient(x, axis=1), np.gradient(y, axis=1)
+        xv, yv = np.gradient(x, axis=0), np.gradient(y, axis=0)
+        turn = xu * yv - xv * yu
+        turn = np.where(turn != 0, turn, 1)
+        qx, qy = (qu * yv - qv * yu) / turn, (qv * xu - qu * xv) / turn
+        if view.is_central:
+            # The plane is qx x + qy y + q0 = 1 / z, its normal (qx, qy, q0).
+            vector = np.stack([-qx, -qy, qx * x + qy * y - mean], axis=-1)
+            toward = np.stack([x, y, np.ones_like(x)], axis=-1)
+            toward /= np.sqrt(x * x + y * y + 1)[..., None]
+            facing = -(vector * toward).sum(axis=-1)
+        else:
+            vector = np.stack([qx, qy, -np.ones_like(qx)], axis=-1)
+            facing = np.ones_like(qx)
+        length = np.sqrt((vector**2).sum(axis=-1))
+        length = np.where(length > 0, length, 1)
+        facing /= length
+        normal = vector / (length * np.where(facing < 0, -1, 1))[..., None]
+        # A slope of the depth over its footprint is the tangent of the normal's angle.
+        spread = np.sqrt(np.maximum(cuu + cvv, 1e-6) / det / 2)
+        step = 2 * view.width(np.maximum(self.depth, 1e-9))
+        deviation = np.where(enough, self.sigma / step * spread * facing**2, np.inf)
+        kernel = np.ones((size, size), np.uint8)
+        span = cv2.dilate(self.high, kernel) - cv2.erode(self.low, kernel)
+        return normal, deviation, span
 
 
-def _steps(field: Float[np.ndarray, "h w"], axis: int) -> Float[np.ndarray, "h w"]:
-    return np.gradient(field, axis=axis)
+def _even(image: np.ndarray) -> np.ndarray:
+    """With an even number of rows and columns."""
+    height, width = image.shape
+    return np.pad(image, ((0, height % 2), (0, width % 2)))
+
+
+def _middles(field: Float[np.ndarray, "h w"]) -> Float[np.ndarray, "h2 w2"]:
+    """Of blocks of 2 x 2, those that reach past the border included."""
+    height, width = field.shape
+    even = np.pad(field, ((0, height % 2), (0, width % 2)), mode="edge")
+    return cv2.resize(
+        even, (even.shape[1] // 2, even.shape[0] // 2), interpolation=cv2.INTER_AREA
+    )

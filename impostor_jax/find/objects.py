@@ -1,6 +1,6 @@
 """What is left of a depth image without its planes, cut where depth jumps."""
 
-__all__ = ["objects_of"]
+__all__ = ["creases", "numbered", "objects_of"]
 
 import cv2
 import numpy as np
@@ -17,7 +17,11 @@ def objects_of(view: View, valid: Bool[np.ndarray, "h w"], noise: float, fewest:
     for near, far in ((np.s_[:-1, :], np.s_[1:, :]), (np.s_[:, :-1], np.s_[:, 1:])):
         behind[far] |= z[far] > farthest[near]
         behind[near] |= z[near] > farthest[far]
-    inside = valid & ~behind
+    return numbered(valid & ~behind, fewest)
+
+
+def numbered(inside, fewest):
+    """Number the parts that hang together, the largest first; 0 elsewhere."""
     count, labels = cv2.connectedComponents(inside.view(np.uint8), connectivity=4)
     sizes = np.bincount(labels.ravel(), minlength=count)
     sizes[0] = 0
@@ -26,3 +30,20 @@ def objects_of(view: View, valid: Bool[np.ndarray, "h w"], noise: float, fewest:
     number = np.zeros(count, int)
     number[order] = np.arange(1, len(order) + 1)
     return number[labels]
+
+
+def creases(view, normals):
+    """Where two convex things touch: normals lean towards each other."""
+    k = (normals.window + 1) // 2
+    n, p = normals.normal, view.points
+    known = np.isfinite(normals.error)
+    found = np.zeros(known.shape, bool)
+    for near, far, middle in (
+        (np.s_[:, : -2 * k], np.s_[:, 2 * k :], np.s_[:, k:-k]),
+        (np.s_[: -2 * k], np.s_[2 * k :], np.s_[k:-k]),
+    ):
+        turn, step = n[far] - n[near], p[far] - p[near]
+        length = np.sqrt((step**2).sum(-1))
+        inward = (turn * step).sum(-1) < -0.35 * length
+        found[middle] |= inward & known[near] & known[far] & (length < 12 * k * view.width(view.depth[middle]))
+    return found

@@ -1,66 +1,145 @@
-"""Patches of objects, at several scales."""
-__all__ = ["patches_of"]
+"""Patches of objects at several scales, for proposals."""
+
+__all__ = ["Part", "patches_of", "proposed", "spread"]
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import jax
 import numpy as np
-from impostor_jax.find.walls import POINTS, WIDE, Patches
+from jaxtyping import Float, Int
 
-GOLDEN = (np.sqrt(5) - 1) / 2
+from impostor_jax.find.normals import Normals
+from impostor_jax.find.view import View
+from impostor_jax.find.walls import BATCH, POINTS, WIDE, Cloud, Patches, Proposed, propose
 
-
-def spread(count, most):
-    """Evenly spread places among `count`, `most` of them, some several times."""
-    return (np.sort(np.arange(most) * GOLDEN % 1) * count).astype(int)
-
-
-def patches_of(view, normals, objects, fewest, levels=(1, 4, 9, 16)):
-    """Patches of each object: list of (object, index arrays)."""
-    made, owner = [], []
-    h, w = view.depth.shape
-    for number, pixels in objects:
-        count = len(pixels)
-        row, col = np.divmod(pixels, w)
-        wide = pixels[spread(count, WIDE)]
-        for level in levels:
-            if level > 1 and count < level * fewest / 2:
-                break
-            if level == 1:
-                made.append((pixels[spread(count, POINTS)], wide)); owner.append(number)
-                continue
-            # Seeds: the middle of blocks along the pixels' principal directions.
-            seeds = _seeds(row, col, level)
-            for s in seeds:
-                d = (row - row[s]) ** 2 + (col - col[s]) ** 2
-                k = min(count - 1, max(int(1.2 * count / level), fewest // 3))
-                near = np.flatnonzero(d <= np.partition(d, k)[k])
-                made.append((pixels[near[spread(len(near), POINTS)]], wide)); owner.append(number)
-    return made, np.array(owner, int)
+SEEDS = 512
+"""Pixels of an object among which patches begin."""
 
 
-def _seeds(row, col, level):
-    """Farthest-point seeds."""
-    index = spread(len(row), min(len(row), 512))
-    r, c = row[index].astype(float), col[index].astype(float)
-    first = np.argmin((r - r.mean()) ** 2 + (c - c.mean()) ** 2)
-    chosen = [first]
-    d = (r - r[first]) ** 2 + (c - c[first]) ** 2
-    for _ in range(level - 1):
-        k = int(np.argmax(d)); chosen.append(k)
-        d = np.minimum(d, (r - r[k]) ** 2 + (c - c[k]) ** 2)
-    # Lloyd, twice.
-    centers = np.stack([r[chosen], c[chosen]], 1)
+class Part(NamedTuple):
+    """An object, or what creases cut it into.
+
+    Attributes:
+        pixels: Flat indices.
+        levels: Numbers of patches that it is cut into, one scale after the other.
+    """
+
+    pixels: Int[np.ndarray, " n"]
+    levels: tuple[int, ...]
+
+
+def spread(count: int, most: int) -> Int[np.ndarray, " m"]:
+    """Places among `count`, even by the golden section; of few, some several times."""
+    golden = np.sort(np.arange(most) * ((np.sqrt(5) - 1) / 2) % 1)
+    return (golden * count).astype(int)
+
+
+def proposed(
+    view: View,
+    normals: Normals,
+    noise: float,
+    parts: Sequence[Part],
+    limits: tuple[float, float],
+    fewest: int,
+) -> list[Proposed]:
+    """Walls of each part's patches, (patches, walls of each).
+
+    Args:
+        view: What is searched.
+        normals: Of it.
+        noise: Factor of its sigma.
+        parts: What is looked at.
+        limits: Of the radius, in meters.
+        fewest: Pixels of the smallest patches, about.
+    """
+    made = [patches_of(part, view.depth.shape[1], fewest) for part in parts]
+    owner = np.repeat(np.arange(len(made)), [len(some) for some in made])
+    flat = [pair for some in made for pair in some]
+    if not flat:
+        return []
+    own, wide = (np.array(part) for part in zip(*flat, strict=True))
+    log_limits = np.log(np.array(limits)).astype(np.float32)
+    # At 60 degrees, where the square of the tangent is 3.
+    grazing = np.float32((view.grazing[6] ** 2 - 1) / 3)
+    found: list[Proposed] = []
+    for first in range(0, len(flat), BATCH):
+        some = np.resize(np.arange(first, min(first + BATCH, len(flat))), BATCH)
+        patches = _gathered(view, normals, noise, own[some], wide[some])
+        found.append(jax.tree.map(np.asarray, propose(patches, grazing, log_limits)))
+    everything: Any = jax.tree.map(lambda *x: np.concatenate(x)[: len(flat)], *found)
+    return [
+        jax.tree.map(lambda x, k=k: x[owner == k], everything) for k in range(len(made))
+    ]
+
+
+def _gathered(
+    view: View,
+    normals: Normals,
+    noise: float,
+    own: Int[np.ndarray, "b n"],
+    wide: Int[np.ndarray, "b m"],
+) -> Patches:
+    def picked(field: Float[np.ndarray, "h w ..."], index: Any) -> np.ndarray:
+        return field.reshape(-1, *field.shape[2:])[index].astype(np.float32)
+
+    def cloud(index: Any) -> Cloud:
+        return Cloud(
+            points=picked(view.points, index),
+            views=picked(view.views, index),
+            sigma=noise * picked(view.sigma, index),
+            width=view.width(picked(view.depth, index)),
+        )
+
+    return Patches(
+        own=cloud(own),
+        normals=picked(normals.normal, own),
+        error=picked(normals.error, own),
+        wide=cloud(wide),
+    )
+
+
+def patches_of(
+    part: Part, columns: int, fewest: int
+) -> list[tuple[Int[np.ndarray, " n"], Int[np.ndarray, " m"]]]:
+    """Pixels of each patch, and of all of it.
+
+    Args:
+        part: What is cut into patches, which overlap a little.
+        columns: Of the image.
+        fewest: Pixels of the smallest, about.
+    """
+    row, col = np.divmod(part.pixels, columns)
+    count = len(part.pixels)
+    wide = part.pixels[spread(count, WIDE)]
+    made = [(part.pixels[spread(count, POINTS)], wide)]
+    for level in part.levels:
+        if count < level * fewest:
+            break
+        most = int(1.2 * count / level)
+        for seed in _seeds(row, col, level):
+            away = (row - row[seed]) ** 2 + (col - col[seed]) ** 2
+            near = np.flatnonzero(away <= np.partition(away, most)[most])
+            made.append((part.pixels[near[spread(len(near), POINTS)]], wide))
+    return made
+
+
+def _seeds(
+    row: Int[np.ndarray, " n"], col: Int[np.ndarray, " n"], count: int
+) -> Int[np.ndarray, " k"]:
+    """Pixels in the middle of parts of about one size: k-means from far apart."""
+    some = spread(len(row), min(len(row), SEEDS))
+    place = np.stack([row[some], col[some]], axis=1).astype(float)
+    centers = [place.mean(axis=0)]
+    away = np.full(len(place), np.inf)
+    for _ in range(count):
+        away = np.minimum(away, ((place - centers[-1]) ** 2).sum(axis=1))
+        centers.append(place[np.argmax(away)])
+    middle = np.array(centers[1:])
     for _ in range(3):
-        near = np.argmin((r[:, None] - centers[:, 0]) ** 2 + (c[:, None] - centers[:, 1]) ** 2, axis=1)
-        for k in range(level):
-            some = near == k
-            if some.any():
-                centers[k] = r[some].mean(), c[some].mean()
-    best = np.argmin((r[:, None] - centers[:, 0]) ** 2 + (c[:, None] - centers[:, 1]) ** 2, axis=0)
-    return index[best]
-
-
-def gathered(view, normals, noise, made):
-    own = np.array([m[0] for m in made]); wide = np.array([m[1] for m in made])
-    flat = lambda x: x.reshape(-1, *x.shape[2:])
-    pts = flat(view.points()); vws = flat(view.views())
-    sg = (view.sigma * noise).ravel(); wd = view.width(view.depth).ravel().astype(np.float32)
-    return Patches(pts[own], vws[own], sg[own], wd[own], flat(normals.normal)[own].astype(np.float32), normals.error.ravel()[own],
-                   pts[wide], vws[wide], sg[wide], wd[wide])
+        distance = ((place[:, None] - middle) ** 2).sum(axis=-1)
+        nearest = distance.argmin(axis=1)
+        for k in range(count):
+            if np.any(nearest == k):
+                middle[k] = place[nearest == k].mean(axis=0)
+    return some[((place[:, None] - middle) ** 2).sum(axis=-1).argmin(axis=0)]

@@ -1,190 +1,288 @@
-"""The search: propose, examine, take the best, again."""
-import time
-import numpy as np
-import jax
+"""The search: propose walls, weigh them, fit the likeliest, take its pixels, go on."""
+
+__all__ = ["Detection", "Request", "Searched", "search"]
+
+import dataclasses
+import itertools
+from typing import Any, NamedTuple
+
 import cv2
-from impostor_jax.find.view import view_of
-from impostor_jax.find.normals import normals_of, stray
-from impostor_jax.find.planes import planes_of
-from impostor_jax.find.objects import objects_of
-from impostor_jax.find.patches import patches_of, gathered, spread
-from impostor_jax.find.walls import propose, BATCH
-from impostor_jax.find.evidence import examine, Candidate, deformation, shown
-import impostor_jax as ij
-from impostor_jax.find.judge import WEIGHTS, confidence, features
+import numpy as np
+from jaxtyping import Bool, Float, Int
 
-CLOCK = {}
-TRACE = []
-SURE = 0.1
-class clock:
-    def __init__(self, name): self.name = name
-    def __enter__(self): self.t = time.perf_counter()
-    def __exit__(self, *a): CLOCK[self.name] = CLOCK.get(self.name, 0) + time.perf_counter() - self.t
+from impostor_jax.find.caps import Caps, caps_of
+from impostor_jax.find.confidence import confidence, facts_of
+from impostor_jax.find.deformation import Deformation, deformation
+from impostor_jax.find.evidence import Candidate, Evidence, Scene, shown, weighed
+from impostor_jax.find.fitting import Fitter
+from impostor_jax.find.normals import Normals, normals_of, stray
+from impostor_jax.find.objects import creases, objects_of, numbered
+from impostor_jax.find.patches import Part, proposed
+from impostor_jax.find.planes import PlaneRegions, planes_of
+from impostor_jax.find.view import View
+from impostor_jax.fit.result import Fit
+
+MOST_TURNS = 3
+"""How often the rest of the image is looked at again."""
+
+LEVELS = (4, 9)
+"""Numbers of patches that an object is cut into."""
+
+KEPT = 5
+"""Walls of an object that are weighed."""
+
+LEAST_CHANCE = 0.03
+"""Of being right, as far as it is known without a fit, of what is fitted."""
+
+LEAST_SURE = 0.02
+"""Confidence of what is found."""
 
 
-def proposals(view, normals, noise, objs, fewest, limits, levels, keep):
-    made, owner = patches_of(view, normals, objs, fewest, levels)
-    if not made:
-        return []
-    g = gathered(view, normals, noise, made)
-    out = []
-    for b in range(0, len(made), BATCH):
-        part = jax.tree.map(lambda x: np.asarray(np.resize(x[b:b+BATCH], (BATCH, *x.shape[1:])), np.float32), g)
-        out.append(jax.tree.map(np.asarray, propose(part, view.grazing, limits)))
-    walls, sides, best, wide = jax.tree.map(lambda *x: np.concatenate(x)[:len(made)], *out)
-    sizes = {k: len(p) for k, p in objs}
-    found = []
-    for number, _ in objs:
-        rows = np.flatnonzero(owner == number)
-        some = [(wide[i, k] * sizes[number], i, k) for i in rows for k in range(best.shape[1])]
-        some.sort(key=lambda x: -x[0])
-        kept = []
-        for score, i, k in some:
-            if not np.isfinite(score) or score < fewest / 3:
+@dataclasses.dataclass(frozen=True)
+class Request:
+    """What is looked for.
+
+    Attributes:
+        min_pixels: Fewest pixels of a cylinder, in the image.
+        min_arc: Smallest angle around its axis that is seen of it, in radians.
+        radius_range: Smallest and largest radius, in meters.
+    """
+
+    min_pixels: int
+    min_arc: float
+    radius_range: tuple[float, float]
+
+
+class Entry(NamedTuple):
+    """A candidate with all that is known of it before a fit."""
+
+    evidence: Evidence
+    caps: Caps
+    shape: Deformation | None
+    chance: float
+    turn: int
+
+    @property
+    def gain(self) -> float:
+        """Pixels that speak for it less those against it, times its chance."""
+        evidence = self.evidence
+        against = 2 * evidence.behind + evidence.other
+        return self.chance * (evidence.explained + len(self.caps.index) - against)
+
+
+class Detection(NamedTuple):
+    """A cylinder that was found.
+
+    Attributes:
+        fit: Of it.
+        entry: What speaks for it.
+        facts: Those that its confidence is made of.
+        mask: Pixels of the view that show it.
+        confidence: Probability that it is there.
+    """
+
+    fit: Fit
+    entry: Entry
+    facts: Float[np.ndarray, " f"]
+    mask: Bool[np.ndarray, "h w"]
+    confidence: float
+
+
+class Searched(NamedTuple):
+    """What was found, and the planes that were taken away before."""
+
+    detections: list[Detection]
+    planes: PlaneRegions
+
+
+def search(view: View, request: Request, fitter: Fitter) -> Searched:
+    """Search a view.
+
+    Args:
+        view: Of the image.
+        request: What is looked for.
+        fitter: Fits what is likely.
+    """
+    usable = view.valid & ~stray(view)
+    normals = normals_of(view, usable)
+    planes = planes_of(view, usable)
+    state = _Search(view, request, fitter, usable, normals, planes)
+    for _ in range(MOST_TURNS):
+        if not state.took_another():
+            break
+    return Searched(state.detections, planes)
+
+
+class _Search:
+    """The state of a search: what is free, and what was found."""
+
+    def __init__(
+        self,
+        view: View,
+        request: Request,
+        fitter: Fitter,
+        usable: Bool[np.ndarray, "h w"],
+        normals: Normals,
+        planes: PlaneRegions,
+    ):
+        self.view, self.request, self.fitter = view, request, fitter
+        self.usable, self.normals, self.planes = usable, normals, planes
+        self.fewest = max(20, request.min_pixels // view.stride**2)
+        self.free = usable & (planes.labels == 0)
+        self.crease = creases(view, normals)
+        self.detections: list[Detection] = []
+        self.looked_at: set[tuple[int, int]] = set()
+        self.refused: list[Candidate] = []
+        self.turn = 0
+        self.trace: list[Any] = []
+
+    def scene(self) -> Scene:
+        """What candidates are compared with now."""
+        return Scene.of(
+            self.view, self.normals, self.planes.noise, self.usable, self.free,
+            self.planes.labels > 0,
+        )  # fmt: skip
+
+    def took_another(self) -> bool:
+        """Go once through what is free; whether anything was found."""
+        before = len(self.detections)
+        parts = self._parts()
+        walls = [*self._proposals(parts), *self._guesses(parts)]
+        scene = self.scene()
+        entries = [self._entry(scene, wall) for wall in walls]
+        queue = [entry for entry in entries if entry is not None]
+        while queue:
+            best = queue.pop(int(np.argmax([entry.gain for entry in queue])))
+            if best.gain <= 0 or best.chance < LEAST_CHANCE:
                 break
-            cand = Candidate(walls.center[i, k].astype(float), walls.axis[i, k].astype(float), float(np.exp(walls.log_radius[i, k])), float(sides[i, k]))
-            if any(alike(cand, other) for other in kept):
+            if best.turn < self.turn:
+                # Something has taken pixels since.
+                again = self._entry(scene, best.evidence.wall)
+                if again is not None:
+                    queue.append(again)
                 continue
-            kept.append(cand)
-            if len(kept) == keep:
-                break
-        found += kept
-    return found
-
-
-def guesses(view, depth, camera, sensor, labels, objs, radius_range, known):
-    from impostor_jax.fit.fittable import CYLINDER
-    from impostor_jax.fit.regions import typical_sigma
-    if view.stride > 1 or not view.is_central:
-        return []
-    found = []
-    for number, pixels in objs:
-        region = labels == number
-        for body in CYLINDER.guesses(depth, region, camera, typical_sigma(depth, region, sensor))[:6]:
-            r = float(body.radius)
-            if not radius_range[0] < r < radius_range[1]:
+            if self._known(best.evidence.wall):
                 continue
-            center, axis = np.asarray(body.center, float), np.asarray(body.axis, float)
-            near = np.linalg.norm(center - (center @ axis) * axis) < r
-            cand = Candidate(center, axis, r, -1.0 if near else 1.0)
-            if not any(alike(cand, other) for other in [*known, *found]):
-                found.append(cand)
-    return found
+            if self._fitted(scene, best):
+                self.turn += 1
+                scene = self.scene()
+            else:
+                self.refused.append(best.evidence.wall)
+        return len(self.detections) > before
+
+    def _parts(self) -> list[Part]:
+        """Objects, and what creases cut them into, that have not been looked at."""
+        noise, half = self.planes.noise, self.fewest // 2
+        labels = objects_of(self.view, self.free, noise, half)
+        wholes = _pixels_of(labels)
+        pieces = _pixels_of(numbered((labels > 0) & ~self.crease, half))
+        flat = labels.ravel()
+        parts = [Part(pixels, LEVELS) for pixels in wholes]
+        parts += [
+            Part(pixels, LEVELS[:1])
+            for pixels in pieces
+            if len(pixels) < 0.9 * len(wholes[flat[pixels[0]] - 1])
+        ]
+        # Nothing has changed where pixels and place of a part are the same.
+        new = [p for p in parts if (p.pixels[0], len(p.pixels)) not in self.looked_at]
+        self.looked_at |= {(p.pixels[0], len(p.pixels)) for p in new}
+        return new
+
+    def _proposals(self, parts: list[Part]) -> list[Candidate]:
+        """The best walls of each part's patches."""
+        found: list[Candidate] = []
+        all_walls = proposed(
+            self.view, self.normals, self.planes.noise, parts,
+            self.request.radius_range, self.fewest // 3,
+        )  # fmt: skip
+        for part, some in zip(parts, all_walls, strict=True):
+            score = some.score.ravel() * len(part.pixels)
+            fields = [x.reshape(len(score), -1) for x in some.wall]
+            kept: list[Candidate] = []
+            for k in np.argsort(-score, kind="stable"):
+                if len(kept) == KEPT or not score[k] >= self.fewest / 3:
+                    break
+                center, axis, log_radius, side = (x[k].astype(float) for x in fields)
+                wall = Candidate(center, axis, float(np.exp(log_radius[0])), float(side[0]))
+                if not any(alike(wall, other) for other in [*kept, *found]):
+                    kept.append(wall)
+            found += kept
+        return found
+
+    def _guesses(self, parts: list[Part]) -> list[Candidate]:
+        """First guesses of fits, which know caps that are seen end on."""
+        low, high = self.request.radius_range
+        found = []
+        for part in parts:
+            region = np.zeros(self.view.depth.shape, bool)
+            region.ravel()[part.pixels] = True
+            guesses = self.fitter.guesses(self.view, region)
+            found += [wall for wall in guesses if low < wall.radius < high]
+        return found
+
+    def _entry(self, scene: Scene, wall: Candidate) -> Entry | None:
+        """All that is known of a candidate; None where too little speaks for it."""
+        evidence = weighed(scene, wall)
+        if evidence is None:
+            return None
+        caps = caps_of(scene, evidence)
+        seen = evidence.explained + len(caps.index)
+        if seen < self.fewest / 2 or max(evidence.arc, caps.rim) < self.request.min_arc:
+            return None
+        if evidence.misfit > 3 or evidence.explained < evidence.behind + evidence.other:
+            return None
+        shape = deformation(scene, evidence)
+        if shape is None and caps.rim < np.pi / 2:
+            return None
+        if shape is not None and np.any(np.abs(shape.value) > 0.3 + 3 * shape.deviation):
+            return None
+        chance = confidence(facts_of(evidence, caps, shape, None))
+        return Entry(evidence, caps, shape, chance, self.turn)
+
+    def _known(self, wall: Candidate) -> bool:
+        found = (detection.entry.evidence.wall for detection in self.detections)
+        return any(alike(wall, other) for other in itertools.chain(found, self.refused))
+
+    def _fitted(self, scene: Scene, entry: Entry) -> bool:
+        """Fit a candidate, and keep it if it is sure enough."""
+        mask = self._mask(scene, entry)
+        fit = self.fitter.fit(mask, entry.evidence)
+        if not bool(fit.success):
+            return False
+        final = self._entry(scene, self.fitter.wall_of(fit, entry.evidence.wall.side))
+        if final is None or self._known(final.evidence.wall):
+            return False
+        facts = facts_of(final.evidence, final.caps, final.shape, fit)
+        sure = confidence(facts)
+        if sure < LEAST_SURE:
+            return False
+        mask = self._mask(scene, final)
+        self.detections.append(Detection(fit, final, facts, mask, sure))
+        taken = cv2.dilate(mask.view(np.uint8), np.ones((3, 3), np.uint8)) > 0
+        self.free = self.free & ~taken
+        return True
+
+    def _mask(self, scene: Scene, entry: Entry) -> Bool[np.ndarray, "h w"]:
+        own = self.free | (self.view.valid & ~self.usable)
+        mask = shown(scene, entry.evidence, own, self.fitter.mixes)
+        mask.ravel()[entry.caps.index] = True
+        return mask
 
 
-def alike(one, other):
+def alike(one: Candidate, other: Candidate) -> bool:
+    """Whether two walls are so near that they lead to the same fit."""
     if one.side != other.side or abs(np.log(one.radius / other.radius)) > 0.15:
         return False
     if abs(one.axis @ other.axis) < np.cos(np.radians(8)):
         return False
-    # At the nearer of the two middles.
-    d = other.center - one.center
-    d = d - (d @ one.axis) * one.axis
-    return np.linalg.norm(d) < 0.2 * one.radius
+    off = other.center - one.center
+    off = off - (off @ one.axis) * one.axis
+    return bool(np.linalg.norm(off) < 0.2 * one.radius)
 
 
-def search(depth, camera, sensor, min_pixels=150, min_arc=50., radius_range=(0.003, 1.0)):
-    CLOCK.clear()
-    TRACE.clear()
-    with clock("view"):
-        view = view_of(depth, camera, sensor)
-        usable = view.valid & ~stray(view)
-    with clock("normals"):
-        normals = normals_of(view, usable)
-    with clock("planes"):
-        planes = planes_of(view, usable)
-    noise = planes.noise
-    free = usable & (planes.labels == 0)
-    limits = np.log(np.array(radius_range)).astype(np.float32)
-    found, dead = [], np.zeros(free.shape, bool)
-    for turn in range(3):
-        with clock("objects"):
-            labels = objects_of(view, free & ~dead, noise, min_pixels // 2)
-            flat = labels.ravel()
-            order = np.argsort(flat, kind="stable")
-            cut = np.searchsorted(flat[order], np.arange(labels.max() + 2))
-            objs = [(k, np.sort(order[cut[k]:cut[k+1]])) for k in range(1, labels.max() + 1)]
-        if not objs:
-            break
-        with clock("propose"):
-            cands = proposals(view, normals, noise, objs, min_pixels, limits, (1, 4, 9), 5)
-        with clock("guess"):
-            cands += guesses(view, depth, camera, sensor, labels, objs, radius_range, cands)
-        def look(c):
-            pool = np.flatnonzero(free)
-            if not len(pool):
-                return None
-            pool = pool[spread(len(pool), 8192)]
-            return examine(view, normals, noise, c, free, usable, planes.labels, pool)
-        TRACE.extend(("proposed", turn, c) for c in cands)
-        with clock("examine"):
-            seen = [look(c) for c in cands]
-        seen = [e for e in seen if e is not None and e.explained + e.cap >= min_pixels / 2 and e.gain > 0]
-        TRACE.extend(("seen", turn, e.wall) for e in seen)
-        got = False
-        while seen:
-            k = int(np.argmax([e.gain for e in seen]))
-            e = seen.pop(k)
-            with clock("deform"):
-                if refuted(e, deformation(view, noise, e.wall, e.ends, e.region)):
-                    TRACE.append(("refuted", turn, e.wall))
-                    continue
-            with clock("fit"):
-                fit = refit(view, depth, camera, sensor, e, noise, free | (view.valid & ~usable))
-            ok = bool(fit.success)
-            final = None
-            if ok:
-                wall = wall_of(fit, camera, e.wall.side)
-                with clock("examine"):
-                    final = look(wall)
-                if final is not None and (final.explained + final.cap < min_pixels / 2):
-                    final = None
-            TRACE.append(("fit " + str(fit.status) + ("" if final is None else f" gain {final.gain:.0f} of {e.gain:.0f}"), turn, e.wall))
-            p = 0.0
-            if final is not None:
-                d = deformation(view, noise, final.wall, final.ends, final.region)
-                p = confidence(features(final, d, fit)) if WEIGHTS is not None else 1.0
-                TRACE.append((f"judged {p:.2f}", turn, final.wall))
-            if p >= SURE and not any(alike(final.wall, other[1].wall) for other in found):
-                found.append((fit, final, d))
-                region = final.region
-                grown = cv2.dilate(region.view(np.uint8), np.ones((3, 3), np.uint8)) > 0
-                free = free & ~grown
-                got = True
-                with clock("examine"):
-                    again = [x if not (x.region & region).any() else look(x.wall) for x in seen]
-                seen = [x for x in again if x is not None and x.explained + x.cap >= min_pixels / 2 and x.gain > 0]
-            else:
-                # Nothing that begins like this leads anywhere.
-                seen = [x for x in seen if not alike(x.wall, e.wall)]
-        if not got:
-            break
-    return view, normals, planes, found
-
-
-def refuted(e, d):
-    if e.chi > 3 or e.fill < 0.6 or max(e.arc, e.rim) < 30:
-        return True
-    if d is None:
-        return e.rim < 90
-    sol, dev, _ = d
-    return bool(np.any(np.abs(sol[5:]) - 3 * dev[5:] > 0.3))
-
-
-def wall_of(fit, camera, side):
-    c = fit.cylinder
-    move = camera.camera_from_world
-    center, axis = np.asarray(c.center, float), np.asarray(c.axis, float)
-    if move is not None:
-        center, axis = np.asarray(move.apply(center)), np.asarray(move.rotate(axis))
-    return Candidate(center, axis, float(c.radius), side)
-
-
-def refit(view, depth, camera, sensor, e, noise, free):
-    c, a, r, side = e.wall
-    lo, hi = e.ends
-    center = c + (lo + hi) / 2 * a
-    initial = ij.Cylinder(center=center, axis=a, radius=r, height=max(hi - lo, 1e-4) * 1.02)
-    reach = sensor.edge_reach
-    mask = shown(view, noise, e.wall, e.ends, free, e.caps, not isinstance(reach, int) or reach > 0)
-    return ij.fit_cylinder(depth, camera, mask, sensor, initial)
+def _pixels_of(labels: Int[np.ndarray, "h w"]) -> list[Int[np.ndarray, " n"]]:
+    """Flat indices of the pixels of each label from 1."""
+    flat = labels.ravel()
+    order = np.argsort(flat, kind="stable")
+    bounds = np.searchsorted(flat[order], np.arange(1, flat.max(initial=0) + 2))
+    return [order[a:b] for a, b in itertools.pairwise(bounds)]

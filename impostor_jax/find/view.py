@@ -1,40 +1,47 @@
-"""A depth image as the search sees it: readings, rays and noise, reduced to a size.
+"""A depth image as the search sees it: readings, rays and their noise.
 
-What is searched has at most as many pixels as a search is worth; the fits that follow
-take all of them. Of a camera with a center the inverse depth of a plane is linear in
-the rays, of an orthographic one the depth; `linear` is the one that is.
+What is searched has a bounded number of pixels, of a large image every n-th row and
+column; the fits that follow take all of them. Of a camera with a center the inverse
+depth of a plane is linear in the rays, of an orthographic one the depth: `linear` is
+the one that is.
 """
 
 __all__ = ["View", "view_of"]
 
-import functools
-import json
-from typing import Any, NamedTuple
+import dataclasses
+from functools import cached_property
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Array, Bool, Float
 
 from impostor_jax.camera.base import AbstractCamera
 from impostor_jax.sensor.base import AbstractDepthNoise
 
-MOST_PIXELS = 340_000
-"""Of a view: every n-th row and column of a larger image is searched."""
+INCIDENCES = np.radians(np.arange(0, 90, 10)).astype(np.float32)
+"""Angles at which `View.grazing` is known, in radians."""
+
+Box = tuple[slice, slice]
+Index = Any
+"""Of pixels: boxes, masks or indices."""
 
 
-class View(NamedTuple):
-    """What is searched, all of one shape (h, w) unless it says otherwise.
+@dataclasses.dataclass(frozen=True)
+class View:
+    """What is searched.
 
     Attributes:
         depth: In meters; 0 where there is no reading.
-        x: Of the ray's direction at z = 1, or of its origin where rays are parallel.
+        x: Of each ray's direction at z = 1, or of its origin where rays are parallel.
         y: Likewise.
-        is_central: Whether rays meet in the origin.
-        sigma: Standard deviation of a reading of a surface seen face on, in meters.
-        grazing: Factor of `sigma` at incidences of 0, 10, ..., 80 degrees, (9,).
-        footprint: Distance of neighboring rays over the depth, or that of parallel
-            rays, in meters.
+        is_central: Whether the rays meet in the origin.
+        sigma: Standard deviation of each reading if its surface were seen face on, in
+            meters; 0 where there is none.
+        grazing: Factor of `sigma` at each of `INCIDENCES`.
+        footprint: Distance of neighboring rays over the depth; in meters where rays are
+            parallel.
         stride: Every n-th row and column of the image is here.
     """
 
@@ -47,51 +54,92 @@ class View(NamedTuple):
     footprint: float
     stride: int
 
-    @property
+    @cached_property
     def valid(self) -> Bool[np.ndarray, "h w"]:
         """Where there is a reading."""
         return self.depth > 0
 
-    @property
+    @cached_property
     def linear(self) -> Float[np.ndarray, "h w"]:
         """What is linear in x and y on a plane; 0 where there is no reading."""
         if not self.is_central:
             return self.depth
-        valid = self.valid
-        return np.where(valid, 1 / np.where(valid, self.depth, 1), 0)
+        return np.where(self.valid, 1 / np.where(self.valid, self.depth, 1), 0)
 
-    @property
+    @cached_property
     def linear_sigma(self) -> Float[np.ndarray, "h w"]:
         """Standard deviation of `linear`, face on."""
+        return self.sigma * self.linear**2 if self.is_central else self.sigma
+
+    @cached_property
+    def points(self) -> Float[np.ndarray, "h w 3"]:
+        """Points of the camera frame that the readings show, in meters."""
+        x, y, z = self.x, self.y, self.depth
+        if self.is_central:
+            x, y = x * z, y * z
+        return np.stack([x, y, z], axis=-1)
+
+    @cached_property
+    def views(self) -> Float[np.ndarray, "h w 3"]:
+        """Unit directions in which the pixels look."""
+        one, zero = np.ones_like(self.x), np.zeros_like(self.x)
         if not self.is_central:
-            return self.sigma
-        return self.sigma * self.linear**2
+            return np.stack([zero, zero, one], axis=-1)
+        toward = np.stack([self.x, self.y, one], axis=-1)
+        return toward / np.sqrt(self.x**2 + self.y**2 + 1)[..., None]
+
+    @cached_property
+    def _bounds(self) -> tuple[np.ndarray, ...]:
+        """Smallest and largest x of each column, and y of each row."""
+        x, y = self.x, self.y
+        return x.min(axis=0), x.max(axis=0), y.min(axis=1), y.max(axis=1)
 
     def width(self, depth: Any) -> Any:
         """Of a pixel at a depth, in meters."""
         return self.footprint * depth if self.is_central else self.footprint + 0 * depth
 
-    def points(self, index: Any = ...) -> Float[np.ndarray, "... 3"]:
-        """Points of the camera frame that some pixels show."""
-        x, y, z = self.x[index], self.y[index], self.depth[index]
-        if self.is_central:
-            x, y = x * z, y * z
-        return np.stack([x, y, z], axis=-1)
+    def deviation(self, depth: Any, sigma: Any, cosine: Any) -> Any:
+        """Standard deviation of readings along z of a surface, in meters.
 
-    def views(self, index: Any = ...) -> Float[np.ndarray, "... 3"]:
-        """Unit directions in which some pixels look."""
-        x, y = self.x[index], self.y[index]
-        if not self.is_central:
-            return np.stack([0 * x, 0 * x, 1 + 0 * x], axis=-1)
-        length = np.sqrt(1 + x * x + y * y)
-        return np.stack([x, y, np.ones_like(x)], axis=-1) / length[..., None]
+        Noise grows where the view grazes, and a reading is off by about a third of a
+        pixel sideways; without that everything near an edge would be refuted.
+
+        Args:
+            depth: Of the surface, in meters.
+            sigma: Face on, in meters.
+            cosine: Of the incidence; of either sign.
+        """
+        cosine = np.clip(np.abs(cosine), 0.05, 1)
+        factor = np.interp(np.arccos(cosine), INCIDENCES, self.grazing)
+        tangent = np.sqrt(1 - cosine * cosine) / cosine
+        return np.hypot(sigma * factor, self.width(depth) / 3 * tangent)
+
+    def box_around(self, points: Float[np.ndarray, "n 3"]) -> Box | None:
+        """Smallest block of pixels that holds some points; None where it is empty.
+
+        The whole image where a point is not in front of the camera.
+        """
+        if self.is_central:
+            near = points[:, 2] < 0.01 * np.abs(points).max()
+            if near.all():
+                return None
+            if near.any():
+                return slice(0, self.depth.shape[0]), slice(0, self.depth.shape[1])
+            points = points / points[:, 2:]
+        low, high = points[:, :2].min(axis=0), points[:, :2].max(axis=0)
+        left, right, top, bottom = self._bounds
+        cols = np.flatnonzero((right >= low[0]) & (left <= high[0]))
+        rows = np.flatnonzero((bottom >= low[1]) & (top <= high[1]))
+        if not (len(rows) and len(cols)):
+            return None
+        return slice(rows[0], rows[-1] + 1), slice(cols[0], cols[-1] + 1)
 
 
 def view_of(
     depth: Float[np.ndarray, "h w"],
     camera: AbstractCamera,
     noise: AbstractDepthNoise,
-    most_pixels: int = MOST_PIXELS,
+    most_pixels: int,
 ) -> View:
     """The view of an image.
 
@@ -102,35 +150,43 @@ def view_of(
         most_pixels: That are searched.
     """
     stride = max(1, int(np.ceil(np.sqrt(depth.size / most_pixels))))
-    x, y, sees = _rays(camera)
-    pick = np.s_[::stride, ::stride]
-    depth = np.where(sees, depth, 0)[pick].astype(np.float32)
-    x, y = x[pick], y[pick]
-    focal = min(float(camera.fx), float(camera.fy))
-    sigma, grazing = jax.tree.map(np.asarray, _sigmas(noise, depth))
-    sigma = np.where(depth > 0, sigma, 0).astype(np.float32)
+    pick = slice(None, None, stride), slice(None, None, stride)
+    x, y, sees = (part[pick] for part in _rays(camera))
+    picked = np.where(sees, depth[pick], 0).astype(np.float32)
+    known = picked[picked > 0]
+    middle = np.float32(np.median(known[::16]) if len(known) else 1)
+    sigma, turned = jax.tree.map(np.asarray, _sigmas(noise, picked, middle))
     return View(
-        depth, x, y, camera.is_central, sigma, grazing, stride / focal, stride
+        depth=picked,
+        x=x,
+        y=y,
+        is_central=camera.is_central,
+        sigma=np.where(picked > 0, sigma, 0).astype(np.float32),
+        grazing=turned / turned[0],
+        footprint=stride / min(float(camera.fx), float(camera.fy)),
+        stride=stride,
     )
 
 
 @jax.jit
-def _sigmas(noise: AbstractDepthNoise, depth: Any) -> Any:
-    sigma = noise.sigma(depth, jnp.ones_like(depth))
-    angles = np.radians(np.arange(0, 90, 10)).astype(depth.dtype)
-    middle = jnp.where(depth > 0, depth, jnp.nan)
-    middle = jnp.nanmedian(middle[::8, ::8])
-    middle = jnp.where(jnp.isfinite(middle), middle, 1)
-    turned = noise.sigma(jnp.full(9, middle), jnp.cos(angles))
-    return sigma, turned / turned[0]
+def _sigmas(
+    noise: AbstractDepthNoise, depth: Float[Array, "h w"], middle: Float[Array, ""]
+) -> tuple[Float[Array, "h w"], Float[Array, "9"]]:
+    """Of readings that are seen face on, and at each of `INCIDENCES`."""
+    turned = noise.sigma(jnp.full(INCIDENCES.shape, middle), jnp.cos(INCIDENCES))
+    return noise.sigma(depth, jnp.ones_like(depth)), turned
 
 
 def _rays(camera: AbstractCamera) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    row, col = camera.frame.pixels()
-    ray = camera.rays(row, col, jnp.float32)
-    sees = camera.sees(row, col)
-    part = ray.direction if camera.is_central else ray.origin
+    """x and y of the rays, and which pixels see anything."""
+    x, y, sees = jax.tree.map(np.asarray, _rays_of(camera))
     shape = (camera.height, camera.width)
-    x, y = (np.broadcast_to(np.asarray(v), shape) for v in (part.x, part.y))
-    is_seen = np.ones(shape, bool) if sees is None else np.asarray(sees)
-    return x, y, is_seen
+    return np.broadcast_to(x, shape), np.broadcast_to(y, shape), sees
+
+
+@jax.jit
+def _rays_of(camera: AbstractCamera) -> tuple[Array, Array, Array]:
+    row, col = camera.frame.pixels()
+    ray, sees = camera.rays(row, col, jnp.float32), camera.sees(row, col)
+    part = ray.direction if camera.is_central else ray.origin
+    return part.x, part.y, jnp.ones(row.shape, bool) if sees is None else sees

@@ -1,182 +1,262 @@
-"""Walls of cylinders proposed from patches of points and their normals, in batches."""
+"""Walls of cylinders proposed from patches of points and their normals, in batches.
 
-__all__ = ["Patches", "propose"]
+A wall has five numbers. The normals of a patch tell its axis, and with the points its
+circle in closed form; a narrow thing, whose normals are lost in noise, is as wide as it
+looks and as long as it is. Each such start is moved by robust Gauss-Newton steps to the
+points of its patch, and the best of them to those of the whole object.
+"""
 
-from functools import partial
-from typing import NamedTuple
+__all__ = ["BATCH", "POINTS", "WIDE", "Patches", "Proposed", "propose"]
+
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
-import numpy as np
+from jaxtyping import Array, Float
+
+from impostor_jax.geometry.so3 import tangent_basis
 
 BATCH = 64
-POINTS = 128
-WIDE = 256
+"""Patches of one call, so that one program serves all images."""
+
+POINTS, WIDE = 128, 256
+"""Points of a patch, and of the object that it is of."""
+
+BEST = 3
+"""Walls of a patch that are moved to the points of the object."""
+
 KERNEL = 3.0
+"""Deviations at which a point's weight is a quarter (Geman and McClure's kernel)."""
+
+NARROWING = (4.0, 3.0, 2.0, 1.5, 1.0, 1.0)
+"""Factors of that, step by step, on a patch."""
+
+STEPS = 5
+"""On an object."""
+
+
+class Cloud(NamedTuple):
+    """Points of the camera frame, and how they are read.
+
+    Attributes:
+        points: In meters.
+        views: Unit directions in which they are seen.
+        sigma: Their standard deviation along that if they were seen face on, in meters.
+        width: Of a pixel there, in meters.
+    """
+
+    points: Float[Array, "*b n 3"]
+    views: Float[Array, "*b n 3"]
+    sigma: Float[Array, "*b n"]
+    width: Float[Array, "*b n"]
 
 
 class Patches(NamedTuple):
-    """Points of patches (b, n, ...), and of the objects that they are of (b, m, ...).
+    """Points of patches and of the objects that they are of, and normals of patches.
 
     Attributes:
-        points, views, sigma, width, normals, error
+        own: Of the patches.
+        normals: Unit normals there that face the camera; zero where there is none.
+        error: Their standard deviation, in radians; infinite where there is none.
+        wide: Of the objects.
     """
 
-    points: jax.Array
-    views: jax.Array
-    sigma: jax.Array
-    width: jax.Array
-    normals: jax.Array
-    error: jax.Array
-    wide_points: jax.Array
-    wide_views: jax.Array
-    wide_sigma: jax.Array
-    wide_width: jax.Array
+    own: Cloud
+    normals: Float[Array, "*b n 3"]
+    error: Float[Array, "*b n"]
+    wide: Cloud
 
 
 class Wall(NamedTuple):
-    center: jax.Array
-    axis: jax.Array
-    log_radius: jax.Array
+    """A point of the axis, the axis, the logarithm of the radius, and the side.
+
+    The side is 1 where it is seen from outside, and -1 from inside.
+    """
+
+    center: Float[Array, "*b 3"]
+    axis: Float[Array, "*b 3"]
+    log_radius: Float[Array, "*b"]
+    side: Float[Array, "*b"]
 
 
-def _basis(a):
-    # Duff et al.
-    s = jnp.where(a[2] >= 0, 1.0, -1.0)
-    k = -1 / (s + a[2])
-    b = a[0] * a[1] * k
-    return jnp.array([1 + s * a[0] ** 2 * k, s * b, -s * a[0]]), jnp.array([b, s + a[1] ** 2 * k, -a[1]])
+class Proposed(NamedTuple):
+    """Walls of each patch, and the part of the object's points that lie on them."""
+
+    wall: Wall
+    score: Float[Array, "*b k"]
 
 
-def _misfit(wall, points, views, sigma, width, grazing):
-    off = points - wall.center
-    t = off @ wall.axis
-    across = off - t[:, None] * wall.axis
-    rho = jnp.sqrt(jnp.sum(across**2, axis=1) + 1e-12)
-    u = across / rho[:, None]
-    cos = -jnp.sum(u * views, axis=1)
-    c = jnp.clip(jnp.abs(cos), 0.05, 1)
-    factor = jnp.interp(jnp.arccos(c), np.radians(np.arange(0, 90, 10)).astype(np.float32), grazing)
-    s = jnp.sqrt((sigma * factor * c) ** 2 + (width / 3) ** 2 * (1 - c * c))
-    return t, u, cos, rho - jnp.exp(wall.log_radius), s
+@jax.jit
+def propose(
+    patches: Patches, grazing: Float[Array, ""], log_limits: Float[Array, "2"]
+) -> Proposed:
+    """Propose walls of each of `BATCH` patches.
+
+    Args:
+        patches: What is looked at.
+        grazing: How the variance of a reading grows with the square of the tangent of
+            its incidence.
+        log_limits: Logarithms of the smallest and largest radius.
+    """
+
+    def of_patch(patch: Patches) -> Proposed:
+        starts = _starts(patch)
+        starts = starts._replace(log_radius=jnp.clip(starts.log_radius, *log_limits))
+        narrowing = jnp.array(NARROWING, patch.error.dtype)
+
+        def moved(wall: Wall, cloud: Cloud, scales: Float[Array, " s"]) -> Wall:
+            def step(wall: Wall, scale: Float[Array, ""]) -> tuple[Wall, None]:
+                return _stepped(wall, cloud, grazing, log_limits, scale), None
+
+            return jax.lax.scan(step, wall, scales)[0]
+
+        walls = jax.vmap(lambda wall: moved(wall, patch.own, narrowing))(starts)
+        score = jax.vmap(lambda wall: _score(wall, patch.own, grazing))(walls)
+        _, index = jax.lax.top_k(score, BEST)
+        own: Wall = jax.tree.map(lambda x: x[index], walls)
+        ones = jnp.ones(STEPS, patch.error.dtype)
+        wider = jax.vmap(lambda wall: moved(wall, patch.wide, ones))(own)
+        both: Wall = jax.tree.map(lambda *x: jnp.concatenate(x), wider, own)
+        score = jax.vmap(lambda wall: _score(wall, patch.wide, grazing))(both)
+        return Proposed(both, score)
+
+    return jax.lax.map(of_patch, patches, batch_size=16)
 
 
-def _step(wall, side, points, views, sigma, width, grazing, limits, scale, damping):
-    t, u, cos, miss, s = _misfit(wall, points, views, sigma, width, grazing)
-    e = miss / s
-    w = 1 / (1 + (e / (KERNEL * scale)) ** 2) ** 2
-    w = jnp.where(side * cos > -0.1, w, 0) / s**2
-    b1, b2 = _basis(wall.axis)
-    r = jnp.exp(wall.log_radius)
-    u1, u2 = u @ b1, u @ b2
-    # About the middle of what counts.
-    mid = jnp.sum(w * t) / jnp.maximum(jnp.sum(w), 1e-30)
-    size = jnp.sqrt(jnp.sum(w * (t - mid) ** 2) / jnp.maximum(jnp.sum(w), 1e-30)) + 0.1 * r
-    rows = jnp.stack([-u1, -u2, -(t - mid) / size * u1, -(t - mid) / size * u2, -r * jnp.ones_like(t)])
-    normal = (rows * w) @ rows.T
-    normal = normal + jnp.diag(damping * jnp.diag(normal)) + 1e-9 * jnp.trace(normal) * jnp.eye(5)
-    step = -jax.scipy.linalg.solve(normal, (rows * w) @ miss, assume_a="pos")
-    bound = 0.5 * r
-    shift = jnp.clip(step[:2], -bound, bound)
+def _misfit(wall: Wall, cloud: Cloud, grazing: Float[Array, ""]) -> tuple[Any, ...]:
+    """Places along the axis, directions from it, distances from the wall, deviations.
+
+    Of points whose side is not seen the deviation is infinite.
+    """
+    off = cloud.points - wall.center
+    along = off @ wall.axis
+    across = off - along[:, None] * wall.axis
+    distance = jnp.sqrt(jnp.sum(across**2, axis=1) + 1e-12)
+    out = across / distance[:, None]
+    cosine = -jnp.sum(out * cloud.views, axis=1)
+    square = jnp.clip(cosine**2, 0.0025, 1)
+    # Along the normal: the cosine of what it is along the ray.
+    variance = cloud.sigma**2 * (square + grazing * (1 - square))
+    variance += (cloud.width / 3) ** 2 * (1 - square)
+    miss = distance - jnp.exp(wall.log_radius)
+    seen = wall.side * cosine > -0.1
+    return along, out, miss, jnp.where(seen, jnp.sqrt(variance), jnp.inf)
+
+
+def _stepped(
+    wall: Wall,
+    cloud: Cloud,
+    grazing: Float[Array, ""],
+    log_limits: Float[Array, "2"],
+    scale: Float[Array, ""],
+) -> Wall:
+    """Move a wall by one damped step of robust least squares."""
+    along, out, miss, deviation = _misfit(wall, cloud, grazing)
+    weight = 1 / (1 + (miss / deviation / (KERNEL * scale)) ** 2) ** 2 / deviation**2
+    total = jnp.maximum(jnp.sum(weight), 1e-30)
+    radius = jnp.exp(wall.log_radius)
+    # About the middle of what counts, so that shifts and tilts are independent.
+    middle = jnp.sum(weight * along) / total
+    size = jnp.sqrt(jnp.sum(weight * (along - middle) ** 2) / total) + 0.1 * radius
+    place = (along - middle) / size
+    basis = tangent_basis(wall.axis)
+    first, second = basis @ out.T
+    rows = jnp.stack([first, second, place * first, place * second, 0 * along + 1])
+    products = (rows * weight) @ rows.T
+    damped = products + jnp.diag(0.02 * jnp.diag(products) + 1e-9 * jnp.trace(products))
+    step = jax.scipy.linalg.solve(damped, (rows * weight) @ miss, assume_a="pos")
+    shift = jnp.clip(step[:2], -radius / 2, radius / 2)
     tilt = jnp.clip(step[2:4] / size, -0.3, 0.3)
-    axis = wall.axis + tilt[0] * b1 + tilt[1] * b2
-    axis = axis / jnp.linalg.norm(axis)
-    center = wall.center + mid * wall.axis + shift[0] * b1 + shift[1] * b2
-    log_radius = wall.log_radius + jnp.clip(step[4], -0.4, 0.4)
-    log_radius = jnp.clip(log_radius, limits[0], limits[1])
-    new = Wall(center, axis, log_radius)
-    good = jnp.all(jnp.isfinite(center)) & jnp.all(jnp.isfinite(axis)) & jnp.isfinite(log_radius)
-    return jax.tree.map(lambda a, b: jnp.where(good, a, b), new, wall)
+    axis = wall.axis + tilt @ basis
+    moved = Wall(
+        center=wall.center + middle * wall.axis + shift @ basis,
+        axis=axis / jnp.linalg.norm(axis),
+        log_radius=jnp.clip(
+            wall.log_radius + jnp.clip(step[4] / radius, -0.4, 0.4), *log_limits
+        ),
+        side=wall.side,
+    )
+    good = jnp.all(jnp.isfinite(step))
+    return jax.tree.map(lambda new, old: jnp.where(good, new, old), moved, wall)
 
 
-def _score(wall, side, points, views, sigma, width, grazing):
-    _, _, cos, miss, s = _misfit(wall, points, views, sigma, width, grazing)
-    e = miss / s
-    inlier = jnp.where(side * cos > -0.1, 1 / (1 + (e / KERNEL) ** 2) ** 2, 0)
-    return jnp.mean(inlier)
+def _score(wall: Wall, cloud: Cloud, grazing: Float[Array, ""]) -> Float[Array, ""]:
+    """Part of the points that lie on a wall, each by its weight."""
+    _, _, miss, deviation = _misfit(wall, cloud, grazing)
+    seen = jnp.isfinite(deviation)
+    weight = 1 / (1 + (miss / deviation / KERNEL) ** 2) ** 2
+    return jnp.mean(jnp.where(seen, weight, 0))
 
 
-def _axis_of(normals, weight, axis):
-    def again(axis, _):
-        c = normals @ axis
-        w = weight / (1 + (c / 0.25) ** 2) ** 2
-        scatter = (normals.T * w) @ normals
-        _, vectors = jnp.linalg.eigh(scatter)
-        return vectors[:, 0], None
-    axis, _ = jax.lax.scan(again, axis, None, length=2)
+def _starts(patch: Patches) -> Wall:
+    """Walls to begin with: for each likely axis one by normals and one by its width."""
+    normals, error = patch.normals, patch.error
+    known = jnp.isfinite(error)
+    weight = jnp.where(known, 1 / (0.05 + error) ** 2, 0)
+    weight = weight / jnp.maximum(jnp.sum(weight), 1e-9)
+    _, vectors = jnp.linalg.eigh((normals.T * weight) @ normals)
+    axes = [_axis_near(vectors[:, k], normals, weight) for k in range(3)]
+    for cloud in (patch.own, patch.wide):
+        off = cloud.points - cloud.points.mean(axis=0)
+        axes.append(jnp.linalg.eigh(off.T @ off)[1][:, 2])
+    middle = patch.own.points.mean(axis=0)
+
+    def along(axis: Float[Array, "3"]) -> Wall:
+        basis = tangent_basis(axis)
+        points, out = (patch.own.points - middle) @ basis.T, normals @ basis.T
+        toward = patch.own.views.mean(axis=0) @ basis.T
+        votes = weight * (jnp.abs(normals @ axis) < 0.5)
+        circles = (_by_normals(points, out, votes, error), _by_width(points, toward))
+        place, radius = (jnp.stack(part) for part in zip(*circles, strict=True))
+        return Wall(
+            center=middle + place @ basis,
+            axis=jnp.stack([axis, axis]),
+            log_radius=jnp.log(jnp.maximum(jnp.abs(radius), 1e-6)),
+            side=jnp.where(radius < 0, -1.0, 1.0).astype(radius.dtype),
+        )
+
+    walls = jax.vmap(along)(jnp.stack(axes))
+    return jax.tree.map(lambda x: x.reshape(-1, *x.shape[2:]), walls)
+
+
+def _axis_near(
+    axis: Float[Array, "3"], normals: Float[Array, "n 3"], weight: Float[Array, " n"]
+) -> Float[Array, "3"]:
+    """The direction across most normals, by those that are about across it now."""
+    for _ in range(2):
+        votes = weight / (1 + (normals @ axis / 0.25) ** 2) ** 2
+        axis = jnp.linalg.eigh((normals.T * votes) @ normals)[1][:, 0]
     return axis
 
 
-def _starts(points, views, normals, error, wide_points):
-    weight = jnp.where(jnp.isfinite(error), 1 / (0.05 + error) ** 2, 0)
-    weight = weight / jnp.maximum(jnp.sum(weight), 1e-9)
-    _, vectors = jnp.linalg.eigh((normals.T * weight) @ normals)
-    axes = [_axis_of(normals, weight, vectors[:, k]) for k in range(3)]
-    for some in (points, wide_points):
-        off = some - some.mean(axis=0)
-        _, v = jnp.linalg.eigh(off.T @ off)
-        axes.append(v[:, 2])
-    walls, sides = [], []
-    for axis in axes:
-        b1, b2 = _basis(axis)
-        basis = jnp.stack([b1, b2])
-        p, n = points @ basis.T, normals @ basis.T
-        w = weight * jnp.where(jnp.abs(normals @ axis) < 0.5, 1, 0)
-        w = w / jnp.maximum(jnp.sum(w), 1e-9)
-        pm, nm = w @ p, w @ n
-        dp, dn = p - pm, n - nm
-        var = jnp.sum(w[:, None] * dn**2)
-        noise = jnp.sum(w * jnp.where(jnp.isfinite(error), error, 0) ** 2)
-        rho = jnp.sum(w[:, None] * dp * dn) / jnp.maximum(var - noise, 0.3 * var + 1e-4)
-        center = pm - rho * nm
-        walls.append((center @ basis, axis, jnp.abs(rho)))
-        sides.append(jnp.sign(rho))
-        # As wide as it appears.
-        view = views.mean(axis=0) @ basis.T
-        view = view / jnp.maximum(jnp.linalg.norm(view), 1e-6)
-        aside = p @ jnp.array([-view[1], view[0]])
-        ahead = p @ view
-        low, high = jnp.quantile(aside, jnp.array([0.02, 0.98]))
-        radius = jnp.maximum((high - low) / 2, 1e-4)
-        mid = (low + high) / 2
-        near = jnp.abs(aside - mid) < 0.4 * radius
-        front = jnp.sum(jnp.where(near, ahead, 0)) / jnp.maximum(jnp.sum(near), 1)
-        center = mid * jnp.array([-view[1], view[0]]) + (front + 0.95 * radius) * view
-        walls.append((center @ basis, axis, radius))
-        sides.append(jnp.array(1.0))
-    c, a, r = (jnp.stack(parts) for parts in zip(*walls))
-    return Wall(c, a, jnp.log(jnp.maximum(r, 1e-5))), jnp.stack(sides)
+def _by_normals(
+    points: Float[Array, "n 2"],
+    out: Float[Array, "n 2"],
+    votes: Float[Array, " n"],
+    error: Float[Array, " n"],
+) -> tuple[Float[Array, "2"], Float[Array, ""]]:
+    """Circle p = c + r n by least squares; r is negative where it is seen from inside.
+
+    Noise of the normals adds to their spread, and is taken off.
+    """
+    votes = votes / jnp.maximum(jnp.sum(votes), 1e-9)
+    point, normal = votes @ points, votes @ out
+    across = jnp.sum(votes[:, None] * (points - point) * (out - normal))
+    spread = jnp.sum(votes[:, None] * (out - normal) ** 2)
+    noise = jnp.sum(votes * jnp.where(jnp.isfinite(error), error, 0) ** 2)
+    radius = across / jnp.maximum(spread - noise, 0.3 * spread + 1e-4)
+    return point - radius * normal, radius
 
 
-@partial(jax.jit, static_argnames=())
-def propose(patches: Patches, grazing, limits):
-    def one(p):
-        starts, sides = _starts(p.points, p.views, p.normals, p.error, p.wide_points)
-        starts = starts._replace(log_radius=jnp.clip(starts.log_radius, limits[0], limits[1]))
-        # The line nearest to the points' middle.
-        middle = p.points.mean(axis=0)
-        shift = jnp.sum((middle - starts.center) * starts.axis, axis=1)
-        starts = starts._replace(center=starts.center + shift[:, None] * starts.axis)
-        own = (p.points, p.views, p.sigma, p.width, grazing)
-        wide = (p.wide_points, p.wide_views, p.wide_sigma, p.wide_width, grazing)
-
-        def refined(wall, side):
-            def body(wall, scale):
-                return _step(wall, side, *own, limits, scale, 0.02), None
-            wall, _ = jax.lax.scan(body, wall, jnp.array([4.0, 3.0, 2.0, 1.5, 1.0, 1.0]))
-            return wall, _score(wall, side, *own)
-
-        walls, scores = jax.vmap(refined)(starts, sides)
-        best, index = jax.lax.top_k(scores, 3)
-        walls, sides = jax.tree.map(lambda x: x[index], (walls, sides))
-
-        def widened(wall, side):
-            def body(wall, scale):
-                return _step(wall, side, *wide, limits, scale, 0.02), None
-            wall, _ = jax.lax.scan(body, wall, jnp.array([2.0, 1.5, 1.0, 1.0, 1.0]))
-            return wall, _score(wall, side, *wide)
-
-        walls, wide_scores = jax.vmap(widened)(walls, sides)
-        return walls, sides, best, wide_scores
-
-    return jax.lax.map(one, patches, batch_size=16)
+def _by_width(
+    points: Float[Array, "n 2"], toward: Float[Array, "2"]
+) -> tuple[Float[Array, "2"], Float[Array, ""]]:
+    """Circle as wide as the points appear, behind those in its middle."""
+    toward = toward / jnp.maximum(jnp.linalg.norm(toward), 1e-6)
+    aside = jnp.stack([-toward[1], toward[0]])
+    place, ahead = points @ aside, points @ toward
+    low, high = jnp.quantile(place, jnp.array([0.02, 0.98], place.dtype))
+    radius, middle = jnp.maximum((high - low) / 2, 1e-6), (low + high) / 2
+    near = jnp.abs(place - middle) < 0.4 * radius
+    front = jnp.sum(jnp.where(near, ahead, 0)) / jnp.maximum(jnp.sum(near), 1)
+    return middle * aside + (front + 0.95 * radius) * toward, radius

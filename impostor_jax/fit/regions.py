@@ -21,7 +21,6 @@ from impostor_jax.camera.pinhole import PinholeCamera
 from impostor_jax.effort import MIN_READINGS
 from impostor_jax.fit.problem import BLOCK
 from impostor_jax.fit.request import DepthImage, Mask, check_readings
-from impostor_jax.fit.segment import nearest_object
 from impostor_jax.fit.surface import cropped, thinned, upper_median
 from impostor_jax.sensor.base import AbstractDepthNoise, Reach
 from impostor_jax.sensor.gaussian import ConstantNoise
@@ -41,16 +40,11 @@ BUCKETS = tuple(BLOCK << k for k in range(3, 20))
 
 def object_region(
     image: Float[np.ndarray, "h w"],
-    mask: Bool[np.ndarray, "h w"] | None,
+    mask: Bool[np.ndarray, "h w"],
     camera: PinholeCamera,
-    noise: AbstractDepthNoise,
 ) -> Bool[np.ndarray, "h w"]:
     """Pixels of the object, those that miss a reading included."""
     check_readings(image, mask)
-    if mask is None:
-        sigma = typical_sigma(image, image > 0, noise)
-        footprint = 1 / min(float(camera.fx), float(camera.fy))
-        mask = nearest_object(image, sigma, footprint, MIN_READINGS)
     if camera.ray_field is not None:
         mask = mask & np.isfinite(np.asarray(camera.ray_field.x))
     return mask
@@ -172,7 +166,7 @@ def warn_of_units(
             f"{sigma:.2g}: is it in millimeters?",
             DepthUnitsWarning,
             # The line that called `fit_cylinder`.
-            stacklevel=4,
+            stacklevel=5,
         )
 
 

@@ -61,7 +61,10 @@ def fit_shape(
     initial: AbstractPrimitive | None,
     options: Options,
 ) -> Fit:
-    """Fit a shape; the arguments are those of `fit_cylinder`."""
+    """Fit a shape; the arguments are those of `fit_cylinder`.
+
+    A mask must be given unless something is traced.
+    """
     effort, prior = options.effort, options.prior
     check_types(kind.shape, camera, initial)
     about = {"camera": camera, "sigma": sigma, "initial": initial, "options": options}
@@ -83,8 +86,9 @@ def fit_shape(
             return _fit_traced(
                 image, mask, start, camera, noise, beliefs, settings, options
             )
-        image, mask = np.asarray(image), None if mask is None else np.asarray(mask)
-        region = object_region(image, mask, camera, noise)
+        assert mask is not None
+        image = np.asarray(image)
+        region = object_region(image, np.asarray(mask), camera)
         warn_of_units(image, region, noise)
 
         # Without types of arrays, which would be looked up at each call, in 20 us.

@@ -42,6 +42,9 @@ DEFAULT_DEPTH_SCALE_M = 0.0001
 
 MAX_UINT16 = 65535
 
+SUFFIXES = (".png", ".tif", ".tiff", ".npy")
+"""Of files that hold depth."""
+
 
 def read_depth(
     path: Path, depth_scale_m: float | None, size: Size | None = None
@@ -62,7 +65,7 @@ def read_depth(
             readings come without a positive scale.
     """
     suffix = path.suffix.lower()
-    if suffix not in (".png", ".tif", ".tiff", ".npy"):
+    if suffix not in SUFFIXES:
         raise ValueError(
             f"depth image must be a .png, .tiff or .npy file, got {str(path)!r}"
         )

@@ -1,12 +1,17 @@
-"""The record of a fit of any shape, as JSON."""
+"""The records of a fit of any shape, and of a search, as JSON."""
 
-__all__ = ["fit_record", "numbers"]
+__all__ = ["fit_record", "found_record", "numbers"]
 
 from typing import Any
 
+import jax.numpy as jnp
 import numpy as np
 
+from impostor_jax.camera.base import AbstractCamera
+from impostor_jax.find.found import Found
 from impostor_jax.fit.result import Fit, TaperTest
+from impostor_jax.geometry.so3 import tangent_basis
+from impostor_jax.primitives.cylinder import Cylinder
 
 
 def fit_record(
@@ -39,6 +44,60 @@ def fit_record(
         "taper": None if taper is None else _taper(taper),
         "seconds": seconds,
     }
+
+
+def found_record(
+    found: Found,
+    camera: AbstractCamera,
+    seconds: float,
+    made_from: dict[str, Any] | None = None,
+) -> dict[str, Any]:
+    """Turn the cylinders of an image into what JSON can hold.
+
+    Args:
+        found: The result.
+        camera: That took the image.
+        seconds: Time that the search took.
+        made_from: What it depends on, if that is to be told.
+    """
+    is_camera = camera.camera_from_world is None
+    axes = "x right, y down, z forward"
+    cylinders = [
+        {
+            "label": k + 1,
+            "confidence": numbers(found.confidence[k]),
+            "visible": numbers(found.visible[k]),
+            "inside": bool(found.inside[k]),
+            "status": str(fit.status),
+            "world_from_cylinder": _pose(fit.cylinder),
+            **_estimate(fit),
+            "ends_seen": [bool(seen) for seen in fit.ends_seen],
+            "num_pixels": int(fit.num_pixels),
+            "rms_m": numbers(fit.rms),
+            "chi2": numbers(fit.chi2),
+        }
+        for k, fit in enumerate(found.fits)
+    ]
+    planes = zip(found.planes.point, found.planes.unit_normal, strict=True)
+    return {
+        "frame": f"the camera's: {axes}" if is_camera else "the world's",
+        "image": {"width": camera.width, "height": camera.height},
+        "cylinders": cylinders,
+        "planes": [
+            {"point_m": numbers(point), "normal": numbers(normal)}
+            for point, normal in planes
+        ],
+        "seconds": seconds,
+        "made_from": made_from,
+    }
+
+
+def _pose(cylinder: Cylinder) -> list[list[float]]:
+    """Matrix to the world from the frame at the center whose z is the axis."""
+    pose, axis = np.eye(4), jnp.asarray(cylinder.axis)
+    pose[:3, :2] = np.asarray(tangent_basis(axis)).T
+    pose[:3, 2], pose[:3, 3] = axis, cylinder.center
+    return numbers(pose)
 
 
 def _taper(taper: TaperTest) -> dict[str, Any]:

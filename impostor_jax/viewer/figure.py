@@ -1,16 +1,27 @@
-"""Pictures of a fit: the depth image with the fitted outline, beside the residuals."""
+"""Pictures of fits: the depth image with outlines, and the residuals of one."""
 
-__all__ = ["fitted_outline", "overlay_figure", "write_overlay"]
+__all__ = [
+    "Drawn",
+    "draw_shapes",
+    "fitted_outline",
+    "found_figure",
+    "overlay_figure",
+    "write_overlay",
+]
 
+import itertools
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import numpy as np
 from jaxtyping import Array, Bool, Float
 from matplotlib.figure import Figure
 
+from impostor_jax.camera.base import AbstractCamera
 from impostor_jax.camera.pinhole import PinholeCamera
+from impostor_jax.find.found import Found
 from impostor_jax.fit.result import Fit
 from impostor_jax.io.atomic import write_atomically
 from impostor_jax.primitives.base import AbstractPrimitive
@@ -21,6 +32,9 @@ from impostor_jax.rendering.render import render
 
 OUTLINE_STEPS = 1024
 """Points of an outline: at most 2 pixels apart at 640x480."""
+
+COLORS = ("red", "orange", "magenta", "cyan")
+"""Of outlines, in turn; none is of the depths."""
 
 
 def fitted_outline(
@@ -43,7 +57,7 @@ def _outline(
     return curve.even_steps(OUTLINE_STEPS, margin=1).pixels, curve.visible
 
 
-def overlay_figure(fit: Fit, depth: Any, camera: PinholeCamera) -> Figure:
+def overlay_figure(fit: Fit, depth: Any, camera: AbstractCamera) -> Figure:
     """Draw the depth image with the fitted outline, and the residual map.
 
     Args:
@@ -51,20 +65,12 @@ def overlay_figure(fit: Fit, depth: Any, camera: PinholeCamera) -> Figure:
         depth: (H, W) as it was fitted, in meters.
         camera: The camera.
     """
-    readings = np.asarray(depth, dtype=float)
-    readings = np.where(np.isfinite(readings) & (readings > 0), readings, np.nan)
     region = np.asarray(fit.region)
     rows, cols = np.nonzero(region)
     figure = Figure(figsize=(12, 4.8), layout="constrained")
     left, right = figure.subplots(1, 2)
-
-    near, far = np.nanpercentile(readings, (2, 98))
-    if region.any():
-        near = min(near, np.nanmin(readings[region]))
-    image = left.imshow(readings, cmap="viridis", vmin=near, vmax=far)
-    figure.colorbar(image, ax=left, label="depth (m)", shrink=0.8)
-    if region.any():
-        left.contour(region, levels=[0.5], colors="white", linewidths=0.5)
+    shape = fit.shape if bool(fit.success) else None
+    draw_shapes(left, depth, camera, [Drawn(region, shape)])
     left.set_title(f"depth, region used (white), fit: {fit.status}")
 
     residual_mm = np.where(region, 1e3 * np.asarray(fit.residual, float), np.nan)
@@ -77,30 +83,133 @@ def overlay_figure(fit: Fit, depth: Any, camera: PinholeCamera) -> Figure:
         margin = 0.15 * max(np.ptp(rows), np.ptp(cols)) + 10
         right.set_xlim(cols.min() - margin, cols.max() + margin)
         right.set_ylim(rows.max() + margin, rows.min() - margin)
-
-    if bool(fit.success):
-        _draw_outline(left, fit.shape, camera)
-        _draw_outline(right, fit.shape, camera)
-    left.set_xlim(-0.5, camera.width - 0.5)
-    left.set_ylim(camera.height - 0.5, -0.5)
-    for axes in (left, right):
-        axes.set_xlabel("u (px)")
-        axes.set_ylabel("v (px)")
+    if shape is not None:
+        _draw_outline(right, shape, camera, COLORS[0])
+    _name_axes(right)
     return figure
 
 
-def _draw_outline(axes: Any, shape: AbstractPrimitive, camera: PinholeCamera) -> None:
-    if isinstance(shape, Cylinder | Sphere):
+def found_figure(found: Found, depth: Any, camera: AbstractCamera) -> Figure:
+    """Draw the depth image with the cylinders that were found in it.
+
+    Beside each stand its number, from 1, and its confidence.
+
+    Args:
+        found: The result.
+        depth: (H, W) as it was searched, in meters.
+        camera: The camera.
+    """
+    figure = Figure(
+        figsize=(10, 1.2 + 8.4 * camera.height / camera.width), layout="constrained"
+    )
+    axes = figure.subplots()
+    drawn = [
+        Drawn(mask, fit.shape, f"{number}: {confidence:.2f}")
+        for number, (mask, fit, confidence) in enumerate(
+            zip(found.masks, found.fits, found.confidence, strict=True), start=1
+        )
+    ]
+    draw_shapes(axes, depth, camera, drawn)
+    axes.set_title(f"depth, {len(found)} found: pixels (white), number: confidence")
+    return figure
+
+
+class Drawn(NamedTuple):
+    """What is drawn of one object.
+
+    Attributes:
+        region: Pixels that show it.
+        shape: Of its outline, in the world frame; None where there is none.
+        name: Stands beside the region.
+    """
+
+    region: Bool[np.ndarray, "h w"]
+    shape: AbstractPrimitive | None
+    name: str = ""
+
+
+def draw_shapes(
+    axes: Any, depth: Any, camera: AbstractCamera, drawn: Sequence[Drawn]
+) -> None:
+    """Draw a depth image, with regions and outlines of objects, on axes.
+
+    Args:
+        axes: Of matplotlib's.
+        depth: (H, W), in meters; 0 or not finite where there is no reading.
+        camera: The camera.
+        drawn: The objects.
+    """
+    readings = np.asarray(depth, dtype=float)
+    valid = np.isfinite(readings) & (readings > 0)
+    near, far = np.percentile(readings[valid], (2, 98)) if valid.any() else (0, 1)
+    shown = valid & np.any([one.region for one in drawn], axis=0)
+    near = np.min(readings[shown], initial=near)
+    image = axes.imshow(
+        np.where(valid, readings, np.nan), cmap="viridis", vmin=near, vmax=far
+    )
+    axes.figure.colorbar(image, ax=axes, label="depth (m)", shrink=0.8)
+    colors = itertools.cycle(COLORS)
+    for (region, shape, name), color in zip(drawn, colors, strict=False):
+        _draw_border(axes, region, "white", 0.5)
+        if shape is not None:
+            _draw_outline(axes, shape, camera, color)
+        if name and region.any():
+            _draw_name(axes, region, name, color)
+    axes.set_xlim(-0.5, camera.width - 0.5)
+    axes.set_ylim(camera.height - 0.5, -0.5)
+    _name_axes(axes)
+
+
+def _draw_outline(
+    axes: Any, shape: AbstractPrimitive, camera: AbstractCamera, color: str
+) -> None:
+    if isinstance(shape, Cylinder | Sphere) and isinstance(camera, PinholeCamera):
         outline = fitted_outline(shape, camera)
         if outline is not None:
-            axes.plot(*outline.T, color="red", linewidth=1.2)
-        return
-    mask = render(shape, camera, outputs=("mask",)).mask
-    if mask is not None and bool(mask.any()) and not bool(mask.all()):
-        axes.contour(np.asarray(mask), levels=[0.5], colors="red", linewidths=1.2)
+            axes.plot(*outline.T, color=color, linewidth=1.2)
+    else:
+        mask = render(shape, camera, outputs=("mask",)).mask
+        _draw_border(axes, np.asarray(mask), color, 1.2)
 
 
-def write_overlay(path: Path, fit: Fit, depth: Any, camera: PinholeCamera) -> None:
-    """Write `overlay_figure` as a picture."""
-    figure = overlay_figure(fit, depth, camera)
+def _draw_border(
+    axes: Any, mask: Bool[np.ndarray, "h w"], color: str, linewidth: float
+) -> None:
+    if mask.any() and not mask.all():
+        axes.contour(mask, levels=[0.5], colors=color, linewidths=linewidth)
+
+
+def _draw_name(
+    axes: Any, region: Bool[np.ndarray, "h w"], name: str, color: str
+) -> None:
+    """Write a name above a region, or in its upper end at the image's border."""
+    top = int(np.argmax(region.any(axis=1)))
+    height, width = region.shape
+    is_above = top > 0.05 * height
+    middle = np.median(np.flatnonzero(region[top]))
+    axes.annotate(
+        name,
+        (np.clip(middle, 0.04 * width, 0.96 * width), top),
+        xytext=(0, 4 if is_above else -4),
+        textcoords="offset points",
+        horizontalalignment="center",
+        verticalalignment="bottom" if is_above else "top",
+        fontsize=8,
+        bbox={"facecolor": color, "edgecolor": "none", "pad": 1.5, "alpha": 0.8},
+    )
+
+
+def _name_axes(axes: Any) -> None:
+    axes.set_xlabel("u (px)")
+    axes.set_ylabel("v (px)")
+
+
+def write_overlay(
+    path: Path, result: Fit | Found, depth: Any, camera: AbstractCamera
+) -> None:
+    """Write `overlay_figure` of a fit, or `found_figure`, as a picture."""
+    if isinstance(result, Found):
+        figure = found_figure(result, depth, camera)
+    else:
+        figure = overlay_figure(result, depth, camera)
     write_atomically(path, lambda partial: figure.savefig(partial, dpi=110))

@@ -104,7 +104,7 @@ def test_record_goes_where_it_is_told(rendered, tmp_path, call, capfd):
         "--json", tmp_path / "records" / "can.json",
     )  # fmt: skip
     assert code == 0
-    assert "no mask: took the nearest object" in capfd.readouterr().out
+    assert "no mask: found an object of" in capfd.readouterr().out
     assert (tmp_path / "records" / "can.json").is_file()
     assert [p.name for p in (tmp_path / "deep" / "out").iterdir()] == ["overlay.png"]
 
@@ -212,7 +212,7 @@ FIT = ("fit", "{depth}", "--camera", "{camera}")
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ((), "Expected one of {fit, render, demo, evaluate, parity}"),
+        ((), "Expected one of {fit, find, render, demo, evaluate, parity}"),
         (("mesh",), "mesh"),
         (("fit", "{depth}"), "--camera"),
         ((*FIT, "--speed", "9"), "Unrecognized options: --speed"),

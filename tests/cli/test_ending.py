@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 import pytest
 
-import impostor_jax.fit.single
+import impostor_jax.fits.single
 import impostor_jax.io.dataset
 from impostor_jax.__main__ import main
 
@@ -123,7 +123,7 @@ def refuse(*arguments, **options):
 def test_an_output_that_cannot_be_written_is_found_before_the_fit(
     flags, message, image, call, tmp_path, monkeypatch
 ):
-    monkeypatch.setattr(impostor_jax.fit.single, "fit_cylinder", refuse)
+    monkeypatch.setattr(impostor_jax.fits.single, "fit_cylinder", refuse)
     (tmp_path / "taken" / "overlay.png").mkdir(parents=True)
     monkeypatch.chdir(tmp_path)
     code, error = call("fit", *image, *(f.format(folder=tmp_path) for f in flags))
@@ -139,7 +139,7 @@ def interrupt(*arguments, **options):
 
 
 def test_an_interrupted_fit_ends_with_one_line(image, call, tmp_path, monkeypatch):
-    monkeypatch.setattr(impostor_jax.fit.single, "fit_cylinder", interrupt)
+    monkeypatch.setattr(impostor_jax.fits.single, "fit_cylinder", interrupt)
     found = call("fit", *image, "--output", tmp_path / "out")
     assert found == (130, "impostor-jax: error: interrupted\n")
     assert not (tmp_path / "out").exists()

@@ -5,7 +5,6 @@ import pytest
 import impostor_jax as ij
 from impostor_jax.fit.fittable import CYLINDER
 from impostor_jax.fit.rounds import round_through
-from impostor_jax.fit.segment import nearest_object
 from tests.checks import angle_between
 from tests.fit.scenes import CAMERA, SIGMA, can, image
 
@@ -96,25 +95,6 @@ def test_guess_sees_through_a_lens():
 def test_no_readings_give_no_guess():
     region = np.ones((120, 160), bool)
     assert not CYLINDER.guesses(np.zeros((120, 160)), region, CAMERA, SIGMA)
-
-
-def test_nearest_object_is_found_before_a_wall_and_a_farther_object():
-    depth, mask = image()
-    depth = depth.copy()
-    # Farther away, in front of the wall, and larger.
-    depth[:, :30] = 0.5
-    # Nearer, but a speck.
-    depth[2:5, 100:103] = 0.1
-    found = nearest_object(depth, SIGMA, 1 / 150, 50)
-    assert (found & mask).sum() > 0.97 * (found | mask).sum()
-
-
-def test_what_is_seen_through_a_hole_is_not_in_front():
-    depth = np.full((120, 160), 0.4, np.float32)
-    depth[40:80, 60:100] = 0.8
-    found = nearest_object(depth, SIGMA, 1 / 150, 50)
-    assert not found[60, 80]
-    assert found[10, 10]
 
 
 def test_the_far_end_of_a_pipe_is_seen_in_few_pixels():

@@ -1,10 +1,18 @@
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 from matplotlib.path import Path
 
 import impostor_jax as ij
-from impostor_jax.viewer.figure import fitted_outline, overlay_figure
-from tests.fit.scenes import CAMERA, SIGMA, can, image_of
+from impostor_jax.find.found import Found
+from impostor_jax.viewer.figure import (
+    Drawn,
+    draw_shapes,
+    fitted_outline,
+    found_figure,
+    overlay_figure,
+)
+from tests.fit.scenes import CAMERA, SIGMA, can, image, image_of
 from tests.fit.test_frustum import cup
 from tests.fit.test_sphere import ball
 from tests.groups import SMALL_IMAGES
@@ -52,3 +60,53 @@ def test_a_fit_of_any_shape_is_drawn_with_its_outline(function, shape):
     ]
     # The region that was used on the left, and the outline on both.
     assert drawn == [2, 1]
+
+
+NO_PLANES = ij.Plane(np.zeros((0, 3)), np.zeros((0, 3)))
+
+
+@SMALL_IMAGES
+def test_what_was_found_is_drawn_with_its_number_and_confidence():
+    depth, mask = image()
+    fit = ij.fit_cylinder(depth, CAMERA, mask, SIGMA)
+    ones = np.ones(1)
+    found = Found((fit,), mask[None], ones, 0.7 * ones, ones < 0, NO_PLANES)
+    axes = found_figure(found, depth, CAMERA).axes[0]
+    assert (len(axes.lines), len(axes.collections)) == (1, 1)
+    assert [text.get_text() for text in axes.texts] == ["1: 0.70"]
+    assert "1 found" in axes.get_title()
+
+
+@pytest.mark.parametrize("reading", [0.0, np.nan, 0.5])
+def test_an_image_in_which_nothing_was_found_is_drawn(reading):
+    depth = np.full((CAMERA.height, CAMERA.width), reading, np.float32)
+    none = np.zeros(0)
+    masks = np.zeros((0, *depth.shape), bool)
+    found = Found((), masks, none, none, none > 0, NO_PLANES)
+    axes = found_figure(found, depth, CAMERA).axes[0]
+    assert not axes.lines
+    assert not axes.texts
+    assert "0 found" in axes.get_title()
+
+
+def test_an_orthographic_outline_is_that_of_the_rendered_mask():
+    camera = ij.OrthographicCamera(400.0, 400.0, 79.5, 59.5, 160, 120)
+    maps = ij.render(can(), camera, ("depth", "mask"))
+    assert maps.mask is not None
+    mask, axes = np.asarray(maps.mask), Figure().subplots()
+    draw_shapes(axes, maps.depth, camera, [Drawn(mask, can(), "can")])
+    region, outline = axes.collections
+    for contour in (region, outline):
+        (path,) = contour.get_paths()
+        low, high = path.vertices.min(axis=0), path.vertices.max(axis=0)
+        rows, cols = np.nonzero(mask)
+        np.testing.assert_allclose(low, (cols.min() - 0.5, rows.min() - 0.5))
+        np.testing.assert_allclose(high, (cols.max() + 0.5, rows.max() + 0.5))
+
+
+def test_a_region_of_all_pixels_has_no_border():
+    everywhere = np.ones((CAMERA.height, CAMERA.width), bool)
+    axes = Figure().subplots()
+    draw_shapes(axes, everywhere.astype(float), CAMERA, [Drawn(everywhere, None, "a")])
+    assert not axes.collections
+    assert len(axes.texts) == 1

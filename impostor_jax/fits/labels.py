@@ -9,11 +9,12 @@ import numpy as np
 
 from impostor_jax.arguments import is_concrete
 from impostor_jax.camera.pinhole import PinholeCamera
-from impostor_jax.fit.batch import fit_or_failure, side_by_side
+from impostor_jax.fit.batch import side_by_side
 from impostor_jax.fit.fittable import CYLINDER, FRUSTUM, SPHERE
 from impostor_jax.fit.options import FitOptions, Options
 from impostor_jax.fit.result import Fit
-from impostor_jax.fit.single import fit_cylinder, fit_frustum, fit_sphere
+from impostor_jax.fits.shown import fit_or_failure
+from impostor_jax.fits.single import fit_cylinder, fit_frustum, fit_sphere
 from impostor_jax.primitives.base import AbstractPrimitive
 
 KIND_OF = {fit_cylinder: CYLINDER, fit_frustum: FRUSTUM, fit_sphere: SPHERE}

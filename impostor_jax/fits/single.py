@@ -8,7 +8,7 @@ from impostor_jax.camera.pinhole import PinholeCamera
 from impostor_jax.fit.fittable import CYLINDER, FRUSTUM, SPHERE
 from impostor_jax.fit.options import FitOptions, Options
 from impostor_jax.fit.result import Fit
-from impostor_jax.fit.shapes import fit_shape
+from impostor_jax.fits.shown import fit_shown
 from impostor_jax.primitives.cylinder import Cylinder
 from impostor_jax.primitives.frustum import Frustum
 from impostor_jax.primitives.sphere import Sphere
@@ -36,8 +36,9 @@ def fit_cylinder(
             the readings beside its border disagree with the others, it is cut down to
             what is of one surface; not so in a traced fit, which fails where many of
             them lie elsewhere.
-            If None, the nearest large component that stands in front of its
-            surroundings is taken, and reported as `region`.
+            If None, a cylinder is searched for as in `find_cylinders` and the surest
+            one is taken; or what reads near `initial`, within half a radius or 5 sigma.
+            The pixels are reported as `region`.
         sigma: Standard deviation of a reading in meters, or a noise model of the
             sensor, which weighs each reading by its depth and incidence. Readings that
             scatter three times as much make it a `poor_fit`. If None, 1 mm weighs
@@ -59,7 +60,7 @@ def fit_cylinder(
         the implicit function theorem at the solution.
     """
     asked = Options.of(options)
-    return fit_shape(CYLINDER, depth, camera, mask, sigma, initial, asked)
+    return fit_shown(CYLINDER, depth, camera, mask, sigma, initial, asked)
 
 
 def fit_frustum(
@@ -73,7 +74,9 @@ def fit_frustum(
     """Fit the ends and the two radii of a capped frustum to a depth image.
 
     The likelihood, the starts and the covariance are those of `fit_cylinder`, and so is
-    what may be traced and differentiated. A cylinder is fitted as a frustum whose radii
+    what may be traced and differentiated. Without a mask and a start, each of the
+    largest objects in front of planes is fitted, and the fit that explains the most
+    readings is taken. A cylinder is fitted as a frustum whose radii
     agree to within their standard deviations; `test_taper` tells the two apart. The tip
     of a cone is an end that is not seen: the wall is reported as far as readings lie on
     it.
@@ -96,7 +99,7 @@ def fit_frustum(
         ValueError: Likewise.
     """
     asked = Options.of(options)
-    return fit_shape(FRUSTUM, depth, camera, mask, sigma, initial, asked)
+    return fit_shown(FRUSTUM, depth, camera, mask, sigma, initial, asked)
 
 
 def fit_sphere(
@@ -110,7 +113,8 @@ def fit_sphere(
     """Fit center and radius of a sphere to a depth image.
 
     The likelihood, the starts and the covariance are those of `fit_cylinder`, and so is
-    what may be traced and differentiated.
+    what may be traced and differentiated. Without a mask a ball is found as a frustum
+    is in `fit_frustum`.
 
     Args:
         depth: (H, W), planar depth in meters; 0, NaN and infinity mean no reading.
@@ -129,4 +133,4 @@ def fit_sphere(
         ValueError: Likewise.
     """
     asked = Options.of(options)
-    return fit_shape(SPHERE, depth, camera, mask, sigma, initial, asked)
+    return fit_shown(SPHERE, depth, camera, mask, sigma, initial, asked)

@@ -1,0 +1,222 @@
+"""The command `impostor-jax find`."""
+
+__all__ = ["FindCommand"]
+
+import dataclasses
+import hashlib
+import math
+import sys
+import time
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import tyro
+
+from impostor_jax.cli.dials import Dials, EffortName, chosen_effort
+from impostor_jax.cli.given import (
+    chosen_noise,
+    hints_on_stderr,
+    images_of,
+    places_of,
+    priors_of,
+)
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from impostor_jax.io.camera_file import CameraFile
+
+RECORD, PICTURES = "found.json", ("labels.png", "overlay.png")
+"""What it writes."""
+
+
+@dataclasses.dataclass(frozen=True)
+class FindCommand:
+    """Find every cylinder in depth images, without masks.
+
+    Writes found.json, labels.png (16 bit: 0 for none, k for the k-th cylinder of
+    found.json) and overlay.png; of several images each into a folder of its name. The
+    exit code is 0 if a cylinder was found, 1 if none was and 2 if the input is bad.
+    """
+
+    depth: tyro.conf.Positional[tuple[Path, ...]]
+    """Depth images: 16-bit PNG, or meters as floating-point TIFF or NPY; or folders of
+    them, or patterns in quotes, as 'frames/*.png'."""
+    camera: Path
+    """Camera file (JSON): fx, fy, cx, cy, width, height, depth_scale_m, distortion."""
+    sigma: float | None = None
+    """Standard deviation of a depth reading, in meters; 0.001 if neither this nor a
+    sensor is given."""
+    sensor: str | None = None
+    """Noise model of the sensor: structured_light or stereo (with the camera's focal
+    length), or a JSON file with its type and numbers."""
+    prior_radius: tuple[float, float] | None = None
+    """Expected radius and its standard deviation, in meters."""
+    prior_height: tuple[float, float] | None = None
+    """Expected height and its standard deviation, in meters."""
+    min_pixels: int | None = None
+    """Fewest pixels of a cylinder, as in `find_cylinders`, like the next two."""
+    min_arc_deg: float | None = None
+    """Smallest angle about the axis over which the wall is seen."""
+    radius_range: tuple[float, float] | None = None
+    """Smallest and largest radius, in meters."""
+    output: Path = Path(".")
+    """Folder that the files are written to."""
+    json: Path | None = None
+    """File for the record of a single image, instead of found.json in the output
+    folder; "-" is the standard output."""
+    resume: bool = False
+    """Leave images as they are whose files are there, made from the same image with the
+    same options: the rest of an interrupted run."""
+    effort: EffortName = "balanced"
+    """How much work it takes; each dial may be set apart from it."""
+    dials: Dials = dataclasses.field(default_factory=Dials)
+
+    def run(self) -> int:
+        """Run the command; returns the exit code."""
+        from tqdm import tqdm
+
+        from impostor_jax.cli.ending import stream_beside
+        from impostor_jax.io.atomic import check_output_file, check_output_folder
+        from impostor_jax.io.camera_file import read_camera
+
+        images = images_of(self.depth)
+        places = places_of(images, self.output)
+        several = len(images) > 1
+        if self.json is not None and several:
+            raise ValueError(
+                "--json must not be given with several images: each has a found.json "
+                "of its own"
+            )
+        file = read_camera(self.camera)
+        asked = self._asked(float(file.camera.fx))
+        for place in places:
+            check_output_folder(place, (RECORD, *PICTURES))
+        if self.json is not None:
+            check_output_file(self.json, "json")
+        # Lines for a reader go elsewhere if the record is printed; around the bar.
+        tell = partial(tqdm.write, file=stream_beside(self.json))
+        bar = tqdm(
+            zip(images, places, strict=True),
+            total=len(images),
+            unit="image",
+            disable=None if several else True,
+            file=sys.stderr,
+        )
+        counts = []
+        try:
+            for image, place in bar:
+                if several:
+                    tell(f"{image}:")
+                counts.append(self._found(image, place, file, asked, tell))
+        except KeyboardInterrupt as interrupt:
+            rest = "interrupted; --resume finds the rest"
+            raise KeyboardInterrupt(rest) from interrupt
+        return 0 if any(counts) else 1
+
+    def _asked(self, focal_length: float) -> dict[str, Any]:
+        """What a search takes by name."""
+        arc = self.min_arc_deg
+        asked = {
+            "prior": priors_of(self.prior_radius, self.prior_height) or None,
+            "min_pixels": self.min_pixels,
+            "min_arc": None if arc is None else math.radians(arc),
+            "radius_range": self.radius_range,
+        }
+        given = {name: value for name, value in asked.items() if value is not None}
+        return given | {
+            "sigma": chosen_noise(self.sigma, self.sensor, focal_length),
+            "effort": chosen_effort(self.effort, self.dials),
+        }
+
+    def _found(
+        self,
+        image: Path,
+        place: Path,
+        file: "CameraFile",
+        asked: dict[str, Any],
+        tell: Any,
+    ) -> int:
+        """Search one image and write its files, the record last; how many were found.
+
+        Args:
+            image: Of the depth.
+            place: Folder of what is written.
+            file: What the camera file holds.
+            asked: As of `_asked`.
+            tell: Prints a line for a reader.
+        """
+        from impostor_jax.find.cylinders import find_cylinders
+        from impostor_jax.io.atomic import write_json
+        from impostor_jax.io.depth_image import read_depth, write_index
+        from impostor_jax.io.record import found_record
+        from impostor_jax.viewer.figure import write_overlay
+
+        camera, depth_scale_m = file
+        depth = read_depth(image, depth_scale_m, (camera.height, camera.width))
+        record = self.json or place / RECORD
+        made_from = _made_from(image, file, asked)
+        if (
+            self.resume
+            and (count := _count_there(record, place, made_from)) is not None
+        ):
+            tell(f"{count} found before")
+            return count
+        start = time.perf_counter()
+        with hints_on_stderr():
+            found = find_cylinders(depth, camera, **asked)
+        seconds = time.perf_counter() - start
+        tell(str(found))
+        write_index(place / PICTURES[0], _index(found.masks))
+        write_overlay(place / PICTURES[1], found, depth, camera)
+        write_json(record, found_record(found, camera, seconds, made_from))
+        return len(found)
+
+
+def _index(masks: "np.ndarray") -> "np.ndarray":
+    """Number of the mask that each pixel is of, from 0; -1 of none."""
+    import numpy as np
+
+    index = np.full(masks.shape[1:], -1)
+    for number, mask in enumerate(masks):
+        index[mask] = number
+    return index
+
+
+def _made_from(
+    image: Path, file: "CameraFile", asked: dict[str, Any]
+) -> dict[str, Any]:
+    """What the files of an image depend on, for its record."""
+    from impostor_jax.io.camera_file import camera_record
+    from impostor_jax.io.sensor_record import sensor_record
+    from impostor_jax.sensor.base import AbstractDepthNoise
+
+    sigma = asked["sigma"]
+    is_model = isinstance(sigma, AbstractDepthNoise)
+    with image.open("rb") as data:
+        digest = hashlib.file_digest(data, "sha256").hexdigest()
+    return {
+        "depth": image.name,
+        "sha256": digest,
+        "camera": camera_record(*file),
+        **asked,
+        "sigma": sensor_record(sigma) if is_model else sigma,
+        "effort": dataclasses.asdict(asked["effort"]),
+    }
+
+
+def _count_there(record: Path, place: Path, made_from: dict[str, Any]) -> int | None:
+    """How many cylinders were found where all files are there; else None."""
+    import json
+
+    from impostor_jax.io.json_file import read_json_object
+
+    paths = record, *(place / name for name in PICTURES)
+    if not all(path.is_file() for path in paths):
+        return None
+    there = read_json_object(record, f"record {str(record)!r}")
+    # As JSON has it, lists for tuples.
+    if there.get("made_from") != json.loads(json.dumps(made_from)):
+        return None
+    return len(there["cylinders"])

@@ -1,0 +1,116 @@
+"""The caps of a candidate: discs whose rims are seen."""
+
+__all__ = ["NO_CAPS", "Caps", "caps_of"]
+
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from impostor_jax.find.evidence import (
+    AGREEING,
+    LIMIT,
+    UNSURE,
+    Evidence,
+    Scene,
+    directions_across,
+    ring,
+)
+
+RIM_BINS = 36
+"""Bins of the angle around a cap."""
+
+LEAST_RIM = np.pi / 3
+"""Angle over which a rim must be seen, in radians: a disc on a table has none."""
+
+LEAST_FILLED = 0.2
+"""Part of a disc that must be seen."""
+
+
+class Caps(NamedTuple):
+    """What is seen of the caps.
+
+    Attributes:
+        index: Flat indices of their pixels.
+        rim: Largest angle over which the rim of one is seen, in radians.
+    """
+
+    index: Int[np.ndarray, " n"]
+    rim: float
+
+
+NO_CAPS = Caps(np.zeros(0, int), 0.0)
+
+
+def caps_of(scene: Scene, evidence: Evidence) -> Caps:
+    """The caps at the ends of a wall that is seen from outside."""
+    if evidence.wall.side < 0:
+        return NO_CAPS
+    low, high = evidence.ends
+    found = [_cap(scene, evidence, low, -1.0), _cap(scene, evidence, high, 1.0)]
+    return max(found, key=lambda cap: cap.rim)
+
+
+def _cap(scene: Scene, evidence: Evidence, end: float, sign: float) -> Caps:
+    """The cap at one end, whose outward normal is the axis times a sign."""
+    view, (center, axis, radius, side) = scene.view, evidence.wall
+    middle = center + end * axis
+    toward = np.array([0.0, 0.0, -1.0])
+    if view.is_central:
+        toward = -middle / np.linalg.norm(middle)
+    facing = sign * float(axis @ toward)
+    if facing < 0.05 or middle[2] <= 0:
+        return NO_CAPS
+    box = view.box_around(ring(evidence.wall, (end, end), 1.5))
+    if box is None:
+        return NO_CAPS
+    width = view.width(float(middle[2]))
+    off = view.points[box] - middle.astype(np.float32)
+    along = off @ axis.astype(np.float32)
+    distance = np.sqrt(np.maximum((off**2).sum(axis=-1) - along**2, 0))
+    sigma = scene.noise * view.sigma[box]
+    limit = LIMIT * facing * view.deviation(middle[2], sigma, facing) + width
+    flat = scene.usable[box] & (np.abs(along) < limit)
+    agrees = sign * (scene.normals.normal[box] @ axis.astype(np.float32)) > AGREEING
+    flat &= agrees | (scene.normals.error[box] > UNSURE)
+    on_disc = flat & (scene.free | scene.planes)[box] & (distance < radius)
+    count = np.count_nonzero(on_disc)
+    if count < max(LEAST_FILLED * np.pi * radius**2 * facing / width**2, 5):
+        return NO_CAPS
+    met = _on_plane(scene, box, middle, axis) - middle
+    away = np.sqrt((met**2).sum(axis=-1)) / radius
+    first, second = directions_across(axis)
+    turn = (np.arctan2(met @ second, met @ first) / (2 * np.pi) + 0.5) * RIM_BINS
+    turn = turn.astype(int) % RIM_BINS
+    step = max(0.05, width / radius / np.sqrt(facing))
+
+    def counted(mask: Bool[np.ndarray, "h w"]) -> Int[np.ndarray, " b"]:
+        return np.bincount(turn[mask], minlength=RIM_BINS)
+
+    inner = scene.usable[box] & (away > 0.5) & (away < 1 - step)
+    outer = (away > 1 + step) & (away < 1.35 + step)
+    there = counted(inner)
+    seen = (counted(inner & flat) >= 0.6 * there) & (there > 0)
+    seen &= counted(outer & flat) <= 0.3 * counted(outer & scene.usable[box])
+    rim = 2 * np.pi / RIM_BINS * np.count_nonzero(seen)
+    if rim < LEAST_RIM:
+        return NO_CAPS
+    row, col = np.nonzero(on_disc)
+    index = (box[0].start + row) * view.depth.shape[1] + box[1].start + col
+    return Caps(index, float(rim))
+
+
+def _on_plane(
+    scene: Scene,
+    box: tuple[slice, slice],
+    middle: Float[np.ndarray, "3"],
+    axis: Float[np.ndarray, "3"],
+) -> Float[np.ndarray, "h w 3"]:
+    """Where rays meet the plane of a cap, whatever they read."""
+    view = scene.view
+    x, y = view.x[box], view.y[box]
+    if view.is_central:
+        depth = (middle @ axis) / (x * axis[0] + y * axis[1] + axis[2])
+        return np.stack([x * depth, y * depth, depth], axis=-1)
+    rest = (x - middle[0]) * axis[0] + (y - middle[1]) * axis[1]
+    return np.stack([x, y, middle[2] - rest / axis[2]], axis=-1)

@@ -1,0 +1,174 @@
+"""A fit of an object that may have no mask: which pixels show it is found first.
+
+Of a cylinder they are those of the surest one that a search finds. Where a start is
+given, they are those that read near its surface; of a ball or a cup each large object
+is fitted that stands out of the planes of the scene.
+"""
+
+__all__ = ["fit_or_failure", "fit_shown"]
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float
+
+from impostor_jax.arguments import is_concrete, working_precision
+from impostor_jax.camera.pinhole import PinholeCamera
+from impostor_jax.effort import MIN_READINGS
+from impostor_jax.find.cylinders import find_cylinders
+from impostor_jax.find.normals import stray
+from impostor_jax.find.objects import objects_of
+from impostor_jax.find.planes import planes_of
+from impostor_jax.find.view import view_of
+from impostor_jax.fit.fittable import CYLINDER, Fittable, no_guess
+from impostor_jax.fit.options import Options
+from impostor_jax.fit.regions import warn_of_units
+from impostor_jax.fit.request import (
+    TooFewReadingsError,
+    check_readings,
+    check_types,
+    checked_depth,
+    checked_mask,
+    checked_noise,
+    checked_prior,
+    checked_settings,
+)
+from impostor_jax.fit.result import Fit
+from impostor_jax.fit.shapes import fit_shape
+from impostor_jax.primitives.base import AbstractPrimitive
+from impostor_jax.rendering.render import render
+from impostor_jax.sensor.base import AbstractDepthNoise
+
+MOST_OBJECTS = 5
+"""How many objects are fitted, the largest first."""
+
+
+def fit_shown(
+    kind: Fittable,
+    depth: Any,
+    camera: PinholeCamera,
+    mask: Any,
+    sigma: Any,
+    initial: AbstractPrimitive | None,
+    options: Options,
+) -> Fit:
+    """As `fit_shape`; without a mask the object is looked for, unless it is traced."""
+    given = (depth, camera, sigma, initial, options.prior)
+    if mask is not None or not is_concrete(given):
+        return fit_shape(kind, depth, camera, mask, sigma, initial, options)
+    check_types(kind.shape, camera, initial)
+    precision = options.effort.precision
+    with working_precision(precision, given) as converted:
+        # Before a search: it takes longer than all else.
+        checked_settings(kind, options, initial, sigma)
+        checked_prior(options.prior, kind.parameters, initial)
+        noise = checked_noise(sigma)
+        image = np.asarray(checked_depth(depth, camera))
+        check_readings(image, None)
+        if initial is not None:
+            start, noise = converted((initial, noise))
+            masks = [_near(start, kind, image, camera, noise)]
+        elif kind is CYLINDER:
+            masks = _surest(image, camera, sigma, options)
+        else:
+            masks = _objects(image, camera, noise)
+    fits = [
+        fit_shape(kind, depth, camera, one, sigma, initial, options)
+        for one in masks
+        if np.count_nonzero(image[one]) >= MIN_READINGS
+    ]
+    if len(fits) == 1:
+        return fits[0]
+    good = [fit for fit in fits if bool(fit.success)]
+    if not good:
+        return _nothing(kind, image, noise, precision)
+    return max(good, key=lambda fit: np.count_nonzero(fit.inliers))
+
+
+def _nothing(
+    kind: Fittable,
+    image: Float[np.ndarray, "h w"],
+    noise: AbstractDepthNoise,
+    precision: str | None,
+) -> Fit:
+    """What a fit returns where no object is found."""
+    warn_of_units(image, image > 0, noise)
+    with working_precision(precision, ()):
+        return no_guess(kind, np.zeros(image.shape, bool))
+
+
+def _surest(
+    image: Float[np.ndarray, "h w"], camera: PinholeCamera, sigma: Any, options: Options
+) -> list[Bool[np.ndarray, "h w"]]:
+    """Pixels of the surest cylinder, if one is found."""
+    prior = {name: x for name, x in (options.prior or {}).items() if name == "radius"}
+    found = find_cylinders(
+        image, camera, sigma, prior=prior or None, effort=options.effort
+    )
+    return list(found.masks[:1])
+
+
+def _near(
+    initial: AbstractPrimitive,
+    kind: Fittable,
+    image: Float[np.ndarray, "h w"],
+    camera: PinholeCamera,
+    noise: AbstractDepthNoise,
+) -> Bool[np.ndarray, "h w"]:
+    """Pixels that read within half a radius, or 5 sigma, of a start."""
+    depth = render(initial, camera, outputs=("depth",)).depth
+    assert depth is not None
+    radius = kind.body.of(initial).radius
+    return np.asarray(_reads_near(jnp.asarray(image), depth, noise, radius))
+
+
+@jax.jit
+def _reads_near(
+    image: Float[Array, "h w"],
+    depth: Float[Array, "h w"],
+    noise: AbstractDepthNoise,
+    radius: Float[Array, ""],
+) -> Bool[Array, "h w"]:
+    is_hit = jnp.isfinite(depth)
+    depth = jnp.where(is_hit, depth, 1).astype(image.dtype)
+    sigma = noise.sigma(depth, jnp.ones_like(depth))
+    reach = jnp.maximum(5 * sigma, radius.astype(image.dtype) / 2)
+    return is_hit & (image > 0) & (jnp.abs(image - depth) <= reach)
+
+
+def _objects(
+    image: Float[np.ndarray, "h w"], camera: PinholeCamera, noise: AbstractDepthNoise
+) -> list[Bool[np.ndarray, "h w"]]:
+    """Pixels of the largest objects that are no planes, as a search sees them."""
+    view = view_of(image, camera, noise)
+    usable = view.valid & ~stray(view)
+    planes = planes_of(view, usable)
+    fewest = -(-MIN_READINGS // view.stride**2)
+    labels = objects_of(view, usable & (planes.labels == 0), planes.noise, fewest)
+    # Of all pixels again.
+    labels = labels.repeat(view.stride, axis=0).repeat(view.stride, axis=1)
+    labels = labels[: image.shape[0], : image.shape[1]]
+    count = min(int(labels.max(initial=0)), MOST_OBJECTS)
+    return [(labels == number) & (image > 0) for number in range(1, count + 1)]
+
+
+def fit_or_failure(
+    kind: Fittable,
+    depth: Any,
+    camera: PinholeCamera,
+    mask: Any,
+    sigma: Any,
+    initial: AbstractPrimitive | None,
+    options: Options,
+) -> Fit:
+    """As `fit_shown`, or a failed fit where there are too few readings."""
+    try:
+        return fit_shown(kind, depth, camera, mask, sigma, initial, options)
+    except TooFewReadingsError:
+        with working_precision(options.effort.precision, ()):
+            region = checked_mask(mask, camera)
+            if region is None:
+                region = np.zeros(checked_depth(depth, camera).shape, bool)
+            return no_guess(kind, np.asarray(region))

@@ -1,0 +1,124 @@
+"""Fits without a mask: which pixels are taken."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import impostor_jax as ij
+from impostor_jax.fit.regions import DepthUnitsWarning
+from impostor_jax.fits import shown
+from tests.fit.scenes import CAMERA, SIGMA, can, image, image_of
+from tests.fit.test_frustum import cup
+from tests.fit.test_sphere import ball
+from tests.groups import SMALL_IMAGES
+
+pytestmark = SMALL_IMAGES
+
+WALL = np.full((CAMERA.height, CAMERA.width), 0.6, np.float32)
+
+
+def moved(shape, offset):
+    """The same shape elsewhere."""
+    return shape.transformed(ij.RigidTransform(np.eye(3), np.asarray(offset)))
+
+
+def beside(*shapes):
+    """Noisy image of shapes in front of a wall, and the mask of each."""
+    seen = [image_of(shape, seed=k) for k, shape in enumerate(shapes)]
+    depth = np.min([depth for depth, _ in seen], axis=0)
+    return depth, [mask & (depth == own) for own, mask in seen]
+
+
+def test_the_surest_cylinder_is_fitted():
+    depth, mask = image()
+    fit = ij.fit_cylinder(depth, CAMERA, sigma=SIGMA)
+    assert fit.success
+    region = np.asarray(fit.region)
+    assert np.count_nonzero(region & mask) > 0.95 * np.count_nonzero(region)
+    assert abs(float(fit.cylinder.radius) - 0.04) < 4 * float(fit.std.radius)
+    # An image without a cylinder fails alone.
+    several = ij.fit_cylinders(np.stack([depth, WALL, 0 * WALL]), CAMERA, sigma=SIGMA)
+    assert np.asarray(several.success).tolist() == [True, False, False]
+    np.testing.assert_array_equal(several.region[0], region)
+    assert not np.asarray(several.region[1:]).any()
+
+
+@pytest.mark.parametrize("fit", [ij.fit_cylinder, ij.fit_frustum, ij.fit_sphere])
+def test_a_wall_shows_no_object(fit):
+    found = fit(WALL, CAMERA, sigma=SIGMA)
+    assert found.status is ij.FitStatus.NO_FIRST_GUESS
+    assert not np.asarray(found.region).any()
+
+
+@pytest.mark.parametrize(
+    ("fit", "shape"), [(ij.fit_sphere, ball()), (ij.fit_frustum, cup())]
+)
+def test_the_object_of_the_shape_is_fitted_though_another_is_nearer(fit, shape):
+    plate = ij.Box((-0.1, -0.06, 0.25), np.eye(3), (0.04, 0.06, 0.02))
+    depth, (mask, other) = beside(shape, plate)
+    assert np.count_nonzero(other) > 300
+    found = fit(depth, CAMERA, sigma=SIGMA)
+    assert found.success
+    region = np.asarray(found.region)
+    assert np.count_nonzero(region & mask) > 0.95 * np.count_nonzero(region | mask)
+
+
+def test_what_reads_near_a_start_is_fitted():
+    second = moved(can(), (0.0, 0.0, 0.15))
+    depth, (mask, _) = beside(can(), moved(can(90.0), (-0.13, -0.07, 0.05)))
+    near = ij.Cylinder(can().center, can().axis, 0.042, 0.125)
+    found = ij.fit_cylinder(depth, CAMERA, sigma=SIGMA, initial=near)
+    assert found.success
+    region = np.asarray(found.region)
+    assert np.count_nonzero(region & mask) > 0.97 * np.count_nonzero(region | mask)
+    # The silhouette of a start behind it is covered by what is nearer.
+    found = ij.fit_cylinder(depth, CAMERA, sigma=SIGMA, initial=second)
+    assert found.status is ij.FitStatus.NO_FIRST_GUESS
+
+
+def test_a_traced_start_without_a_mask_takes_what_it_covers():
+    depth, mask = image()
+    fit = jax.jit(lambda d: ij.fit_cylinder(d, CAMERA, sigma=SIGMA, initial=can()))
+    np.testing.assert_array_equal(fit(jnp.asarray(depth)).region, mask)
+
+
+def test_millimeters_in_which_nothing_is_found_get_a_hint():
+    wall = WALL + np.random.default_rng(0).normal(0, SIGMA, WALL.shape)
+    with pytest.warns(DepthUnitsWarning, match="is it in millimeters"):
+        found = ij.fit_sphere(1000 * wall, CAMERA, sigma=SIGMA)
+    assert not found.success
+
+
+def test_bad_arguments_are_refused_before_a_search(monkeypatch):
+    def unexpected(*_, **__):
+        raise AssertionError
+
+    monkeypatch.setattr(shown, "find_cylinders", unexpected)
+    for options, message in (
+        ({"prior": {"size": (1, 1)}}, "prior must be one of"),
+        ({"fixed": ("radius",)}, "initial must be given with fixed"),
+        ({"sigma": -1.0}, "sigma must be a positive number"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            ij.fit_cylinder(WALL, CAMERA, **options)
+    with pytest.raises(ValueError, match="at least 50 readings"):
+        ij.fit_cylinder(0 * WALL, CAMERA)
+    with pytest.raises(ValueError, match="negative"):
+        ij.fit_cylinder(-WALL, CAMERA)
+
+
+def test_a_search_knows_the_radius_and_the_effort(monkeypatch):
+    calls = []
+    real = shown.find_cylinders
+
+    def noted(*arguments, **options):
+        calls.append(options)
+        return real(*arguments, **options)
+
+    monkeypatch.setattr(shown, "find_cylinders", noted)
+    prior = {"radius": (0.04, 0.001), "height": (0.12, 0.001)}
+    ij.fit_cylinder(WALL, CAMERA, sigma=SIGMA, prior=prior, effort="fast")
+    (given,) = calls
+    assert given["prior"] == {"radius": (0.04, 0.001)}
+    assert given["effort"].readings == 4096
