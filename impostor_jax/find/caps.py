@@ -53,7 +53,7 @@ def caps_of(scene: Scene, evidence: Evidence) -> Caps:
 
 def _cap(scene: Scene, evidence: Evidence, end: float, sign: float) -> Caps:
     """The cap at one end, whose outward normal is the axis times a sign."""
-    view, (center, axis, radius, side) = scene.view, evidence.wall
+    view, (center, axis, radius, _, _) = scene.view, evidence.wall
     middle = center + end * axis
     toward = np.array([0.0, 0.0, -1.0])
     if view.is_central:

@@ -7,6 +7,7 @@ image leaves open is told from what it refutes.
 
 __all__ = ["Deformation", "deformation"]
 
+import itertools
 from typing import NamedTuple
 
 import cv2
@@ -15,23 +16,34 @@ from jaxtyping import Float
 
 from impostor_jax.find.evidence import LIMIT, Evidence, Scene, directions_across
 
+PRICE = 30.0
+"""Of a second cylinder, in chi-squared: five numbers more, at many places."""
+
+SEAM_BINS = 32
+"""Places where two cylinders may meet."""
+
 FEWEST = 20
 """Readings that it takes."""
 
 
 class Deformation(NamedTuple):
-    """Over the radius, at the ends of the wall: coefficients and standard deviations.
+    """What departs from a cylinder.
 
-    In the order taper, barrel, two of an ellipse, two of a bend.
+    Attributes:
+        value: Over the radius, at the ends of the wall: taper, barrel, two of an
+            ellipse, two of a bend.
+        deviation: Their standard deviations.
+        seam: Where along the axis two cylinders meet; None where there is one.
     """
 
     value: Float[np.ndarray, "6"]
     deviation: Float[np.ndarray, "6"]
+    seam: float | None
 
 
 def deformation(scene: Scene, evidence: Evidence) -> Deformation | None:
     """How far a surface is from a cylinder's; None where too little is seen of it."""
-    view, (center, axis, radius, side) = scene.view, evidence.wall
+    view, (center, axis, radius, side, _) = scene.view, evidence.wall
     index = _within(scene, evidence)
     off = view.points.reshape(-1, 3)[index] - center
     along = off @ axis
@@ -58,7 +70,7 @@ def deformation(scene: Scene, evidence: Evidence) -> Deformation | None:
     deviation = deviation * np.abs(cosine) / radius
     miss = distance[told] / radius - 1
     weight, rest = 1 / deviation, miss
-    inverse, solution = np.eye(len(terms[0])), np.zeros(len(terms[0]))
+    inverse, solution = np.eye(terms.shape[1]), np.zeros(terms.shape[1])
     for _ in range(3):
         rows = terms * weight[:, None]
         # With a prior as wide as the radius, for what the readings leave open.
@@ -67,7 +79,68 @@ def deformation(scene: Scene, evidence: Evidence) -> Deformation | None:
         rest = (miss - terms @ solution) / deviation
         weight = 1 / deviation / (1 + (rest / LIMIT) ** 2)
     scatter = max(1.4826 * float(np.median(np.abs(rest))), 1.0)
-    return Deformation(solution[5:], scatter * np.sqrt(np.diag(inverse)[5:]))
+    share = evidence.explained / len(index)
+    seam = _seam(place, terms, miss, deviation * scatter, share)
+    return Deformation(
+        solution[5:],
+        scatter * np.sqrt(np.diag(inverse)[5:]),
+        None if seam is None else middle + half * seam,
+    )
+
+
+def _seam(
+    place: Float[np.ndarray, " n"],
+    terms: Float[np.ndarray, "n 11"],
+    miss: Float[np.ndarray, " n"],
+    deviation: Float[np.ndarray, " n"],
+    share: float,
+) -> float | None:
+    """Where two cylinders meet that explain the readings better than one; None if none.
+
+    Each half gets five numbers of its own, by the normal equations of bins added up
+    from either end. A cone, a ball or a bend is no two cylinders: a smooth departure
+    must explain less.
+
+    Args:
+        place: Along the axis, from -1 to 1.
+        terms: The five of a wall and six of smooth departures.
+        miss: Distances from the wall.
+        deviation: Of these.
+        share: Readings that each of these stands for.
+    """
+    rows = np.column_stack([terms, miss]) / deviation[:, None]
+    kept = np.abs(rows[:, -1]) < 2 * LIMIT
+    rows, place = rows[kept], place[kept]
+    bins = ((place + 1) / 2 * SEAM_BINS).astype(int).clip(0, SEAM_BINS - 1)
+    order = np.argsort(bins, kind="stable")
+    rows, edges = rows[order], np.searchsorted(bins[order], np.arange(SEAM_BINS + 1))
+    products = np.array(
+        [rows[a:b].T @ rows[a:b] for a, b in itertools.pairwise(edges)]
+    )
+    total = products.sum(axis=0)
+    wall = [*range(5), 11]
+
+    def left_over(products: Float[np.ndarray, "*b 6 6"]) -> Float[np.ndarray, "*b"]:
+        """Chi-squared of the best solution."""
+        size = products.shape[-1] - 1
+        equations = products[..., :size, :size] + 1e-6 * np.eye(size)
+        right = products[..., :size, size]
+        solution = np.linalg.solve(equations, right[..., None])[..., 0]
+        return products[..., size, size] - (right * solution).sum(axis=-1)
+
+    before = np.cumsum(products[:, wall][:, :, wall], axis=0)[2:-3]
+    after = total[np.ix_(wall, wall)] - before
+    halves = left_over(before) + left_over(after)
+    # Some of either side must be seen.
+    counts = np.cumsum(np.diff(edges))[2:-3]
+    few = np.minimum(counts, len(rows) - counts) < max(FEWEST, 0.1 * len(rows))
+    halves = np.where(few, np.inf, halves)
+    best = int(np.argmin(halves))
+    smooth = float(left_over(total))
+    alone = float(left_over(total[np.ix_(wall, wall)]))
+    if share * min(alone - 2 * PRICE / share - halves[best], smooth - halves[best]) < PRICE:
+        return None
+    return 2 * (best + 3) / SEAM_BINS - 1
 
 
 def _within(scene: Scene, evidence: Evidence) -> np.ndarray:

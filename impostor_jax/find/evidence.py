@@ -43,12 +43,21 @@ ARC_BINS = 72
 
 
 class Candidate(NamedTuple):
-    """A wall that may be there; the side is 1 from outside and -1 from inside."""
+    """A wall that may be there.
+
+    Attributes:
+        center: A point of its axis, in the camera's frame, in meters.
+        axis: Unit vector.
+        radius: In meters.
+        side: 1 where it is seen from outside, and -1 from inside.
+        limits: Along the axis from the center, between which it may be.
+    """
 
     center: Float[np.ndarray, "3"]
     axis: Float[np.ndarray, "3"]
     radius: float
     side: float
+    limits: tuple[float, float] = (-np.inf, np.inf)
 
 
 class Scene(NamedTuple):
@@ -144,7 +153,7 @@ def _meeting(
     y: Float[np.ndarray, "..."],
     wall: Candidate,
 ) -> _Meeting:
-    c, a, r, side = wall
+    c, a, r, side, _ = wall
     c, a = c.astype(np.float32).tolist(), a.astype(np.float32).tolist()
     if view.is_central:
         # Rays d = (x, y, 1) from the origin; off is the center.
@@ -283,10 +292,15 @@ def _reach(scene: Scene, wall: Candidate) -> tuple[float, float] | None:
     deviation = view.deviation(depth, sigma, cosine) * np.maximum(np.abs(cosine), 0.05)
     near = np.abs(distance - wall.radius) < LIMIT * deviation
     near &= wall.side * cosine > 0
+    low, high = wall.limits
+    near &= (along > low) & (along < high)
     if np.count_nonzero(near) < 4:
         return None
     places = along[near]
-    return float(places.min()) - wall.radius, float(places.max()) + wall.radius
+    return (
+        max(float(places.min()) - wall.radius, low),
+        min(float(places.max()) + wall.radius, high),
+    )
 
 
 def _inside(

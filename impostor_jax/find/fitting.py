@@ -74,14 +74,18 @@ class Fitter:
             start, self.options,
         )  # fmt: skip
 
-    def wall_of(self, fit: Fit, side: float) -> Candidate:
-        """The wall of a fit, in the camera's frame."""
+    def wall_of(self, fit: Fit, start: Candidate) -> Candidate:
+        """The wall of a fit, in the camera's frame, between the limits of its start."""
         shape, move = fit.cylinder, self.camera.camera_from_world
         center, axis = shape.center, shape.axis
         if move is not None:
             center, axis = move.apply(center), move.rotate(axis)
         center, axis = np.asarray(center, float), np.asarray(axis, float)
-        return Candidate(center, axis, float(shape.radius), side)
+        sign = 1.0 if axis @ start.axis > 0 else -1.0
+        place = sign * float((start.center - center) @ axis)
+        low, high = (place + limit for limit in start.limits)
+        radius = float(shape.radius)
+        return Candidate(center, sign * axis, radius, start.side, (low, high))
 
     def _of_image(
         self, mask: Bool[np.ndarray, "h w"], stride: int

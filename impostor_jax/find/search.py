@@ -160,6 +160,10 @@ class _Search:
                 if again is not None:
                     queue.append(again)
                 continue
+            halves = self._halves(scene, best)
+            if len(halves) == 2:
+                queue += halves
+                continue
             if self._fitted(scene, best):
                 scene = self.scene()
             else:
@@ -239,13 +243,25 @@ class _Search:
         found = (detection.entry.evidence.wall for detection in self.detections)
         return any(alike(wall, other) for other in itertools.chain(found, self.refused))
 
+    def _halves(self, scene: Scene, entry: Entry) -> list[Entry]:
+        """The two cylinders that meet where one was taken for both; [] for one."""
+        if entry.shape is None or entry.shape.seam is None:
+            return []
+        wall, seam = entry.evidence.wall, entry.shape.seam
+        low, high = wall.limits
+        halves = (
+            self._entry(scene, wall._replace(limits=limits))
+            for limits in ((low, seam), (seam, high))
+        )
+        return [half for half in halves if half is not None]
+
     def _fitted(self, scene: Scene, entry: Entry) -> bool:
         """Fit a candidate, and keep it if it is sure enough."""
         mask = self._mask(scene, entry)
         fit = self.fitter.fit(mask, entry.evidence)
         if not bool(fit.success):
             return False
-        final = self._entry(scene, self.fitter.wall_of(fit, entry.evidence.wall.side))
+        final = self._entry(scene, self.fitter.wall_of(fit, entry.evidence.wall))
         if final is None or self._known(final.evidence.wall):
             return False
         facts = facts_of(final.evidence, final.caps, final.shape, fit)
@@ -267,7 +283,9 @@ class _Search:
 
 def alike(one: Candidate, other: Candidate) -> bool:
     """Whether two walls are so near that they lead to the same fit."""
-    if one.side != other.side or abs(np.log(one.radius / other.radius)) > 0.15:
+    if one.limits != other.limits or one.side != other.side:
+        return False
+    if abs(np.log(one.radius / other.radius)) > 0.15:
         return False
     if abs(one.axis @ other.axis) < np.cos(np.radians(8)):
         return False
