@@ -4,7 +4,7 @@ Its function is a `Program`: given an image's readings, its camera and the senso
 noise, it returns detections. It knows nothing else of the presets.
 """
 
-__all__ = ["OURS", "PROGRAMS", "TRUE_MASKS", "Entry", "fit_true_masks"]
+__all__ = ["OURS", "OUR_SOURCES", "PROGRAMS", "Entry", "fit_true_masks"]
 
 from typing import NamedTuple
 
@@ -14,13 +14,14 @@ from jaxtyping import Float
 import impostor_jax as ij
 from experiments.find_accuracy.peers.cape import cape
 from experiments.find_accuracy.peers.clouds import cgal, pcl, pyransac3d
-from experiments.find_accuracy.program import Detection, Program
+from experiments.find_accuracy.program import Program
 from impostor_jax.effort import MIN_READINGS
+from impostor_jax.matching import Detection, detection_of
 
 OURS = "impostor_jax"
 
-TRUE_MASKS = "true masks"
-"""Name of our fits to what the true masks show."""
+OUR_SOURCES = ("impostor_jax",)
+"""Folders whose files tell whether what we find has changed."""
 
 
 class Entry(NamedTuple):
@@ -45,7 +46,7 @@ def _found(
 ) -> list[Detection]:
     found = ij.find_cylinders(depth, camera, sensor, effort=effort)
     return [
-        _detection(fit, float(confidence))
+        detection_of(fit, float(confidence))
         for fit, confidence in zip(found.fits, found.confidence, strict=True)
     ]
 
@@ -68,30 +69,14 @@ def fit_true_masks(
         if np.count_nonzero(image.depth[mask]) >= MIN_READINGS:
             fit = ij.fit_cylinder(image.depth, image.camera, mask=mask, sigma=sensor)
             if bool(fit.success):
-                detection = _detection(fit, 1.0)
+                detection = detection_of(fit, 1.0)
         fits.append(detection)
     return fits
 
 
-def _detection(fit: ij.Fit, confidence: float) -> Detection:
-    cylinder = fit.cylinder
-    return Detection(
-        center=np.asarray(cylinder.center, float),
-        axis=np.asarray(cylinder.axis, float),
-        radius=float(cylinder.radius),
-        height=float(cylinder.height) if fit.height_observed else np.nan,
-        confidence=confidence,
-        radius_std=float(fit.std.radius),
-    )
-
-
 PROGRAMS: dict[str, Entry] = {
-    OURS: Entry(
-        "`find_cylinders`, with no option set.", _found, sources=("impostor_jax",)
-    ),
-    f"{OURS} fast": Entry(
-        "The same with `effort='fast'`.", _found_fast, sources=("impostor_jax",)
-    ),
+    OURS: Entry("`find_cylinders`, with no option set.", _found, OUR_SOURCES),
+    f"{OURS} fast": Entry("The same with `effort='fast'`.", _found_fast, OUR_SOURCES),
     "PCL": Entry(
         "Planes are taken away, then cylinders by RANSAC with normals, one by one.", pcl
     ),

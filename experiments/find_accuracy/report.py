@@ -7,9 +7,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from experiments.find_accuracy.programs import OURS, PROGRAMS
-from experiments.find_accuracy.scoring import BINS, LEVELS
 from experiments.markdown import number, percent, table
 from experiments.recording import Results
+from impostor_jax.matching import BINS, LEVELS
 
 NAMES = (
     *("tabletop_cans", "pipes", "tree_trunks", "inside_pipe", "hard"),
@@ -63,15 +63,15 @@ def tables(results: Results) -> str:
     blocks.append(table(head, rows))
     ours = [p for p in seen if f"{OURS}.{p}.from_mask" in results.values]
     head = ["right ones of ours", "radius off by", "95 % intervals that hold"]
-    head.append("radius off the true mask's, std")
+    head += ["with the true mask", "radius off the true mask's, std"]
     rows = []
     for preset in ours:
         values = (
             results.values.get(f"{OURS}.{preset}.{name}")
-            for name in ("radius_error", "interval_95", "from_mask")
+            for name in ("radius_error", "interval_95", "mask_interval_95", "from_mask")
         )
-        off, held, apart = values
-        rows.append([preset, percent(off), percent(held), number(apart, ".2f")])
+        *parts, apart = values
+        rows.append([preset, *map(percent, parts), number(apart, ".2f")])
     if rows:
         blocks.append(table(head, rows))
     return "\n\n".join(blocks)

@@ -1,36 +1,37 @@
 """Find the cylinders of generated images, by programs that are given no masks."""
 
-__all__ = ["Config", "measure"]
+__all__ = ["Config", "measure", "resampled"]
 
 import dataclasses
 import tempfile
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
 from data_synth.distribution import Fixed
 from data_synth.preset import CameraDraw, Preset, Rules
 from data_synth.presets import PRESETS
-from experiments.find_accuracy.program import Detection, MissingProgramError
-from experiments.find_accuracy.programs import OURS, PROGRAMS, TRUE_MASKS
+from experiments.find_accuracy.program import MissingProgramError
+from experiments.find_accuracy.programs import OURS, PROGRAMS
 from experiments.find_accuracy.report import GRID, NAMES, draw, tables
-from experiments.find_accuracy.runs import Runs
-from experiments.find_accuracy.scoring import (
-    Outcome,
-    Score,
-    Truth,
-    outcome_of,
-    resampled,
-    score_of,
-    truth_of,
-)
+from experiments.find_accuracy.runs import Runs, kept_folder
 from experiments.recording import Metric
 from experiments.running import RunConfig, main
 from experiments.timing import sample
-from impostor_jax.caching import compiled_folder, keep_compiled
+from impostor_jax.caching import keep_compiled
 from impostor_jax.evaluate import LEVELS as INTERVALS
 from impostor_jax.io.dataset import read_dataset
+from impostor_jax.matching import (
+    Comparison,
+    Detection,
+    Score,
+    Truth,
+    compare,
+    score_of,
+    truth_of,
+)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -45,7 +46,9 @@ class Config:
     workers: int = 2
     """Processes that make datasets, and that programs run in unless they are timed."""
     presets: tuple[str, ...] = NAMES
+    """That are searched: any of these."""
     programs: tuple[str, ...] = tuple(PROGRAMS)
+    """That search: any of these."""
     seed: int = 2026
     """Of the datasets; settings were tuned with others."""
 
@@ -60,16 +63,18 @@ def measure(config: Config) -> Iterator[Metric]:
             yield from _measured(config, Path(home))
     else:
         keep_compiled()
-        yield from _measured(config, compiled_folder().with_name("find_accuracy"))
+        yield from _measured(config, kept_folder())
 
 
 def _measured(config: Config, home: Path) -> Iterator[Metric]:
+    _check_names("program", config.programs, PROGRAMS)
+    _check_names("preset", config.presets, NAMES)
     all_runs = {}
     for name in config.presets:
         preset = _small(PRESETS[name]) if config.run.quick else PRESETS[name]
         all_runs[name] = Runs(preset, config.count, config.seed, home, config.workers)
     programs = list(config.programs)
-    pooled: dict[str, list[Outcome]] = {program: [] for program in programs}
+    pooled: dict[str, list[Comparison]] = {program: [] for program in programs}
     for name, runs in all_runs.items():
         truths = [truth_of(image) for image in read_dataset(runs.dataset)]
         yield _counts(name, truths)
@@ -81,14 +86,13 @@ def _measured(config: Config, home: Path) -> Iterator[Metric]:
                 programs.remove(program)
                 continue
             label = f"{program}.{name}"
-            outcomes = [outcome_of(*pair) for pair in zip(truths, found, strict=True)]
-            pooled[program] += outcomes
-            yield from _scores(label, outcomes)
-            yield from _errors(label, truths, found, outcomes)
+            compared = [compare(*pair) for pair in zip(truths, found, strict=True)]
+            pooled[program] += compared
+            yield from _scores(label, compared)
+            right = _right(truths, found, compared)
+            yield from _errors(label, right)
             if program == OURS:
-                yield from _against_masks(
-                    label, found, runs.detections(TRUE_MASKS), outcomes
-                )
+                yield from _against_masks(label, right, runs.fits_to_masks())
     for program in programs:
         yield from _reliability(program, pooled[program])
     for name, runs in all_runs.items():
@@ -96,6 +100,12 @@ def _measured(config: Config, home: Path) -> Iterator[Metric]:
             seconds = runs.seconds(program, min(config.timed, config.count))
             for column, part in enumerate(("wall", "processor")):
                 yield sample(f"{program}.{name}.{part}", seconds[:, column], "s")
+
+
+def _check_names(kind: str, given: Sequence[str], known: Collection[str]) -> None:
+    for name in given:
+        if name not in known:
+            raise ValueError(f"{kind} must be one of {', '.join(known)}, got {name!r}")
 
 
 def _small(preset: Preset) -> Preset:
@@ -111,10 +121,10 @@ def _counts(name: str, truths: Sequence[Truth]) -> Metric:
     return Metric(f"truths.{name}", float(counted), None, "cylinders", "higher", n)
 
 
-def _scores(label: str, outcomes: Sequence[Outcome]) -> Iterator[Metric]:
+def _scores(label: str, compared: Sequence[Comparison]) -> Iterator[Metric]:
     """Precision, false detections and calibration; the spread is by resampling."""
-    score = score_of(outcomes)
-    others = [_numbers(other) for other in resampled(outcomes)]
+    score = score_of(compared)
+    others = [_numbers(other) for other in resampled(compared)]
     for name, value in _numbers(score).items():
         spread = float(np.std([other[name] for other in others]))
         better = "higher" if name.startswith("ap.") else "lower"
@@ -136,9 +146,17 @@ def _scores(label: str, outcomes: Sequence[Outcome]) -> Iterator[Metric]:
             yield Metric(name, value, None, "1", "higher", n)
 
 
-def _reliability(program: str, outcomes: Sequence[Outcome]) -> Iterator[Metric]:
+def resampled(compared: Sequence[Comparison], repeats: int = 100) -> list[Score]:
+    """Scores of as many images drawn from these with replacement (bootstrap)."""
+    rng = np.random.default_rng(0)
+    n = len(compared)
+    draws = rng.integers(n, size=(repeats, n))
+    return [score_of([compared[k] for k in draw]) for draw in draws]
+
+
+def _reliability(program: str, compared: Sequence[Comparison]) -> Iterator[Metric]:
     """Confidence against what is right, in the images of all presets."""
-    told = score_of(outcomes).calibration
+    told = score_of(compared).calibration
     known = None if np.isnan(told.error) else told.error
     n = int(told.number.sum())
     yield Metric(f"{program}.calibration_error", known, None, "1", "lower", n)
@@ -158,46 +176,66 @@ def _numbers(score: Score) -> Mapping[str, float]:
     return numbers
 
 
-def _right(outcomes: Sequence[Outcome]) -> Iterator[tuple[int, int, int]]:
-    """Image, detection and cylinder of all that is right at the standard level."""
-    for image, outcome in enumerate(outcomes):
-        for k, truth in enumerate(outcome.matches["standard"].truth.tolist()):
-            if truth >= 0:
-                yield image, k, truth
+class Right(NamedTuple):
+    """A detection that is right at the standard level.
+
+    Attributes:
+        image: In which it was found.
+        number: Of its cylinder in the image.
+        radius: The true one, in meters.
+        detection: What was found.
+    """
+
+    image: int
+    number: int
+    radius: float
+    detection: Detection
 
 
-def _errors(
-    label: str,
+def _right(
     truths: Sequence[Truth],
     found: Sequence[Sequence[Detection]],
-    outcomes: Sequence[Outcome],
-) -> Iterator[Metric]:
+    compared: Sequence[Comparison],
+) -> list[Right]:
+    return [
+        Right(image, number, float(truths[image].radius[number]), found[image][k])
+        for image, one in enumerate(compared)
+        for k, number in enumerate(one.matches["standard"].truth.tolist())
+        if number >= 0
+    ]
+
+
+def _errors(label: str, right: Sequence[Right]) -> Iterator[Metric]:
     """How far off right radii are, and whether their intervals hold the true ones."""
-    relative, scaled = [], []
-    for image, k, number in _right(outcomes):
-        one, radius = found[image][k], truths[image].radius[number]
-        relative.append(abs(one.radius - radius) / radius)
-        scaled.append(abs(one.radius - radius) / one.radius_std)
+    relative = [abs(one.detection.radius / one.radius - 1) for one in right]
     yield sample(f"{label}.radius_error", relative, "1")
-    told = np.array([value for value in scaled if not np.isnan(value)])
-    if len(told):
-        held = float(np.mean(told < INTERVALS["95 %"]))
-        yield Metric.share(f"{label}.interval_95", held, len(told))
+    scaled = [_apart(one.detection, one.radius) for one in right]
+    yield from _held(f"{label}.interval_95", scaled)
 
 
 def _against_masks(
-    label: str,
-    found: Sequence[Sequence[Detection]],
-    masked: Sequence[Sequence[Detection]],
-    outcomes: Sequence[Outcome],
+    label: str, right: Sequence[Right], fits: Sequence[Sequence[Detection]]
 ) -> Iterator[Metric]:
-    """Right radii beside those of fits to the true masks, in standard deviations."""
-    apart = []
-    for image, k, number in _right(outcomes):
-        one, other = found[image][k], masked[image][number]
-        apart.append(abs(one.radius - other.radius) / other.radius_std)
-    known = [value for value in apart if np.isfinite(value)]
-    yield sample(f"{label}.from_mask", known, "std")
+    """Right radii beside those of fits to the true masks, in their deviations."""
+    masked = [fits[one.image][one.number] for one in right]
+    pairs = list(zip(masked, right, strict=True))
+    apart = [_apart(fit, one.detection.radius) for fit, one in pairs]
+    yield sample(f"{label}.from_mask", [x for x in apart if np.isfinite(x)], "std")
+    scaled = [_apart(fit, one.radius) for fit, one in pairs]
+    yield from _held(f"{label}.mask_interval_95", scaled)
+
+
+def _apart(one: Detection, radius: float) -> float:
+    """Difference of a radius from another one, in standard deviations of the first."""
+    return abs(one.radius - radius) / one.radius_std
+
+
+def _held(name: str, scaled: Sequence[float]) -> Iterator[Metric]:
+    """Share of 95 % intervals that hold, of the programs that tell deviations."""
+    told = np.array([value for value in scaled if not np.isnan(value)])
+    if len(told):
+        held = float(np.mean(told < INTERVALS["95 %"]))
+        yield Metric.share(name, held, len(told))
 
 
 if __name__ == "__main__":

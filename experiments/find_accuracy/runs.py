@@ -1,11 +1,11 @@
 """Datasets, and what programs find in them: what is kept need not be run again.
 
-Each image's detections are a file of their own, so that a run that was interrupted goes
-on where it was. Their folder is named after the sources of the program: one that has
-changed is run anew.
+What a program tells of an image is a file of its own, so that a run that was
+interrupted goes on where it was. Its folder is named after the sources of the program:
+one that has changed is run anew, the others are not.
 """
 
-__all__ = ["Runs"]
+__all__ = ["Job", "Runs", "kept_folder"]
 
 import dataclasses
 import functools
@@ -23,9 +23,10 @@ from jaxtyping import Float
 import impostor_jax as ij
 from data_synth.generate import generate, resume
 from data_synth.preset import Preset
-from experiments.find_accuracy.program import Detection
-from experiments.find_accuracy.programs import PROGRAMS, TRUE_MASKS, fit_true_masks
+from experiments.find_accuracy.program import Program
+from experiments.find_accuracy.programs import OUR_SOURCES, PROGRAMS, fit_true_masks
 from experiments.timing import ROOT
+from impostor_jax.caching import compiled_folder
 from impostor_jax.io.atomic import write_atomically
 from impostor_jax.io.dataset import (
     MANIFEST,
@@ -34,12 +35,21 @@ from impostor_jax.io.dataset import (
     read_manifest,
     sensor_of,
 )
+from impostor_jax.matching import Detection
 
 SHARD = 20
 """Images of a shard: what is lost at most if the making of a dataset is interrupted."""
 
 CHUNK = 4
 """Images that a process is given at a time."""
+
+Job = Callable[[ij.LabeledImage, ij.AbstractDepthNoise], Float[np.ndarray, "..."]]
+"""What is asked of an image and its sensor. Its name is found by other processes."""
+
+
+def kept_folder() -> Path:
+    """Where runs are kept, in the user's cache folder."""
+    return compiled_folder().with_name("find_accuracy")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -90,40 +100,55 @@ class Runs:
         Raises:
             MissingProgramError: It is not installed.
         """
-        folder = self._kept(program, "found")
-        self._run(_find, program, folder, self.count, self.workers)
-        return [
-            [Detection(row[:3], row[3:6], *row[6:].tolist()) for row in rows]
-            for rows in _read(folder, self.count)
-        ]
+        entry = PROGRAMS[program]
+        job = functools.partial(_find, entry.function)
+        return self._detections(program, job, entry.sources)
+
+    def fits_to_masks(self) -> list[list[Detection]]:
+        """Our fits of the cylinders of each image to their true masks."""
+        return self._detections("true masks", _fit, OUR_SOURCES)
 
     def seconds(self, program: str, count: int) -> Float[np.ndarray, "count 2"]:
         """Wall and processor seconds of some images, one after the other.
 
         Each is searched twice, of which the second time counts: nothing is compiled.
         """
-        folder = self._kept(program, "seconds")
-        self._run(_time, program, folder, count, 1)
-        return np.array(_read(folder, count))
+        entry = PROGRAMS[program]
+        job = functools.partial(_time, entry.function)
+        return np.array(
+            self.of_each(f"seconds of {program}", job, entry.sources, count, 1)
+        )
 
-    def _kept(self, program: str, what: str) -> Path:
-        sources = ("impostor_jax",)
-        if program != TRUE_MASKS:
-            sources = PROGRAMS[program].sources
-        return self._folder / f"{program}-{_digest(sources)}" / what
+    def _detections(
+        self, name: str, job: Job, sources: tuple[str, ...]
+    ) -> list[list[Detection]]:
+        return [
+            [Detection(row[:3], row[3:6], *row[6:].tolist()) for row in rows]
+            for rows in self.of_each(name, job, sources)
+        ]
 
-    def _run(
+    def of_each(
         self,
-        function: Callable[[Path, str, Path, int], None],
-        program: str,
-        folder: Path,
-        count: int,
-        workers: int,
-    ) -> None:
-        """Let processes do what is missing; this one if one of them is enough."""
+        name: str,
+        job: Job,
+        sources: tuple[str, ...],
+        count: int | None = None,
+        workers: int | None = None,
+    ) -> list[Float[np.ndarray, "..."]]:
+        """What a job tells of each image; it is only called where that is not kept.
+
+        Args:
+            name: Of the job.
+            job: Called in `workers` processes, or in this one if that is 1.
+            sources: Folders whose files tell whether it has changed since it ran.
+            count: Of the first images; all by default.
+            workers: As of the runs by default.
+        """
+        count, workers = count or self.count, workers or self.workers
+        folder = self._folder / f"{name}-{_digest(sources)}"
         folder.mkdir(parents=True, exist_ok=True)
         missing = [k for k in range(count) if not _path(folder, k).exists()]
-        call = functools.partial(function, self.dataset, program, folder)
+        call = functools.partial(_keep, job, self.dataset, folder)
         if workers == 1:
             for k in missing:
                 call(k)
@@ -132,6 +157,7 @@ class Runs:
             threads = max(1, len(os.sched_getaffinity(0)) // workers)
             with ProcessPoolExecutor(workers, context, _begin, (threads,)) as pool:
                 _all(pool.map(call, missing, chunksize=CHUNK))
+        return [np.load(_path(folder, k)) for k in range(count)]
 
 
 def _begin(threads: int) -> None:
@@ -144,24 +170,43 @@ def _all(results: Iterable[None]) -> None:
         pass
 
 
-def _find(dataset: Path, program: str, folder: Path, number: int) -> None:
-    image, sensor = _image(dataset, number)
-    if program == TRUE_MASKS:
-        found = fit_true_masks(image, sensor)
-    else:
-        found = PROGRAMS[program].function(image.depth, image.camera, sensor)
+def _keep(job: Job, dataset: Path, folder: Path, number: int) -> None:
+    sensor, images = _opened(dataset)
+    values = job(images[number], sensor)
+
+    def save(partial: Path) -> None:
+        with partial.open("wb") as file:
+            np.save(file, values)
+
+    write_atomically(_path(folder, number), save)
+
+
+def _find(
+    function: Program, image: ij.LabeledImage, sensor: ij.AbstractDepthNoise
+) -> Float[np.ndarray, "k 10"]:
+    return _rows(function(image.depth, image.camera, sensor))
+
+
+def _fit(
+    image: ij.LabeledImage, sensor: ij.AbstractDepthNoise
+) -> Float[np.ndarray, "k 10"]:
+    return _rows(fit_true_masks(image, sensor))
+
+
+def _rows(found: Iterable[Detection]) -> Float[np.ndarray, "k 10"]:
     rows = [[*one.center, *one.axis, *one[2:]] for one in found]
-    _write(_path(folder, number), np.array(rows, float).reshape(-1, 10))
+    return np.array(rows, float).reshape(-1, 10)
 
 
-def _time(dataset: Path, program: str, folder: Path, number: int) -> None:
-    image, sensor = _image(dataset, number)
+def _time(
+    function: Program, image: ij.LabeledImage, sensor: ij.AbstractDepthNoise
+) -> Float[np.ndarray, "2"]:
     spent = np.zeros(2)
     for _ in range(2):
         before = _clocks()
-        PROGRAMS[program].function(image.depth, image.camera, sensor)
+        function(image.depth, image.camera, sensor)
         spent = _clocks() - before
-    _write(_path(folder, number), spent)
+    return spent
 
 
 def _clocks() -> Float[np.ndarray, "2"]:
@@ -174,25 +219,8 @@ def _opened(dataset: Path) -> tuple[ij.AbstractDepthNoise, Dataset]:
     return sensor_of(read_manifest(dataset)), read_dataset(dataset)
 
 
-def _image(dataset: Path, number: int) -> tuple[ij.LabeledImage, ij.AbstractDepthNoise]:
-    sensor, images = _opened(dataset)
-    return images[number], sensor
-
-
 def _path(folder: Path, number: int) -> Path:
     return folder / f"{number:06d}.npy"
-
-
-def _write(path: Path, values: Float[np.ndarray, "..."]) -> None:
-    def save(partial: Path) -> None:
-        with partial.open("wb") as file:
-            np.save(file, values)
-
-    write_atomically(path, save)
-
-
-def _read(folder: Path, count: int) -> list[Float[np.ndarray, "..."]]:
-    return [np.load(_path(folder, k)) for k in range(count)]
 
 
 @functools.cache

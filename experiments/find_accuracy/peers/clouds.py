@@ -24,11 +24,8 @@ from experiments.find_accuracy.peers.compiling import (
     cylinders_of,
     detections_of,
 )
-from experiments.find_accuracy.program import (
-    Detection,
-    MissingProgramError,
-    points_of,
-)
+from experiments.find_accuracy.program import MissingProgramError
+from impostor_jax.matching import Detection, points_of
 
 PCL = Source(
     "pcl",

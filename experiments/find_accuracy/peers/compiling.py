@@ -13,8 +13,9 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
-from experiments.find_accuracy.program import Detection, MissingProgramError
+from experiments.find_accuracy.program import MissingProgramError
 from impostor_jax.caching import compiled_folder
+from impostor_jax.matching import Detection
 
 HERE = Path(__file__).parent
 
