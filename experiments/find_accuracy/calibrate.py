@@ -186,7 +186,7 @@ def _summary(
     """Counts of some detections, and how far their confidences are off."""
     sure = confidence >= SURE
     counts = (len(right), right.sum(), (sure & ~right).sum(), (~sure & right).sum())
-    error = calibration(right, confidence).error
+    error = calibration(right, confidence).error if len(right) else None
     return [name, *map(str, counts), number(error, ".3f")]
 
 
