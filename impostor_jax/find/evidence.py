@@ -394,6 +394,9 @@ def shown(
 ) -> Bool[np.ndarray, "h w"]:
     """Pixels that show a wall: inside of its outline, with nothing in front.
 
+    The outline of a thin wall is known to a pixel or two, by which the mask may be too
+    small: readings beside it that are as far are its own, too.
+
     Args:
         scene: What is searched.
         evidence: Of the wall.
@@ -413,7 +416,7 @@ def _near(
 ) -> Bool[np.ndarray, "h w"]:
     view, wall, ends = scene.view, evidence.wall, evidence.ends
     region = np.zeros(view.depth.shape, bool)
-    box = view.box_around(ring(wall, ends, 1.05))
+    box = view.box_around(ring(wall, ends, 1.2 if mixed else 1.05))
     if box is None:
         return region
     met = _meeting(view, view.x[box], view.y[box], wall)
@@ -425,6 +428,8 @@ def _near(
     near = own[box][hit] & (np.abs(z - depth) < limit * deviation)
     if mixed:
         near |= ((z > depth) & (met.inside[hit] < 1.5)) | (z == 0)
+        beside = _beside(scene, wall, ends, box, own)
+        region[box] |= beside & ~met.hit
     else:
         x, y = view.x[box][hit], view.y[box][hit]
         out = _out(view, x, y, wall, depth, met.along[hit])
@@ -433,3 +438,21 @@ def _near(
         near &= agrees | (error > UNSURE)
     region[box[0].start + row[near], box[1].start + col[near]] = True
     return region
+
+
+def _beside(
+    scene: Scene,
+    wall: Candidate,
+    ends: tuple[float, float],
+    box: Box,
+    own: Bool[np.ndarray, "h w"],
+) -> Bool[np.ndarray, "h w"]:
+    """Pixels of a box up to 1.5 pixels outside of an outline that are as far."""
+    view = scene.view
+    middle = wall.center + (ends[0] + ends[1]) / 2 * wall.axis
+    width = float(view.width(max(middle[2], 0.0)))
+    wider = wall._replace(radius=wall.radius + 1.5 * width)
+    met = _meeting(view, view.x[box], view.y[box], wider)
+    near = met.hit & (met.along > ends[0]) & (met.along < ends[1])
+    reach = wall.radius + LIMIT * scene.noise * view.sigma[box]
+    return near & own[box] & (np.abs(view.depth[box] - met.depth) < reach)

@@ -21,6 +21,10 @@ from impostor_jax.sensor.base import AbstractDepthNoise
 MOST_GUESSES = 6
 """First guesses of an object that are weighed."""
 
+FEW = 2000
+"""Pixels of a mask up to which a fit that fails is tried from its own guesses: the
+walls that are proposed for a thin thing are rough."""
+
 
 @dataclasses.dataclass(frozen=True)
 class Fitter:
@@ -69,10 +73,16 @@ class Fitter:
             center, axis = np.asarray(back.apply(center)), np.asarray(back.rotate(axis))
         start = Cylinder(center, axis, wall.radius, 1.02 * (high - low))
         stride = -(-self.depth.shape[0] // mask.shape[0])
+        whole = self._of_image(mask, stride)
+        fit = self._fit(whole, start)
+        if bool(fit.success) or np.count_nonzero(whole) > FEW:
+            return fit
+        return self._fit(whole, None)
+
+    def _fit(self, mask: Bool[np.ndarray, "h w"], start: Cylinder | None) -> Fit:
         return fit_shape(
-            CYLINDER, self.depth, self.camera, self._of_image(mask, stride), self.noise,
-            start, self.options,
-        )  # fmt: skip
+            CYLINDER, self.depth, self.camera, mask, self.noise, start, self.options
+        )
 
     def wall_of(self, fit: Fit, start: Candidate) -> Candidate:
         """The wall of a fit, in the camera's frame, between the limits of its start."""

@@ -34,6 +34,9 @@ KEPT = 5
 LEAST_CHANCE = 0.03
 """Of being right, as far as it is known without a fit, of what is fitted."""
 
+CHANGED = 0.03
+"""Part of a mask from whose change on it is fitted again."""
+
 LEAST_SURE = 0.02
 """Confidence of what is found."""
 
@@ -264,11 +267,20 @@ class _Search:
         final = self._entry(scene, self.fitter.wall_of(fit, entry.evidence.wall))
         if final is None or self._known(final.evidence.wall):
             return False
+        before, mask = mask, self._mask(scene, final)
+        if np.count_nonzero(mask ^ before) > CHANGED * np.count_nonzero(mask):
+            # The fit knows better than the proposal what shows it.
+            again = self.fitter.fit(mask, final.evidence)
+            better = bool(again.success) and self._entry(
+                scene, self.fitter.wall_of(again, final.evidence.wall)
+            )
+            if better:
+                fit, final = again, better
+                mask = self._mask(scene, final)
         facts = facts_of(final.evidence, final.caps, final.shape, fit)
         sure = confidence(facts)
         if sure < LEAST_SURE:
             return False
-        mask = self._mask(scene, final)
         self.detections.append(Detection(fit, final, facts, mask, sure))
         taken = cv2.dilate(mask.view(np.uint8), np.ones((3, 3), np.uint8)) > 0
         self.free = self.free & ~taken
@@ -282,16 +294,21 @@ class _Search:
 
 
 def alike(one: Candidate, other: Candidate) -> bool:
-    """Whether two walls are so near that they lead to the same fit."""
-    if one.limits != other.limits or one.side != other.side:
+    """Whether two walls are so near that they lead to the same fit.
+
+    What stands on something is nearer to its wall than that, so walls that may be at
+    other places along the axis are the same only where they agree closely.
+    """
+    loose = one.limits == other.limits
+    if one.side != other.side:
         return False
-    if abs(np.log(one.radius / other.radius)) > 0.15:
+    if abs(np.log(one.radius / other.radius)) > (0.15 if loose else 0.03):
         return False
-    if abs(one.axis @ other.axis) < np.cos(np.radians(8)):
+    if abs(one.axis @ other.axis) < np.cos(np.radians(8.0 if loose else 2.0)):
         return False
     off = other.center - one.center
     off = off - (off @ one.axis) * one.axis
-    return bool(np.linalg.norm(off) < 0.2 * one.radius)
+    return bool(np.linalg.norm(off) < (0.2 if loose else 0.08) * one.radius)
 
 
 def _pixels_of(labels: Int[np.ndarray, "h w"]) -> list[Int[np.ndarray, " n"]]:
