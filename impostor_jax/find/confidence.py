@@ -18,23 +18,23 @@ from impostor_jax.find.evidence import Evidence
 from impostor_jax.fit.result import Fit
 
 FACTS: dict[str, float] = {
-    "misfit": 0.0,
-    "chi2": 0.0,
-    "against": 0.0,
-    "taper": 0.0,
-    "barrel": 0.0,
-    "ellipse": 0.0,
-    "bend": 0.0,
-    "vague": 0.0,
-    "exact": 0.0,
-    "size": 0.0,
-    "arc": 0.0,
-    "hidden": 0.0,
-    "rim": 0.0,
+    "misfit": -2.64,
+    "chi2": -6.74,
+    "against": -8.96,
+    "taper": -34.13,
+    "barrel": 1.65,
+    "ellipse": 4.67,
+    "bend": -4.94,
+    "vague": -0.43,
+    "exact": 0.35,
+    "size": 1.02,
+    "arc": 3.75,
+    "hidden": -1.04,
+    "rim": 1.08,
 }
 """Name of each fact, and its weight."""
 
-BIAS = 0.0
+BIAS = 0.09
 """Log-odds where all facts are 0."""
 
 ALLOWED = 0.02

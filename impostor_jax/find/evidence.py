@@ -347,7 +347,9 @@ def _ends(
         return None
     typical = np.median(explained[explained >= 0.25 * explained.max()])
     against = behind + other
-    supports = (explained >= 0.25 * typical) & (explained > against)
+    # Of a wall that is looked along, far bins have few pixels, but those are full.
+    enough = (explained >= 0.25 * typical) | (explained >= np.maximum(0.7 * core, 6))
+    supports = enough & (explained > against)
     refutes = (against > explained) & (against >= 0.25 * core) & (core > 0)
     middle = int(np.argmax(np.convolve(explained, np.ones(5), "same")))
     first = last = middle
@@ -364,9 +366,11 @@ def _ends(
     mine = kept[0] & (along >= start) & (along <= stop)
     if np.count_nonzero(mine) < 4:
         return None
-    # One in 200 may be a stray.
-    outer = np.quantile(along[mine], [0.005, 0.995])
-    return max(start, float(outer[0]) - width), min(stop, float(outer[1]) + width)
+    # A few may be strays.
+    places = np.sort(along[mine])
+    few = min(2, len(places) // 4)
+    outer = float(places[few]), float(places[-1 - few])
+    return max(start, outer[0] - width), min(stop, outer[1] + width)
 
 
 def _arc(

@@ -107,7 +107,7 @@ class Fitter:
 
     def fit(self, mask: Bool[np.ndarray, "h w"], evidence: Evidence) -> Fit:
         """Fit the pixels of a mask of the view, from a wall between its ends."""
-        wall, (low, high) = evidence.wall, evidence.ends
+        wall, (low, high) = evidence.wall, _around(evidence)
         center = wall.center + (low + high) / 2 * wall.axis - self._shift
         start = Cylinder(
             center @ self._rotation,
@@ -173,6 +173,18 @@ class Fitter:
             return mask
         whole = mask.repeat(stride, axis=0).repeat(stride, axis=1)
         return whole[: self.depth.shape[0], : self.depth.shape[1]]
+
+
+def _around(evidence: Evidence) -> tuple[float, float]:
+    """Ends of a wall; of one that the camera is inside of, behind the camera."""
+    wall, (low, high) = evidence.wall, evidence.ends
+    place = -float(wall.center @ wall.axis)
+    aside = np.linalg.norm(wall.center + place * wall.axis)
+    if wall.side > 0 or aside >= wall.radius:
+        return low, high
+    if place < (low + high) / 2:
+        return min(low, place - wall.radius), high
+    return low, max(high, place + wall.radius)
 
 
 def _far(camera: Any) -> PinholeCamera:
