@@ -23,6 +23,13 @@ RIM_BINS = 36
 LEAST_RIM = np.pi / 3
 """Angle over which a rim must be seen, in radians: a disc on a table has none."""
 
+GRAZING = 0.2
+"""Cosine of the incidence below which a cap is a sliver, and its rim is not asked for:
+a fit that lacks its few rows puts the end too early."""
+
+LEAST_FACING = 0.005
+"""Cosine of the incidence below which a cap is not seen."""
+
 LEAST_FILLED = 0.2
 """Part of a disc that must be seen."""
 
@@ -32,11 +39,17 @@ class Caps(NamedTuple):
 
     Attributes:
         index: Flat indices of their pixels.
-        rim: Largest angle over which the rim of one is seen, in radians.
+        rim: Largest angle over which the rim of one is seen, in radians; 0 where it is
+            too little to tell a disc from what lies beside it.
     """
 
     index: Int[np.ndarray, " n"]
     rim: float
+
+    @property
+    def size(self) -> int:
+        """Pixels that speak for a cylinder."""
+        return len(self.index) if self.rim else 0
 
 
 NO_CAPS = Caps(np.zeros(0, int), 0.0)
@@ -48,7 +61,7 @@ def caps_of(scene: Scene, evidence: Evidence) -> Caps:
         return NO_CAPS
     low, high = evidence.ends
     found = [_cap(scene, evidence, low, -1.0), _cap(scene, evidence, high, 1.0)]
-    return max(found, key=lambda cap: cap.rim)
+    return max(found, key=lambda cap: (cap.rim, len(cap.index)))
 
 
 def _cap(scene: Scene, evidence: Evidence, end: float, sign: float) -> Caps:
@@ -59,7 +72,7 @@ def _cap(scene: Scene, evidence: Evidence, end: float, sign: float) -> Caps:
     if view.is_central:
         toward = -middle / np.linalg.norm(middle)
     facing = sign * float(axis @ toward)
-    if facing < 0.05 or middle[2] <= 0:
+    if facing < LEAST_FACING or middle[2] <= 0:
         return NO_CAPS
     box = view.box_around(ring(evidence.wall, (end, end), 1.5))
     if box is None:
@@ -70,12 +83,17 @@ def _cap(scene: Scene, evidence: Evidence, end: float, sign: float) -> Caps:
     distance = np.sqrt(np.maximum((off**2).sum(axis=-1) - along**2, 0))
     sigma = scene.noise * view.sigma[box]
     limit = LIMIT * facing * view.deviation(middle[2], sigma, facing) + width
-    flat = scene.usable[box] & (np.abs(along) < limit)
+    usable, own = scene.usable[box], (scene.free | scene.planes)[box]
+    if facing < GRAZING:
+        # A row of them is far from both neighbors, as flying pixels are.
+        strays = view.valid[box] & ~usable
+        usable, own = usable | strays, own | strays
+    flat = usable & (np.abs(along) < limit)
     agrees = sign * (scene.normals.normal[box] @ axis.astype(np.float32)) > AGREEING
     flat &= agrees | (scene.normals.error[box] > UNSURE)
-    on_disc = flat & (scene.free | scene.planes)[box] & (distance < radius)
+    on_disc = flat & own & (distance < radius)
     count = np.count_nonzero(on_disc)
-    if count < max(LEAST_FILLED * np.pi * radius**2 * facing / width**2, 5):
+    if count < max(LEAST_FILLED * np.pi * radius**2 * facing / width**2, 3):
         return NO_CAPS
     met = _on_plane(scene, box, middle, axis) - middle
     away = np.sqrt((met**2).sum(axis=-1)) / radius
@@ -87,14 +105,18 @@ def _cap(scene: Scene, evidence: Evidence, end: float, sign: float) -> Caps:
     def counted(mask: Bool[np.ndarray, "h w"]) -> Int[np.ndarray, " b"]:
         return np.bincount(turn[mask], minlength=RIM_BINS)
 
-    inner = scene.usable[box] & (away > 0.5) & (away < 1 - step)
+    inner = usable & (away > 0.5) & (away < 1 - step)
     outer = (away > 1 + step) & (away < 1.35 + step)
     there = counted(inner)
     seen = (counted(inner & flat) >= 0.6 * there) & (there > 0)
-    seen &= counted(outer & flat) <= 0.3 * counted(outer & scene.usable[box])
+    seen &= counted(outer & flat) <= 0.3 * counted(outer & usable)
     rim = 2 * np.pi / RIM_BINS * np.count_nonzero(seen)
+    on_plane = away < 1
+    sliver = facing < GRAZING and count > np.count_nonzero(on_plane) / 2
     if rim < LEAST_RIM:
-        return NO_CAPS
+        if not sliver:
+            return NO_CAPS
+        rim = 0.0
     row, col = np.nonzero(on_disc)
     index = (box[0].start + row) * view.depth.shape[1] + box[1].start + col
     return Caps(index, float(rim))

@@ -18,23 +18,23 @@ from impostor_jax.find.evidence import Evidence
 from impostor_jax.fit.result import Fit
 
 FACTS: dict[str, float] = {
-    "misfit": 0.0,
-    "chi2": 0.0,
-    "against": 0.0,
-    "taper": 0.0,
-    "barrel": 0.0,
-    "ellipse": 0.0,
-    "bend": 0.0,
-    "vague": 0.0,
-    "exact": 0.0,
-    "size": 0.0,
-    "arc": 0.0,
-    "hidden": 0.0,
-    "rim": 0.0,
+    "misfit": -2.64,
+    "chi2": -6.74,
+    "against": -8.96,
+    "taper": -34.13,
+    "barrel": 1.65,
+    "ellipse": 4.67,
+    "bend": -4.94,
+    "vague": -0.43,
+    "exact": 0.35,
+    "size": 1.02,
+    "arc": 3.75,
+    "hidden": -1.04,
+    "rim": 1.08,
 }
 """Name of each fact, and its weight."""
 
-BIAS = 0.0
+BIAS = 0.09
 """Log-odds where all facts are 0."""
 
 ALLOWED = 0.02
@@ -42,7 +42,11 @@ ALLOWED = 0.02
 
 
 def facts_of(
-    evidence: Evidence, caps: Caps, shape: Deformation | None, fit: Fit | None
+    evidence: Evidence,
+    caps: Caps,
+    shape: Deformation | None,
+    fit: Fit | None = None,
+    noise: float = 1.0,
 ) -> Float[np.ndarray, " f"]:
     """The facts, in the order of `FACTS`.
 
@@ -51,6 +55,7 @@ def facts_of(
         caps: At its ends.
         shape: How far it is from a cylinder; None where too little is seen.
         fit: Of it; None before it is fitted, where facts of it count as usual.
+        noise: Factor of its sigma, from planes.
     """
     over, vague = np.full(6, 0.5), 0.5
     if shape is not None:
@@ -58,12 +63,12 @@ def facts_of(
         vague = float(np.sqrt(np.mean(shape.deviation[:4] ** 2)))
     departures = [over[0], over[1], max(over[2:4]), max(over[4:6])]
     total = evidence.explained + evidence.behind + evidence.other
-    size = evidence.explained + len(caps.index)
+    size = evidence.explained + caps.size
     exact = 0.98 if fit is None else min(max(_exact(fit), 1e-3), 1 - 1e-3)
     return np.array(
         [
             math.log(max(evidence.misfit, 0.7) / 0.7),
-            0.0 if fit is None else math.log(max(float(fit.chi2), 1.0)),
+            0.0 if fit is None else math.log(max(float(fit.chi2) / noise**2, 1.0)),
             math.sqrt((evidence.behind + evidence.other) / total),
             *np.sqrt(np.minimum(departures, 1)),
             math.log(vague / 0.02 + 1),

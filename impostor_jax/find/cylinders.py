@@ -2,16 +2,34 @@
 
 __all__ = ["find_cylinders"]
 
+from collections.abc import Mapping
 from typing import Any
 
+import jax
+import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Bool, Float
 
+from impostor_jax.arguments import is_concrete, real_number, whole_number
 from impostor_jax.camera.base import AbstractCamera
 from impostor_jax.effort import Effort
+from impostor_jax.find.fitting import Fitter
 from impostor_jax.find.found import Found
-from impostor_jax.find.search import search
-from impostor_jax.fit.request import checked_noise
+from impostor_jax.find.planes import PlaneRegions
+from impostor_jax.find.search import Request, search
+from impostor_jax.find.view import View, view_of
+from impostor_jax.fit.fittable import CYLINDER
+from impostor_jax.fit.options import Options
+from impostor_jax.fit.request import checked_depth, checked_noise, checked_prior
 from impostor_jax.primitives.plane import Plane
+from impostor_jax.rendering.render import render
+
+MOST_PIXELS = 340_000
+"""That are searched, a little more than 640 x 480; of a larger image every n-th row and
+column. The fits take all."""
+
+SURE_PRIOR = 4.0
+"""Standard deviations of a prior radius within which one is looked for."""
 
 
 def find_cylinders(
@@ -20,17 +38,141 @@ def find_cylinders(
     sigma: Any = None,
     *,
     min_pixels: int = 150,
-    min_arc: float = 0.9,
+    min_arc: float = 0.6,
     radius_range: tuple[float, float] = (0.003, 1.0),
-    prior: Any = None,
+    prior: Mapping[str, Any] | None = None,
     effort: Effort | str = "balanced",
 ) -> Found:
-    """Find every cylinder in a depth image."""
+    """Find every cylinder in a depth image, without a mask.
+
+        found = ij.find_cylinders(depth, camera, sigma=ij.StructuredLight())
+        print(found)
+        print(found.fits[0], found.confidence[0])
+
+    Tables, walls and other planes are taken away; walls of cylinders are proposed from
+    patches of the rest, compared with the image as they would be rendered, and fitted
+    as `fit_cylinder` does. Cones, balls, edges of boxes and bent things are told from
+    cylinders by what departs from one. Of cans of one radius that stand exactly on each
+    other one is found.
+
+    Args:
+        depth: (H, W), planar depth in meters; 0, NaN and infinity mean no reading.
+        camera: That took it: with or without a lens, or orthographic.
+        sigma: Standard deviation of a reading in meters, or a noise model of the
+            sensor; 1 mm if None. Where planes show that it is larger, that counts.
+        min_pixels: Fewest pixels of a cylinder.
+        min_arc: Smallest angle about its axis over which it, or the rim of a cap, is
+            seen, in radians.
+        radius_range: Smallest and largest radius, in meters.
+        prior: As of `fit_cylinder`. A radius is looked for within four standard
+            deviations.
+        effort: How much work it takes, as of `fit_cylinder`; `stride` says that every
+            n-th row and column is searched.
+
+    Returns:
+        What was found, the surest first; the same for the same image. Nothing that is
+        less likely than not.
+
+    Raises:
+        ValueError: An argument has a wrong shape, dtype or value, or is traced.
+    """
+    if not is_concrete((depth, camera, sigma, prior)):
+        raise ValueError("depth, camera, sigma and prior must be concrete, got traced "
+                         "ones: a search runs outside JAX")  # fmt: skip
+    if not isinstance(camera, AbstractCamera):
+        raise ValueError(f"camera must be a camera, got {type(camera).__name__}")
+    options = Options.of({"effort": effort, "prior": prior})
+    checked_prior(prior, CYLINDER.parameters, None)
+    request = Request(
+        min_pixels=whole_number("min_pixels", min_pixels, 1),
+        min_arc=real_number("min_arc", min_arc, positive=True, unit="radians"),
+        radius_range=_radii(radius_range, prior),
+    )
     noise = checked_noise(sigma)
-    image = np.where(np.isfinite(depth), depth, 0).astype(np.float32)
-    view, normals, planes, found = search(image, camera, noise, min_pixels)
-    fits = tuple(f for f, _, _ in found)
-    masks = np.array([e.region for _, e, _ in found], bool).reshape(-1, *image.shape)
-    visible = np.array([e.explained / max(e.size, 1) for _, e, _ in found])
-    nothing = np.zeros((0, 3), np.float32)
-    return Found(fits, masks, visible, np.full(len(fits), 0.5), np.zeros(len(fits), bool), Plane(nothing, nothing))
+    image = np.asarray(checked_depth(depth, camera))
+    view = view_of(image, camera, noise, MOST_PIXELS, options.effort.stride)
+    found = search(view, request, Fitter.of(image, camera, noise, sigma, options))
+    detections = sorted(found.detections, key=lambda one: -one.confidence)
+    masks = [one.mask for one in detections]
+    return Found(
+        fits=tuple(one.fit for one in detections),
+        masks=np.array(masks, bool).reshape(-1, *image.shape),
+        visible=np.array(
+            [
+                _visible(one.fit.cylinder, camera, mask)
+                for one, mask in zip(detections, masks, strict=True)
+            ]
+        ),
+        confidence=np.array([one.confidence for one in detections]),
+        inside=np.array([one.entry.evidence.wall.side < 0 for one in detections], bool),
+        planes=_planes(view, found.planes, camera),
+    )
+
+
+def _radii(
+    radius_range: tuple[float, float], prior: Mapping[str, Any] | None
+) -> tuple[float, float]:
+    """Range of the radii that are looked for, in meters."""
+    if not isinstance(radius_range, tuple | list) or len(radius_range) != 2:
+        raise ValueError(
+            f"radius_range must be two lengths in meters, got {radius_range!r}"
+        )
+    low, high = (
+        real_number("radius_range", end, positive=True, unit="meters")
+        for end in radius_range
+    )
+    if not low < high:
+        raise ValueError(
+            f"radius_range must be the smaller and the larger, got {radius_range!r}"
+        )
+    if prior and "radius" in prior:
+        value, deviation = (float(x) for x in prior["radius"])
+        low = max(low, value - SURE_PRIOR * deviation)
+        high = min(high, value + SURE_PRIOR * deviation)
+        if not low < high:
+            raise ValueError(
+                "radius_range must hold radii that prior['radius'] admits, got "
+                f"{radius_range!r} and {prior['radius']!r}"
+            )
+    return low, high
+
+
+def _visible(
+    shape: Any, camera: AbstractCamera, mask: Bool[np.ndarray, "h w"]
+) -> float:
+    """Part of a silhouette, within the frame, that is seen."""
+    whole = np.asarray(render(shape, camera, outputs=("mask",)).mask)
+    return float(np.count_nonzero(whole & mask) / max(np.count_nonzero(whole), 1))
+
+
+def _planes(view: View, regions: PlaneRegions, camera: AbstractCamera) -> Plane:
+    """Planes in the world frame, their normals towards the camera."""
+    points, normals = _of_slopes(view, regions)
+    dtype = jnp.result_type(float)
+    planes = Plane(points.astype(dtype), normals.astype(dtype))
+    move = camera.camera_from_world
+    if move is None or not len(points):
+        return planes
+    back = move.inverse()
+    return Plane(
+        jax.vmap(back.apply)(planes.point), jax.vmap(back.rotate)(planes.unit_normal)
+    )
+
+
+def _of_slopes(
+    view: View, regions: PlaneRegions
+) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3"]]:
+    """The middle of what is seen of each plane, and its normal."""
+    points, normals = np.zeros((0, 3)), np.zeros((0, 3))
+    for number, (a, b, c) in enumerate(regions.planes, start=1):
+        on = regions.labels == number
+        x, y = float(view.x[on].mean()), float(view.y[on].mean())
+        value = a * x + b * y + c
+        if view.is_central:
+            # a x + b y + c = 1 / z.
+            point, normal = np.array([x, y, 1]) / value, -np.array([a, b, c])
+        else:
+            point, normal = np.array([x, y, value]), np.array([a, b, -1.0])
+        points = np.vstack([points, point])
+        normals = np.vstack([normals, normal / np.linalg.norm(normal)])
+    return points, normals

@@ -79,8 +79,7 @@ def deformation(scene: Scene, evidence: Evidence) -> Deformation | None:
         rest = (miss - terms @ solution) / deviation
         weight = 1 / deviation / (1 + (rest / LIMIT) ** 2)
     scatter = max(1.4826 * float(np.median(np.abs(rest))), 1.0)
-    share = evidence.explained / len(index)
-    seam = _seam(place, terms, miss, deviation * scatter, share)
+    seam = _seam(place, terms, miss, deviation * scatter)
     return Deformation(
         solution[5:],
         scatter * np.sqrt(np.diag(inverse)[5:]),
@@ -93,7 +92,6 @@ def _seam(
     terms: Float[np.ndarray, "n 11"],
     miss: Float[np.ndarray, " n"],
     deviation: Float[np.ndarray, " n"],
-    share: float,
 ) -> float | None:
     """Where two cylinders meet that explain the readings better than one; None if none.
 
@@ -106,7 +104,6 @@ def _seam(
         terms: The five of a wall and six of smooth departures.
         miss: Distances from the wall.
         deviation: Of these.
-        share: Readings that each of these stands for.
     """
     rows = np.column_stack([terms, miss]) / deviation[:, None]
     kept = np.abs(rows[:, -1]) < 2 * LIMIT
@@ -138,7 +135,7 @@ def _seam(
     best = int(np.argmin(halves))
     smooth = float(left_over(total))
     alone = float(left_over(total[np.ix_(wall, wall)]))
-    if share * min(alone - 2 * PRICE / share - halves[best], smooth - halves[best]) < PRICE:
+    if min(alone - 2 * PRICE, smooth) - halves[best] < PRICE:
         return None
     return 2 * (best + 3) / SEAM_BINS - 1
 

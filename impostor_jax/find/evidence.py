@@ -347,7 +347,9 @@ def _ends(
         return None
     typical = np.median(explained[explained >= 0.25 * explained.max()])
     against = behind + other
-    supports = (explained >= 0.25 * typical) & (explained > against)
+    # Of a wall that is looked along, far bins have few pixels, but those are full.
+    enough = (explained >= 0.25 * typical) | (explained >= np.maximum(0.7 * core, 6))
+    supports = enough & (explained > against)
     refutes = (against > explained) & (against >= 0.25 * core) & (core > 0)
     middle = int(np.argmax(np.convolve(explained, np.ones(5), "same")))
     first = last = middle
@@ -364,9 +366,11 @@ def _ends(
     mine = kept[0] & (along >= start) & (along <= stop)
     if np.count_nonzero(mine) < 4:
         return None
-    # One in 200 may be a stray.
-    outer = np.quantile(along[mine], [0.005, 0.995])
-    return max(start, float(outer[0]) - width), min(stop, float(outer[1]) + width)
+    # A few may be strays.
+    places = np.sort(along[mine])
+    few = min(2, len(places) // 4)
+    outer = float(places[few]), float(places[-1 - few])
+    return max(start, outer[0] - width), min(stop, outer[1] + width)
 
 
 def _arc(
@@ -420,7 +424,10 @@ def _near(
     if box is None:
         return region
     met = _meeting(view, view.x[box], view.y[box], wall)
-    hit = met.hit & (met.along > ends[0]) & (met.along < ends[1])
+    # Ends are known to a pixel; beyond them nothing is near the wall.
+    middle = wall.center + (ends[0] + ends[1]) / 2 * wall.axis
+    width = float(view.width(max(middle[2], 0.0)))
+    hit = met.hit & (met.along > ends[0] - width) & (met.along < ends[1] + width)
     row, col = np.nonzero(hit)
     depth, cosine = met.depth[hit], met.cosine[hit]
     z = view.depth[box][hit]

@@ -1,12 +1,21 @@
-"""Fits of candidates: the search is in the camera's frame, and may see less pixels."""
+"""Fits of what a search proposes.
+
+Fits know cameras with a center. Parallel rays are those of a center that is far away:
+with one at 1e5 meters they are off by some micrometers where a scene is a meter deep,
+and double precision keeps the rest.
+"""
 
 __all__ = ["Fitter"]
 
 import dataclasses
+from typing import Any
 
+import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, PRNGKeyArray
+from typing_extensions import override
 
+from impostor_jax.camera.base import AbstractCamera
 from impostor_jax.camera.pinhole import PinholeCamera
 from impostor_jax.find.evidence import Candidate, Evidence
 from impostor_jax.find.view import View
@@ -15,8 +24,10 @@ from impostor_jax.fit.options import Options
 from impostor_jax.fit.regions import typical_sigma
 from impostor_jax.fit.result import Fit
 from impostor_jax.fit.shapes import fit_shape
+from impostor_jax.geometry.frames import RigidTransform
+from impostor_jax.numerics import Numbers
 from impostor_jax.primitives.cylinder import Cylinder
-from impostor_jax.sensor.base import AbstractDepthNoise
+from impostor_jax.sensor.base import AbstractDepthNoise, Depths, Normals, Reach
 
 MOST_GUESSES = 6
 """First guesses of an object that are weighed."""
@@ -24,6 +35,12 @@ MOST_GUESSES = 6
 FEW = 2000
 """Pixels of a mask up to which a fit that fails is tried from its own guesses: the
 walls that are proposed for a thin thing are rough."""
+
+NEAREST = 1e-3
+"""Smallest depth that a noise model is asked for, in meters."""
+
+FAR = 1e5
+"""Distance of the center of parallel rays behind their plane z = 0, in meters."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -34,13 +51,36 @@ class Fitter:
         depth: The image, in meters; 0 where there is no reading.
         camera: That took it.
         noise: Of its readings.
+        sigma: What a caller said of that.
         options: Of the fits.
+        seen_by: The camera of the fits.
+        away: How much farther from that the readings are, in meters.
     """
 
     depth: Float[np.ndarray, "h w"]
-    camera: PinholeCamera
+    camera: AbstractCamera
     noise: AbstractDepthNoise
+    sigma: Any
     options: Options
+    seen_by: PinholeCamera
+    away: float
+
+    @staticmethod
+    def of(
+        depth: Float[np.ndarray, "h w"],
+        camera: AbstractCamera,
+        noise: AbstractDepthNoise,
+        sigma: Any,
+        options: Options,
+    ) -> "Fitter":
+        """A fitter of an image; the arguments are those of a search, checked."""
+        if isinstance(camera, PinholeCamera):
+            return Fitter(depth, camera, noise, sigma, options, camera, 0.0)
+        effort = dataclasses.replace(options.effort, precision="float64")
+        far = _far(camera)
+        shifted = None if sigma is None else _Shifted(noise, FAR)
+        options = dataclasses.replace(options, effort=effort)
+        return Fitter(depth, camera, noise, shifted, options, far, FAR)
 
     @property
     def mixes(self) -> bool:
@@ -48,41 +88,69 @@ class Fitter:
         reach = self.noise.edge_reach
         return not isinstance(reach, int) or reach > 0
 
-    def guesses(
-        self, view: View, region: Bool[np.ndarray, "h w"]
-    ) -> list[Candidate]:
+    def guesses(self, view: View, region: Bool[np.ndarray, "h w"]) -> list[Candidate]:
         """First guesses of a region of the view, in the camera's frame."""
+        if self.away:
+            # They are made in single precision.
+            return []
         whole = self._of_image(region, view.stride)
         sigma = typical_sigma(self.depth, whole, self.noise)
-        bodies = CYLINDER.guesses(self.depth, whole, self.camera, sigma)
+        bodies = CYLINDER.guesses(self.depth, whole, self.seen_by, sigma)
         found = []
         for body in bodies[:MOST_GUESSES]:
             center, axis = np.asarray(body.center, float), np.asarray(body.axis, float)
             radius = float(body.radius)
             aside = np.linalg.norm(center - (center @ axis) * axis)
-            found.append(Candidate(center, axis, radius, 1.0 if aside > radius else -1.0))
+            side = 1.0 if aside > radius else -1.0
+            found.append(Candidate(center, axis, radius, side))
         return found
 
     def fit(self, mask: Bool[np.ndarray, "h w"], evidence: Evidence) -> Fit:
         """Fit the pixels of a mask of the view, from a wall between its ends."""
-        wall, (low, high) = evidence.wall, evidence.ends
-        center, axis = wall.center + (low + high) / 2 * wall.axis, wall.axis
-        move = self.camera.camera_from_world
-        if move is not None:
-            back = move.inverse()
-            center, axis = np.asarray(back.apply(center)), np.asarray(back.rotate(axis))
-        start = Cylinder(center, axis, wall.radius, 1.02 * (high - low))
-        stride = -(-self.depth.shape[0] // mask.shape[0])
-        whole = self._of_image(mask, stride)
+        wall, (low, high) = evidence.wall, _around(evidence)
+        center = wall.center + (low + high) / 2 * wall.axis - self._shift
+        start = Cylinder(
+            center @ self._rotation,
+            wall.axis @ self._rotation,
+            wall.radius,
+            1.02 * (high - low),
+        )
+        whole = self._of_image(mask, -(-self.depth.shape[0] // mask.shape[0]))
         fit = self._fit(whole, start)
-        if bool(fit.success) or np.count_nonzero(whole) > FEW:
+        if bool(fit.success) or self.away or np.count_nonzero(whole) > FEW:
             return fit
         return self._fit(whole, None)
 
     def _fit(self, mask: Bool[np.ndarray, "h w"], start: Cylinder | None) -> Fit:
-        return fit_shape(
-            CYLINDER, self.depth, self.camera, mask, self.noise, start, self.options
+        depth = self.depth
+        if self.away:
+            depth = np.where(depth > 0, depth.astype(np.float64) + self.away, 0)
+        fit = fit_shape(
+            CYLINDER, depth, self.seen_by, mask, self.sigma, start, self.options
         )
+        if not (self.away and bool(fit.success)):
+            return fit
+        # The far camera has the rotation of its pose alone.
+        shape = fit.cylinder
+        move = self.camera.camera_from_world
+        shift = np.zeros(3) if move is None else np.asarray(move.translation, float)
+        center = np.asarray(shape.center) - shift @ self._rotation
+        moved = Cylinder(center, shape.axis, shape.radius, shape.height)
+        return dataclasses.replace(fit, shape=moved)
+
+    @property
+    def _rotation(self) -> Float[np.ndarray, "3 3"]:
+        """Of the pose: world vectors are v @ rotation."""
+        move = self.camera.camera_from_world
+        return np.eye(3) if move is None else np.asarray(move.rotation, float)
+
+    @property
+    def _shift(self) -> Float[np.ndarray, "3"]:
+        """Of the pose of the fits, but for what is far away."""
+        move = self.camera.camera_from_world
+        if move is None or self.away:
+            return np.zeros(3)
+        return np.asarray(move.translation, float)
 
     def wall_of(self, fit: Fit, start: Candidate) -> Candidate:
         """The wall of a fit, in the camera's frame, between the limits of its start."""
@@ -105,3 +173,60 @@ class Fitter:
             return mask
         whole = mask.repeat(stride, axis=0).repeat(stride, axis=1)
         return whole[: self.depth.shape[0], : self.depth.shape[1]]
+
+
+def _around(evidence: Evidence) -> tuple[float, float]:
+    """Ends of a wall; of one that the camera is inside of, behind the camera."""
+    wall, (low, high) = evidence.wall, evidence.ends
+    place = -float(wall.center @ wall.axis)
+    aside = np.linalg.norm(wall.center + place * wall.axis)
+    if wall.side > 0 or aside >= wall.radius:
+        return low, high
+    if place < (low + high) / 2:
+        return min(low, place - wall.radius), high
+    return low, max(high, place + wall.radius)
+
+
+def _far(camera: Any) -> PinholeCamera:
+    """A camera with a center far behind that of an orthographic one."""
+    move = camera.camera_from_world
+    rotation = np.eye(3) if move is None else move.rotation
+    return PinholeCamera(
+        float(camera.fx) * FAR,
+        float(camera.fy) * FAR,
+        camera.cx,
+        camera.cy,
+        camera.width,
+        camera.height,
+        camera_from_world=RigidTransform(rotation, np.array([0, 0, FAR])),
+    )
+
+
+class _Shifted(AbstractDepthNoise):
+    """A noise model whose camera stands farther away.
+
+    Args:
+        noise: The model.
+        away: How much farther, in meters.
+    """
+
+    noise: AbstractDepthNoise
+    away: float
+
+    @override
+    def sigma(self, depth: Numbers, cos_incidence: Numbers) -> Numbers:
+        # What stands in for the depth of a miss is not far away.
+        near = jnp.maximum(depth - self.away, NEAREST)
+        return self.noise.sigma(jnp.where(depth > 0, near, depth), cos_incidence)
+
+    @property
+    @override
+    def edge_reach(self) -> Reach:
+        return self.noise.edge_reach
+
+    @override
+    def sample(
+        self, key: PRNGKeyArray, depth: Depths, normal: Normals, camera: AbstractCamera
+    ) -> Depths:
+        readings = self.noise.sample(key, depth - self.away, normal, camera)
+        return readings + self.away

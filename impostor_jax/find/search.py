@@ -31,14 +31,15 @@ LEVELS = (4, 9)
 KEPT = 5
 """Walls of an object that are weighed."""
 
-LEAST_CHANCE = 0.03
-"""Of being right, as far as it is known without a fit, of what is fitted."""
+LEAST_CHANCE = 0.2
+"""Of the confidence that is asked for: chance of being right, as far as it is known
+without a fit, of what is fitted."""
 
 CHANGED = 0.03
 """Part of a mask from whose change on it is fitted again."""
 
-LEAST_SURE = 0.02
-"""Confidence of what is found."""
+LEAST_SURE = 0.5
+"""Confidence of what is found: what is likelier than not."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -49,11 +50,13 @@ class Request:
         min_pixels: Fewest pixels of a cylinder, in the image.
         min_arc: Smallest angle around its axis that is seen of it, in radians.
         radius_range: Smallest and largest radius, in meters.
+        least_sure: Confidence of what is found.
     """
 
     min_pixels: int
     min_arc: float
     radius_range: tuple[float, float]
+    least_sure: float = LEAST_SURE
 
 
 class Entry(NamedTuple):
@@ -69,7 +72,7 @@ class Entry(NamedTuple):
         """Pixels that speak for it less those against it, times its chance."""
         evidence = self.evidence
         against = 2 * evidence.behind + evidence.other
-        return self.chance * (evidence.explained + len(self.caps.index) - against)
+        return self.chance * (evidence.explained + self.caps.size - against)
 
 
 class Detection(NamedTuple):
@@ -153,7 +156,7 @@ class _Search:
         queue = [entry for entry in entries if entry is not None]
         while queue:
             best = queue.pop(int(np.argmax([entry.gain for entry in queue])))
-            if best.gain <= 0 or best.chance < LEAST_CHANCE:
+            if best.gain <= 0 or best.chance < LEAST_CHANCE * self.request.least_sure:
                 break
             if self._known(best.evidence.wall):
                 continue
@@ -229,7 +232,7 @@ class _Search:
         if evidence is None:
             return None
         caps = caps_of(scene, evidence)
-        seen = evidence.explained + len(caps.index)
+        seen = evidence.explained + caps.size
         if seen < self.fewest / 2 or max(evidence.arc, caps.rim) < self.request.min_arc:
             return None
         if evidence.misfit > 3 or evidence.explained < evidence.behind + evidence.other:
@@ -239,7 +242,7 @@ class _Search:
             return None
         if shape is not None and np.any(np.abs(shape.value) > 0.3 + 3 * shape.deviation):
             return None
-        chance = confidence(facts_of(evidence, caps, shape, None))
+        chance = confidence(facts_of(evidence, caps, shape))
         return Entry(evidence, caps, shape, chance)
 
     def _known(self, wall: Candidate) -> bool:
@@ -277,9 +280,9 @@ class _Search:
             if better:
                 fit, final = again, better
                 mask = self._mask(scene, final)
-        facts = facts_of(final.evidence, final.caps, final.shape, fit)
+        facts = facts_of(final.evidence, final.caps, final.shape, fit, self.planes.noise)
         sure = confidence(facts)
-        if sure < LEAST_SURE:
+        if sure < self.request.least_sure:
             return False
         self.detections.append(Detection(fit, final, facts, mask, sure))
         taken = cv2.dilate(mask.view(np.uint8), np.ones((3, 3), np.uint8)) > 0

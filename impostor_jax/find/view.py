@@ -140,6 +140,7 @@ def view_of(
     camera: AbstractCamera,
     noise: AbstractDepthNoise,
     most_pixels: int,
+    stride: int = 1,
 ) -> View:
     """The view of an image.
 
@@ -148,8 +149,9 @@ def view_of(
         camera: That took it; concrete.
         noise: Of its readings.
         most_pixels: That are searched.
+        stride: Of rows and columns; larger where there would be more pixels.
     """
-    stride = max(1, int(np.ceil(np.sqrt(depth.size / most_pixels))))
+    stride = max(stride, int(np.ceil(np.sqrt(depth.size / most_pixels))))
     pick = slice(None, None, stride), slice(None, None, stride)
     x, y, sees = (part[pick] for part in _rays(camera))
     picked = np.where(sees, depth[pick], 0).astype(np.float32)

@@ -17,7 +17,7 @@ from jaxtyping import Array, Bool, Float
 from impostor_jax.arguments import is_concrete, working_precision
 from impostor_jax.camera.pinhole import PinholeCamera
 from impostor_jax.effort import MIN_READINGS
-from impostor_jax.find.cylinders import find_cylinders
+from impostor_jax.find.cylinders import MOST_PIXELS, find_cylinders
 from impostor_jax.find.normals import stray
 from impostor_jax.find.objects import objects_of
 from impostor_jax.find.planes import planes_of
@@ -142,7 +142,7 @@ def _objects(
     image: Float[np.ndarray, "h w"], camera: PinholeCamera, noise: AbstractDepthNoise
 ) -> list[Bool[np.ndarray, "h w"]]:
     """Pixels of the largest objects that are no planes, as a search sees them."""
-    view = view_of(image, camera, noise)
+    view = view_of(image, camera, noise, MOST_PIXELS)
     usable = view.valid & ~stray(view)
     planes = planes_of(view, usable)
     fewest = -(-MIN_READINGS // view.stride**2)

@@ -19,7 +19,13 @@ EXPERIMENTS = sorted(path.parent.name for path in ROOT.glob("experiments/*/run.p
 SMALL = ("fit_speed", "synthetic_benchmark")
 """Those whose quick runs fit images of 160x120."""
 
-LONG = ("mask_errors", "render_speed", "speed_accuracy", "synthetic_benchmark")
+LONG = (
+    "find_accuracy",
+    "mask_errors",
+    "render_speed",
+    "speed_accuracy",
+    "synthetic_benchmark",
+)
 """Those that take 9 to 24 seconds; the others take 19 together."""
 
 

@@ -1,0 +1,1 @@
+"""How well are cylinders found without masks, beside other programs?"""

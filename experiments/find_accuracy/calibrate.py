@@ -1,0 +1,204 @@
+"""Derive the weights of the confidence from detections in images of other seeds.
+
+The log-odds that a detection is right are a sum of what each fact tells (logistic
+regression). The search chooses by the weights, too: after a change of what is found, or
+of the facts, run this again until the weights stay.
+"""
+
+__all__ = ["Config", "Weights", "fit_weights"]
+
+import dataclasses
+from collections.abc import Sequence
+from typing import NamedTuple
+from unittest import mock
+
+import numpy as np
+import tyro
+from jaxtyping import Bool, Float, Int
+
+import impostor_jax as ij
+from data_synth.presets import PRESETS
+from experiments.find_accuracy.programs import OUR_SOURCES
+from experiments.find_accuracy.report import NAMES
+from experiments.find_accuracy.runs import Runs, kept_folder
+from experiments.markdown import number, table
+from impostor_jax.caching import keep_compiled
+from impostor_jax.find import search
+from impostor_jax.find.confidence import FACTS
+from impostor_jax.find.fitting import Fitter
+from impostor_jax.find.view import view_of
+from impostor_jax.fit.options import Options
+from impostor_jax.matching import (
+    IGNORED,
+    LEVELS,
+    RIGHT,
+    SURE,
+    calibration,
+    detection_of,
+    match,
+    truth_of,
+)
+
+SEED = 7000
+"""Of the first preset; each has its own. None that is reported is near."""
+
+REQUEST = search.Request(min_pixels=150, min_arc=0.9, radius_range=(0.003, 1.0))
+"""What `find_cylinders` looks for by default."""
+
+MOST_PIXELS = 340_000
+"""That are searched: none is left out of a preset's images."""
+
+FOLDS = 5
+"""Parts of the images: each is judged by weights from the others."""
+
+PRIOR = 1.0
+"""Standard deviation of a weight before any detection, of a fact in deviations."""
+
+STEPS = 20
+"""Of Newton's method; it has settled after about eight."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Config:
+    """Derive the weights of `impostor_jax/find/confidence.py`."""
+
+    count: int = 150
+    """Images of each preset."""
+    workers: int = 2
+    """Processes that make datasets and search them."""
+
+
+class Weights(NamedTuple):
+    """Log-odds: the bias, and a weight for each fact."""
+
+    bias: float
+    of_facts: Float[np.ndarray, " f"]
+
+    def confidence(self, facts: Float[np.ndarray, "n f"]) -> Float[np.ndarray, " n"]:
+        """Probability that each of some detections is right."""
+        return _logistic(self.bias + facts @ self.of_facts)
+
+
+class Judged(NamedTuple):
+    """All detections that are right or wrong at the standard level.
+
+    Attributes:
+        facts: What speaks for and against each.
+        right: Whether it is.
+        image: Number of the image it is in.
+    """
+
+    facts: Float[np.ndarray, "n f"]
+    right: Bool[np.ndarray, " n"]
+    image: Int[np.ndarray, " n"]
+
+
+def derive(config: Config) -> str:
+    """Search images of all presets, and tell the weights and how good they are."""
+    keep_compiled()
+    rows = []
+    for k, name in enumerate(NAMES):
+        runs = Runs(
+            PRESETS[name], config.count, SEED + k, kept_folder(), config.workers
+        )
+        rows += runs.of_each("facts", judged_rows, OUR_SOURCES)
+    found = _judged(rows)
+    weights = fit_weights(found.facts, found.right)
+    unseen = _cross_validated(found)
+    preset = found.image // config.count
+    blocks = [
+        _text(weights),
+        table(
+            ["detections", "all", "right", "false and sure", "right and not", "error"],
+            [_summary("all", found.right, unseen)]
+            + [
+                _summary(name, found.right[preset == k], unseen[preset == k])
+                for k, name in enumerate(NAMES)
+            ],
+        ),
+    ]
+    return "\n\n".join(blocks)
+
+
+def judged_rows(
+    image: ij.LabeledImage, sensor: ij.AbstractDepthNoise
+) -> Float[np.ndarray, "k 1+f"]:
+    """Verdict and facts of every detection in an image, however unsure it is."""
+    depth = image.depth.astype(np.float32)
+    view = view_of(depth, image.camera, sensor, MOST_PIXELS)
+    fitter = Fitter(depth, image.camera, sensor, Options())
+    with mock.patch.object(search, "LEAST_SURE", 0.0):
+        found = search.search(view, REQUEST, fitter).detections
+    detections = [detection_of(one.fit, one.confidence) for one in found]
+    verdicts = match(truth_of(image), detections, LEVELS["standard"]).verdict
+    rows = [[verdict, *one.facts] for verdict, one in zip(verdicts, found, strict=True)]
+    return np.array(rows, float).reshape(-1, 1 + len(FACTS))
+
+
+def _judged(rows: Sequence[Float[np.ndarray, "_ 1+f"]]) -> Judged:
+    """The detections of some images, but for those that are ignored."""
+    image = np.repeat(np.arange(len(rows)), [len(own) for own in rows])
+    verdict, facts = np.split(np.concatenate(rows), [1], axis=1)
+    verdict = verdict[:, 0]
+    rated = verdict != IGNORED
+    return Judged(facts[rated], verdict[rated] == RIGHT, image[rated])
+
+
+def fit_weights(
+    facts: Float[np.ndarray, "n f"], right: Bool[np.ndarray, " n"]
+) -> Weights:
+    """Logistic regression with a normal prior on the weights (ridge).
+
+    The prior is on facts of mean 0 and deviation 1, and none is on the bias.
+    """
+    mean, spread = facts.mean(axis=0), facts.std(axis=0)
+    spread = np.where(spread > 0, spread, 1.0)
+    x = np.column_stack([np.ones(len(facts)), (facts - mean) / spread])
+    penalty = np.full(x.shape[1], PRIOR**-2)
+    penalty[0] = 0.0
+    weights = np.zeros(x.shape[1])
+    for _ in range(STEPS):
+        chance = _logistic(x @ weights)
+        gradient = x.T @ (chance - right) + penalty * weights
+        curvature = (x.T * (chance * (1 - chance))) @ x + np.diag(penalty)
+        weights -= np.linalg.solve(curvature, gradient)
+    of_facts = weights[1:] / spread
+    return Weights(float(weights[0] - mean @ of_facts), of_facts)
+
+
+def _cross_validated(found: Judged) -> Float[np.ndarray, " n"]:
+    """Confidence of each detection by weights from the images of the other folds."""
+    confidence = np.zeros(len(found.right))
+    for fold in range(FOLDS):
+        own = found.image % FOLDS == fold
+        weights = fit_weights(found.facts[~own], found.right[~own])
+        confidence[own] = weights.confidence(found.facts[own])
+    return confidence
+
+
+def _logistic(odds: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+    return 1 / (1 + np.exp(-np.clip(odds, -50, 50)))
+
+
+def _summary(
+    name: str, right: Bool[np.ndarray, " n"], confidence: Float[np.ndarray, " n"]
+) -> list[str]:
+    """Counts of some detections, and how far their confidences are off."""
+    sure = confidence >= SURE
+    counts = (len(right), right.sum(), (sure & ~right).sum(), (~sure & right).sum())
+    error = calibration(right, confidence).error if len(right) else None
+    return [name, *map(str, counts), number(error, ".3f")]
+
+
+def _text(weights: Weights) -> str:
+    """The weights as they stand in `confidence.py`."""
+    lines = [
+        f'    "{name}": {weight:.2f},'
+        for name, weight in zip(FACTS, weights.of_facts, strict=True)
+    ]
+    facts = "\n".join(["FACTS: dict[str, float] = {", *lines, "}"])
+    return f"{facts}\n\nBIAS = {weights.bias:.2f}"
+
+
+if __name__ == "__main__":
+    print(derive(tyro.cli(Config)))

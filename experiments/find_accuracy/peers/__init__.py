@@ -1,0 +1,1 @@
+"""Other programs that find cylinders, and what each needs."""
