@@ -111,9 +111,7 @@ def _seam(
     bins = ((place + 1) / 2 * SEAM_BINS).astype(int).clip(0, SEAM_BINS - 1)
     order = np.argsort(bins, kind="stable")
     rows, edges = rows[order], np.searchsorted(bins[order], np.arange(SEAM_BINS + 1))
-    products = np.array(
-        [rows[a:b].T @ rows[a:b] for a, b in itertools.pairwise(edges)]
-    )
+    products = np.array([rows[a:b].T @ rows[a:b] for a, b in itertools.pairwise(edges)])
     total = products.sum(axis=0)
     wall = [*range(5), 11]
 

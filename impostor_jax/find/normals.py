@@ -6,6 +6,7 @@ moments of the windows add up those of blocks of 2 x 2 pixels.
 
 __all__ = ["Normals", "normals_of", "stray"]
 
+import dataclasses
 from typing import NamedTuple
 
 import cv2
@@ -66,7 +67,9 @@ def normals_of(view: View, valid: Bool[np.ndarray, "h w"]) -> Normals:
     sizes = [NARROWEST]
     if known.any():
         ratio = (blocks.sigma / (2 * view.width(np.maximum(blocks.depth, 1e-9))))[known]
-        wide = np.sqrt(np.sqrt(12) / 2 * np.quantile(ratio[::4], [0.25, 0.75]) / SLOPE_ERROR)
+        wide = np.sqrt(
+            np.sqrt(12) / 2 * np.quantile(ratio[::4], [0.25, 0.75]) / SLOPE_ERROR
+        )
         sizes = sorted({_odd(x) for x in (wide[0] / 1.6, *wide)})
     for k, size in enumerate(sizes):
         found, deviation, span = blocks.windowed(view, size)
@@ -92,7 +95,8 @@ def _odd(width: float) -> int:
     return int(np.clip(2 * round((width - 1) / 2) + 1, NARROWEST, WIDEST))
 
 
-class _Blocks(NamedTuple):
+@dataclasses.dataclass(frozen=True)
+class _Blocks:
     """Sums over blocks of 2 x 2 pixels: moments add up, in the blocks' own columns."""
 
     count: Float[np.ndarray, "h w"]
@@ -120,7 +124,9 @@ class _Blocks(NamedTuple):
         count = a + b + c + d
         some = np.maximum(count, 1)
         high = np.maximum.reduce(depths)
-        low = np.minimum.reduce([np.where(part > 0, part, np.float32(1e9)) for part in depths])
+        low = np.minimum.reduce(
+            [np.where(part > 0, part, np.float32(1e9)) for part in depths]
+        )
         return _Blocks(
             count=count,
             # A pixel is a quarter of a block beside its middle.
@@ -157,7 +163,11 @@ class _Blocks(NamedTuple):
         sv = total(self.count, one, offset) + total(self.v)
         sixteenth = total(self.count) / 16
         suu = total(self.count, offset**2) + 2 * total(self.u, offset) + sixteenth
-        svv = total(self.count, one, offset**2) + 2 * total(self.v, one, offset) + sixteenth
+        svv = (
+            total(self.count, one, offset**2)
+            + 2 * total(self.v, one, offset)
+            + sixteenth
+        )
         suv = (
             total(self.count, offset, offset)
             + total(self.v, offset)

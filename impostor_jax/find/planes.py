@@ -67,28 +67,29 @@ class PlaneRegions(NamedTuple):
 
 
 def primitives_of(
-    regions: PlaneRegions, is_central: bool
+    view: View, regions: PlaneRegions
 ) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3"]]:
     """A point of each plane and its normal, for `Plane`, in the camera's frame.
 
-    Args:
-        regions: The planes.
-        is_central: Whether the rays meet in the origin.
-
     Returns:
-        The points nearest to the origin, in meters, and unit normals that face the
+        Points in the middle of what is seen, in meters, and unit normals that face the
         camera.
     """
-    slope_x, slope_y, value = regions.planes.T
-    if is_central:
+    count = len(regions.planes)
+    flat = regions.labels.ravel()
+    pixels = np.maximum(np.bincount(flat, minlength=count + 1), 1)[1:]
+    x, y = (
+        np.bincount(flat, part.ravel(), minlength=count + 1)[1:] / pixels
+        for part in (view.x, view.y)
+    )
+    one, (slope_x, slope_y, value) = np.ones(count), regions.planes.T
+    linear = slope_x * x + slope_y * y + value
+    if view.is_central:
         # It is slope_x X + slope_y Y + value Z = 1, and the camera on the side of 0.
-        vector, offset = -regions.planes, -np.ones_like(value)
+        point, normal = np.stack([x, y, one]) / linear, -regions.planes.T
     else:
-        vector = np.stack([slope_x, slope_y, -np.ones_like(value)], axis=1)
-        offset = -value
-    length = np.linalg.norm(vector, axis=1, keepdims=True)
-    normal = vector / length
-    return normal * (offset[:, None] / length), normal
+        point, normal = np.stack([x, y, linear]), np.stack([slope_x, slope_y, -one])
+    return point.T, (normal / np.linalg.norm(normal, axis=0)).T
 
 
 def planes_of(view: View, valid: Bool[np.ndarray, "h w"]) -> PlaneRegions:

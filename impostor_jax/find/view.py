@@ -17,15 +17,14 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from impostor_jax.camera.base import AbstractCamera
+from impostor_jax.camera.orthographic import OrthographicCamera
+from impostor_jax.camera.pinhole import PinholeCamera
 from impostor_jax.sensor.base import AbstractDepthNoise
 
 INCIDENCES = np.radians(np.arange(0, 90, 10)).astype(np.float32)
 """Angles at which `View.grazing` is known, in radians."""
 
 Box = tuple[slice, slice]
-Index = Any
-"""Of pixels: boxes, masks or indices."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -137,7 +136,7 @@ class View:
 
 def view_of(
     depth: Float[np.ndarray, "h w"],
-    camera: AbstractCamera,
+    camera: PinholeCamera | OrthographicCamera,
     noise: AbstractDepthNoise,
     most_pixels: int,
     stride: int = 1,
@@ -179,15 +178,17 @@ def _sigmas(
     return noise.sigma(depth, jnp.ones_like(depth)), turned
 
 
-def _rays(camera: AbstractCamera) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """x and y of the rays, and which pixels see anything."""
+def _rays(
+    camera: PinholeCamera | OrthographicCamera,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Both coordinates of the rays, and which pixels see anything."""
     x, y, sees = jax.tree.map(np.asarray, _rays_of(camera))
     shape = (camera.height, camera.width)
     return np.broadcast_to(x, shape), np.broadcast_to(y, shape), sees
 
 
 @jax.jit
-def _rays_of(camera: AbstractCamera) -> tuple[Array, Array, Array]:
+def _rays_of(camera: PinholeCamera | OrthographicCamera) -> tuple[Array, Array, Array]:
     row, col = camera.frame.pixels()
     ray, sees = camera.rays(row, col, jnp.float32), camera.sees(row, col)
     part = ray.direction if camera.is_central else ray.origin
