@@ -8,7 +8,7 @@ image leaves open is told from what it refutes.
 __all__ = ["Deformation", "deformation"]
 
 import itertools
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
@@ -115,8 +115,8 @@ def _seam(
     total = products.sum(axis=0)
     wall = [*range(5), 11]
 
-    def left_over(products: Float[np.ndarray, "*b 6 6"]) -> Float[np.ndarray, "*b"]:
-        """Chi-squared of the best solution."""
+    def left_over(products: Float[np.ndarray, "*b s s"]) -> Any:
+        """Chi-squared of the best solution, a number or an array (*b)."""
         size = products.shape[-1] - 1
         equations = products[..., :size, :size] + 1e-6 * np.eye(size)
         right = products[..., :size, size]

@@ -16,7 +16,7 @@ from impostor_jax.find.deformation import Deformation, deformation
 from impostor_jax.find.evidence import Candidate, Evidence, Scene, shown, weighed
 from impostor_jax.find.fitting import Fitter
 from impostor_jax.find.normals import Normals, normals_of, stray
-from impostor_jax.find.objects import creases, objects_of, numbered
+from impostor_jax.find.objects import creases, numbered, objects_of
 from impostor_jax.find.patches import Part, proposed
 from impostor_jax.find.planes import PlaneRegions, planes_of
 from impostor_jax.find.view import View

@@ -1,0 +1,53 @@
+"""Caps, told by their rims."""
+
+import numpy as np
+import pytest
+
+import impostor_jax as ij
+from impostor_jax.find.caps import caps_of
+from impostor_jax.find.evidence import Evidence
+from tests.find.scenes import CAMERAS, SIGMA, WALL, ends_of, image_of, scene_of, wall_of
+
+UPRIGHT = ij.Cylinder((0.05, 0.01, 0.45), (0.1, 0.05, 0.9937), 0.07, 0.1)
+
+
+def caps(scene, shape, side=1.0):
+    """Those of a wall of which nothing is known but its ends."""
+    nothing = np.zeros(0, int)
+    evidence = Evidence(
+        wall_of(shape, side), ends_of(shape), nothing, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0
+    )
+    return caps_of(scene, evidence)
+
+
+@pytest.mark.parametrize("camera", CAMERAS)
+def test_the_rim_of_a_cap_is_seen_all_around(camera):
+    camera = CAMERAS[camera]
+    image = image_of([UPRIGHT, WALL], camera)
+    found = caps(scene_of(image, camera), UPRIGHT)
+    # Where the wall can be seen, it goes on beyond the rim.
+    assert found.rim > np.radians(250)
+    axis = np.asarray(UPRIGHT.axis)
+    cap = (image.owner == 0) & (np.abs(image.normal @ axis) > 0.9)
+    assert np.mean(cap.ravel()[found.index]) > 0.95
+    assert len(found.index) > 0.9 * np.count_nonzero(cap)
+
+
+def test_a_round_patch_of_a_table_has_no_rim():
+    image = image_of([WALL])
+    disc = ij.Cylinder((0.02, 0.01, 0.65), (0.0, 0.0, 1.0), 0.08, 0.1)
+    found = caps(scene_of(image), disc)
+    assert found.rim == 0
+    assert len(found.index) == 0
+
+
+def test_a_disc_inside_of_a_box_has_no_rim():
+    box = ij.Box((0.0, 0.0, 0.45), np.eye(3), (0.14, 0.14, 0.1))
+    disc = ij.Cylinder((0.0, 0.0, 0.45), (0.0, 0.0, 1.0), 0.045, 0.1)
+    image = image_of([box, WALL])
+    assert caps(scene_of(image), disc).rim == 0
+
+
+def test_a_pipe_from_inside_has_no_caps():
+    image = image_of([UPRIGHT, WALL], sigma=SIGMA)
+    assert caps(scene_of(image), UPRIGHT, -1.0).rim == 0
