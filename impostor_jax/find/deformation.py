@@ -149,4 +149,4 @@ def _within(scene: Scene, evidence: Evidence) -> np.ndarray:
     index = np.flatnonzero(inner)
     if len(index) < min(FEWEST, len(evidence.index) / 4):
         index = evidence.index
-    return index[:: max(1, len(index) // 2000)]
+    return index[:: max(1, len(index) // 5000)]
