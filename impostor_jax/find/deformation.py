@@ -111,9 +111,7 @@ def _seam(
     bins = ((place + 1) / 2 * SEAM_BINS).astype(int).clip(0, SEAM_BINS - 1)
     order = np.argsort(bins, kind="stable")
     rows, edges = rows[order], np.searchsorted(bins[order], np.arange(SEAM_BINS + 1))
-    products = np.array(
-        [rows[a:b].T @ rows[a:b] for a, b in itertools.pairwise(edges)]
-    )
+    products = np.array([rows[a:b].T @ rows[a:b] for a, b in itertools.pairwise(edges)])
     total = products.sum(axis=0)
     wall = [*range(5), 11]
 
@@ -143,10 +141,10 @@ def _seam(
 def _within(scene: Scene, evidence: Evidence) -> np.ndarray:
     """Pixels that a wall explains, but for those beside others."""
     explained = np.zeros(scene.view.depth.shape, np.uint8)
-    explained.ravel()[evidence.index] = 1
+    explained.ravel()[evidence.pixels] = 1
     # Where only every n-th pixel was looked at, none has a neighbor.
     inner = cv2.erode(explained, np.ones((3, 3), np.uint8))
     index = np.flatnonzero(inner)
-    if len(index) < min(FEWEST, len(evidence.index) / 4):
-        index = evidence.index
+    if len(index) < min(FEWEST, len(evidence.pixels) / 4):
+        index = evidence.pixels
     return index[:: max(1, len(index) // 5000)]

@@ -102,7 +102,7 @@ class Evidence(NamedTuple):
     Attributes:
         wall: The candidate.
         ends: Along its axis from its center, in meters.
-        index: Flat indices of pixels that it explains, of those weighed.
+        pixels: Flat indices of those that it explains, of those weighed.
         explained: How many it explains.
         behind: Where something behind it is seen.
         front: Where something in front of it is seen.
@@ -114,7 +114,7 @@ class Evidence(NamedTuple):
 
     wall: Candidate
     ends: tuple[float, float]
-    index: Int[np.ndarray, " n"]
+    pixels: Int[np.ndarray, " n"]
     explained: float
     behind: float
     front: float
@@ -267,7 +267,7 @@ def weighed(scene: Scene, wall: Candidate) -> Evidence | None:
     return Evidence(
         wall=wall,
         ends=ends,
-        index=index[explained],
+        pixels=index[explained],
         explained=number(explained),
         behind=number(behind),
         front=number(core & seen & (deviation < -LIMIT)),
@@ -385,12 +385,9 @@ def _arc(
     turn = turn.astype(int) % ARC_BINS
     found = np.bincount(turn[told], minlength=ARC_BINS)
     there = np.bincount(turn[core], minlength=ARC_BINS)
-    return 2 * np.pi / ARC_BINS * np.count_nonzero((found >= 2) & (found >= 0.3 * there))
-
-
-def explained_by(scene: Scene, evidence: Evidence) -> Bool[np.ndarray, "h w"]:
-    """All pixels that a wall explains."""
-    return _near(scene, evidence, scene.usable & scene.free, LIMIT, mixed=False)
+    return (
+        2 * np.pi / ARC_BINS * np.count_nonzero((found >= 2) & (found >= 0.3 * there))
+    )
 
 
 def shown(

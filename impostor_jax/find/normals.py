@@ -60,13 +60,15 @@ def normals_of(view: View, valid: Bool[np.ndarray, "h w"]) -> Normals:
     """Normals of the readings that are valid."""
     z = view.depth
     blocks = _Blocks.of(view, valid)
-    normal = np.zeros((*blocks.count.shape, 3), np.float32)
-    error = np.full(blocks.count.shape, np.inf, np.float32)
-    known = blocks.count > 0
+    normal = np.zeros((*blocks.number.shape, 3), np.float32)
+    error = np.full(blocks.number.shape, np.inf, np.float32)
+    known = blocks.number > 0
     sizes = [NARROWEST]
     if known.any():
         ratio = (blocks.sigma / (2 * view.width(np.maximum(blocks.depth, 1e-9))))[known]
-        wide = np.sqrt(np.sqrt(12) / 2 * np.quantile(ratio[::4], [0.25, 0.75]) / SLOPE_ERROR)
+        wide = np.sqrt(
+            np.sqrt(12) / 2 * np.quantile(ratio[::4], [0.25, 0.75]) / SLOPE_ERROR
+        )
         sizes = sorted({_odd(x) for x in (wide[0] / 1.6, *wide)})
     for k, size in enumerate(sizes):
         found, deviation, span = blocks.windowed(view, size)
@@ -95,7 +97,7 @@ def _odd(width: float) -> int:
 class _Blocks(NamedTuple):
     """Sums over blocks of 2 x 2 pixels: moments add up, in the blocks' own columns."""
 
-    count: Float[np.ndarray, "h w"]
+    number: Float[np.ndarray, "h w"]
     u: Float[np.ndarray, "h w"]
     v: Float[np.ndarray, "h w"]
     q: Float[np.ndarray, "h w"]
@@ -120,9 +122,11 @@ class _Blocks(NamedTuple):
         count = a + b + c + d
         some = np.maximum(count, 1)
         high = np.maximum.reduce(depths)
-        low = np.minimum.reduce([np.where(part > 0, part, np.float32(1e9)) for part in depths])
+        low = np.minimum.reduce(
+            [np.where(part > 0, part, np.float32(1e9)) for part in depths]
+        )
         return _Blocks(
-            count=count,
+            number=count,
             # A pixel is a quarter of a block beside its middle.
             u=(b + d - a - c) / 4,
             v=(c + d - a - b) / 4,
@@ -152,14 +156,18 @@ class _Blocks(NamedTuple):
                 image, cv2.CV_32F, along_u, along_v, borderType=cv2.BORDER_CONSTANT
             )
 
-        n = total(self.count)
-        su = total(self.count, offset) + total(self.u)
-        sv = total(self.count, one, offset) + total(self.v)
-        sixteenth = total(self.count) / 16
-        suu = total(self.count, offset**2) + 2 * total(self.u, offset) + sixteenth
-        svv = total(self.count, one, offset**2) + 2 * total(self.v, one, offset) + sixteenth
+        n = total(self.number)
+        su = total(self.number, offset) + total(self.u)
+        sv = total(self.number, one, offset) + total(self.v)
+        sixteenth = total(self.number) / 16
+        suu = total(self.number, offset**2) + 2 * total(self.u, offset) + sixteenth
+        svv = (
+            total(self.number, one, offset**2)
+            + 2 * total(self.v, one, offset)
+            + sixteenth
+        )
         suv = (
-            total(self.count, offset, offset)
+            total(self.number, offset, offset)
             + total(self.v, offset)
             + total(self.u, one, offset)
             + total(self.uv)
@@ -167,7 +175,7 @@ class _Blocks(NamedTuple):
         sq = total(self.q)
         squ = total(self.q, offset) + total(self.uq)
         sqv = total(self.q, one, offset) + total(self.vq)
-        enough = (self.count > 0) & (n >= LEAST_KNOWN * 4 * size * size)
+        enough = (self.number > 0) & (n >= LEAST_KNOWN * 4 * size * size)
         n = np.where(enough, n, 1)
         # Central moments: exact enough in single precision, since offsets are small.
         cuu, cvv, cuv = suu - su * su / n, svv - sv * sv / n, suv - su * sv / n

@@ -9,10 +9,14 @@ from jaxtyping import Bool, Int
 from impostor_jax.find.view import View
 
 
-def objects_of(view: View, valid: Bool[np.ndarray, "h w"], noise: float, fewest: int) -> Int[np.ndarray, "h w"]:
+def objects_of(
+    view: View, valid: Bool[np.ndarray, "h w"], noise: float, fewest: int
+) -> Int[np.ndarray, "h w"]:
     """Number of each object from 1, the largest first; 0 where there is none."""
     z = np.where(valid, view.depth, np.inf).astype(np.float32)
-    farthest = z + 4 * view.width(np.where(valid, view.depth, 0)) + 6 * noise * view.sigma
+    farthest = (
+        z + 4 * view.width(np.where(valid, view.depth, 0)) + 6 * noise * view.sigma
+    )
     behind = np.zeros(z.shape, bool)
     for near, far in ((np.s_[:-1, :], np.s_[1:, :]), (np.s_[:, :-1], np.s_[:, 1:])):
         behind[far] |= z[far] > farthest[near]
@@ -45,5 +49,10 @@ def creases(view, normals):
         turn, step = n[far] - n[near], p[far] - p[near]
         length = np.sqrt((step**2).sum(-1))
         inward = (turn * step).sum(-1) < -0.35 * length
-        found[middle] |= inward & known[near] & known[far] & (length < 12 * k * view.width(view.depth[middle]))
+        found[middle] |= (
+            inward
+            & known[near]
+            & known[far]
+            & (length < 12 * k * view.width(view.depth[middle]))
+        )
     return found

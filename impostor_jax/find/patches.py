@@ -11,7 +11,15 @@ from jaxtyping import Float, Int
 
 from impostor_jax.find.normals import Normals
 from impostor_jax.find.view import View
-from impostor_jax.find.walls import BATCH, POINTS, WIDE, Cloud, Patches, Proposed, propose
+from impostor_jax.find.walls import (
+    BATCH,
+    POINTS,
+    WIDE,
+    Cloud,
+    Patches,
+    Proposed,
+    propose,
+)
 
 SEEDS = 512
 """Pixels of an object among which patches begin."""
@@ -80,14 +88,15 @@ def _gathered(
     own: Int[np.ndarray, "b n"],
     wide: Int[np.ndarray, "b m"],
 ) -> Patches:
-    def picked(field: Float[np.ndarray, "h w ..."], index: Any) -> np.ndarray:
+    # Arrays of NumPy go to the compiled call as they are.
+    def picked(field: Float[np.ndarray, "h w ..."], index: Any) -> Any:
         return field.reshape(-1, *field.shape[2:])[index].astype(np.float32)
 
     def cloud(index: Any) -> Cloud:
         return Cloud(
             points=picked(view.points, index),
             views=picked(view.views, index),
-            sigma=noise * picked(view.sigma, index),
+            sigma=picked(noise * view.sigma, index),
             width=view.width(picked(view.depth, index)),
         )
 

@@ -70,7 +70,10 @@ def planes_of(view: View, valid: Bool[np.ndarray, "h w"]) -> PlaneRegions:
         if len(planes) == MOST_PLANES:
             break
         support = cv2.boxFilter(
-            free.reshape(shape).astype(np.float32), -1, (5, 5), normalize=False,
+            free.reshape(shape).astype(np.float32),
+            -1,
+            (5, 5),
+            normalize=False,
             borderType=cv2.BORDER_CONSTANT,
         ).ravel()
         seeds = free & ~tried & (support >= 20)
@@ -84,10 +87,14 @@ def planes_of(view: View, valid: Bool[np.ndarray, "h w"]) -> PlaneRegions:
         part = block.ravel() & free
         plane = _fitted(moments[part].sum(axis=0))
         for _ in range(12):
-            fits = free & (_chi2(moments, plane) < (CELL_LIMIT**2) * scale * np.maximum(count, 1))
+            fits = free & (
+                _chi2(moments, plane) < (CELL_LIMIT**2) * scale * np.maximum(count, 1)
+            )
             n = _normals(plane)
             fits &= (normal @ n) > 0.8
-            _, parts = cv2.connectedComponents(fits.reshape(shape).view(np.uint8), connectivity=4)
+            _, parts = cv2.connectedComponents(
+                fits.reshape(shape).view(np.uint8), connectivity=4
+            )
             parts = parts.ravel()
             if parts[seed] == 0:
                 grown = part & False
@@ -106,7 +113,9 @@ def planes_of(view: View, valid: Bool[np.ndarray, "h w"]) -> PlaneRegions:
         free &= ~part
         planes.append(plane)
         labels[part] = len(planes)
-    return PlaneRegions(*_pixels(view, valid, labels.reshape(shape), planes, max(noise, 1.0)))
+    return PlaneRegions(
+        *_pixels(view, valid, labels.reshape(shape), planes, max(noise, 1.0))
+    )
 
 
 def _cells(image):
@@ -119,7 +128,9 @@ def _cells(image):
 def _fitted(moments):
     a = moments[..., :3, :3]
     # So little that it decides only what the readings leave open.
-    ridge = 1e-12 * np.trace(a, axis1=-2, axis2=-1)[..., None, None] * np.eye(3) + 1e-30 * np.eye(3)
+    ridge = 1e-12 * np.trace(a, axis1=-2, axis2=-1)[..., None, None] * np.eye(
+        3
+    ) + 1e-30 * np.eye(3)
     return np.linalg.solve(a + ridge, moments[..., :3, 3:])[..., 0]
 
 
@@ -136,7 +147,9 @@ def _normals(plane):
 
 
 def _is_curved(view, rows, weight, part, plane, scale):
-    mask = cv2.resize(part.astype(np.uint8), None, fx=CELL, fy=CELL, interpolation=cv2.INTER_NEAREST)
+    mask = cv2.resize(
+        part.astype(np.uint8), None, fx=CELL, fy=CELL, interpolation=cv2.INTER_NEAREST
+    )
     h, w = view.depth.shape
     index = np.flatnonzero((mask[:h, :w] > 0) & (weight > 0))
     index = index[:: max(1, len(index) // 4000)]
@@ -155,7 +168,9 @@ def _is_curved(view, rows, weight, part, plane, scale):
     deviation = spread * np.sqrt(np.diag(inverse))
     quadratic = solution[3:]
     # Errors that many pixels share make it look significant.
-    hessian = np.array([[2 * quadratic[0], quadratic[1]], [quadratic[1], 2 * quadratic[2]]])
+    hessian = np.array(
+        [[2 * quadratic[0], quadratic[1]], [quadratic[1], 2 * quadratic[2]]]
+    )
     largest = np.abs(np.linalg.eigvalsh(hessian)).max()
     significant = np.max(np.abs(quadratic) / deviation[3:]) > 8
     # Sagitta at one standard deviation of the region, over its size.
@@ -177,14 +192,28 @@ def _pixels(view, valid, cells, planes, noise):
     best = np.full((h, w), PIXEL_LIMIT, np.float32)
     for number, plane in enumerate(planes, start=1):
         near = cv2.dilate((cells == number).astype(np.uint8), reach)
-        near = cv2.resize(near, None, fx=CELL, fy=CELL, interpolation=cv2.INTER_NEAREST)[:h, :w] > 0
+        near = (
+            cv2.resize(near, None, fx=CELL, fy=CELL, interpolation=cv2.INTER_NEAREST)[
+                :h, :w
+            ]
+            > 0
+        )
         miss = np.abs(plane[0] * view.x + plane[1] * view.y + plane[2] - q)
         # A reading is also off by its share of a pixel, aside.
         slope = np.hypot(plane[0], plane[1]) * view.footprint / 3
         miss = miss / np.sqrt(np.where(valid, s, 1) ** 2 + slope**2)
         on = valid & near & (miss < best)
         _, parts = cv2.connectedComponents(on.view(np.uint8), connectivity=4)
-        core = cv2.resize((cells == number).astype(np.uint8), None, fx=CELL, fy=CELL, interpolation=cv2.INTER_NEAREST)[:h, :w] > 0
+        core = (
+            cv2.resize(
+                (cells == number).astype(np.uint8),
+                None,
+                fx=CELL,
+                fy=CELL,
+                interpolation=cv2.INTER_NEAREST,
+            )[:h, :w]
+            > 0
+        )
         keep = np.zeros(parts.max() + 1, bool)
         keep[np.unique(parts[core & on])] = True
         keep[0] = False

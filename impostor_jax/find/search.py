@@ -16,7 +16,7 @@ from impostor_jax.find.deformation import Deformation, deformation
 from impostor_jax.find.evidence import Candidate, Evidence, Scene, shown, weighed
 from impostor_jax.find.fitting import Fitter
 from impostor_jax.find.normals import Normals, normals_of, stray
-from impostor_jax.find.objects import creases, objects_of, numbered
+from impostor_jax.find.objects import creases, numbered, objects_of
 from impostor_jax.find.patches import Part, proposed
 from impostor_jax.find.planes import PlaneRegions, planes_of
 from impostor_jax.find.view import View
@@ -159,7 +159,7 @@ class _Search:
                 break
             if self._known(best.evidence.wall):
                 continue
-            if not self.free.ravel()[best.evidence.index].all():
+            if not self.free.ravel()[best.evidence.pixels].all():
                 # Something has taken pixels since.
                 queue += self._entries(scene, best.evidence.wall)
                 continue
@@ -198,13 +198,15 @@ class _Search:
         )  # fmt: skip
         for part, some in zip(parts, all_walls, strict=True):
             score = some.score.ravel() * len(part.pixels)
-            fields = [x.reshape(len(score), -1) for x in some.wall]
+            fields = [np.asarray(x).reshape(len(score), -1) for x in some.wall]
             kept: list[Candidate] = []
             for k in np.argsort(-score, kind="stable"):
                 if len(kept) == KEPT or not score[k] >= self.fewest / 3:
                     break
                 center, axis, log_radius, side = (x[k].astype(float) for x in fields)
-                wall = Candidate(center, axis, float(np.exp(log_radius[0])), float(side[0]))
+                wall = Candidate(
+                    center, axis, float(np.exp(log_radius[0])), float(side[0])
+                )
                 if not any(alike(wall, other) for other in [*kept, *found]):
                     kept.append(wall)
             found += kept
@@ -235,7 +237,9 @@ class _Search:
         shape = deformation(scene, evidence)
         if shape is None and caps.rim < np.pi / 2:
             return None
-        if shape is not None and np.any(np.abs(shape.value) > 0.3 + 3 * shape.deviation):
+        if shape is not None and np.any(
+            np.abs(shape.value) > 0.3 + 3 * shape.deviation
+        ):
             return None
         chance = confidence(facts_of(evidence, caps, shape))
         return Entry(evidence, caps, shape, chance)
@@ -247,7 +251,7 @@ class _Search:
         return any(alike(wall, one.entry.evidence.wall) for one in self.detections)
 
     def _entries(self, scene: Scene, wall: Candidate, cuts: int = 2) -> list[Entry]:
-        """What is known of a candidate, or of those that meet where it was taken for one.
+        """What is known of a candidate, or of those that it was taken for.
 
         Args:
             scene: What it is compared with.
@@ -298,7 +302,9 @@ class _Search:
             if better:
                 fit, final = again, better
                 mask = self._mask(scene, final)
-        facts = facts_of(final.evidence, final.caps, final.shape, fit, self.planes.noise)
+        facts = facts_of(
+            final.evidence, final.caps, final.shape, fit, self.planes.noise
+        )
         sure = confidence(facts)
         if sure < self.request.least_sure:
             return False, []
@@ -310,7 +316,7 @@ class _Search:
     def _mask(self, scene: Scene, entry: Entry) -> Bool[np.ndarray, "h w"]:
         own = self.free | (self.view.valid & ~self.usable)
         mask = shown(scene, entry.evidence, own, self.fitter.mixes)
-        mask.ravel()[entry.caps.index] = True
+        mask.ravel()[entry.caps.pixels] = True
         return mask
 
 

@@ -6,7 +6,7 @@ depth of a plane is linear in the rays, of an orthographic one the depth: `linea
 the one that is.
 """
 
-__all__ = ["View", "view_of"]
+__all__ = ["Box", "View", "view_of"]
 
 import dataclasses
 from functools import cached_property
@@ -24,8 +24,7 @@ INCIDENCES = np.radians(np.arange(0, 90, 10)).astype(np.float32)
 """Angles at which `View.grazing` is known, in radians."""
 
 Box = tuple[slice, slice]
-Index = Any
-"""Of pixels: boxes, masks or indices."""
+"""Rows and columns of a block of pixels."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -165,9 +164,14 @@ def view_of(
         is_central=camera.is_central,
         sigma=np.where(picked > 0, sigma, 0).astype(np.float32),
         grazing=turned / turned[0],
-        footprint=stride / min(float(camera.fx), float(camera.fy)),
+        footprint=stride / min(_focal(camera)),
         stride=stride,
     )
+
+
+def _focal(camera: Any) -> tuple[float, float]:
+    """Of both kinds of camera: pixels a unit of x and y."""
+    return float(camera.fx), float(camera.fy)
 
 
 @jax.jit
@@ -180,7 +184,7 @@ def _sigmas(
 
 
 def _rays(camera: AbstractCamera) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """x and y of the rays, and which pixels see anything."""
+    """The x and y of the rays, and which pixels see anything."""
     x, y, sees = jax.tree.map(np.asarray, _rays_of(camera))
     shape = (camera.height, camera.width)
     return np.broadcast_to(x, shape), np.broadcast_to(y, shape), sees
