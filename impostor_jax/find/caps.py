@@ -2,7 +2,7 @@
 
 __all__ = ["NO_CAPS", "Caps", "caps_of"]
 
-from typing import NamedTuple
+import dataclasses
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -34,7 +34,8 @@ LEAST_FILLED = 0.2
 """Part of a disc that must be seen."""
 
 
-class Caps(NamedTuple):
+@dataclasses.dataclass(frozen=True)
+class Caps:
     """What is seen of the caps.
 
     Attributes:

@@ -8,6 +8,7 @@ to where it is refuted.
 
 __all__ = ["LIMIT", "Candidate", "Evidence", "Scene", "shown", "weighed"]
 
+import dataclasses
 from typing import NamedTuple
 
 import numpy as np
@@ -96,7 +97,8 @@ class Scene(NamedTuple):
         return Scene(view, normals, noise, usable, free, planes, pool)
 
 
-class Evidence(NamedTuple):
+@dataclasses.dataclass(frozen=True)
+class Evidence:
     """How a wall is seen; counts are in pixels of the view.
 
     Attributes:
@@ -405,16 +407,6 @@ def shown(
         mixed: Whether readings beside the outline may be of what is behind it: a fit
             knows, and leaves out those beside the mask's edge, which so must be there.
     """
-    return _near(scene, evidence, own, LIMIT + 0.5, mixed)
-
-
-def _near(
-    scene: Scene,
-    evidence: Evidence,
-    own: Bool[np.ndarray, "h w"],
-    limit: float,
-    mixed: bool,
-) -> Bool[np.ndarray, "h w"]:
     view, wall, ends = scene.view, evidence.wall, evidence.ends
     region = np.zeros(view.depth.shape, bool)
     box = view.box_around(ring(wall, ends, 1.2 if mixed else 1.05))
@@ -429,7 +421,7 @@ def _near(
     depth, cosine = met.depth[hit], met.cosine[hit]
     z = view.depth[box][hit]
     deviation = view.deviation(depth, scene.noise * view.sigma[box][hit], cosine)
-    near = own[box][hit] & (np.abs(z - depth) < limit * deviation)
+    near = own[box][hit] & (np.abs(z - depth) < (LIMIT + 0.5) * deviation)
     if mixed:
         near |= ((z > depth) & (met.inside[hit] < 1.5)) | (z == 0)
         beside = _beside(scene, wall, ends, box, own)

@@ -6,6 +6,7 @@ moments of the windows add up those of blocks of 2 x 2 pixels.
 
 __all__ = ["Normals", "normals_of", "stray"]
 
+import dataclasses
 from typing import NamedTuple
 
 import cv2
@@ -60,9 +61,9 @@ def normals_of(view: View, valid: Bool[np.ndarray, "h w"]) -> Normals:
     """Normals of the readings that are valid."""
     z = view.depth
     blocks = _Blocks.of(view, valid)
-    normal = np.zeros((*blocks.number.shape, 3), np.float32)
-    error = np.full(blocks.number.shape, np.inf, np.float32)
-    known = blocks.number > 0
+    normal = np.zeros((*blocks.count.shape, 3), np.float32)
+    error = np.full(blocks.count.shape, np.inf, np.float32)
+    known = blocks.count > 0
     sizes = [NARROWEST]
     if known.any():
         ratio = (blocks.sigma / (2 * view.width(np.maximum(blocks.depth, 1e-9))))[known]
@@ -94,10 +95,11 @@ def _odd(width: float) -> int:
     return int(np.clip(2 * round((width - 1) / 2) + 1, NARROWEST, WIDEST))
 
 
-class _Blocks(NamedTuple):
+@dataclasses.dataclass(frozen=True)
+class _Blocks:
     """Sums over blocks of 2 x 2 pixels: moments add up, in the blocks' own columns."""
 
-    number: Float[np.ndarray, "h w"]
+    count: Float[np.ndarray, "h w"]
     u: Float[np.ndarray, "h w"]
     v: Float[np.ndarray, "h w"]
     q: Float[np.ndarray, "h w"]
@@ -126,7 +128,7 @@ class _Blocks(NamedTuple):
             [np.where(part > 0, part, np.float32(1e9)) for part in depths]
         )
         return _Blocks(
-            number=count,
+            count=count,
             # A pixel is a quarter of a block beside its middle.
             u=(b + d - a - c) / 4,
             v=(c + d - a - b) / 4,
@@ -156,18 +158,18 @@ class _Blocks(NamedTuple):
                 image, cv2.CV_32F, along_u, along_v, borderType=cv2.BORDER_CONSTANT
             )
 
-        n = total(self.number)
-        su = total(self.number, offset) + total(self.u)
-        sv = total(self.number, one, offset) + total(self.v)
-        sixteenth = total(self.number) / 16
-        suu = total(self.number, offset**2) + 2 * total(self.u, offset) + sixteenth
+        n = total(self.count)
+        su = total(self.count, offset) + total(self.u)
+        sv = total(self.count, one, offset) + total(self.v)
+        sixteenth = total(self.count) / 16
+        suu = total(self.count, offset**2) + 2 * total(self.u, offset) + sixteenth
         svv = (
-            total(self.number, one, offset**2)
+            total(self.count, one, offset**2)
             + 2 * total(self.v, one, offset)
             + sixteenth
         )
         suv = (
-            total(self.number, offset, offset)
+            total(self.count, offset, offset)
             + total(self.v, offset)
             + total(self.u, one, offset)
             + total(self.uv)
@@ -175,7 +177,7 @@ class _Blocks(NamedTuple):
         sq = total(self.q)
         squ = total(self.q, offset) + total(self.uq)
         sqv = total(self.q, one, offset) + total(self.vq)
-        enough = (self.number > 0) & (n >= LEAST_KNOWN * 4 * size * size)
+        enough = (self.count > 0) & (n >= LEAST_KNOWN * 4 * size * size)
         n = np.where(enough, n, 1)
         # Central moments: exact enough in single precision, since offsets are small.
         cuu, cvv, cuv = suu - su * su / n, svv - sv * sv / n, suv - su * sv / n

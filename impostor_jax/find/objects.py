@@ -6,17 +6,36 @@ import cv2
 import numpy as np
 from jaxtyping import Bool, Int
 
+from impostor_jax.find.normals import Normals
 from impostor_jax.find.view import View
+
+JUMP_PIXELS, JUMP_SIGMAS = 4.0, 6.0
+"""A step of the depth between neighbors is a jump beyond so many widths of a pixel and
+deviations together: a wall that is seen at 75 degrees is one object."""
+
+LEAST_TURN = 0.35
+"""How far two normals lean towards each other in a crease: their difference, along the
+line between their points."""
+
+FARTHEST = 12.0
+"""Distance of those two points, in widths of a pixel for each pixel of half a window:
+beyond it there is a jump between them."""
 
 
 def objects_of(
     view: View, valid: Bool[np.ndarray, "h w"], noise: float, fewest: int
 ) -> Int[np.ndarray, "h w"]:
-    """Number of each object from 1, the largest first; 0 where there is none."""
+    """Number of each object from 1, the largest first; 0 where there is none.
+
+    Args:
+        view: What is searched.
+        valid: Readings that lie on objects.
+        noise: Factor of their sigma.
+        fewest: Pixels of an object.
+    """
     z = np.where(valid, view.depth, np.inf).astype(np.float32)
-    farthest = (
-        z + 4 * view.width(np.where(valid, view.depth, 0)) + 6 * noise * view.sigma
-    )
+    width = view.width(np.where(valid, view.depth, 0))
+    farthest = z + JUMP_PIXELS * width + JUMP_SIGMAS * noise * view.sigma
     behind = np.zeros(z.shape, bool)
     for near, far in ((np.s_[:-1, :], np.s_[1:, :]), (np.s_[:, :-1], np.s_[:, 1:])):
         behind[far] |= z[far] > farthest[near]
@@ -24,8 +43,13 @@ def objects_of(
     return numbered(valid & ~behind, fewest)
 
 
-def numbered(inside, fewest):
-    """Number the parts that hang together, the largest first; 0 elsewhere."""
+def numbered(inside: Bool[np.ndarray, "h w"], fewest: int) -> Int[np.ndarray, "h w"]:
+    """Number the parts that hang together, the largest first; 0 elsewhere.
+
+    Args:
+        inside: What is numbered.
+        fewest: Pixels of a part.
+    """
     count, labels = cv2.connectedComponents(inside.view(np.uint8), connectivity=4)
     sizes = np.bincount(labels.ravel(), minlength=count)
     sizes[0] = 0
@@ -33,26 +57,28 @@ def numbered(inside, fewest):
     order = order[sizes[order] >= fewest]
     number = np.zeros(count, int)
     number[order] = np.arange(1, len(order) + 1)
-    return number[labels]
+    return number[np.asarray(labels, int)]
 
 
-def creases(view, normals):
+def creases(view: View, normals: Normals) -> Bool[np.ndarray, "h w"]:
     """Where two convex things touch: normals lean towards each other."""
     k = (normals.window + 1) // 2
-    n, p = normals.normal, view.points
+    # One array of each component: those of (h, w, 3) take three times as long.
+    n, p = (np.moveaxis(x, -1, 0).copy() for x in (normals.normal, view.points))
     known = np.isfinite(normals.error)
+    most = FARTHEST * k * view.width(view.depth)
     found = np.zeros(known.shape, bool)
     for near, far, middle in (
         (np.s_[:, : -2 * k], np.s_[:, 2 * k :], np.s_[:, k:-k]),
         (np.s_[: -2 * k], np.s_[2 * k :], np.s_[k:-k]),
     ):
-        turn, step = n[far] - n[near], p[far] - p[near]
-        length = np.sqrt((step**2).sum(-1))
-        inward = (turn * step).sum(-1) < -0.35 * length
-        found[middle] |= (
-            inward
-            & known[near]
-            & known[far]
-            & (length < 12 * k * view.width(view.depth[middle]))
-        )
+        across = np.zeros(known[near].shape, np.float32)
+        square = np.zeros_like(across)
+        for normal, point in zip(n, p, strict=True):
+            step = point[far] - point[near]
+            across += (normal[far] - normal[near]) * step
+            square += step * step
+        length = np.sqrt(square)
+        leaning = (across < -LEAST_TURN * length) & known[near] & known[far]
+        found[middle] |= leaning & (length < most[middle])
     return found

@@ -88,7 +88,6 @@ def _gathered(
     own: Int[np.ndarray, "b n"],
     wide: Int[np.ndarray, "b m"],
 ) -> Patches:
-    # Arrays of NumPy go to the compiled call as they are.
     def picked(field: Float[np.ndarray, "h w ..."], index: Any) -> Any:
         return field.reshape(-1, *field.shape[2:])[index].astype(np.float32)
 
@@ -96,7 +95,7 @@ def _gathered(
         return Cloud(
             points=picked(view.points, index),
             views=picked(view.views, index),
-            sigma=picked(noise * view.sigma, index),
+            sigma=noise * picked(view.sigma, index),
             width=view.width(picked(view.depth, index)),
         )
 

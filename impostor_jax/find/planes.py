@@ -5,7 +5,7 @@ it, and those of many cells add up. Planes grow over the cells that lie on them,
 kept where they are not significantly curved.
 """
 
-__all__ = ["PlaneRegions", "planes_of"]
+__all__ = ["PlaneRegions", "planes_of", "primitives_of"]
 
 from typing import NamedTuple
 
@@ -16,10 +16,40 @@ from jaxtyping import Bool, Float, Int
 from impostor_jax.find.view import View
 
 CELL = 8
+"""Pixels across a cell: its 64 readings tell a plane from a wall of a few cells."""
+
 FEWEST_CELLS = 40
+"""Cells of a plane: of the caps of cans and the faces of small boxes are fewer."""
+
+FLAT = 3.0
+"""Mean square of the deviations of a cell from its own plane, at most."""
+
+REACH = 2
+"""Cells around the one that a plane grows from that it is first fitted to."""
+
+LEAST_FLAT = 20
+"""Cells among those 25 that are flat."""
+
 CELL_LIMIT = 2.0
+"""Root mean square of the deviations of a cell on a plane, at most."""
+
+AGREEING = 0.8
+"""Cosine between the slopes of a cell and its plane, at least."""
+
 PIXEL_LIMIT = 4.0
-MOST_PLANES = 24
+"""Deviations within which a reading lies on a plane."""
+
+MOST_PLANES, MOST_SEEDS, MOST_STEPS = 24, 200, 12
+"""Bounds of the time: planes, cells to grow from, and steps of each growth."""
+
+MOST_SAMPLED = 4000
+"""Readings by which a plane is told from something curved."""
+
+SIGNIFICANT = 8.0
+"""Standard deviations of the curvature of something curved, at least."""
+
+LEAST_SAG = 0.03
+"""Its sagitta over its size, at least: errors that pixels share make it significant."""
 
 
 class PlaneRegions(NamedTuple):
@@ -27,8 +57,8 @@ class PlaneRegions(NamedTuple):
 
     Attributes:
         labels: Number of the plane from 1; 0 where there is none.
-        planes: Slopes along x and y and the value at 0 of what is linear, (n, 3).
-        noise: How many times larger than said the sensor's noise is on them.
+        planes: Slopes along x and y and the value at 0 of `View.linear`.
+        noise: How many times larger than said the sensor's noise is on them; 1 or more.
     """
 
     labels: Int[np.ndarray, "h w"]
@@ -36,188 +66,282 @@ class PlaneRegions(NamedTuple):
     noise: float
 
 
+def primitives_of(
+    view: View, regions: PlaneRegions
+) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3"]]:
+    """A point of each plane and its normal, for `Plane`, in the camera's frame.
+
+    Returns:
+        Points in the middle of what is seen, in meters, and unit normals that face the
+        camera.
+    """
+    count = len(regions.planes)
+    flat = regions.labels.ravel()
+    pixels = np.maximum(np.bincount(flat, minlength=count + 1), 1)[1:]
+    x, y = (
+        np.bincount(flat, part.ravel(), minlength=count + 1)[1:] / pixels
+        for part in (view.x, view.y)
+    )
+    one, (slope_x, slope_y, value) = np.ones(count), regions.planes.T
+    linear = slope_x * x + slope_y * y + value
+    if view.is_central:
+        # It is slope_x X + slope_y Y + value Z = 1, and the camera on the side of 0.
+        point, normal = np.stack([x, y, one]) / linear, -regions.planes.T
+    else:
+        point, normal = np.stack([x, y, linear]), np.stack([slope_x, slope_y, -one])
+    return point.T, (normal / np.linalg.norm(normal, axis=0)).T
+
+
 def planes_of(view: View, valid: Bool[np.ndarray, "h w"]) -> PlaneRegions:
     """Find the planes among the readings that are valid."""
-    h, w = view.depth.shape
-    q, s = view.linear, view.linear_sigma
-    weight = np.where(valid & (s > 0), 1 / np.where(s > 0, s, 1) ** 2, 0)
-    x, y = view.x.astype(np.float64), view.y.astype(np.float64)
-    one = np.ones_like(x)
-    rows = np.stack([x, y, one, np.where(valid, q, 0).astype(np.float64)])
-    moments = np.empty((4, 4, -(-h // CELL), -(-w // CELL)))
-    for i in range(4):
-        for j in range(i, 4):
-            moments[i, j] = moments[j, i] = _cells(weight * rows[i] * rows[j])
-    count = _cells(valid.astype(np.float64))
-    moments = np.moveaxis(moments, (0, 1), (2, 3)).reshape(-1, 4, 4)
-    count = count.ravel()
-    shape = -(-h // CELL), -(-w // CELL)
-    known = count >= CELL * CELL / 2
-    own = _fitted(moments)
-    chi = np.where(known, _chi2(moments, own) / np.maximum(count - 3, 1), np.inf)
-    # The sensor's noise, from cells that are flat: their lower half.
-    flat = chi[known]
-    noise = 1.0
-    if len(flat) >= FEWEST_CELLS:
-        noise = float(np.sqrt(np.quantile(flat, 0.3)))
-    scale = max(noise, 1.0) ** 2
-    free = known & (chi < 3 * scale)
-    labels = np.zeros(len(count), int)
-    planes = []
-    tried = np.zeros(len(count), bool)
-    normal = _normals(own)
-    for _ in range(200):
-        if len(planes) == MOST_PLANES:
+    readings = _Readings.of(view, valid)
+    cells = _Cells.of(readings, valid)
+    noise = cells.noise
+    numbers, planes = _grown(view, readings, cells, noise)
+    labels = _labeled(view, valid, numbers, planes, noise)
+    return PlaneRegions(labels, np.array(planes).reshape(-1, 3), noise)
+
+
+class _Readings(NamedTuple):
+    """Readings, in double precision: squares of many deviations are subtracted.
+
+    Attributes:
+        rows: x and y of the ray, 1, and what is linear.
+        weight: Reciprocal of its variance; 0 where there is none.
+    """
+
+    rows: Float[np.ndarray, "4 h w"]
+    weight: Float[np.ndarray, "h w"]
+
+    @staticmethod
+    def of(view: View, valid: Bool[np.ndarray, "h w"]) -> "_Readings":
+        sigma = view.linear_sigma
+        weight = np.where(
+            valid & (sigma > 0), 1 / np.where(sigma > 0, sigma, 1) ** 2, 0
+        )
+        linear = np.where(valid, view.linear, 0)
+        rows = np.empty((4, *linear.shape))
+        for k, row in enumerate((view.x, view.y, 1, linear)):
+            rows[k] = row
+        return _Readings(rows, weight)
+
+
+class _Cells(NamedTuple):
+    """Cells of the image, row by row.
+
+    Attributes:
+        shape: Rows and columns of cells.
+        number: Readings of each.
+        moments: Weighted sums of the products of rows of readings.
+        normal: Directions of the cells' own planes in the space of the rays.
+        misfit: Mean squares of the deviations from them; infinite where half of the
+            readings or more are missing.
+    """
+
+    shape: tuple[int, int]
+    number: Float[np.ndarray, " c"]
+    moments: Float[np.ndarray, "c 4 4"]
+    normal: Float[np.ndarray, "c 3"]
+    misfit: Float[np.ndarray, " c"]
+
+    @staticmethod
+    def of(readings: _Readings, valid: Bool[np.ndarray, "h w"]) -> "_Cells":
+        number = _summed(valid.astype(float))
+        moments = np.empty((4, 4, *number.shape))
+        for i in range(4):
+            weighted = readings.weight * readings.rows[i]
+            for j in range(i, 4):
+                # The third row is of ones.
+                product = weighted if j == 2 else weighted * readings.rows[j]
+                moments[i, j] = moments[j, i] = _summed(product)
+        moments = np.ascontiguousarray(moments.reshape(4, 4, -1).transpose(2, 0, 1))
+        own = _fitted(moments)
+        shape, number = (number.shape[0], number.shape[1]), number.ravel()
+        misfit = _squares(moments, own) / np.maximum(number - 3, 1)
+        misfit = np.where(number >= CELL * CELL / 2, misfit, np.inf)
+        return _Cells(shape, number, moments, _directions(own), misfit)
+
+    @property
+    def noise(self) -> float:
+        """Factor of the sensor's noise, from the flattest third of the cells."""
+        known = self.misfit[np.isfinite(self.misfit)]
+        if len(known) < FEWEST_CELLS:
+            return 1.0
+        return max(float(np.sqrt(np.quantile(known, 0.3))), 1.0)
+
+
+def _summed(image: Float[np.ndarray, "h w"]) -> Float[np.ndarray, "r c"]:
+    """Sums over cells; those at the lower and right border may be cut."""
+    height, width = image.shape
+    rows, cols = -(-height // CELL), -(-width // CELL)
+    if (height, width) != (rows * CELL, cols * CELL):
+        image = np.pad(image, ((0, rows * CELL - height), (0, cols * CELL - width)))
+    # Along columns first, where neighbors are added at once.
+    return (
+        image.reshape(rows, CELL, -1).sum(axis=1).reshape(rows, cols, CELL).sum(axis=2)
+    )
+
+
+def _fitted(moments: Float[np.ndarray, "*b 4 4"]) -> Float[np.ndarray, "*b 3"]:
+    """Planes by least squares."""
+    left, right = moments[..., :3, :3], moments[..., :3, 3:]
+    # So little that it decides only what the readings leave open.
+    trace = np.trace(left, axis1=-2, axis2=-1)[..., None, None]
+    return np.linalg.solve(left + (1e-12 * trace + 1e-30) * np.eye(3), right)[..., 0]
+
+
+def _squares(
+    moments: Float[np.ndarray, "c 4 4"], plane: Float[np.ndarray, "*#c 3"]
+) -> Float[np.ndarray, " c"]:
+    """Sums of the squares of the deviations of cells from planes."""
+    full = np.concatenate([plane, -np.ones((*plane.shape[:-1], 1))], axis=-1)
+    full = np.broadcast_to(full, (len(moments), 4))
+    # Without noise it is the difference of equal numbers, and rounded to one below 0.
+    return np.maximum(np.einsum("ki,kij,kj->k", full, moments, full), 0)
+
+
+def _directions(planes: Float[np.ndarray, "*b 3"]) -> Float[np.ndarray, "*b 3"]:
+    length = np.linalg.norm(planes, axis=-1, keepdims=True)
+    return planes / np.maximum(length, 1e-12)
+
+
+def _grown(
+    view: View, readings: _Readings, cells: _Cells, noise: float
+) -> tuple[Int[np.ndarray, "r c"], list[np.ndarray]]:
+    """Number of each cell's plane from 1, 0 where there is none; and the planes."""
+    free = cells.misfit < FLAT * noise**2
+    labels = np.zeros(len(free), int)
+    tried = np.zeros(len(free), bool)
+    planes: list[np.ndarray] = []
+    for _ in range(MOST_SEEDS):
+        seed = _seed(cells, free, tried)
+        if seed is None or len(planes) == MOST_PLANES:
             break
-        support = cv2.boxFilter(
-            free.reshape(shape).astype(np.float32),
-            -1,
-            (5, 5),
-            normalize=False,
-            borderType=cv2.BORDER_CONSTANT,
-        ).ravel()
-        seeds = free & ~tried & (support >= 20)
-        if not seeds.any():
-            break
-        seed = int(np.argmin(np.where(seeds, chi, np.inf)))
-        tried[seed] = True
-        block = np.zeros(shape, bool)
-        r, c = divmod(seed, shape[1])
-        block[max(r - 2, 0) : r + 3, max(c - 2, 0) : c + 3] = True
-        part = block.ravel() & free
-        plane = _fitted(moments[part].sum(axis=0))
-        for _ in range(12):
-            fits = free & (
-                _chi2(moments, plane) < (CELL_LIMIT**2) * scale * np.maximum(count, 1)
-            )
-            n = _normals(plane)
-            fits &= (normal @ n) > 0.8
-            _, parts = cv2.connectedComponents(
-                fits.reshape(shape).view(np.uint8), connectivity=4
-            )
-            parts = parts.ravel()
-            if parts[seed] == 0:
-                grown = part & False
-                break
-            grown = parts == parts[seed]
-            if np.array_equal(grown, part):
-                break
-            part = grown
-            plane = _fitted(moments[part].sum(axis=0))
+        row, col = divmod(seed, cells.shape[1])
+        block = np.zeros(cells.shape, bool)
+        around = (slice(max(k - REACH, 0), k + REACH + 1) for k in (row, col))
+        block[tuple(around)] = True
         tried |= block.ravel()
-        if np.count_nonzero(part) < FEWEST_CELLS or not part[seed]:
+        part, plane = _region(cells, free, seed, block.ravel() & free, noise)
+        if np.count_nonzero(part) < FEWEST_CELLS:
             continue
-        if _is_curved(view, rows, weight, part.reshape(shape), plane, scale):
+        if _is_curved(view, readings, part.reshape(cells.shape)):
             tried |= part
             continue
         free &= ~part
         planes.append(plane)
         labels[part] = len(planes)
-    return PlaneRegions(
-        *_pixels(view, valid, labels.reshape(shape), planes, max(noise, 1.0))
+    return labels.reshape(cells.shape), planes
+
+
+def _seed(
+    cells: _Cells, free: Bool[np.ndarray, " c"], tried: Bool[np.ndarray, " c"]
+) -> int | None:
+    """The flattest cell to grow from, among others that are flat; None if none is."""
+    image, across = free.reshape(cells.shape).astype(np.float32), 2 * REACH + 1
+    support = cv2.boxFilter(
+        image, -1, (across, across), normalize=False, borderType=cv2.BORDER_CONSTANT
+    )
+    seeds = free & ~tried & (support.ravel() >= LEAST_FLAT)
+    return (
+        int(np.argmin(np.where(seeds, cells.misfit, np.inf))) if seeds.any() else None
     )
 
 
-def _cells(image):
-    h, w = image.shape
-    full = np.zeros((-(-h // CELL) * CELL, -(-w // CELL) * CELL))
-    full[:h, :w] = image
-    return full.reshape(full.shape[0] // CELL, CELL, -1, CELL).sum(axis=(1, 3))
+def _region(
+    cells: _Cells,
+    free: Bool[np.ndarray, " c"],
+    seed: int,
+    part: Bool[np.ndarray, " c"],
+    noise: float,
+) -> tuple[Bool[np.ndarray, " c"], Float[np.ndarray, "3"]]:
+    """Cells on a plane that hang together with the seed, and the plane."""
+    most = (CELL_LIMIT * noise) ** 2 * np.maximum(cells.number, 1)
+    plane = _fitted(cells.moments[part].sum(axis=0))
+    for _ in range(MOST_STEPS):
+        fits = free & (_squares(cells.moments, plane) < most)
+        fits &= cells.normal @ _directions(plane) > AGREEING
+        image = fits.reshape(cells.shape).view(np.uint8)
+        _, pieces = cv2.connectedComponents(image, connectivity=4)
+        pieces = pieces.ravel()
+        grown = pieces == pieces[seed]
+        if pieces[seed] == 0 or np.array_equal(grown, part):
+            break
+        part = grown
+        plane = _fitted(cells.moments[part].sum(axis=0))
+    return part, plane
 
 
-def _fitted(moments):
-    a = moments[..., :3, :3]
-    # So little that it decides only what the readings leave open.
-    ridge = 1e-12 * np.trace(a, axis1=-2, axis2=-1)[..., None, None] * np.eye(
-        3
-    ) + 1e-30 * np.eye(3)
-    return np.linalg.solve(a + ridge, moments[..., :3, 3:])[..., 0]
-
-
-def _chi2(moments, plane):
-    full = np.concatenate([plane, -np.ones((*plane.shape[:-1], 1))], axis=-1)
-    if full.ndim == 1:
-        return np.einsum("i,kij,j->k", full, moments, full)
-    return np.einsum("ki,kij,kj->k", full, moments, full)
-
-
-def _normals(plane):
-    length = np.linalg.norm(plane, axis=-1, keepdims=True)
-    return plane / np.maximum(length, 1e-12)
-
-
-def _is_curved(view, rows, weight, part, plane, scale):
-    mask = cv2.resize(
-        part.astype(np.uint8), None, fx=CELL, fy=CELL, interpolation=cv2.INTER_NEAREST
-    )
-    h, w = view.depth.shape
-    index = np.flatnonzero((mask[:h, :w] > 0) & (weight > 0))
-    index = index[:: max(1, len(index) // 4000)]
-    x, y, one, q = (row.ravel()[index] for row in rows)
-    root = np.sqrt(weight.ravel()[index])
-    mx, my = x.mean(), y.mean()
-    dx, dy = x - mx, y - my
-    size = max(np.sqrt((dx**2).mean() + (dy**2).mean()), 1e-9)
-    dx, dy = dx / size, dy / size
-    base = np.stack([dx, dy, one, dx * dx, dx * dy, dy * dy], axis=1) * root[:, None]
-    target = q * root
-    solution, *_ = np.linalg.lstsq(base, target, rcond=None)
-    rest = target - base @ solution
-    spread = max(np.median(np.abs(rest)) * 1.4826, 1e-9)
-    inverse = np.linalg.inv(base.T @ base + 1e-9 * np.eye(6))
-    deviation = spread * np.sqrt(np.diag(inverse))
-    quadratic = solution[3:]
-    # Errors that many pixels share make it look significant.
-    hessian = np.array(
-        [[2 * quadratic[0], quadratic[1]], [quadratic[1], 2 * quadratic[2]]]
-    )
-    largest = np.abs(np.linalg.eigvalsh(hessian)).max()
-    significant = np.max(np.abs(quadratic) / deviation[3:]) > 8
-    # Sagitta at one standard deviation of the region, over its size.
-    middle = np.median(view.depth.ravel()[index])
-    relative = largest / max(abs(solution[2]), 1e-12)
+def _is_curved(view: View, readings: _Readings, part: Bool[np.ndarray, "r c"]) -> bool:
+    """Whether a region is of something curved, as a wide trunk is."""
+    weight = readings.weight.ravel()
+    index = np.flatnonzero(_pixels_of(part, view.depth.shape).ravel() & (weight > 0))
+    index = index[:: max(1, len(index) // MOST_SAMPLED)]
+    x, y, one, linear = (row.ravel()[index] for row in readings.rows)
+    x, y = x - x.mean(), y - y.mean()
+    size = max(np.sqrt(np.mean(x * x + y * y)), 1e-9)
+    x, y = x / size, y / size
+    root = np.sqrt(weight[index])
+    terms = np.stack([x, y, one, x * x, x * y, y * y], axis=1) * root[:, None]
+    inverse = np.linalg.inv(terms.T @ terms + 1e-9 * np.eye(6))
+    solution = inverse @ (terms.T @ (linear * root))
+    # Noise is taken as it is.
+    spread = np.median(np.abs(linear * root - terms @ solution)) * 1.4826
+    deviation = max(spread, 1e-9) * np.sqrt(np.diag(inverse))
+    curvature = solution[3:]
+    if np.max(np.abs(curvature) / deviation[3:]) <= SIGNIFICANT:
+        return False
+    xx, xy, yy = curvature
+    largest = np.abs(np.linalg.eigvalsh([[2 * xx, xy], [xy, 2 * yy]])).max()
+    # Sagitta at one standard deviation of the region, over that.
+    sag = largest / 2 / size
     if view.is_central:
-        sag = 0.5 * relative * middle
-        extent = size * middle
-    else:
-        sag, extent = 0.5 * largest, size
-    return bool(significant and sag > 0.03 * extent)
+        # Of the depth, which is as far as the inverse depth is from what it is.
+        sag /= max(abs(solution[2]), 1e-12)
+    return bool(sag > LEAST_SAG)
 
 
-def _pixels(view, valid, cells, planes, noise):
-    h, w = view.depth.shape
-    labels = np.zeros((h, w), int)
-    q, s = view.linear, view.linear_sigma * noise
-    reach = np.ones((5, 5), np.uint8)
-    best = np.full((h, w), PIXEL_LIMIT, np.float32)
+def _labeled(
+    view: View,
+    valid: Bool[np.ndarray, "h w"],
+    numbers: Int[np.ndarray, "r c"],
+    planes: list[np.ndarray],
+    noise: float,
+) -> Int[np.ndarray, "h w"]:
+    """Number of each pixel's plane: of those near its cells the one that fits best."""
+    labels = np.zeros(view.depth.shape, int)
+    best = np.full(view.depth.shape, PIXEL_LIMIT, np.float32)
+    variance = (noise * view.linear_sigma) ** 2
     for number, plane in enumerate(planes, start=1):
-        near = cv2.dilate((cells == number).astype(np.uint8), reach)
-        near = (
-            cv2.resize(near, None, fx=CELL, fy=CELL, interpolation=cv2.INTER_NEAREST)[
-                :h, :w
-            ]
-            > 0
-        )
-        miss = np.abs(plane[0] * view.x + plane[1] * view.y + plane[2] - q)
-        # A reading is also off by its share of a pixel, aside.
-        slope = np.hypot(plane[0], plane[1]) * view.footprint / 3
-        miss = miss / np.sqrt(np.where(valid, s, 1) ** 2 + slope**2)
-        on = valid & near & (miss < best)
-        _, parts = cv2.connectedComponents(on.view(np.uint8), connectivity=4)
-        core = (
-            cv2.resize(
-                (cells == number).astype(np.uint8),
-                None,
-                fx=CELL,
-                fy=CELL,
-                interpolation=cv2.INTER_NEAREST,
-            )[:h, :w]
-            > 0
-        )
-        keep = np.zeros(parts.max() + 1, bool)
-        keep[np.unique(parts[core & on])] = True
+        there = numbers == number
+        first, last = (f(np.argwhere(there), axis=0) for f in (np.min, np.max))
+        ends = list(zip(np.maximum(first - REACH, 0), last + REACH + 1, strict=True))
+        of_cells = there[tuple(slice(*pair) for pair in ends)]
+        box = tuple(slice(CELL * start, CELL * stop) for start, stop in ends)
+        slope_x, slope_y, value = plane.tolist()
+        linear = slope_x * view.x[box] + slope_y * view.y[box] + value
+        # A reading is also off by a third of a pixel, aside.
+        aside = (np.hypot(slope_x, slope_y) * view.footprint / 3) ** 2
+        # Where there is no reading it is not looked at.
+        total = np.where(valid[box], variance[box], 1) + np.float32(aside)
+        miss = np.abs(linear - view.linear[box]) / np.sqrt(total)
+        reach = np.ones((2 * REACH + 1, 2 * REACH + 1), np.uint8)
+        near = cv2.dilate(of_cells.view(np.uint8), reach) > 0
+        on = valid[box] & _pixels_of(near, miss.shape) & (miss < best[box])
+        # What hangs together with the cells.
+        count, pieces = cv2.connectedComponents(on.view(np.uint8), connectivity=4)
+        keep = np.zeros(count, bool)
+        keep[pieces[_pixels_of(of_cells, miss.shape)]] = True
         keep[0] = False
-        on &= keep[parts]
-        labels[on] = number
-        best[on] = miss[on]
-    return labels, np.array(planes).reshape(-1, 3), noise
+        on &= keep[pieces]
+        labels[box][on] = number
+        best[box][on] = miss[on]
+    return labels
+
+
+def _pixels_of(
+    cells: Bool[np.ndarray, "r c"], shape: tuple[int, int]
+) -> Bool[np.ndarray, "h w"]:
+    """The pixels of cells, of an image of some height and width."""
+    height, width = shape
+    return cells.repeat(CELL, axis=0).repeat(CELL, axis=1)[:height, :width]
