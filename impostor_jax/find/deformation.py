@@ -115,27 +115,28 @@ def _seam(
     total = products.sum(axis=0)
     wall = [*range(5), 11]
 
-    def left_over(products: Float[np.ndarray, "*b 6 6"]) -> Float[np.ndarray, "*b"]:
-        """Chi-squared of the best solution."""
-        size = products.shape[-1] - 1
-        equations = products[..., :size, :size] + 1e-6 * np.eye(size)
-        right = products[..., :size, size]
-        solution = np.linalg.solve(equations, right[..., None])[..., 0]
-        return products[..., size, size] - (right * solution).sum(axis=-1)
-
     before = np.cumsum(products[:, wall][:, :, wall], axis=0)[2:-3]
     after = total[np.ix_(wall, wall)] - before
-    halves = left_over(before) + left_over(after)
+    halves = _left_over(before) + _left_over(after)
     # Some of either side must be seen.
     counts = np.cumsum(np.diff(edges))[2:-3]
     few = np.minimum(counts, len(rows) - counts) < max(FEWEST, 0.1 * len(rows))
     halves = np.where(few, np.inf, halves)
     best = int(np.argmin(halves))
-    smooth = float(left_over(total))
-    alone = float(left_over(total[np.ix_(wall, wall)]))
+    smooth = float(_left_over(total))
+    alone = float(_left_over(total[np.ix_(wall, wall)]))
     if min(alone - 2 * PRICE, smooth) - halves[best] < PRICE:
         return None
     return 2 * (best + 3) / SEAM_BINS - 1
+
+
+def _left_over(products: Float[np.ndarray, "*b m m"]) -> Float[np.ndarray, "*b"]:
+    """Chi-squared of the best solution of normal equations, whose last row is data."""
+    size = products.shape[-1] - 1
+    equations = products[..., :size, :size] + 1e-6 * np.eye(size)
+    right = products[..., :size, size]
+    solution = np.linalg.solve(equations, right[..., None])[..., 0]
+    return np.asarray(products[..., size, size] - (right * solution).sum(axis=-1))
 
 
 def _within(scene: Scene, evidence: Evidence) -> np.ndarray:
