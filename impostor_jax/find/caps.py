@@ -39,18 +39,18 @@ class Caps:
     """What is seen of the caps.
 
     Attributes:
-        index: Flat indices of their pixels.
+        pixels: Flat indices of these.
         rim: Largest angle over which the rim of one is seen, in radians; 0 where it is
             too little to tell a disc from what lies beside it.
     """
 
-    index: Int[np.ndarray, " n"]
+    pixels: Int[np.ndarray, " n"]
     rim: float
 
     @property
     def size(self) -> int:
         """Pixels that speak for a cylinder."""
-        return len(self.index) if self.rim else 0
+        return len(self.pixels) if self.rim else 0
 
 
 NO_CAPS = Caps(np.zeros(0, int), 0.0)
@@ -62,7 +62,7 @@ def caps_of(scene: Scene, evidence: Evidence) -> Caps:
         return NO_CAPS
     low, high = evidence.ends
     found = [_cap(scene, evidence, low, -1.0), _cap(scene, evidence, high, 1.0)]
-    return max(found, key=lambda cap: (cap.rim, len(cap.index)))
+    return max(found, key=lambda cap: (cap.rim, len(cap.pixels)))
 
 
 def _cap(scene: Scene, evidence: Evidence, end: float, sign: float) -> Caps:

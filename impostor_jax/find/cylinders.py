@@ -8,14 +8,14 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool
 
 from impostor_jax.arguments import is_concrete, real_number, whole_number
 from impostor_jax.camera.base import AbstractCamera
 from impostor_jax.effort import Effort
 from impostor_jax.find.fitting import Fitter
 from impostor_jax.find.found import Found
-from impostor_jax.find.planes import PlaneRegions
+from impostor_jax.find.planes import PlaneRegions, primitives_of
 from impostor_jax.find.search import Request, search
 from impostor_jax.find.view import View, view_of
 from impostor_jax.fit.fittable import CYLINDER
@@ -147,7 +147,7 @@ def _visible(
 
 def _planes(view: View, regions: PlaneRegions, camera: AbstractCamera) -> Plane:
     """Planes in the world frame, their normals towards the camera."""
-    points, normals = _of_slopes(view, regions)
+    points, normals = primitives_of(view, regions)
     dtype = jnp.result_type(float)
     planes = Plane(points.astype(dtype), normals.astype(dtype))
     move = camera.camera_from_world
@@ -157,22 +157,3 @@ def _planes(view: View, regions: PlaneRegions, camera: AbstractCamera) -> Plane:
     return Plane(
         jax.vmap(back.apply)(planes.point), jax.vmap(back.rotate)(planes.unit_normal)
     )
-
-
-def _of_slopes(
-    view: View, regions: PlaneRegions
-) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3"]]:
-    """The middle of what is seen of each plane, and its normal."""
-    points, normals = np.zeros((0, 3)), np.zeros((0, 3))
-    for number, (a, b, c) in enumerate(regions.planes, start=1):
-        on = regions.labels == number
-        x, y = float(view.x[on].mean()), float(view.y[on].mean())
-        value = a * x + b * y + c
-        if view.is_central:
-            # a x + b y + c = 1 / z.
-            point, normal = np.array([x, y, 1]) / value, -np.array([a, b, c])
-        else:
-            point, normal = np.array([x, y, value]), np.array([a, b, -1.0])
-        points = np.vstack([points, point])
-        normals = np.vstack([normals, normal / np.linalg.norm(normal)])
-    return points, normals

@@ -8,7 +8,7 @@ image leaves open is told from what it refutes.
 __all__ = ["Deformation", "deformation"]
 
 import itertools
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -115,36 +115,37 @@ def _seam(
     total = products.sum(axis=0)
     wall = [*range(5), 11]
 
-    def left_over(products: Float[np.ndarray, "*b s s"]) -> Any:
-        """Chi-squared of the best solution, a number or an array (*b)."""
-        size = products.shape[-1] - 1
-        equations = products[..., :size, :size] + 1e-6 * np.eye(size)
-        right = products[..., :size, size]
-        solution = np.linalg.solve(equations, right[..., None])[..., 0]
-        return products[..., size, size] - (right * solution).sum(axis=-1)
-
     before = np.cumsum(products[:, wall][:, :, wall], axis=0)[2:-3]
     after = total[np.ix_(wall, wall)] - before
-    halves = left_over(before) + left_over(after)
+    halves = _left_over(before) + _left_over(after)
     # Some of either side must be seen.
     counts = np.cumsum(np.diff(edges))[2:-3]
     few = np.minimum(counts, len(rows) - counts) < max(FEWEST, 0.1 * len(rows))
     halves = np.where(few, np.inf, halves)
     best = int(np.argmin(halves))
-    smooth = float(left_over(total))
-    alone = float(left_over(total[np.ix_(wall, wall)]))
+    smooth = float(_left_over(total))
+    alone = float(_left_over(total[np.ix_(wall, wall)]))
     if min(alone - 2 * PRICE, smooth) - halves[best] < PRICE:
         return None
     return 2 * (best + 3) / SEAM_BINS - 1
 
 
+def _left_over(products: Float[np.ndarray, "*b m m"]) -> Float[np.ndarray, "*b"]:
+    """Chi-squared of the best solution of normal equations, whose last row is data."""
+    size = products.shape[-1] - 1
+    equations = products[..., :size, :size] + 1e-6 * np.eye(size)
+    right = products[..., :size, size]
+    solution = np.linalg.solve(equations, right[..., None])[..., 0]
+    return np.asarray(products[..., size, size] - (right * solution).sum(axis=-1))
+
+
 def _within(scene: Scene, evidence: Evidence) -> np.ndarray:
     """Pixels that a wall explains, but for those beside others."""
     explained = np.zeros(scene.view.depth.shape, np.uint8)
-    explained.ravel()[evidence.index] = 1
+    explained.ravel()[evidence.pixels] = 1
     # Where only every n-th pixel was looked at, none has a neighbor.
     inner = cv2.erode(explained, np.ones((3, 3), np.uint8))
     index = np.flatnonzero(inner)
-    if len(index) < min(FEWEST, len(evidence.index) / 4):
-        index = evidence.index
-    return index[:: max(1, len(index) // 2000)]
+    if len(index) < min(FEWEST, len(evidence.pixels) / 4):
+        index = evidence.pixels
+    return index[:: max(1, len(index) // 5000)]

@@ -104,7 +104,7 @@ class Evidence:
     Attributes:
         wall: The candidate.
         ends: Along its axis from its center, in meters.
-        index: Flat indices of pixels that it explains, of those weighed.
+        pixels: Flat indices of those that it explains, of those weighed.
         explained: How many it explains.
         behind: Where something behind it is seen.
         front: Where something in front of it is seen.
@@ -116,7 +116,7 @@ class Evidence:
 
     wall: Candidate
     ends: tuple[float, float]
-    index: Int[np.ndarray, " n"]
+    pixels: Int[np.ndarray, " n"]
     explained: float
     behind: float
     front: float
@@ -269,7 +269,7 @@ def weighed(scene: Scene, wall: Candidate) -> Evidence | None:
     return Evidence(
         wall=wall,
         ends=ends,
-        index=index[explained],
+        pixels=index[explained],
         explained=number(explained),
         behind=number(behind),
         front=number(core & seen & (deviation < -LIMIT)),

@@ -152,28 +152,23 @@ class _Search:
         parts = self._parts()
         walls = [*self._proposals(parts), *self._guesses(parts)]
         scene = self.scene()
-        entries = [self._entry(scene, wall) for wall in walls]
-        queue = [entry for entry in entries if entry is not None]
+        queue = [entry for wall in walls for entry in self._entries(scene, wall)]
         while queue:
             best = queue.pop(int(np.argmax([entry.gain for entry in queue])))
             if best.gain <= 0 or best.chance < LEAST_CHANCE * self.request.least_sure:
                 break
             if self._known(best.evidence.wall):
                 continue
-            if not self.free.ravel()[best.evidence.index].all():
+            if not self.free.ravel()[best.evidence.pixels].all():
                 # Something has taken pixels since.
-                again = self._entry(scene, best.evidence.wall)
-                if again is not None:
-                    queue.append(again)
+                queue += self._entries(scene, best.evidence.wall)
                 continue
-            halves = self._halves(scene, best)
-            if len(halves) == 2:
-                queue += halves
-                continue
-            if self._fitted(scene, best):
+            found, others = self._fitted(scene, best)
+            if found:
                 scene = self.scene()
             else:
                 self.refused.append(best.evidence.wall)
+            queue += others
         return len(self.detections) > before
 
     def _parts(self) -> list[Part]:
@@ -203,13 +198,15 @@ class _Search:
         )  # fmt: skip
         for part, some in zip(parts, all_walls, strict=True):
             score = some.score.ravel() * len(part.pixels)
-            fields = [x.reshape(len(score), -1) for x in some.wall]
+            fields = [np.asarray(x).reshape(len(score), -1) for x in some.wall]
             kept: list[Candidate] = []
             for k in np.argsort(-score, kind="stable"):
                 if len(kept) == KEPT or not score[k] >= self.fewest / 3:
                     break
                 center, axis, log_radius, side = (x[k].astype(float) for x in fields)
-                wall = Candidate(center, axis, float(np.exp(log_radius[0])), float(side[0]))
+                wall = Candidate(
+                    center, axis, float(np.exp(log_radius[0])), float(side[0])
+                )
                 if not any(alike(wall, other) for other in [*kept, *found]):
                     kept.append(wall)
             found += kept
@@ -240,36 +237,61 @@ class _Search:
         shape = deformation(scene, evidence)
         if shape is None and caps.rim < np.pi / 2:
             return None
-        if shape is not None and np.any(np.abs(shape.value) > 0.3 + 3 * shape.deviation):
+        if shape is not None and np.any(
+            np.abs(shape.value) > 0.3 + 3 * shape.deviation
+        ):
             return None
         chance = confidence(facts_of(evidence, caps, shape))
         return Entry(evidence, caps, shape, chance)
 
     def _known(self, wall: Candidate) -> bool:
-        found = (detection.entry.evidence.wall for detection in self.detections)
-        return any(alike(wall, other) for other in itertools.chain(found, self.refused))
+        return self._found(wall) or any(alike(wall, other) for other in self.refused)
 
-    def _halves(self, scene: Scene, entry: Entry) -> list[Entry]:
-        """The two cylinders that meet where one was taken for both; [] for one."""
-        if entry.shape is None or entry.shape.seam is None:
+    def _found(self, wall: Candidate) -> bool:
+        return any(alike(wall, one.entry.evidence.wall) for one in self.detections)
+
+    def _entries(self, scene: Scene, wall: Candidate, cuts: int = 2) -> list[Entry]:
+        """What is known of a candidate, or of those that it was taken for.
+
+        Args:
+            scene: What it is compared with.
+            wall: The candidate.
+            cuts: How often it may be cut.
+        """
+        entry = self._entry(scene, wall)
+        if entry is None:
             return []
+        halves = self._halves(scene, entry, cuts)
+        return [entry] if halves is None else halves
+
+    def _halves(self, scene: Scene, entry: Entry, cuts: int) -> list[Entry] | None:
+        """The cylinders that meet where one was taken for both; None for one."""
+        if entry.shape is None or entry.shape.seam is None or not cuts:
+            return None
         wall, seam = entry.evidence.wall, entry.shape.seam
         low, high = wall.limits
-        halves = (
-            self._entry(scene, wall._replace(limits=limits))
+        return [
+            half
             for limits in ((low, seam), (seam, high))
-        )
-        return [half for half in halves if half is not None]
+            for half in self._entries(scene, wall._replace(limits=limits), cuts - 1)
+        ]
 
-    def _fitted(self, scene: Scene, entry: Entry) -> bool:
-        """Fit a candidate, and keep it if it is sure enough."""
+    def _fitted(self, scene: Scene, entry: Entry) -> tuple[bool, list[Entry]]:
+        """Fit a candidate, and keep it if it is sure enough.
+
+        Returns:
+            Whether it was kept, and candidates that its fit leads to.
+        """
         mask = self._mask(scene, entry)
         fit = self.fitter.fit(mask, entry.evidence)
         if not bool(fit.success):
-            return False
+            return False, []
         final = self._entry(scene, self.fitter.wall_of(fit, entry.evidence.wall))
-        if final is None or self._known(final.evidence.wall):
-            return False
+        if final is None or self._found(final.evidence.wall):
+            return False, []
+        halves = self._halves(scene, final, 2)
+        if halves is not None:
+            return False, halves
         before, mask = mask, self._mask(scene, final)
         if np.count_nonzero(mask ^ before) > CHANGED * np.count_nonzero(mask):
             # The fit knows better than the proposal what shows it.
@@ -280,19 +302,21 @@ class _Search:
             if better:
                 fit, final = again, better
                 mask = self._mask(scene, final)
-        facts = facts_of(final.evidence, final.caps, final.shape, fit, self.planes.noise)
+        facts = facts_of(
+            final.evidence, final.caps, final.shape, fit, self.planes.noise
+        )
         sure = confidence(facts)
         if sure < self.request.least_sure:
-            return False
+            return False, []
         self.detections.append(Detection(fit, final, facts, mask, sure))
         taken = cv2.dilate(mask.view(np.uint8), np.ones((3, 3), np.uint8)) > 0
         self.free = self.free & ~taken
-        return True
+        return True, []
 
     def _mask(self, scene: Scene, entry: Entry) -> Bool[np.ndarray, "h w"]:
         own = self.free | (self.view.valid & ~self.usable)
         mask = shown(scene, entry.evidence, own, self.fitter.mixes)
-        mask.ravel()[entry.caps.index] = True
+        mask.ravel()[entry.caps.pixels] = True
         return mask
 
 

@@ -6,7 +6,7 @@ depth of a plane is linear in the rays, of an orthographic one the depth: `linea
 the one that is.
 """
 
-__all__ = ["View", "view_of"]
+__all__ = ["Box", "View", "view_of"]
 
 import dataclasses
 from functools import cached_property
@@ -17,14 +17,14 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from impostor_jax.camera.orthographic import OrthographicCamera
-from impostor_jax.camera.pinhole import PinholeCamera
+from impostor_jax.camera.base import AbstractCamera
 from impostor_jax.sensor.base import AbstractDepthNoise
 
 INCIDENCES = np.radians(np.arange(0, 90, 10)).astype(np.float32)
 """Angles at which `View.grazing` is known, in radians."""
 
 Box = tuple[slice, slice]
+"""Rows and columns of a block of pixels."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -136,7 +136,7 @@ class View:
 
 def view_of(
     depth: Float[np.ndarray, "h w"],
-    camera: PinholeCamera | OrthographicCamera,
+    camera: AbstractCamera,
     noise: AbstractDepthNoise,
     most_pixels: int,
     stride: int = 1,
@@ -164,9 +164,14 @@ def view_of(
         is_central=camera.is_central,
         sigma=np.where(picked > 0, sigma, 0).astype(np.float32),
         grazing=turned / turned[0],
-        footprint=stride / min(float(camera.fx), float(camera.fy)),
+        footprint=stride / min(_focal(camera)),
         stride=stride,
     )
+
+
+def _focal(camera: Any) -> tuple[float, float]:
+    """Of both kinds of camera: pixels a unit of x and y."""
+    return float(camera.fx), float(camera.fy)
 
 
 @jax.jit
@@ -178,17 +183,15 @@ def _sigmas(
     return noise.sigma(depth, jnp.ones_like(depth)), turned
 
 
-def _rays(
-    camera: PinholeCamera | OrthographicCamera,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Both coordinates of the rays, and which pixels see anything."""
+def _rays(camera: AbstractCamera) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The x and y of the rays, and which pixels see anything."""
     x, y, sees = jax.tree.map(np.asarray, _rays_of(camera))
     shape = (camera.height, camera.width)
     return np.broadcast_to(x, shape), np.broadcast_to(y, shape), sees
 
 
 @jax.jit
-def _rays_of(camera: PinholeCamera | OrthographicCamera) -> tuple[Array, Array, Array]:
+def _rays_of(camera: AbstractCamera) -> tuple[Array, Array, Array]:
     row, col = camera.frame.pixels()
     ray, sees = camera.rays(row, col, jnp.float32), camera.sees(row, col)
     part = ray.direction if camera.is_central else ray.origin

@@ -33,6 +33,7 @@ from impostor_jax.arguments import (
     one_of,
     real_number,
 )
+from impostor_jax.camera.base import AbstractCamera
 from impostor_jax.camera.pinhole import PinholeCamera
 from impostor_jax.effort import MIN_READINGS
 from impostor_jax.fit.fittable import Fittable
@@ -237,7 +238,7 @@ def check_types(
             )
 
 
-def checked_depth(depth: Any, camera: PinholeCamera) -> DepthImage:
+def checked_depth(depth: Any, camera: AbstractCamera) -> DepthImage:
     """Depth as a float image with 0 for missing readings."""
     if not isinstance(depth, jax.Array):
         depth = np.asarray(depth)

@@ -29,8 +29,8 @@ def test_the_rim_of_a_cap_is_seen_all_around(camera):
     assert found.rim > np.radians(250)
     axis = np.asarray(UPRIGHT.axis)
     cap = (image.owner == 0) & (np.abs(image.normal @ axis) > 0.9)
-    assert np.mean(cap.ravel()[found.index]) > 0.95
-    assert len(found.index) > 0.9 * np.count_nonzero(cap)
+    assert np.mean(cap.ravel()[found.pixels]) > 0.95
+    assert len(found.pixels) > 0.9 * np.count_nonzero(cap)
 
 
 def test_a_round_patch_of_a_table_has_no_rim():
@@ -38,7 +38,7 @@ def test_a_round_patch_of_a_table_has_no_rim():
     disc = ij.Cylinder((0.02, 0.01, 0.65), (0.0, 0.0, 1.0), 0.08, 0.1)
     found = caps(scene_of(image), disc)
     assert found.rim == 0
-    assert len(found.index) == 0
+    assert len(found.pixels) == 0
 
 
 def test_a_disc_inside_of_a_box_has_no_rim():

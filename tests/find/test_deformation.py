@@ -50,7 +50,7 @@ def test_a_cone_shows_its_taper():
 
 
 def test_a_ball_shows_its_barrel():
-    """Near its equator a ball is narrower by half of the square of the height, over R."""
+    """Near its equator it is narrower by half of the square of the height, over R."""
     size, radius = 0.06, 0.057
     wall = wall_of(ij.Cylinder((0.0, 0.0, 0.3), (0.0, 1.0, 0.0), radius, 0.1))
     found, half = departure(image_of([ij.Sphere((0.0, 0.0, 0.3), size)]), wall)

@@ -30,7 +30,7 @@ def test_the_true_wall_explains_its_pixels_and_ends_where_it_does(shape, camera)
     axis, center = np.asarray(shape.axis, float), np.asarray(shape.center, float)
     on_wall = image.owner == 0
     on_wall &= np.abs(image.normal @ axis) < 0.5
-    assert np.mean(on_wall.ravel()[found.index]) > 0.97
+    assert np.mean(on_wall.ravel()[found.pixels]) > 0.97
     assert found.explained > 0.9 * np.count_nonzero(on_wall)
     assert found.behind + found.other + found.front < 0.05 * found.explained
     # A reading may be a third of a pixel aside, too, which where it grazes is most.
@@ -59,7 +59,7 @@ def test_parts_beside_an_occluder_are_one_wall():
     assert found.explained > 0.9 * np.count_nonzero(image.owner == 0)
     assert found.front > 0.2 * found.explained
     assert found.behind == 0
-    col = found.index % 160
+    col = found.pixels % 160
     assert (col < 50).any()
     assert (col > 110).any()
 
