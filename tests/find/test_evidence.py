@@ -68,12 +68,14 @@ def test_parts_beside_an_occluder_are_one_wall():
     "changes",
     [
         {"radius": 0.045},
+        # It touches the front of the true one, and there is nothing beside that.
+        {"radius": 0.045, "center": np.array([0.0, 0.0, 0.415])},
         {"center": np.array([0.024, -0.032, 0.4])},
         {"center": np.array([0.0, 0.0, 0.37])},
         {"axis": np.array([0.6, 0.8, 0.0])},
         {"side": -1.0},
     ],
-    ids=["too large", "aside", "before", "turned", "from inside"],
+    ids=["too large", "too large behind", "aside", "before", "turned", "from inside"],
 )
 def test_free_space_and_other_surfaces_refute_a_wrong_wall(changes):
     image = image_of([POST, WALL])

@@ -59,7 +59,7 @@ def test_an_empty_image_has_no_planes():
 @pytest.mark.parametrize("distance", [0.6, 600.0])
 def test_a_wall_without_noise_is_found(distance):
     """Its deviations are rounding errors, whose sum of squares was less than 0."""
-    view = seen(np.full((120, 160), distance, np.float32), sigma=SIGMA * distance)
+    view = seen(np.full((120, 160), distance, np.float32), sigma=SIGMA)
     found = planes_of(view, view.valid)
     np.testing.assert_array_equal(found.labels, 1)
     assert found.noise == 1
