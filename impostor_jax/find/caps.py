@@ -30,6 +30,9 @@ a fit that lacks its few rows puts the end too early."""
 LEAST_FACING = 0.005
 """Cosine of the incidence below which a cap is not seen."""
 
+FEWEST = 20
+"""Readings of a cap that tell better than its wall where it is."""
+
 LEAST_FILLED = 0.2
 """Part of a disc that must be seen."""
 
@@ -84,14 +87,23 @@ def _cap(scene: Scene, evidence: Evidence, end: float, sign: float) -> Caps:
     distance = np.sqrt(np.maximum((off**2).sum(axis=-1) - along**2, 0))
     sigma = scene.noise * view.sigma[box]
     limit = LIMIT * facing * view.deviation(middle[2], sigma, facing) + width
+    agrees = sign * (scene.normals.normal[box] @ axis.astype(np.float32)) > AGREEING
+    agrees |= scene.normals.error[box] > UNSURE
+    # The end of a wall that is seen at a slant is known to some pixels along it, and
+    # the readings of the cap tell it better.
+    slack = 2 * width / max(float(np.sqrt(1 - facing**2)), GRAZING)
+    near = scene.usable[box] & agrees & (distance < 0.9 * radius)
+    near &= np.abs(along) < limit + slack
+    if np.count_nonzero(near) >= FEWEST:
+        shift = float(np.median(along[near]))
+        along, middle = along - shift, middle + shift * axis
     usable, own = scene.usable[box], (scene.free | scene.planes)[box]
     if facing < GRAZING:
         # A row of them is far from both neighbors, as flying pixels are.
         strays = view.valid[box] & ~usable
         usable, own = usable | strays, own | strays
     flat = usable & (np.abs(along) < limit)
-    agrees = sign * (scene.normals.normal[box] @ axis.astype(np.float32)) > AGREEING
-    flat &= agrees | (scene.normals.error[box] > UNSURE)
+    flat &= agrees
     on_disc = flat & own & (distance < radius)
     count = np.count_nonzero(on_disc)
     if count < max(LEAST_FILLED * np.pi * radius**2 * facing / width**2, 3):
