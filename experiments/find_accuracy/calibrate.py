@@ -10,7 +10,6 @@ __all__ = ["Config", "Weights", "fit_weights"]
 import dataclasses
 from collections.abc import Sequence
 from typing import NamedTuple
-from unittest import mock
 
 import numpy as np
 import tyro
@@ -25,6 +24,7 @@ from experiments.markdown import number, table
 from impostor_jax.caching import keep_compiled
 from impostor_jax.find import search
 from impostor_jax.find.confidence import FACTS
+from impostor_jax.find.cylinders import MOST_PIXELS
 from impostor_jax.find.fitting import Fitter
 from impostor_jax.find.view import view_of
 from impostor_jax.fit.options import Options
@@ -42,11 +42,8 @@ from impostor_jax.matching import (
 SEED = 7000
 """Of the first preset; each has its own. None that is reported is near."""
 
-REQUEST = search.Request(min_pixels=150, min_arc=0.9, radius_range=(0.003, 1.0))
-"""What `find_cylinders` looks for by default."""
-
-MOST_PIXELS = 340_000
-"""That are searched: none is left out of a preset's images."""
+REQUEST = search.Request(least_sure=0.05)
+"""What `find_cylinders` looks for by default, and what it would leave out."""
 
 FOLDS = 5
 """Parts of the images: each is judged by weights from the others."""
@@ -123,12 +120,11 @@ def derive(config: Config) -> str:
 def judged_rows(
     image: ij.LabeledImage, sensor: ij.AbstractDepthNoise
 ) -> Float[np.ndarray, "k 1+f"]:
-    """Verdict and facts of every detection in an image, however unsure it is."""
+    """Verdict and facts of every detection in an image, of those that are unsure, too."""
     depth = image.depth.astype(np.float32)
     view = view_of(depth, image.camera, sensor, MOST_PIXELS)
-    fitter = Fitter(depth, image.camera, sensor, Options())
-    with mock.patch.object(search, "LEAST_SURE", 0.0):
-        found = search.search(view, REQUEST, fitter).detections
+    fitter = Fitter.of(depth, image.camera, sensor, sensor, Options())
+    found = search.search(view, REQUEST, fitter).detections
     detections = [detection_of(one.fit, one.confidence) for one in found]
     verdicts = match(truth_of(image), detections, LEVELS["standard"]).verdict
     rows = [[verdict, *one.facts] for verdict, one in zip(verdicts, found, strict=True)]

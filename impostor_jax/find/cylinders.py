@@ -1,6 +1,6 @@
 """Find every cylinder in a depth image."""
 
-__all__ = ["find_cylinders"]
+__all__ = ["MOST_PIXELS", "find_cylinders"]
 
 from collections.abc import Mapping
 from typing import Any
@@ -37,9 +37,9 @@ def find_cylinders(
     camera: AbstractCamera,
     sigma: Any = None,
     *,
-    min_pixels: int = 150,
-    min_arc: float = 0.6,
-    radius_range: tuple[float, float] = (0.003, 1.0),
+    min_pixels: int = Request.min_pixels,
+    min_arc: float = Request.min_arc,
+    radius_range: tuple[float, float] = Request.radius_range,
     prior: Mapping[str, Any] | None = None,
     effort: Effort | str = "balanced",
 ) -> Found:
@@ -60,10 +60,10 @@ def find_cylinders(
         camera: That took it: with or without a lens, or orthographic.
         sigma: Standard deviation of a reading in meters, or a noise model of the
             sensor; 1 mm if None. Where planes show that it is larger, that counts.
-        min_pixels: Fewest pixels of a cylinder.
+        min_pixels: Fewest pixels of a cylinder; 150 by default.
         min_arc: Smallest angle about its axis over which it, or the rim of a cap, is
-            seen, in radians.
-        radius_range: Smallest and largest radius, in meters.
+            seen, in radians; 0.6 by default.
+        radius_range: Smallest and largest radius, in meters; 3 mm to 1 m by default.
         prior: As of `fit_cylinder`. A radius is looked for within four standard
             deviations.
         effort: How much work it takes, as of `fit_cylinder`; `stride` says that every

@@ -53,9 +53,9 @@ class Request:
         least_sure: Confidence of what is found.
     """
 
-    min_pixels: int
-    min_arc: float
-    radius_range: tuple[float, float]
+    min_pixels: int = 150
+    min_arc: float = 0.6
+    radius_range: tuple[float, float] = (0.003, 1.0)
     least_sure: float = LEAST_SURE
 
 
