@@ -120,7 +120,7 @@ def derive(config: Config) -> str:
 def judged_rows(
     image: ij.LabeledImage, sensor: ij.AbstractDepthNoise
 ) -> Float[np.ndarray, "k 1+f"]:
-    """Verdict and facts of every detection in an image, of those that are unsure, too."""
+    """Verdict and facts of the detections in an image, unsure ones too."""
     depth = image.depth.astype(np.float32)
     view = view_of(depth, image.camera, sensor, MOST_PIXELS)
     fitter = Fitter.of(depth, image.camera, sensor, sensor, Options())
