@@ -79,10 +79,10 @@ def deformation(scene: Scene, evidence: Evidence) -> Deformation | None:
         rest = (miss - terms @ solution) / deviation
         weight = 1 / deviation / (1 + (rest / LIMIT) ** 2)
     scatter = max(1.4826 * float(np.median(np.abs(rest))), 1.0)
-    seam = _seam(place, terms, miss, deviation * scatter)
+    seam = _seam(place, terms, miss, deviation * scatter, PRICE * scene.shared)
     return Deformation(
         solution[5:],
-        scatter * np.sqrt(np.diag(inverse)[5:]),
+        scatter * np.sqrt(scene.shared * np.diag(inverse)[5:]),
         None if seam is None else middle + half * seam,
     )
 
@@ -92,6 +92,7 @@ def _seam(
     terms: Float[np.ndarray, "n 11"],
     miss: Float[np.ndarray, " n"],
     deviation: Float[np.ndarray, " n"],
+    price: float,
 ) -> float | None:
     """Where two cylinders meet that explain the readings better than one; None if none.
 
@@ -104,6 +105,7 @@ def _seam(
         terms: The five of a wall and six of smooth departures.
         miss: Distances from the wall.
         deviation: Of these.
+        price: Of a second cylinder, in chi-squared.
     """
     rows = np.column_stack([terms, miss]) / deviation[:, None]
     kept = np.abs(rows[:, -1]) < 2 * LIMIT
@@ -125,7 +127,7 @@ def _seam(
     best = int(np.argmin(halves))
     smooth = float(_left_over(total))
     alone = float(_left_over(total[np.ix_(wall, wall)]))
-    if min(alone - 2 * PRICE, smooth) - halves[best] < PRICE:
+    if min(alone - 2 * price, smooth) - halves[best] < price:
         return None
     return 2 * (best + 3) / SEAM_BINS - 1
 

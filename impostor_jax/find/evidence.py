@@ -68,6 +68,7 @@ class Scene(NamedTuple):
         view: What is searched.
         normals: Of it.
         noise: Factor of its sigma, from planes.
+        shared: Pixels that share an error, from planes.
         usable: Readings that are no flying pixels.
         free: Those that nothing has explained yet.
         planes: Those that lie on a plane.
@@ -77,6 +78,7 @@ class Scene(NamedTuple):
     view: View
     normals: Normals
     noise: float
+    shared: float
     usable: Bool[np.ndarray, "h w"]
     free: Bool[np.ndarray, "h w"]
     planes: Bool[np.ndarray, "h w"]
@@ -90,11 +92,12 @@ class Scene(NamedTuple):
         usable: Bool[np.ndarray, "h w"],
         free: Bool[np.ndarray, "h w"],
         planes: Bool[np.ndarray, "h w"],
+        shared: float = 1.0,
     ) -> "Scene":
         """The scene, with its pool."""
         index = np.flatnonzero(free)
         pool = index[spread(len(index), MOST_POOLED)] if len(index) else index
-        return Scene(view, normals, noise, usable, free, planes, pool)
+        return Scene(view, normals, noise, shared, usable, free, planes, pool)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -442,7 +445,7 @@ def _beside(
     ends: tuple[float, float],
     box: Box,
     own: Bool[np.ndarray, "h w"],
-) -> Bool[np.ndarray, "h w"]:
+) -> Bool[np.ndarray, "r c"]:
     """Pixels of a box up to 1.5 pixels outside of an outline that are as far."""
     view = scene.view
     middle = wall.center + (ends[0] + ends[1]) / 2 * wall.axis

@@ -59,11 +59,14 @@ class PlaneRegions(NamedTuple):
         labels: Number of the plane from 1; 0 where there is none.
         planes: Slopes along x and y and the value at 0 of `View.linear`.
         noise: How many times larger than said the sensor's noise is on them; 1 or more.
+        shared: Pixels that share an error, by the deviations of cells of `CELL` x
+            `CELL`: 1 where readings err independently, at most `CELL` squared.
     """
 
     labels: Int[np.ndarray, "h w"]
     planes: Float[np.ndarray, "n 3"]
     noise: float
+    shared: float
 
 
 def primitives_of(
@@ -99,7 +102,8 @@ def planes_of(view: View, valid: Bool[np.ndarray, "h w"]) -> PlaneRegions:
     noise = cells.noise
     numbers, planes = _grown(view, readings, cells, noise)
     labels = _labeled(view, valid, numbers, planes, noise)
-    return PlaneRegions(labels, np.array(planes).reshape(-1, 3), noise)
+    shared = _shared(cells, numbers.ravel(), planes, noise)
+    return PlaneRegions(labels, np.array(planes).reshape(-1, 3), noise, shared)
 
 
 class _Readings(NamedTuple):
@@ -299,6 +303,25 @@ def _is_curved(view: View, readings: _Readings, part: Bool[np.ndarray, "r c"]) -
         # Of the depth, which is as far as the inverse depth is from what it is.
         sag /= max(abs(solution[2]), 1e-12)
     return bool(sag > LEAST_SAG)
+
+
+def _shared(
+    cells: _Cells,
+    numbers: Int[np.ndarray, " c"],
+    planes: list[np.ndarray],
+    noise: float,
+) -> float:
+    """Pixels that share an error: the variance of a cell's mean, over its own."""
+    squares = []
+    for number, plane in enumerate(planes, start=1):
+        sums = cells.moments[numbers == number, 2]
+        miss = sums[:, :3] @ plane - sums[:, 3]
+        squares.append(miss**2 / (sums[:, 2] * noise**2))
+    if not squares:
+        return 1.0
+    # Of normal errors the median square is 0.455 variances.
+    variance = float(np.median(np.concatenate(squares))) / 0.455
+    return min(max(variance, 1.0), float(CELL**2))
 
 
 def _labeled(

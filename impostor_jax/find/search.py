@@ -143,7 +143,7 @@ class _Search:
         """What candidates are compared with now."""
         return Scene.of(
             self.view, self.normals, self.planes.noise, self.usable, self.free,
-            self.planes.labels > 0,
+            self.planes.labels > 0, self.planes.shared,
         )  # fmt: skip
 
     def took_another(self) -> bool:
