@@ -18,23 +18,23 @@ from impostor_jax.find.evidence import Evidence
 from impostor_jax.fit.result import Fit
 
 FACTS: dict[str, float] = {
-    "misfit": -2.64,
-    "chi2": -6.74,
-    "against": -8.96,
-    "taper": -34.13,
-    "barrel": 1.65,
-    "ellipse": 4.67,
-    "bend": -4.94,
-    "vague": -0.43,
-    "exact": 0.35,
-    "size": 1.02,
-    "arc": 3.75,
-    "hidden": -1.04,
-    "rim": 1.08,
+    "misfit": -3.69,
+    "chi2": -3.13,
+    "against": -8.43,
+    "taper": -20.05,
+    "barrel": -22.54,
+    "ellipse": 2.23,
+    "bend": 19.79,
+    "vague": 0.14,
+    "exact": 0.34,
+    "size": 0.90,
+    "arc": 2.10,
+    "hidden": -2.54,
+    "rim": 1.39,
 }
 """Name of each fact, and its weight."""
 
-BIAS = 0.09
+BIAS = 0.52
 """Log-odds where all facts are 0."""
 
 ALLOWED = 0.02

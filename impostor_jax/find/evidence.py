@@ -244,7 +244,9 @@ def weighed(scene: Scene, wall: Candidate) -> Evidence | None:
     met = _meeting(view, x, y, wall)
     z, seen = view.depth.ravel()[index], scene.usable.ravel()[index]
     sigma = scene.noise * view.sigma.ravel()[index]
-    deviation = (z - met.depth) / view.deviation(met.depth, sigma, met.cosine)
+    # Without a reading it is 0, and what comes of it is not looked at.
+    spread = np.where(seen, view.deviation(met.depth, sigma, met.cosine), 1)
+    deviation = (z - met.depth) / spread
     out = _out(view, x, y, wall, met.depth, met.along)
     normal = scene.normals.normal.reshape(-1, 3)[index]
     agrees = wall.side * (normal * out).sum(axis=-1) > AGREEING
