@@ -178,7 +178,7 @@ def pyransac3d(
     """
     if importlib.util.find_spec("pyransac3d") is None:
         raise MissingProgramError("pyransac3d is not installed: pip install '.[bench]'")
-    import pyransac3d
+    import pyransac3d  # pyright: ignore[reportMissingImports]
 
     random.seed(0)
     cloud = cloud_of(depth, camera, sensor, block, near)
