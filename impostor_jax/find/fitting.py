@@ -18,7 +18,6 @@ from typing_extensions import override
 from impostor_jax.camera.base import AbstractCamera
 from impostor_jax.camera.pinhole import PinholeCamera
 from impostor_jax.find.evidence import Candidate, Evidence
-from impostor_jax.find.view import View
 from impostor_jax.fit.fittable import CYLINDER
 from impostor_jax.fit.options import Options
 from impostor_jax.fit.regions import typical_sigma
@@ -88,14 +87,13 @@ class Fitter:
         reach = self.noise.edge_reach
         return not isinstance(reach, int) or reach > 0
 
-    def guesses(self, view: View, region: Bool[np.ndarray, "h w"]) -> list[Candidate]:
-        """First guesses of a region of the view, in the camera's frame."""
+    def guesses(self, region: Bool[np.ndarray, "h w"]) -> list[Candidate]:
+        """First guesses of a region of the image, in the camera's frame."""
         if self.away:
             # They are made in single precision.
             return []
-        whole = self._of_image(region, view.stride)
-        sigma = typical_sigma(self.depth, whole, self.noise)
-        bodies = CYLINDER.guesses(self.depth, whole, self.seen_by, sigma)
+        sigma = typical_sigma(self.depth, region, self.noise)
+        bodies = CYLINDER.guesses(self.depth, region, self.seen_by, sigma)
         found = []
         for body in bodies[:MOST_GUESSES]:
             center, axis = np.asarray(body.center, float), np.asarray(body.axis, float)
@@ -106,7 +104,7 @@ class Fitter:
         return found
 
     def fit(self, mask: Bool[np.ndarray, "h w"], evidence: Evidence) -> Fit:
-        """Fit the pixels of a mask of the view, from a wall between its ends."""
+        """Fit the pixels of a mask of the image, from a wall between its ends."""
         wall, (low, high) = evidence.wall, _around(evidence)
         center = wall.center + (low + high) / 2 * wall.axis - self._shift
         start = Cylinder(
@@ -115,11 +113,10 @@ class Fitter:
             wall.radius,
             1.02 * (high - low),
         )
-        whole = self._of_image(mask, -(-self.depth.shape[0] // mask.shape[0]))
-        fit = self._fit(whole, start)
-        if bool(fit.success) or self.away or np.count_nonzero(whole) > FEW:
+        fit = self._fit(mask, start)
+        if bool(fit.success) or self.away or np.count_nonzero(mask) > FEW:
             return fit
-        return self._fit(whole, None)
+        return self._fit(mask, None)
 
     def _fit(self, mask: Bool[np.ndarray, "h w"], start: Cylinder | None) -> Fit:
         depth = self.depth
@@ -164,15 +161,6 @@ class Fitter:
         low, high = (place + limit for limit in start.limits)
         radius = float(shape.radius)
         return Candidate(center, sign * axis, radius, start.side, (low, high))
-
-    def _of_image(
-        self, mask: Bool[np.ndarray, "h w"], stride: int
-    ) -> Bool[np.ndarray, "H W"]:
-        """A mask of the view, of all pixels of the image."""
-        if stride == 1:
-            return mask
-        whole = mask.repeat(stride, axis=0).repeat(stride, axis=1)
-        return whole[: self.depth.shape[0], : self.depth.shape[1]]
 
 
 def _around(evidence: Evidence) -> tuple[float, float]:

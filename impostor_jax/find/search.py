@@ -82,14 +82,14 @@ class Detection(NamedTuple):
         fit: Of it.
         entry: What speaks for it.
         facts: Those that its confidence is made of.
-        mask: Pixels of the view that show it.
+        mask: Pixels of the image that show it.
         confidence: Probability that it is there.
     """
 
     fit: Fit
     entry: Entry
     facts: Float[np.ndarray, " f"]
-    mask: Bool[np.ndarray, "h w"]
+    mask: Bool[np.ndarray, "H W"]
     confidence: float
 
 
@@ -219,7 +219,7 @@ class _Search:
         for part in parts:
             region = np.zeros(self.view.depth.shape, bool)
             region.ravel()[part.pixels] = True
-            guesses = self.fitter.guesses(self.view, region)
+            guesses = self.fitter.guesses(self._of_image(region))
             found += [wall for wall in guesses if low < wall.radius < high]
         return found
 
@@ -283,7 +283,7 @@ class _Search:
             Whether it was kept, and candidates that its fit leads to.
         """
         mask = self._mask(scene, entry)
-        fit = self.fitter.fit(mask, entry.evidence)
+        fit = self.fitter.fit(self._of_image(mask), entry.evidence)
         if not bool(fit.success):
             return False, []
         final = self._entry(scene, self.fitter.wall_of(fit, entry.evidence.wall))
@@ -295,7 +295,7 @@ class _Search:
         before, mask = mask, self._mask(scene, final)
         if np.count_nonzero(mask ^ before) > CHANGED * np.count_nonzero(mask):
             # The fit knows better than the proposal what shows it.
-            again = self.fitter.fit(mask, final.evidence)
+            again = self.fitter.fit(self._of_image(mask), final.evidence)
             better = bool(again.success) and self._entry(
                 scene, self.fitter.wall_of(again, final.evidence.wall)
             )
@@ -308,10 +308,13 @@ class _Search:
         sure = confidence(facts)
         if sure < self.request.least_sure:
             return False, []
-        self.detections.append(Detection(fit, final, facts, mask, sure))
+        self.detections.append(Detection(fit, final, facts, self._of_image(mask), sure))
         taken = cv2.dilate(mask.view(np.uint8), np.ones((3, 3), np.uint8)) > 0
         self.free = self.free & ~taken
         return True, []
+
+    def _of_image(self, mask: Bool[np.ndarray, "h w"]) -> Bool[np.ndarray, "H W"]:
+        return self.view.enlarged(mask, self.fitter.depth.shape)
 
     def _mask(self, scene: Scene, entry: Entry) -> Bool[np.ndarray, "h w"]:
         own = self.free | (self.view.valid & ~self.usable)

@@ -15,7 +15,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool, Float, Shaped
 
 from impostor_jax.camera.base import AbstractCamera
 from impostor_jax.sensor.base import AbstractDepthNoise
@@ -92,6 +92,15 @@ class View:
         """Smallest and largest x of each column, and y of each row."""
         x, y = self.x, self.y
         return x.min(axis=0), x.max(axis=0), y.min(axis=1), y.max(axis=1)
+
+    def enlarged(
+        self, field: Shaped[np.ndarray, "h w"], shape: tuple[int, int]
+    ) -> Shaped[np.ndarray, "H W"]:
+        """A field of the view, told of all pixels of an image of that shape."""
+        if self.stride == 1:
+            return field
+        whole = field.repeat(self.stride, axis=0).repeat(self.stride, axis=1)
+        return whole[: shape[0], : shape[1]]
 
     def width(self, depth: Any) -> Any:
         """Of a pixel at a depth, in meters."""

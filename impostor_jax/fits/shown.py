@@ -147,9 +147,7 @@ def _objects(
     planes = planes_of(view, usable)
     fewest = -(-MIN_READINGS // view.stride**2)
     labels = objects_of(view, usable & (planes.labels == 0), planes.noise, fewest)
-    # Of all pixels again.
-    labels = labels.repeat(view.stride, axis=0).repeat(view.stride, axis=1)
-    labels = labels[: image.shape[0], : image.shape[1]]
+    labels = view.enlarged(labels, image.shape)
     count = min(int(labels.max(initial=0)), MOST_OBJECTS)
     return [(labels == number) & (image > 0) for number in range(1, count + 1)]
 
