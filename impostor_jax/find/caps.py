@@ -13,8 +13,8 @@ from impostor_jax.find.evidence import (
     UNSURE,
     Evidence,
     Scene,
-    directions_across,
     ring,
+    turned,
 )
 
 RIM_BINS = 36
@@ -102,17 +102,14 @@ def _cap(scene: Scene, evidence: Evidence, end: float, sign: float) -> Caps:
         # A row of them is far from both neighbors, as flying pixels are.
         strays = view.valid[box] & ~usable
         usable, own = usable | strays, own | strays
-    flat = usable & (np.abs(along) < limit)
-    flat &= agrees
+    flat = usable & agrees & (np.abs(along) < limit)
     on_disc = flat & own & (distance < radius)
     count = np.count_nonzero(on_disc)
     if count < max(LEAST_FILLED * np.pi * radius**2 * facing / width**2, 3):
         return NO_CAPS
     met = _on_plane(scene, box, middle, axis) - middle
     away = np.sqrt((met**2).sum(axis=-1)) / radius
-    first, second = directions_across(axis)
-    turn = (np.arctan2(met @ second, met @ first) / (2 * np.pi) + 0.5) * RIM_BINS
-    turn = turn.astype(int) % RIM_BINS
+    turn = turned(met, axis, RIM_BINS)
     step = max(0.05, width / radius / np.sqrt(facing))
 
     def counted(mask: Bool[np.ndarray, "h w"]) -> Int[np.ndarray, " b"]:
@@ -124,8 +121,7 @@ def _cap(scene: Scene, evidence: Evidence, end: float, sign: float) -> Caps:
     seen = (counted(inner & flat) >= 0.6 * there) & (there > 0)
     seen &= counted(outer & flat) <= 0.3 * counted(outer & usable)
     rim = 2 * np.pi / RIM_BINS * np.count_nonzero(seen)
-    on_plane = away < 1
-    sliver = facing < GRAZING and count > np.count_nonzero(on_plane) / 2
+    sliver = facing < GRAZING and count > np.count_nonzero(away < 1) / 2
     if rim < LEAST_RIM:
         if not sliver:
             return NO_CAPS

@@ -5,7 +5,6 @@ __all__ = ["MOST_PIXELS", "find_cylinders"]
 from collections.abc import Mapping
 from typing import Any
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool
@@ -151,9 +150,7 @@ def _planes(view: View, regions: PlaneRegions, camera: AbstractCamera) -> Plane:
     dtype = jnp.result_type(float)
     planes = Plane(points.astype(dtype), normals.astype(dtype))
     move = camera.camera_from_world
-    if move is None or not len(points):
+    if move is None:
         return planes
     back = move.inverse()
-    return Plane(
-        jax.vmap(back.apply)(planes.point), jax.vmap(back.rotate)(planes.unit_normal)
-    )
+    return Plane(back.apply(planes.point), back.rotate(planes.unit_normal))

@@ -15,8 +15,8 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from impostor_jax.find.normals import Normals
-from impostor_jax.find.patches import spread
 from impostor_jax.find.view import Box, View
+from impostor_jax.fit.surface import spread
 
 LIMIT = 3.5
 """Deviations within which a reading is explained."""
@@ -245,8 +245,8 @@ def weighed(scene: Scene, wall: Candidate) -> Evidence | None:
     z, seen = view.depth.ravel()[index], scene.usable.ravel()[index]
     sigma = scene.noise * view.sigma.ravel()[index]
     # Without a reading it is 0, and what comes of it is not looked at.
-    spread = np.where(seen, view.deviation(met.depth, sigma, met.cosine), 1)
-    deviation = (z - met.depth) / spread
+    scale = np.where(seen, view.deviation(met.depth, sigma, met.cosine), 1)
+    deviation = (z - met.depth) / scale
     out = _out(view, x, y, wall, met.depth, met.along)
     normal = scene.normals.normal.reshape(-1, 3)[index]
     agrees = wall.side * (normal * out).sum(axis=-1) > AGREEING
@@ -387,14 +387,21 @@ def _arc(
     core: Bool[np.ndarray, " n"],
 ) -> float:
     """Angle around the axis over which a wall is explained, in radians."""
-    first, second = directions_across(axis)
-    turn = (np.arctan2(out @ second, out @ first) / (2 * np.pi) + 0.5) * ARC_BINS
-    turn = turn.astype(int) % ARC_BINS
+    turn = turned(out, axis, ARC_BINS)
     found = np.bincount(turn[told], minlength=ARC_BINS)
     there = np.bincount(turn[core], minlength=ARC_BINS)
     return (
         2 * np.pi / ARC_BINS * np.count_nonzero((found >= 2) & (found >= 0.3 * there))
     )
+
+
+def turned(
+    vectors: Float[np.ndarray, "*b 3"], axis: Float[np.ndarray, "3"], bins: int
+) -> Int[np.ndarray, "*b"]:
+    """Number of the bin that the angle of each vector around an axis is in."""
+    first, second = directions_across(axis)
+    turn = (np.arctan2(vectors @ second, vectors @ first) / (2 * np.pi) + 0.5) * bins
+    return turn.astype(int) % bins
 
 
 def shown(
@@ -429,7 +436,7 @@ def shown(
     near = own[box][hit] & (np.abs(z - depth) < (LIMIT + 0.5) * deviation)
     if mixed:
         near |= ((z > depth) & (met.inside[hit] < 1.5)) | (z == 0)
-        beside = _beside(scene, wall, ends, box, own)
+        beside = _beside(scene, wall, ends, box, own, width)
         region[box] |= beside & ~met.hit
     else:
         x, y = view.x[box][hit], view.y[box][hit]
@@ -447,11 +454,10 @@ def _beside(
     ends: tuple[float, float],
     box: Box,
     own: Bool[np.ndarray, "h w"],
+    width: float,
 ) -> Bool[np.ndarray, "r c"]:
-    """Pixels of a box up to 1.5 pixels outside of an outline that are as far."""
+    """Pixels of a box up to 1.5 widths outside of an outline that are as far."""
     view = scene.view
-    middle = wall.center + (ends[0] + ends[1]) / 2 * wall.axis
-    width = float(view.width(max(middle[2], 0.0)))
     wider = wall._replace(radius=wall.radius + 1.5 * width)
     met = _meeting(view, view.x[box], view.y[box], wider)
     near = met.hit & (met.along > ends[0]) & (met.along < ends[1])

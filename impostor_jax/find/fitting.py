@@ -47,7 +47,7 @@ class Fitter:
     """Fits what a search proposes.
 
     Attributes:
-        depth: The image, in meters; 0 where there is no reading.
+        depth: As `seen_by` sees it, in meters; 0 where there is no reading.
         camera: That took it.
         noise: Of its readings.
         sigma: What a caller said of that.
@@ -79,7 +79,8 @@ class Fitter:
         far = _far(camera)
         shifted = None if sigma is None else _Shifted(noise, FAR)
         options = dataclasses.replace(options, effort=effort)
-        return Fitter(depth, camera, noise, shifted, options, far, FAR)
+        farther = np.where(depth > 0, depth.astype(np.float64) + FAR, 0)
+        return Fitter(farther, camera, noise, shifted, options, far, FAR)
 
     @property
     def mixes(self) -> bool:
@@ -106,7 +107,9 @@ class Fitter:
     def fit(self, mask: Bool[np.ndarray, "h w"], evidence: Evidence) -> Fit:
         """Fit the pixels of a mask of the image, from a wall between its ends."""
         wall, (low, high) = evidence.wall, _around(evidence)
-        center = wall.center + (low + high) / 2 * wall.axis - self._shift
+        center = wall.center + (low + high) / 2 * wall.axis
+        if not self.away:
+            center = center - self._translation
         start = Cylinder(
             center @ self._rotation,
             wall.axis @ self._rotation,
@@ -119,19 +122,14 @@ class Fitter:
         return self._fit(mask, None)
 
     def _fit(self, mask: Bool[np.ndarray, "h w"], start: Cylinder | None) -> Fit:
-        depth = self.depth
-        if self.away:
-            depth = np.where(depth > 0, depth.astype(np.float64) + self.away, 0)
         fit = fit_shape(
-            CYLINDER, depth, self.seen_by, mask, self.sigma, start, self.options
+            CYLINDER, self.depth, self.seen_by, mask, self.sigma, start, self.options
         )
         if not (self.away and bool(fit.success)):
             return fit
         # The far camera has the rotation of its pose alone.
         shape = fit.cylinder
-        move = self.camera.camera_from_world
-        shift = np.zeros(3) if move is None else np.asarray(move.translation, float)
-        center = np.asarray(shape.center) - shift @ self._rotation
+        center = np.asarray(shape.center) - self._translation @ self._rotation
         moved = Cylinder(center, shape.axis, shape.radius, shape.height)
         return dataclasses.replace(fit, shape=moved)
 
@@ -142,12 +140,10 @@ class Fitter:
         return np.eye(3) if move is None else np.asarray(move.rotation, float)
 
     @property
-    def _shift(self) -> Float[np.ndarray, "3"]:
-        """Of the pose of the fits, but for what is far away."""
+    def _translation(self) -> Float[np.ndarray, "3"]:
+        """Of the pose, in the camera's frame."""
         move = self.camera.camera_from_world
-        if move is None or self.away:
-            return np.zeros(3)
-        return np.asarray(move.translation, float)
+        return np.zeros(3) if move is None else np.asarray(move.translation, float)
 
     def wall_of(self, fit: Fit, start: Candidate) -> Candidate:
         """The wall of a fit, in the camera's frame, between the limits of its start."""

@@ -1,6 +1,6 @@
 """Patches of objects at several scales, for proposals."""
 
-__all__ = ["Part", "patches_of", "proposed", "spread"]
+__all__ = ["Part", "patches_of", "proposed"]
 
 from collections.abc import Sequence
 from typing import Any, NamedTuple
@@ -20,6 +20,7 @@ from impostor_jax.find.walls import (
     Proposed,
     propose,
 )
+from impostor_jax.fit.surface import spread
 
 SEEDS = 512
 """Pixels of an object among which patches begin."""
@@ -35,12 +36,6 @@ class Part(NamedTuple):
 
     pixels: Int[np.ndarray, " n"]
     levels: tuple[int, ...]
-
-
-def spread(count: int, most: int) -> Int[np.ndarray, " m"]:
-    """Places among `count`, even by the golden section; of few, some several times."""
-    golden = np.sort(np.arange(most) * ((np.sqrt(5) - 1) / 2) % 1)
-    return (golden * count).astype(int)
 
 
 def proposed(

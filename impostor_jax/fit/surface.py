@@ -9,10 +9,12 @@ __all__ = [
     "Samples",
     "cropped",
     "samples_of",
+    "spread",
     "thinned",
     "upper_median",
 ]
 
+import functools
 from typing import Any, NamedTuple
 
 import cv2
@@ -36,9 +38,6 @@ WIDEST_WINDOW = 7
 MAX_POINTS = 256
 """Points, and normals, that a guess is made from: more cost time and lead the fit
 nowhere else."""
-
-PLACES = np.sort(np.arange(MAX_POINTS) * ((np.sqrt(5) - 1) / 2) % 1)
-"""Of them among all, by the golden section: even, and in step with no row of pixels."""
 
 NUM_PARTS = 8
 """Parts of a region whose median readings tell how its depth changes."""
@@ -269,7 +268,18 @@ def _reduction(
 
 def thinned(values: np.ndarray) -> np.ndarray:
     """`MAX_POINTS` entries, evenly spread; of fewer some several times."""
-    return values[(PLACES * len(values)).astype(int)] if len(values) else values
+    return values[spread(len(values), MAX_POINTS)] if len(values) else values
+
+
+def spread(count: int, most: int) -> Int[np.ndarray, " m"]:
+    """Places among `count`, `most` of them, even; of few, some several times."""
+    return (_golden(most) * count).astype(int)
+
+
+@functools.lru_cache(maxsize=32)
+def _golden(count: int) -> Float[np.ndarray, " n"]:
+    """Even from 0 to 1 by the golden section, in step with no row of pixels."""
+    return np.sort(np.arange(count) * ((np.sqrt(5) - 1) / 2) % 1)
 
 
 def upper_median(values: Float[np.ndarray, " n"]) -> np.floating:
