@@ -42,8 +42,9 @@ from impostor_jax.matching import (
 SEED = 7000
 """Of the first preset; each has its own. None that is reported is near."""
 
-REQUEST = search.Request(least_sure=0.05)
-"""What `find_cylinders` looks for by default, and what it would leave out."""
+REQUEST = search.Request(least_sure=0.002)
+"""What `find_cylinders` looks for by default, and most of what it leaves out: weights
+that have not seen what the last ones refused would let it in."""
 
 FOLDS = 5
 """Parts of the images: each is judged by weights from the others."""
@@ -59,7 +60,7 @@ STEPS = 20
 class Config:
     """Derive the weights of `impostor_jax/find/confidence.py`."""
 
-    count: int = 150
+    count: int = 100
     """Images of each preset."""
     workers: int = 2
     """Processes that make datasets and search them."""

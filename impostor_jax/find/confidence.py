@@ -15,36 +15,38 @@ from jaxtyping import Float
 from impostor_jax.find.caps import Caps
 from impostor_jax.find.deformation import Deformation
 from impostor_jax.find.evidence import Evidence
+from impostor_jax.find.rivals import Rivals
 from impostor_jax.fit.result import Fit
 
 FACTS: dict[str, float] = {
-    "misfit": -3.69,
-    "chi2": -3.13,
-    "against": -8.43,
-    "taper": -20.05,
-    "barrel": -22.54,
-    "ellipse": 2.23,
-    "bend": 19.79,
-    "vague": 0.14,
-    "exact": 0.34,
-    "size": 0.90,
-    "arc": 2.10,
-    "hidden": -2.54,
-    "rim": 1.39,
+    "misfit": -0.23,
+    "chi2": -2.83,
+    "against": -6.14,
+    "shape": -5.07,
+    "cone": -28.22,
+    "ball": -3.37,
+    "vague": -5.89,
+    "exact": 0.27,
+    "size": 0.48,
+    "rim": 1.20,
 }
 """Name of each fact, and its weight."""
 
-BIAS = 0.52
+BIAS = 3.47
 """Log-odds where all facts are 0."""
 
 ALLOWED = 0.02
 """Departure from a cylinder, over the radius, that is not held against it."""
+
+SLOPE = 0.01
+"""Of the wall against the axis, in radians, that is not held against it."""
 
 
 def facts_of(
     evidence: Evidence,
     caps: Caps,
     shape: Deformation | None,
+    rivals: Rivals | None = None,
     fit: Fit | None = None,
     noise: float = 1.0,
 ) -> Float[np.ndarray, " f"]:
@@ -54,28 +56,37 @@ def facts_of(
         evidence: Of the wall.
         caps: At its ends.
         shape: How far it is from a cylinder; None where too little is seen.
+        rivals: What else it may be; None where too little is seen, or before that is
+            looked at.
         fit: Of it; None before it is fitted, where facts of it count as usual.
         noise: Factor of its sigma, from planes.
     """
-    over, vague = np.full(6, 0.5), 0.5
+    over, vague = 0.5, 0.5
     if shape is not None:
-        over = np.maximum(np.abs(shape.value) - 2 * shape.deviation - ALLOWED, 0)
+        departures = np.abs(shape.value) - 2 * shape.deviation - ALLOWED
+        over = float(np.max(departures, initial=0.0))
         vague = float(np.sqrt(np.mean(shape.deviation[:4] ** 2)))
-    departures = [over[0], over[1], max(over[2:4]), max(over[4:6])]
     total = evidence.explained + evidence.behind + evidence.other
     size = evidence.explained + caps.size
-    exact = 0.98 if fit is None else min(max(_exact(fit), 1e-3), 1 - 1e-3)
+    cone, ball = 0.0, 0.0
+    if rivals is not None:
+        cone = max(abs(rivals.slope) - 2 * rivals.deviation - SLOPE, 0.0)
+        ball = min(max(1 + rivals.ball, 0.0), 1.5) ** 2
+    chi2, exact = 1.0, 0.98
+    if fit is not None:
+        chi2 = float(fit.chi2) / noise**2
+        exact = min(max(_exact(fit), 1e-3), 1 - 1e-3)
     return np.array(
         [
             math.log(max(evidence.misfit, 0.7) / 0.7),
-            0.0 if fit is None else math.log(max(float(fit.chi2) / noise**2, 1.0)),
+            min(max(chi2 - 1, 0.0), 3.0),
             math.sqrt((evidence.behind + evidence.other) / total),
-            *np.sqrt(np.minimum(departures, 1)),
-            math.log(vague / 0.02 + 1),
+            math.sqrt(min(over, 1.0)),
+            math.sqrt(cone),
+            ball,
+            min(vague, 0.5),
             math.log(exact / (1 - exact)),
             math.log(size / 1000),
-            min(max(evidence.arc, caps.rim) / np.radians(120), 1),
-            evidence.front / evidence.seen,
             min(caps.rim / np.pi, 1),
         ]
     )

@@ -5,14 +5,14 @@ barrel, an ellipse, a bend. Each comes with its standard deviation, so that what
 image leaves open is told from what it refutes.
 """
 
-__all__ = ["Deformation", "deformation"]
+__all__ = ["Deformation", "Wall", "deformation", "solved", "wall_readings"]
 
 import itertools
 from typing import NamedTuple
 
 import cv2
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from impostor_jax.find.evidence import LIMIT, Evidence, Scene, directions_across
 
@@ -41,8 +41,36 @@ class Deformation(NamedTuple):
     seam: float | None
 
 
-def deformation(scene: Scene, evidence: Evidence) -> Deformation | None:
-    """How far a surface is from a cylinder's; None where too little is seen of it."""
+class Wall(NamedTuple):
+    """Readings of a wall, without those near its ends and its outline.
+
+    Attributes:
+        pixels: Flat indices of them.
+        place: Along the axis, from -1 to 1.
+        out: Unit vectors away from the axis.
+        miss: Distances from the wall, over the radius.
+        deviation: Of these.
+        middle: Of the wall along its axis, in meters from its center.
+        half: Half of its length, in meters.
+    """
+
+    pixels: Int[np.ndarray, " n"]
+    place: Float[np.ndarray, " n"]
+    out: Float[np.ndarray, "n 3"]
+    miss: Float[np.ndarray, " n"]
+    deviation: Float[np.ndarray, " n"]
+    middle: float
+    half: float
+
+    def terms(self, axis: Float[np.ndarray, "3"]) -> Float[np.ndarray, "n 5"]:
+        """How distances change with the radius, and with the axis at either end."""
+        first, second = directions_across(axis)
+        c, s = self.out @ first, self.out @ second
+        return np.stack([np.ones_like(c), c, s, self.place * c, self.place * s], axis=1)
+
+
+def wall_readings(scene: Scene, evidence: Evidence) -> Wall | None:
+    """The readings that tell of a wall's shape; None where they are too few."""
     view, (center, axis, radius, side, _) = scene.view, evidence.wall
     index = _within(scene, evidence)
     off = view.points.reshape(-1, 3)[index] - center
@@ -59,32 +87,71 @@ def deformation(scene: Scene, evidence: Evidence) -> Deformation | None:
     told &= np.abs(distance - radius) < 0.3 * radius
     if np.count_nonzero(told) < FEWEST:
         return None
-    place, out, cosine = place[told], out[told], cosine[told]
-    first, second = directions_across(axis)
-    c, s, one = out @ first, out @ second, np.ones_like(place)
-    own = [one, c, s, place * c, place * s]
+    index, cosine = index[told], cosine[told]
+    sigma = scene.noise * view.sigma.ravel()[index]
+    deviation = view.deviation(view.depth.ravel()[index], sigma, cosine)
+    return Wall(
+        index,
+        place[told],
+        out[told],
+        distance[told] / radius - 1,
+        deviation * np.abs(cosine) / radius,
+        middle,
+        half,
+    )
+
+
+def deformation(scene: Scene, axis: Float[np.ndarray, "3"], wall: Wall) -> Deformation:
+    """How far a surface is from a cylinder's, by the readings of its wall."""
+    place, own = wall.place, wall.terms(axis)
+    c, s = own[:, 1], own[:, 2]
     others = [place, place**2, c * c - s * s, 2 * c * s, place**2 * c, place**2 * s]
-    terms = np.stack([*own, *others], axis=1)
-    sigma = scene.noise * view.sigma.ravel()[index[told]]
-    deviation = view.deviation(view.depth.ravel()[index[told]], sigma, cosine)
-    deviation = deviation * np.abs(cosine) / radius
-    miss = distance[told] / radius - 1
+    terms = np.column_stack([own, *others])
+    found = solved(terms, wall.miss, wall.deviation)
+    price = PRICE * scene.shared
+    seam = _seam(place, terms, wall.miss, wall.deviation * found.scatter, price)
+    return Deformation(
+        found.value[5:],
+        np.sqrt(scene.shared) * found.deviation[5:],
+        None if seam is None else wall.middle + wall.half * seam,
+    )
+
+
+class Solution(NamedTuple):
+    """Of linear equations, most of whose rows are right.
+
+    Attributes:
+        value: The unknowns.
+        deviation: Of these.
+        rest: What is left of each row, in deviations.
+        scatter: Of that; 1 where it is less.
+    """
+
+    value: Float[np.ndarray, " m"]
+    deviation: Float[np.ndarray, " m"]
+    rest: Float[np.ndarray, " n"]
+    scatter: float
+
+
+def solved(
+    terms: Float[np.ndarray, "n m"],
+    miss: Float[np.ndarray, " n"],
+    deviation: Float[np.ndarray, " n"],
+) -> Solution:
+    """Solve terms @ value = miss, with little weight for rows that are far off.
+
+    With a prior of deviation 1, for what the rows leave open.
+    """
     weight, rest = 1 / deviation, miss
-    inverse, solution = np.eye(terms.shape[1]), np.zeros(terms.shape[1])
+    inverse, value = np.eye(terms.shape[1]), np.zeros(terms.shape[1])
     for _ in range(3):
         rows = terms * weight[:, None]
-        # With a prior as wide as the radius, for what the readings leave open.
         inverse = np.linalg.inv(rows.T @ rows + np.eye(terms.shape[1]))
-        solution = inverse @ (rows.T @ (miss * weight))
-        rest = (miss - terms @ solution) / deviation
+        value = inverse @ (rows.T @ (miss * weight))
+        rest = (miss - terms @ value) / deviation
         weight = 1 / deviation / (1 + (rest / LIMIT) ** 2)
     scatter = max(1.4826 * float(np.median(np.abs(rest))), 1.0)
-    seam = _seam(place, terms, miss, deviation * scatter, PRICE * scene.shared)
-    return Deformation(
-        solution[5:],
-        scatter * np.sqrt(scene.shared * np.diag(inverse)[5:]),
-        None if seam is None else middle + half * seam,
-    )
+    return Solution(value, scatter * np.sqrt(np.diag(inverse)), rest, scatter)
 
 
 def _seam(

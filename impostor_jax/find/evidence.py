@@ -9,6 +9,7 @@ to where it is refuted.
 __all__ = ["LIMIT", "Candidate", "Evidence", "Scene", "shown", "weighed"]
 
 import dataclasses
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -36,11 +37,18 @@ MOST_WEIGHED = 12_000
 MOST_POOLED = 6144
 """Readings that tell where along its axis a wall may be."""
 
+LEAST_COSINE = 0.05
+"""Cosine of the incidence, at least, of a reading that lies on a wall."""
+
 MOST_BINS = 128
 """Bins along an axis."""
 
 ARC_BINS = 72
 """Bins of the angle around an axis."""
+
+
+CIRCLE = np.stack([fn(np.arange(16) * np.pi / 8) for fn in (np.cos, np.sin)], axis=1)
+"""Points of a circle."""
 
 
 class Candidate(NamedTuple):
@@ -61,6 +69,24 @@ class Candidate(NamedTuple):
     limits: tuple[float, float] = (-np.inf, np.inf)
 
 
+class Pool(NamedTuple):
+    """Readings that are free, or some of them, evenly spread.
+
+    Attributes:
+        points: In meters.
+        views: Unit directions in which they are seen.
+        depth: In meters.
+        sigma: Of it, face on.
+        most: Distance from a surface that is explained, at any incidence.
+    """
+
+    points: Float[np.ndarray, "p 3"]
+    views: Float[np.ndarray, "p 3"]
+    depth: Float[np.ndarray, " p"]
+    sigma: Float[np.ndarray, " p"]
+    most: Float[np.ndarray, " p"]
+
+
 class Scene(NamedTuple):
     """What candidates are compared with.
 
@@ -72,7 +98,7 @@ class Scene(NamedTuple):
         usable: Readings that are no flying pixels.
         free: Those that nothing has explained yet.
         planes: Those that lie on a plane.
-        pool: Flat indices of some that are free.
+        pool: Of those that are free.
     """
 
     view: View
@@ -82,7 +108,7 @@ class Scene(NamedTuple):
     usable: Bool[np.ndarray, "h w"]
     free: Bool[np.ndarray, "h w"]
     planes: Bool[np.ndarray, "h w"]
-    pool: Int[np.ndarray, " p"]
+    pool: Pool
 
     @staticmethod
     def of(
@@ -96,7 +122,18 @@ class Scene(NamedTuple):
     ) -> "Scene":
         """The scene, with its pool."""
         index = np.flatnonzero(free)
-        pool = index[spread(len(index), MOST_POOLED)] if len(index) else index
+        if len(index):
+            index = index[spread(len(index), MOST_POOLED)]
+        depth, sigma = view.depth.ravel()[index], noise * view.sigma.ravel()[index]
+        cosines = np.linspace(LEAST_COSINE, 1, 20)
+        away = [cosine * view.deviation(depth, sigma, cosine) for cosine in cosines]
+        pool = Pool(
+            view.points.reshape(-1, 3)[index],
+            view.views.reshape(-1, 3)[index],
+            depth,
+            sigma,
+            1.1 * LIMIT * np.max(away, axis=0),
+        )
         return Scene(view, normals, noise, shared, usable, free, planes, pool)
 
 
@@ -214,18 +251,27 @@ def ring(
     wall: Candidate, ends: tuple[float, float], scale: float = 1.0
 ) -> Float[np.ndarray, "n 3"]:
     """Points around a wall, from end to end."""
-    first, second = directions_across(wall.axis)
-    turn = np.linspace(0, 2 * np.pi, 16, endpoint=False)[:, None]
-    around = scale * wall.radius * (np.cos(turn) * first + np.sin(turn) * second)
+    around = scale * wall.radius * (CIRCLE @ directions_across(wall.axis))
     place = np.linspace(*ends, 8)[:, None, None]
     return (wall.center + place * wall.axis + around).reshape(-1, 3)
 
 
 def directions_across(axis: Float[np.ndarray, "3"]) -> Float[np.ndarray, "2 3"]:
     """Two unit vectors across an axis, and across each other."""
-    first = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
-    first /= np.linalg.norm(first)
-    return np.stack([first, np.cross(axis, first)])
+    x, y, z = axis.tolist()
+    least = min(abs(x), abs(y), abs(z))
+    # np.cross takes a tenth of a millisecond, and each wall asks several times.
+    if abs(x) == least:
+        length = math.hypot(y, z)
+        first = (0.0, z / length, -y / length)
+    elif abs(y) == least:
+        length = math.hypot(x, z)
+        first = (-z / length, 0.0, x / length)
+    else:
+        length = math.hypot(x, y)
+        first = (y / length, -x / length, 0.0)
+    u, v, w = first
+    return np.array([first, (y * w - z * v, z * u - x * w, x * v - y * u)])
 
 
 def weighed(scene: Scene, wall: Candidate) -> Evidence | None:
@@ -288,19 +334,19 @@ def weighed(scene: Scene, wall: Candidate) -> Evidence | None:
 def _reach(scene: Scene, wall: Candidate) -> tuple[float, float] | None:
     """Ends between which readings lie on a wall, with a radius more at each."""
     view, pool = scene.view, scene.pool
-    off = view.points.reshape(-1, 3)[pool] - wall.center
+    off = pool.points - wall.center
     along = off @ wall.axis
-    across = off - along[:, None] * wall.axis
-    distance = np.sqrt((across**2).sum(axis=1))
-    cosine = -(across * view.views.reshape(-1, 3)[pool]).sum(axis=1)
-    cosine /= np.maximum(distance, 1e-9)
-    sigma = scene.noise * view.sigma.ravel()[pool]
-    depth = view.depth.ravel()[pool]
-    deviation = view.deviation(depth, sigma, cosine) * np.maximum(np.abs(cosine), 0.05)
+    distance = np.sqrt(np.maximum((off**2).sum(axis=1) - along**2, 0))
+    low, high = wall.limits
+    near = np.abs(distance - wall.radius) < pool.most
+    index = np.flatnonzero(near & (along > low) & (along < high))
+    along, distance = along[index], distance[index]
+    across = off[index] - along[:, None] * wall.axis
+    cosine = -(across * pool.views[index]).sum(axis=1) / np.maximum(distance, 1e-9)
+    deviation = view.deviation(pool.depth[index], pool.sigma[index], cosine)
+    deviation *= np.maximum(np.abs(cosine), LEAST_COSINE)
     near = np.abs(distance - wall.radius) < LIMIT * deviation
     near &= wall.side * cosine > 0
-    low, high = wall.limits
-    near &= (along > low) & (along < high)
     if np.count_nonzero(near) < 4:
         return None
     places = along[near]

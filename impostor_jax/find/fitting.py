@@ -21,7 +21,7 @@ from impostor_jax.find.evidence import Candidate, Evidence
 from impostor_jax.fit.fittable import CYLINDER
 from impostor_jax.fit.options import Options
 from impostor_jax.fit.regions import typical_sigma
-from impostor_jax.fit.result import Fit
+from impostor_jax.fit.result import Fit, FitStatus
 from impostor_jax.fit.shapes import fit_shape
 from impostor_jax.geometry.frames import RigidTransform
 from impostor_jax.numerics import Numbers
@@ -118,6 +118,9 @@ class Fitter:
         )
         fit = self._fit(mask, start)
         if bool(fit.success) or self.away or np.count_nonzero(mask) > FEW:
+            return fit
+        if fit.status == FitStatus.UNDETERMINED:
+            # It is the readings that leave something open.
             return fit
         return self._fit(mask, None)
 

@@ -12,13 +12,14 @@ from jaxtyping import Bool, Float, Int
 
 from impostor_jax.find.caps import Caps, caps_of
 from impostor_jax.find.confidence import confidence, facts_of
-from impostor_jax.find.deformation import Deformation, deformation
+from impostor_jax.find.deformation import Deformation, Wall, deformation, wall_readings
 from impostor_jax.find.evidence import Candidate, Evidence, Scene, shown, weighed
 from impostor_jax.find.fitting import Fitter
 from impostor_jax.find.normals import Normals, normals_of, stray
 from impostor_jax.find.objects import creases, numbered, objects_of
 from impostor_jax.find.patches import Part, proposed
 from impostor_jax.find.planes import PlaneRegions, planes_of
+from impostor_jax.find.rivals import rivals
 from impostor_jax.find.view import View
 from impostor_jax.fit.result import Fit
 
@@ -64,6 +65,7 @@ class Entry(NamedTuple):
 
     evidence: Evidence
     caps: Caps
+    readings: Wall | None
     shape: Deformation | None
     chance: float
 
@@ -132,6 +134,7 @@ class _Search:
     ):
         self.view, self.request, self.fitter = view, request, fitter
         self.usable, self.normals, self.planes = usable, normals, planes
+        self.least_chance = LEAST_CHANCE * request.least_sure
         self.fewest = max(20, request.min_pixels // view.stride**2)
         self.free = usable & (planes.labels == 0)
         self.crease = creases(view, normals)
@@ -150,12 +153,13 @@ class _Search:
         """Go once through what is free; whether anything was found."""
         before = len(self.detections)
         parts = self._parts()
-        walls = [*self._proposals(parts), *self._guesses(parts)]
+        walls = self._proposals(parts)
+        walls += self._guesses(parts, walls)
         scene = self.scene()
         queue = [entry for wall in walls for entry in self._entries(scene, wall)]
         while queue:
             best = queue.pop(int(np.argmax([entry.gain for entry in queue])))
-            if best.gain <= 0 or best.chance < LEAST_CHANCE * self.request.least_sure:
+            if best.gain <= 0 or best.chance < self.least_chance:
                 break
             if self._known(best.evidence.wall):
                 continue
@@ -212,15 +216,19 @@ class _Search:
             found += kept
         return found
 
-    def _guesses(self, parts: list[Part]) -> list[Candidate]:
+    def _guesses(self, parts: list[Part], known: list[Candidate]) -> list[Candidate]:
         """First guesses of fits, which know caps that are seen end on."""
         low, high = self.request.radius_range
-        found = []
+        found: list[Candidate] = []
         for part in parts:
             region = np.zeros(self.view.depth.shape, bool)
             region.ravel()[part.pixels] = True
             guesses = self.fitter.guesses(self._of_image(region))
-            found += [wall for wall in guesses if low < wall.radius < high]
+            for wall in guesses:
+                if low < wall.radius < high and not any(
+                    alike(wall, other) for other in [*known, *found]
+                ):
+                    found.append(wall)
         return found
 
     def _entry(self, scene: Scene, wall: Candidate) -> Entry | None:
@@ -234,15 +242,16 @@ class _Search:
             return None
         if evidence.misfit > 3 or evidence.explained < evidence.behind + evidence.other:
             return None
-        shape = deformation(scene, evidence)
-        if shape is None and caps.rim < np.pi / 2:
+        readings = wall_readings(scene, evidence)
+        if readings is None and caps.rim < np.pi / 2:
             return None
+        shape = readings and deformation(scene, evidence.wall.axis, readings)
         if shape is not None and np.any(
             np.abs(shape.value) > 0.3 + 3 * shape.deviation
         ):
             return None
         chance = confidence(facts_of(evidence, caps, shape))
-        return Entry(evidence, caps, shape, chance)
+        return Entry(evidence, caps, readings, shape, chance)
 
     def _known(self, wall: Candidate) -> bool:
         return self._found(wall) or any(alike(wall, other) for other in self.refused)
@@ -282,6 +291,8 @@ class _Search:
         Returns:
             Whether it was kept, and candidates that its fit leads to.
         """
+        if confidence(self._facts(scene, entry)) < self.least_chance:
+            return False, []
         mask = self._mask(scene, entry)
         fit = self.fitter.fit(self._of_image(mask), entry.evidence)
         if not bool(fit.success):
@@ -302,9 +313,7 @@ class _Search:
             if better:
                 fit, final = again, better
                 mask = self._mask(scene, final)
-        facts = facts_of(
-            final.evidence, final.caps, final.shape, fit, self.planes.noise
-        )
+        facts = self._facts(scene, final, fit)
         sure = confidence(facts)
         if sure < self.request.least_sure:
             return False, []
@@ -312,6 +321,14 @@ class _Search:
         taken = cv2.dilate(mask.view(np.uint8), np.ones((3, 3), np.uint8)) > 0
         self.free = self.free & ~taken
         return True, []
+
+    def _facts(
+        self, scene: Scene, entry: Entry, fit: Fit | None = None
+    ) -> Float[np.ndarray, " f"]:
+        """All facts of a candidate, those of its rivals too."""
+        evidence, caps, readings = entry.evidence, entry.caps, entry.readings
+        other = readings and rivals(scene, evidence, readings, caps)
+        return facts_of(evidence, caps, entry.shape, other, fit, self.planes.noise)
 
     def _of_image(self, mask: Bool[np.ndarray, "h w"]) -> Bool[np.ndarray, "H W"]:
         return self.view.enlarged(mask, self.fitter.depth.shape)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import impostor_jax as ij
-from impostor_jax.find.deformation import deformation
+from impostor_jax.find.deformation import deformation, wall_readings
 from impostor_jax.find.evidence import weighed
 from tests.find.scenes import (
     CAMERA,
@@ -23,7 +23,8 @@ def departure(image, wall, camera=CAMERA):
     scene = scene_of(image, camera, free=image.owner >= 0)
     evidence = weighed(scene, wall)
     low, high = evidence.ends
-    return deformation(scene, evidence), (high - low) / 2
+    readings = wall_readings(scene, evidence)
+    return deformation(scene, wall.axis, readings), (high - low) / 2
 
 
 @pytest.mark.parametrize("camera", CAMERAS)
@@ -93,4 +94,4 @@ def test_of_too_few_readings_nothing_is_told():
     far = ij.Cylinder((0.0, 0.0, 4.0), (0.0, 1.0, 0.0), 0.05, 0.14)
     image = image_of([far], sigma=SIGMA)
     scene = scene_of(image, free=image.owner == 0)
-    assert deformation(scene, weighed(scene, wall_of(far))) is None
+    assert wall_readings(scene, weighed(scene, wall_of(far))) is None

@@ -1,0 +1,136 @@
+"""What else a surface may be: a cone or a ball instead of a cylinder.
+
+Caps are told from the wall here: they stand across the axis, so that a wall that is too
+short to tell its own tilt from a taper tells them apart.
+"""
+
+__all__ = ["Rivals", "rivals"]
+
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from impostor_jax.find.caps import Caps
+from impostor_jax.find.deformation import Wall, solved
+from impostor_jax.find.evidence import LIMIT, Evidence, Scene, directions_across
+
+INNER = 0.85
+"""Part of a cap's radius within which readings are its own."""
+
+LEAST_FACING = 0.1
+"""Cosine of the incidence on a ball, at least: at its outline it tells nothing."""
+
+STEPS = 4
+"""Of Gauss and Newton, towards the best ball."""
+
+
+class Rivals(NamedTuple):
+    """A cone and a ball, beside a cylinder.
+
+    Attributes:
+        slope: Of the wall against the axis, in radians.
+        deviation: Of that.
+        ball: Logarithm of the misfit of a cylinder over that of a ball.
+    """
+
+    slope: float
+    deviation: float
+    ball: float
+
+
+class _Cap(NamedTuple):
+    """Readings of a cap; lengths are over the radius.
+
+    Attributes:
+        pixels: Flat indices of them.
+        tilt: How they move as the axis turns so that an end of the wall moves by one.
+        miss: How far they are along the axis.
+        deviation: Of that.
+    """
+
+    pixels: Int[np.ndarray, " k"]
+    tilt: Float[np.ndarray, "k 2"]
+    miss: Float[np.ndarray, " k"]
+    deviation: Float[np.ndarray, " k"]
+
+
+def rivals(scene: Scene, evidence: Evidence, wall: Wall, caps: Caps) -> Rivals:
+    """Compare a cylinder with a cone and a ball, by the readings of wall and cap."""
+    axis, radius = evidence.wall.axis, evidence.wall.radius
+    cap = _cap(scene, evidence, wall, caps)
+    n = len(wall.pixels)
+    terms = np.zeros((n + len(cap.pixels), 7))
+    terms[:n, :5] = wall.terms(axis)
+    # As the axis turns a cap tilts, and its end may be elsewhere.
+    terms[n:, 3:5], terms[n:, 5] = cap.tilt, 1.0
+    terms[:n, 6] = wall.place
+    miss = np.concatenate([wall.miss, cap.miss])
+    deviation = np.concatenate([wall.deviation, cap.deviation])
+    cone = solved(terms, miss, deviation)
+    cylinder = solved(terms[:, :6], miss, deviation)
+    ball = _ball_misfit(scene, np.concatenate([wall.pixels, cap.pixels]))
+    scale = radius / wall.half
+    noise = scale * np.sqrt(scene.shared) * cone.deviation[6]
+    # Ends are off by a third of a pixel sideways, which tilts a short wall.
+    middle = evidence.wall.center + wall.middle * axis
+    sideways = scene.view.width(max(float(middle[2]), 0.0)) / 3 / wall.half
+    return Rivals(
+        scale * float(cone.value[6]),
+        float(np.hypot(noise, sideways)),
+        float(np.log(_misfit(cylinder.rest) / ball)),
+    )
+
+
+def _cap(scene: Scene, evidence: Evidence, wall: Wall, caps: Caps) -> _Cap:
+    view, (center, axis, radius, _, _) = scene.view, evidence.wall
+    middle = center + wall.middle * axis
+    off = view.points.reshape(-1, 3)[caps.pixels] - middle
+    along = off @ axis
+    across = off - along[:, None] * axis
+    # Near the rim readings are of more than one surface.
+    inner = (across**2).sum(axis=1) < (INNER * radius) ** 2
+    index, along, across = caps.pixels[inner], along[inner], across[inner]
+    if not len(index):
+        return _Cap(index, np.zeros((0, 2)), along, along)
+    cosine = view.views.reshape(-1, 3)[index] @ axis
+    sigma = scene.noise * view.sigma.ravel()[index]
+    deviation = view.deviation(view.depth.ravel()[index], sigma, cosine)
+    tilt = -across @ directions_across(axis).T / wall.half
+    start = float(np.median(along))
+    deviation = deviation * np.abs(cosine) / radius
+    return _Cap(index, tilt, (along - start) / radius, deviation)
+
+
+def _ball_misfit(scene: Scene, index: Int[np.ndarray, " n"]) -> float:
+    """Of the ball that some readings lie on best."""
+    view = scene.view
+    points = view.points.reshape(-1, 3)[index]
+    views, depth = view.views.reshape(-1, 3)[index], view.depth.ravel()[index]
+    sigma = scene.noise * view.sigma.ravel()[index]
+    # Of |p|^2 = 2 c.p + k, about the middle of the points.
+    middle = points.mean(axis=0)
+    off = points - middle
+    square = (off**2).sum(axis=1)
+    rows = np.column_stack([2 * off, np.ones(len(off))])
+    center = np.linalg.lstsq(rows, square, rcond=None)[0][:3]
+    radius = float(np.median(np.sqrt(((off - center) ** 2).sum(axis=1))))
+    rest = np.zeros(len(off))
+    for _ in range(STEPS):
+        away = off - center
+        distance = np.sqrt((away**2).sum(axis=1))
+        out = away / np.maximum(distance, 1e-9)[:, None]
+        cosine = np.maximum(np.abs((out * views).sum(axis=1)), LEAST_FACING)
+        deviation = view.deviation(depth, sigma, cosine) * cosine
+        rest = (distance - radius) / deviation
+        weight = 1 / deviation / (1 + (rest / LIMIT) ** 2)
+        rows = np.column_stack([-out, -np.ones(len(out))]) * weight[:, None]
+        step = np.linalg.lstsq(rows, -weight * (distance - radius), rcond=None)[0]
+        center, radius = center + step[:3], radius + float(step[3])
+    return _misfit(rest)
+
+
+def _misfit(rest: Float[np.ndarray, " n"]) -> float:
+    """Mean square of deviations, of which none counts as more than the limit."""
+    square = rest**2
+    return float(np.mean(square / (1 + square / LIMIT**2)))
