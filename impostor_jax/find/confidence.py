@@ -36,10 +36,8 @@ BIAS = 3.47
 """Log-odds where all facts are 0."""
 
 ALLOWED = 0.02
-"""Departure from a cylinder, over the radius, that is not held against it."""
-
-SLOPE = 0.01
-"""Of the wall against the axis, in radians, that is not held against it."""
+"""Departure from a cylinder, over the radius, and slope of its wall, in radians, that
+are not held against it: no sensor is as straight as that."""
 
 
 def facts_of(
@@ -65,12 +63,12 @@ def facts_of(
     if shape is not None:
         departures = np.abs(shape.value) - 2 * shape.deviation - ALLOWED
         over = float(np.max(departures, initial=0.0))
-        vague = float(np.sqrt(np.mean(shape.deviation[:4] ** 2)))
+        vague = shape.vague
     total = evidence.explained + evidence.behind + evidence.other
     size = evidence.explained + caps.size
     cone, ball = 0.0, 0.0
     if rivals is not None:
-        cone = max(abs(rivals.slope) - 2 * rivals.deviation - SLOPE, 0.0)
+        cone = max(abs(rivals.slope) - 2 * rivals.deviation - ALLOWED, 0.0)
         ball = min(max(1 + rivals.ball, 0.0), 1.5) ** 2
     chi2, exact = 1.0, 0.98
     if fit is not None:

@@ -40,6 +40,11 @@ class Deformation(NamedTuple):
     deviation: Float[np.ndarray, "6"]
     seam: float | None
 
+    @property
+    def vague(self) -> float:
+        """Typical deviation of taper, barrel and ellipse; from 1 on nothing is told."""
+        return float(np.sqrt(np.mean(self.deviation[:4] ** 2)))
+
 
 class Wall(NamedTuple):
     """Readings of a wall, without those near its ends and its outline.

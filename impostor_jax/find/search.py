@@ -243,9 +243,9 @@ class _Search:
         if evidence.misfit > 3 or evidence.explained < evidence.behind + evidence.other:
             return None
         readings = wall_readings(scene, evidence)
-        if readings is None and caps.rim < np.pi / 2:
-            return None
         shape = readings and deformation(scene, evidence.wall.axis, readings)
+        if (shape is None or shape.vague > 1) and caps.rim < np.pi / 2:
+            return None
         if shape is not None and np.any(
             np.abs(shape.value) > 0.3 + 3 * shape.deviation
         ):
