@@ -1,9 +1,10 @@
-"""A search of every n-th row and column tells of all pixels of the image."""
+"""What a search of an image finds, and what it does not take for a cylinder."""
 
 import numpy as np
 import pytest
 
 import impostor_jax as ij
+from tests.find.scenes import image_of
 from tests.fit.scenes import SIGMA, can
 from tests.groups import SMALL_IMAGES
 
@@ -11,6 +12,59 @@ pytestmark = SMALL_IMAGES
 
 # Odd, so that the last row and column stand alone.
 CAMERA = ij.PinholeCamera(260.0, 260.0, 160.0, 120.0, 321, 241)
+
+
+DOWN = np.array([0.0, 0.8, 0.6])
+TURN = np.array([[1.0, 0.0, 0.0], [0.0, 0.8, -0.6], [0.0, 0.6, 0.8]])
+TABLE = ij.Plane((0.0, 0.1, 0.7), -DOWN)
+
+
+def standing(x, y, height):
+    """Foot and top of what stands on the table."""
+    foot = np.array([x, y, 0.7 - 0.8 / 0.6 * (y - 0.1)])
+    return foot, foot - height * DOWN
+
+
+def can_on_table(x, y, radius, height):
+    foot, top = standing(x, y, height)
+    return ij.Cylinder((foot + top) / 2, DOWN, radius, height)
+
+
+def test_of_the_things_on_a_table_only_cans_are_found():
+    foot, top = standing(0.14, 0.06, 0.09)
+    ball, _ = standing(-0.14, 0.02, 0.0)
+    box, _ = standing(0.12, -0.1, 0.0)
+    cans = [
+        can_on_table(-0.02, 0.08, 0.04, 0.12),
+        can_on_table(-0.05, -0.08, 0.035, 0.1),
+    ]
+    others = [
+        ij.Frustum(foot, top, 0.032, 0.042),
+        ij.Sphere(ball - 0.045 * DOWN, 0.045),
+        ij.Box(box - 0.05 * DOWN, TURN, (0.08, 0.1, 0.1)),
+    ]
+    image = image_of([TABLE, *cans, *others], CAMERA)
+    found = ij.find_cylinders(image.depth, CAMERA, SIGMA)
+    assert len(found.fits) == 2
+    for truth, shown in zip(cans, (1, 2), strict=True):
+        own = image.owner == shown
+        number = int(np.argmax([(mask & own).sum() for mask in found.masks]))
+        fit = found.fits[number]
+        off = float(fit.cylinder.radius - truth.radius)
+        assert abs(off) < 4 * float(fit.std.radius)
+        assert abs(float(np.dot(fit.cylinder.axis, DOWN))) > np.cos(np.radians(2))
+        assert not (found.masks[number] & (image.owner > 2)).any()
+    again = ij.find_cylinders(image.depth, CAMERA, SIGMA)
+    np.testing.assert_array_equal(again.masks, found.masks)
+    np.testing.assert_array_equal(again.confidence, found.confidence)
+
+
+@pytest.mark.parametrize("value", [0.0, np.nan, 0.8])
+def test_in_an_empty_image_nothing_is_found(value):
+    depth = np.full((CAMERA.height, CAMERA.width), value, np.float32)
+    found = ij.find_cylinders(depth, CAMERA, SIGMA)
+    assert found.fits == ()
+    assert found.masks.shape == (0, *depth.shape)
 
 
 @pytest.mark.parametrize("stride", [1, 2])

@@ -95,3 +95,14 @@ def test_of_too_few_readings_nothing_is_told():
     image = image_of([far], sigma=SIGMA)
     scene = scene_of(image, free=image.owner == 0)
     assert wall_readings(scene, weighed(scene, wall_of(far))) is None
+
+
+def test_errors_that_pixels_share_leave_more_open():
+    scene = scene_of(image_of([CAN]))
+    wall = wall_of(CAN)
+    evidence = weighed(scene, wall)
+    alone, shared = (
+        deformation(one, wall.axis, wall_readings(one, evidence))
+        for one in (scene, scene._replace(shared=100.0))
+    )
+    assert shared.vague == pytest.approx(10 * alone.vague)
