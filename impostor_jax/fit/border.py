@@ -109,9 +109,11 @@ def fit_of_one_surface(
     row, col = pixel_indices(region)
     off = _sigmas_off(image, row, col, kind.of(core.shape), camera, noise)
     away = np.asarray(off) / np.sqrt(max(float(core.chi2), 1.0))
-    larger = fitted(_own_pixels(away, region), correlated)
-    is_better = bool(larger.success) and larger.border_chi2 < AGREEING
-    best = larger if is_better else core
+    best, own = core, _own_pixels(away, region)
+    if np.count_nonzero(image[own]) >= FEWEST_READINGS:
+        larger = fitted(own, correlated)
+        if bool(larger.success) and larger.border_chi2 < AGREEING:
+            best = larger
     # Beside a mask's object are its surroundings. Of another shape a part looks like
     # this one, but not to the noise, and leaves the rest.
     near = np.count_nonzero(region & (away > OFF) & (away < FAR))

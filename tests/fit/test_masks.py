@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import impostor_jax as ij
+from impostor_jax.fit import border
 from impostor_jax.fit.regions import without_edges
 from tests.checks import angle_between
 from tests.fit.scenes import CAMERA, SIGMA, can, image, image_of
@@ -97,6 +98,22 @@ def test_a_mask_that_is_too_large_shows_its_surroundings(pixels, seed):
     depth, mask = on_table(seed)
     fit = ij.fit_cylinder(depth, CAMERA, mask=grown(mask, pixels), sigma=SIGMA)
     assert not fit.success or errors(fit, STANDING).max() < 3.5
+
+
+def test_where_no_pixel_is_beyond_doubt_the_inner_ones_are_fitted(monkeypatch):
+    # Of a slight thing beside others none may be, and the fit raised an IndexError.
+    asked = []
+
+    def none_is(away, region):
+        asked.append(region)
+        return np.zeros_like(region)
+
+    monkeypatch.setattr(border, "_own_pixels", none_is)
+    depth, mask = on_table()
+    fit = ij.fit_cylinder(depth, CAMERA, mask=grown(mask, 2), sigma=SIGMA)
+    assert asked
+    assert fit.success
+    assert errors(fit, STANDING).max() < 3.5
 
 
 def test_a_mask_that_is_too_large_before_a_wall_costs_nothing():
