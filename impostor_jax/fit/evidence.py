@@ -182,7 +182,10 @@ def crossing_terms(
     along the image direction that crosses it more steeply.
 
     An end's place is uniform between the two pixels and independent from one row of
-    pixels to the next: its standard deviation is 1/sqrt(12) px. The wall's edge is
+    pixels to the next: its standard deviation is 1/sqrt(12) px. A region's edge is no
+    more exact than the sensor: readings that mix both sides of a jump are left out of
+    one that was made from readings, all along. So there its place is uniform within
+    `edge_reach` pixels of that, too, and off by as much in all rows. The wall's edge is
     straight, so along an image direction it may have the same place in the grid in all
     of them: there the interval alone counts, and all within it are as likely. It counts
     where the region is an outline; that every pixel of a region must be hit would push
@@ -260,7 +263,11 @@ def crossing_terms(
     total = jnp.sum(jnp.where(end[None] == ends, votes[None], 0), axis=1)
     elected = jnp.any((end[None] == ends) & (total > 0)[:, None], axis=0)
     counts = crosses & (shows > 0) & jnp.where(is_wall, is_outline, elected)
-    precision = jnp.where(is_wall, 1 / place, 12**0.5)
+    # What all rows share does not average out: it counts as often as there are rows.
+    rows = jnp.sum(counts[None] & (end[None] == ends), axis=1, dtype=r.dtype)
+    alike = jnp.sum(jnp.where(end[None] == ends, rows[:, None], 0), axis=0)
+    reach = jnp.where(is_outline, 0, noise.edge_reach).astype(r.dtype)
+    precision = jnp.where(is_wall, 1 / place, jnp.sqrt(12 / (1 + alike * 4 * reach**2)))
     weight = jnp.where(counts, precision / step, 0)
 
     between = jax.tree.map(

@@ -126,6 +126,22 @@ def test_a_mask_that_is_too_large_before_a_wall_costs_nothing():
     assert float(fit.std.radius) < 1.5 * float(exact.std.radius)
 
 
+@pytest.mark.parametrize("degrees", [45, 60, 75])
+def test_a_mask_made_from_readings_leaves_out_mixed_ones(degrees):
+    # It ends short of the can, whose height was 6 to 13 deviations too small.
+    sensor, truth = ij.FlyingPixels(ij.ConstantNoise(SIGMA)), can(degrees)
+    maps = ij.render(truth, CAMERA, outputs=("depth", "normal", "mask"))
+    mask = np.asarray(maps.mask)
+    scene = np.minimum(maps.depth, 0.6)
+    normal = np.where(mask[..., None], maps.normal, np.float32((0, 0, -1)))
+    depth = np.asarray(sensor.sample(jax.random.key(0), scene, normal, CAMERA))
+    own = mask & (np.abs(depth - scene) < 5 * SIGMA)
+    fit = ij.fit_cylinder(depth, CAMERA, own, sensor)
+    assert fit.success
+    assert fit.height_observed
+    assert errors(fit, truth).max() < 3.5
+
+
 @pytest.mark.parametrize("part", ["holes", "left half", "upper half"])
 def test_any_part_of_the_object_will_do(part):
     depth, mask = on_table()
