@@ -99,13 +99,15 @@ def assess(problem: Problem, solution: Solution, correlated: bool) -> Assessment
     # The axis is signed so that its largest component in the world is positive.
     sign = in_world_frame(solution.body, camera).sign
     body = solution.body.reversed(jnp.where(settings.keep_ends, 1, sign))
-    readings = computed_once(lambda: reading_terms(pixels, body, problem.noise))
+    readings = computed_once(
+        lambda: reading_terms(pixels, body, problem.noise, pixel=problem.pixel)
+    )
     terms, seen = readings.terms, readings.passing
     last = STAGES[-1]
     edges = crossing_terms(
         problem.edge, body, problem.noise, settings.is_outline, last.place
     )
-    used = pixels.depth > 0
+    used = readings.used
     count = jnp.sum(used)
     meters = jnp.where(used, pixels.depth - seen.depth, 0)
     spread = spread_of(terms.residual, used)
@@ -266,7 +268,7 @@ def _cap_shown(
     readings: Readings, depth: Float[Array, " n"], spread: Float[Array, ""]
 ) -> Float[Array, " n"]:
     """End whose cap each reading shows, -1 or 1, as it could not be the wall's."""
-    terms, seen, _ = readings
+    terms, seen = readings.terms, readings.passing
     wall = seen.nearest + seen.foot + seen.sign * safe_sqrt(seen.square)
     is_wall = jnp.abs(wall - depth) * terms.weight <= 3 * spread
     on_cap = seen.on_cap & (seen.rim < seen.cap_radius) & ~is_wall
@@ -281,7 +283,7 @@ def _cost(problem: Problem, body: AbstractBody, readings: Readings) -> Float[Arr
     one, is a part of it: a plane that all rays graze would otherwise excuse any
     reading.
     """
-    (terms, seen, _), depth = readings, problem.pixels.depth
+    (terms, seen, _, used), depth = readings, problem.pixels.depth
     whitened = (seen.depth - depth) * terms.weight
     # A pixel of the object that the body does not cover is as wrong as can be.
     missed_loss = jnp.where(seen.is_missed, MISSED_LOSS, 0)
@@ -289,7 +291,6 @@ def _cost(problem: Problem, body: AbstractBody, readings: Readings) -> Float[Arr
     # A reading without weight costs as much as a pixel that is missed.
     least = np.exp(-MISSED_LOSS)
     loss = loss - jnp.log(jnp.maximum(terms.weight * problem.nominal, least))
-    used = depth > 0
     count = jnp.maximum(jnp.sum(used), 1).astype(loss.dtype)
     cost = jnp.sum(jnp.where(used, loss, 0)) / count
     # Readings without weight would let a body pass that is made of no numbers.
@@ -302,8 +303,7 @@ def _explains(
     pixels: Pixels, readings: Readings, spread: Float[Array, ""]
 ) -> Bool[Array, ""]:
     """Whether the readings scatter around the body as the sensor says."""
-    terms, seen, is_square = readings
-    used = pixels.depth > 0
+    terms, seen, is_square, used = readings
     squares = ((seen.depth - pixels.depth) * terms.weight) ** 2
     is_near = used & (squares < (3 * spread) ** 2)
     # What grazes is compared otherwise.

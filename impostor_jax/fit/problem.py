@@ -107,6 +107,7 @@ class Problem(eqx.Module):
         prior: In the camera frame.
         nominal: Typical standard deviation of a reading, in meters.
         unit: Ten standard deviations of a position that all readings share, in meters.
+        pixel: Distance of neighboring rays over the depth.
         end_unit: The same of the ends, which are known to part of a pixel if not by
             the readings of a cap.
         settings: What is asked for.
@@ -126,6 +127,7 @@ class Problem(eqx.Module):
     prior: Prior
     nominal: Float[Array, ""]
     unit: Float[Array, ""]
+    pixel: Float[Array, ""]
     end_unit: Float[Array, ""]
     settings: Settings
     camera: PinholeCamera
@@ -164,7 +166,8 @@ def posed(
     sigma = sigma_of(noise, pixels.depth, jnp.ones_like(pixels.depth))
     nominal = count / jnp.maximum(jnp.sum(jnp.where(used, 1 / sigma, 0)), 1e-6)
     unit = 10 * nominal / jnp.sqrt(count)
-    footprint = jnp.sum(pixels.depth) / count / jnp.minimum(camera.fx, camera.fy)
+    pixel = 1 / jnp.minimum(camera.fx, camera.fy).astype(depth.dtype)
+    footprint = jnp.sum(pixels.depth) / count * pixel
     first = jnp.argmax(row < depth.shape[0]).astype(jnp.int32)
     around, each = _spread_pixels(depth, mask, camera)
     numbers = [jnp.asarray(x, depth.dtype) for x in (settings.free, settings.tolerance)]
@@ -182,6 +185,7 @@ def posed(
         prior=prior.in_camera_frame(camera),
         nominal=nominal,
         unit=unit,
+        pixel=pixel,
         end_unit=jnp.maximum(unit, footprint / 20),
         settings=settings,
         camera=camera,

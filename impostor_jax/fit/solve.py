@@ -282,7 +282,9 @@ def _followed_jvp(given, changes):
 
     def pull_at(moved: Float[Array, " c"], problem: Problem) -> Float[Array, " c"]:
         at = body_at(moved)
-        terms = reading_terms(problem.pixels, at, problem.noise).terms
+        terms = reading_terms(
+            problem.pixels, at, problem.noise, pixel=problem.pixel
+        ).terms
         scale = _scale(problem, terms.residual[-BLOCK:], terms.weight[-BLOCK:])
         total = _products(problem, terms, scale) + _beside(problem, at, stage, scale)
         return product(basis.T, total[:-1, -1])
@@ -381,7 +383,9 @@ def _of_readings(
         first = size - BLOCK * (number + 1)
         cut = partial(jax.lax.dynamic_slice_in_dim, start_index=first, slice_size=BLOCK)
         pixels = jax.tree.map(cut, problem.pixels)
-        terms = reading_terms(pixels, body, problem.noise, stage.soft).terms
+        terms = reading_terms(
+            pixels, body, problem.noise, stage.soft, problem.pixel
+        ).terms
         scale = jax.lax.cond(
             number == 0,
             lambda: stage.widening * _scale(problem, terms.residual, terms.weight),
