@@ -19,20 +19,20 @@ from impostor_jax.find.rivals import Rivals
 from impostor_jax.fit.result import Fit
 
 FACTS: dict[str, float] = {
-    "misfit": -0.23,
-    "chi2": -2.83,
-    "against": -6.14,
-    "shape": -5.07,
-    "cone": -28.22,
-    "ball": -3.37,
-    "vague": -5.89,
-    "exact": 0.27,
-    "size": 0.48,
-    "rim": 1.20,
+    "misfit": -0.50,
+    "chi2": -2.45,
+    "against": -6.93,
+    "shape": -6.20,
+    "cone": -29.79,
+    "ball": -3.33,
+    "vague": -5.26,
+    "exact": 0.30,
+    "size": 0.39,
+    "rim": 1.46,
 }
 """Name of each fact, and its weight."""
 
-BIAS = 3.47
+BIAS = 3.53
 """Log-odds where all facts are 0."""
 
 ALLOWED = 0.02
