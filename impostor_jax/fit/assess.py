@@ -327,7 +327,10 @@ def _hidden(problem: Problem, body: AbstractBody) -> Float[Array, ""]:
     sigma = problem.noise.sigma(seen.depth, seen.cos_incidence)
     margin = BESIDE * seen.nearest / jnp.minimum(camera.fx, camera.fy) + problem.unit
     is_within = seen.square > 2 * body.radius * margin
-    hides = body.covers(seen) & is_within & (around.depth > seen.depth + 5 * sigma)
+    # A mug has no cap, and shows the inside of its wall.
+    inside = seen.nearest + jnp.maximum(seen.half, 0) + seen.foot
+    behind = jnp.where(seen.on_cap, inside, seen.depth)
+    hides = body.covers(seen) & is_within & (around.depth > behind + 5 * sigma)
     return jnp.sum(hides, dtype=sigma.dtype) * problem.each
 
 

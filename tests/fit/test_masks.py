@@ -142,6 +142,20 @@ def test_a_mask_made_from_readings_leaves_out_mixed_ones(degrees):
     assert errors(fit, truth).max() < 3.5
 
 
+def test_a_mug_hides_nothing_with_the_cap_that_it_lacks():
+    # What is seen inside of it was taken for hidden background; a disc won.
+    up = np.array([0.0, -np.sin(np.pi / 4), -np.cos(np.pi / 4)])
+    mug = ij.Cylinder((0.01, 0.0, 0.3), up, 0.04, 0.09, caps=False)
+    closed = ij.Cylinder(mug.center, up, mug.radius, mug.height)
+    maps = ij.render(closed, CAMERA, outputs=("normal", "mask"))
+    wall = np.asarray(maps.mask) & (np.abs(np.asarray(maps.normal) @ up) < 0.1)
+    depth, _ = image_of(mug)
+    fit = ij.fit_cylinder(depth, CAMERA, mask=grown(wall, -2), sigma=SIGMA)
+    assert fit.success
+    assert fit.num_starts == 1
+    assert errors(fit, mug).max() < 3.5
+
+
 @pytest.mark.parametrize("part", ["holes", "left half", "upper half"])
 def test_any_part_of_the_object_will_do(part):
     depth, mask = on_table()
