@@ -51,6 +51,7 @@ from .sensor.dropout import Dropout
 from .sensor.flying_pixels import FlyingPixels
 from .sensor.gaussian import ConstantNoise
 from .sensor.lateral import LateralNoise
+from .sensor.matching_window import MatchingWindow
 from .sensor.quantization import StereoDisparity
 from .sensor.structured_light import StructuredLight
 
@@ -80,6 +81,7 @@ __all__ = [
     "Heightfield",
     "LabeledImage",
     "LateralNoise",
+    "MatchingWindow",
     "OrthographicCamera",
     "Outline",
     "PinholeCamera",

@@ -19,6 +19,7 @@ from impostor_jax.sensor.dropout import Dropout
 from impostor_jax.sensor.flying_pixels import FlyingPixels
 from impostor_jax.sensor.gaussian import ConstantNoise
 from impostor_jax.sensor.lateral import LateralNoise
+from impostor_jax.sensor.matching_window import MatchingWindow
 from impostor_jax.sensor.quantization import StereoDisparity
 from impostor_jax.sensor.structured_light import StructuredLight
 
@@ -79,6 +80,7 @@ NOISES = {
     "lateral": lambda: LateralNoise(StructuredLight()),
     "dropout": lambda: Dropout(ConstantNoise(0.002), rate=0.1),
     "flying pixels": lambda: FlyingPixels(ConstantNoise(0.002)),
+    "matching window": lambda: MatchingWindow(ConstantNoise(0.002), half_window=2),
     "all parts": lambda: Dropout(FlyingPixels(LateralNoise(StereoDisparity(525.0)))),
 }
 

@@ -62,8 +62,9 @@ class FitCommand:
     """Names of what keeps its value in that shape: center, axis, radius, height."""
     mask_meaning: Literal["region", "outline"] = "region"
     """Whether the mask is any part of the object or its edge is the silhouette."""
-    errors: Literal["independent", "correlated"] = "independent"
-    """How readings of neighboring pixels err; decides the standard deviations."""
+    errors: Literal["independent", "correlated"] | None = None
+    """How readings of neighboring pixels err; decides the standard deviations. By
+    default correlated if the sensor has a matching window."""
     test_taper: bool = False
     """Whether to test if a frustum, a cup, is needed instead of a cylinder."""
     output: Path = Path(".")

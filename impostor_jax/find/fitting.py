@@ -211,6 +211,11 @@ class _Shifted(AbstractDepthNoise):
     def edge_reach(self) -> Reach:
         return self.noise.edge_reach
 
+    @property
+    @override
+    def window_reach(self) -> Reach:
+        return self.noise.window_reach
+
     @override
     def sample(
         self, key: PRNGKeyArray, depth: Depths, normal: Normals, camera: AbstractCamera

@@ -215,7 +215,8 @@ def crossing_terms(
     pixels to the next: its standard deviation is 1/sqrt(12) px. A region's edge is no
     more exact than the sensor: readings that mix both sides of a jump are left out of
     one that was made from readings, all along. So there its place is uniform within
-    `edge_reach` pixels of that, too, and off by as much in all rows. The wall's edge is
+    `edge_reach` and `window_reach` pixels of that, too, and off by as much in all rows.
+    The wall's edge is
     straight, so along an image direction it may have the same place in the grid in all
     of them: there the interval alone counts, and all within it are as likely. It counts
     where the region is an outline; that every pixel of a region must be hit would push
@@ -296,7 +297,8 @@ def crossing_terms(
     # What all rows share does not average out: it counts as often as there are rows.
     rows = jnp.sum(counts[None] & (end[None] == ends), axis=1, dtype=r.dtype)
     alike = jnp.sum(jnp.where(end[None] == ends, rows[:, None], 0), axis=0)
-    reach = jnp.where(is_outline, 0, noise.edge_reach).astype(r.dtype)
+    reach = noise.edge_reach + noise.window_reach
+    reach = jnp.where(is_outline, 0, reach).astype(r.dtype)
     precision = jnp.where(is_wall, 1 / place, jnp.sqrt(12 / (1 + alike * 4 * reach**2)))
     weight = jnp.where(counts, precision / step, 0)
 

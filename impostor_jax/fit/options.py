@@ -8,6 +8,7 @@ from typing import Any, TypedDict
 
 from impostor_jax.arguments import one_of
 from impostor_jax.effort import EFFORTS, Effort, effort_of
+from impostor_jax.sensor.base import AbstractDepthNoise
 
 
 class FitOptions(TypedDict, total=False):
@@ -30,11 +31,12 @@ class FitOptions(TypedDict, total=False):
     scale: str
     """Whether the width of the robust loss is "fixed" to standard deviations of the
     sensor or grows with the "estimated" spread of the residuals, the default."""
-    errors: str
-    """Whether readings err "independent" of each other, the default, or "correlated"
-    between neighboring pixels as those of real sensors do; decides which covariance is
-    reported. Where the readings contradict independence, they are taken for correlated;
-    in a traced fit only if that is said."""
+    errors: str | None
+    """Whether readings err "independent" of each other or "correlated" between
+    neighboring pixels as those of real sensors do; decides which covariance is
+    reported. By default a sensor with a `MatchingWindow` errs correlated, others
+    independent. Where the readings contradict independence, they are taken for
+    correlated; in a traced fit only if that is said."""
     effort: Effort | str
     """How much work it takes: "fast", "balanced", the default, or "exact", or an
     `Effort` with a setting of each dial."""
@@ -48,8 +50,15 @@ class Options:
     prior: Mapping[str, Any] | None = None
     mask_meaning: str = "region"
     scale: str = "estimated"
-    errors: str = "independent"
+    errors: str | None = None
     effort: Effort = EFFORTS["balanced"][1]
+
+    def correlated(self, noise: AbstractDepthNoise) -> bool:
+        """Whether errors of neighbors are taken for correlated."""
+        if self.errors is not None:
+            return self.errors == "correlated"
+        reach = noise.window_reach
+        return not (isinstance(reach, int) and reach == 0)
 
     @staticmethod
     def of(given: Mapping[str, Any]) -> "Options":
@@ -75,5 +84,6 @@ class Options:
             )
         one_of("mask_meaning", options.mask_meaning, ("region", "outline"))
         one_of("scale", options.scale, ("estimated", "fixed"))
-        one_of("errors", options.errors, ("independent", "correlated"))
+        if options.errors is not None:
+            one_of("errors", options.errors, ("independent", "correlated"))
         return options

@@ -11,6 +11,7 @@ __all__ = [
 ]
 
 import warnings
+from functools import partial
 
 import jax
 import jax.numpy as jnp
@@ -34,6 +35,10 @@ FINEST_SIGMA, COARSEST_SIGMA = 1e-5, 0.1
 TRACED_READINGS = 15872
 """Most readings that a traced fit uses, evenly spaced over its region."""
 
+NOISY, STEEP = 6.0, 10.0
+"""Standard deviations, and widths of a pixel (at an incidence of 84 degrees), by which
+neighboring readings of one surface may differ."""
+
 BUCKETS = tuple(BLOCK << k for k in range(3, 20))
 """Readings are filled up to one of these numbers, so that few sizes are compiled."""
 
@@ -51,34 +56,39 @@ def object_region(
 
 
 def without_edges(
-    depth: DepthImage, region: Mask, noise: AbstractDepthNoise
+    depth: DepthImage, region: Mask, camera: PinholeCamera, noise: AbstractDepthNoise
 ) -> DepthImage:
-    """Leave out a region's readings that may be of what lies beside it.
+    """Leave out a region's readings that may be of what lies beside it, or lean.
 
-    As many of the sensor's `edge_reach` pixels are left out as leave enough readings.
+    The first lie at the region's border, the others at a jump in depth or a hole. As
+    many of the sensor's `edge_reach` and `window_reach` pixels are left out as leave
+    enough readings.
 
     Args:
         depth: In meters; 0 where there is no reading.
         region: Pixels of the object.
+        camera: The camera.
         noise: Of the readings.
     """
-    reach = noise.edge_reach
-    if isinstance(reach, int) and reach == 0:
-        return depth
-    return _without_edges(depth, region, reach)
+    mixed, leaning = noise.edge_reach, noise.window_reach
+    if not (isinstance(mixed, int) and mixed == 0):
+        depth = _without_edges(depth, region, mixed)
+    if not (isinstance(leaning, int) and leaning == 0):
+        depth = _without_jumps(depth, region, camera, noise, leaning)
+    return depth
 
 
 def _closed(region: Bool[Array, "h w"]) -> Bool[Array, "h w"]:
     """A region and the holes in it that are less than three pixels wide."""
-
-    def largest(image: Bool[Array, "h w"]) -> Bool[Array, "h w"]:
-        padded = jnp.pad(image, 1)
-        rows = padded[:-2] | padded[1:-1] | padded[2:]
-        return rows[:, :-2] | rows[:, 1:-1] | rows[:, 2:]
-
     # Beyond the border it is as it is at the border.
-    grown = jnp.pad(largest(region), 1, mode="edge")
-    return region | ~largest(~grown)[1:-1, 1:-1]
+    grown = jnp.pad(_largest(jnp.pad(region, 1)), 1, mode="edge")
+    return region | ~_largest(~grown)
+
+
+def _largest(padded: Bool[Array, "H W"]) -> Bool[Array, "h w"]:
+    """Whether any pixel of each one's 3 x 3 is."""
+    rows = padded[:-2] | padded[1:-1] | padded[2:]
+    return rows[:, :-2] | rows[:, 1:-1] | rows[:, 2:]
 
 
 @jax.jit
@@ -95,6 +105,55 @@ def _without_edges(
     # A hole of a pixel or two is no edge: there the mask just says less.
     inner = jax.lax.fori_loop(0, reach, narrowed, _closed(region))
     return jnp.where(region & ~inner, 0, depth)
+
+
+@jax.jit
+def _without_jumps(
+    depth: Float[Array, "h w"],
+    region: Bool[Array, "h w"],
+    camera: PinholeCamera,
+    noise: AbstractDepthNoise,
+    reach: Reach,
+) -> Float[Array, "h w"]:
+    def widened(_, edges: Bool[Array, "h w"]) -> Bool[Array, "h w"]:
+        more = _largest(jnp.pad(edges, 1))
+        few = jnp.sum(region & ~more & (depth > 0)) < MIN_READINGS
+        return jnp.where(few, edges, more)
+
+    # A jump lies between two pixels, which are its first.
+    none = jnp.zeros_like(region)
+    jumps = _at_jumps(depth, camera, noise)
+    few = jnp.sum(region & ~jumps & (depth > 0)) < MIN_READINGS
+    jumps = jax.lax.fori_loop(1, reach, widened, jnp.where(few, none, jumps))
+    return jnp.where(region & jumps, 0, depth)
+
+
+def _at_jumps(
+    depth: Float[Array, "h w"], camera: PinholeCamera, noise: AbstractDepthNoise
+) -> Bool[Array, "h w"]:
+    """Pixels with a neighbor along a row or column on another surface, or in a hole."""
+    has = depth > 0
+    sigma = noise.sigma(jnp.where(has, depth, 1), jnp.ones_like(depth))
+    width = depth / jnp.minimum(camera.fx, camera.fy)
+    reach = jnp.where(has, NOISY * sigma + STEEP * width, 0)
+    # The hole of a pixel or two is a reading that is missing.
+    is_hole = ~_closed(has)
+
+    def jumps(axis: int) -> Bool[Array, "h w"]:
+        size = depth.shape[axis]
+        first = partial(jax.lax.slice_in_dim, limit_index=size - 1, axis=axis)
+        last = partial(jax.lax.slice_in_dim, limit_index=size, axis=axis)
+
+        def both(of: Array) -> tuple[Array, Array]:
+            return first(of, 0), last(of, 1)
+
+        (near, far), (a, b), (c, d) = both(depth), both(has), both(is_hole)
+        is_jump = a & b & (jnp.abs(near - far) > jnp.maximum(*both(reach))) | c | d
+        before, after = [(0, 0), (0, 0)], [(0, 0), (0, 0)]
+        before[axis], after[axis] = (0, 1), (1, 0)
+        return jnp.pad(is_jump, before) | jnp.pad(is_jump, after)
+
+    return jumps(0) | jumps(1)
 
 
 def typical_sigma(

@@ -100,7 +100,7 @@ def fit_shape(
                 asked = dataclasses.replace(settings, is_outline=False)
             return _fit_pixels(kind, shown, initial, beliefs, asked, effort, correlated)
 
-        correlated = options.errors == "correlated"
+        correlated = options.correlated(noise)
         fit = fit_of_one_surface(
             fitted, kind.body, image, region, camera, noise, correlated
         )
@@ -217,7 +217,7 @@ def pixels_shown(
         noise: Of its readings.
         readings: Of an `Effort`.
     """
-    image = np.asarray(without_edges(image, region, noise))
+    image = np.asarray(without_edges(image, region, camera, noise))
     return image, region, *pixel_indices(region, readings), camera, noise
 
 
@@ -238,7 +238,7 @@ def _fit_traced(
         mask = in_camera_frame(initial.shape, camera).intersect(ray).mask
     # A mask that is known stays so: its pixels are found before anything is compiled.
     region = np.asarray(mask) if is_concrete(mask) else mask
-    depth = without_edges(depth, jnp.asarray(region), noise)
+    depth = without_edges(depth, jnp.asarray(region), camera, noise)
     sees = camera.sees(row, col)
     if sees is not None:
         region = jnp.asarray(region) & sees
@@ -250,5 +250,5 @@ def _fit_traced(
     return fit_from(
         jnp.asarray(depth), jnp.asarray(region), row, col, camera, noise, prior,
         settings, in_camera_frame(initial, camera), options.effort.kernel,
-        correlated=options.errors == "correlated",
+        correlated=options.correlated(noise),
     ).fit  # fmt: skip

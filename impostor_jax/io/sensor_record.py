@@ -14,6 +14,7 @@ from impostor_jax.sensor.dropout import Dropout
 from impostor_jax.sensor.flying_pixels import FlyingPixels
 from impostor_jax.sensor.gaussian import ConstantNoise
 from impostor_jax.sensor.lateral import LateralNoise
+from impostor_jax.sensor.matching_window import MatchingWindow
 from impostor_jax.sensor.quantization import StereoDisparity
 from impostor_jax.sensor.structured_light import StructuredLight
 
@@ -24,6 +25,7 @@ SENSORS: dict[str, type[AbstractDepthNoise]] = {
     "lateral_noise": LateralNoise,
     "flying_pixels": FlyingPixels,
     "dropout": Dropout,
+    "matching_window": MatchingWindow,
 }
 """By the name that a record has."""
 

@@ -75,6 +75,14 @@ class AbstractDepthNoise(eqx.Module):
         rows and columns, may be of that one, or of neither.
         """
 
+    @property
+    @abc.abstractmethod
+    def window_reach(self) -> Reach:
+        """Pixels beside a jump in depth, an occluder or a hole whose readings lean.
+
+        They are of their own surface, but all of them err to the same side.
+        """
+
     @abc.abstractmethod
     def sample(
         self, key: PRNGKeyArray, depth: Depths, normal: Normals, camera: AbstractCamera

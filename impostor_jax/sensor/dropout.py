@@ -76,6 +76,11 @@ class Dropout(AbstractDepthNoise):
     def edge_reach(self) -> Reach:
         return self.sensor.edge_reach
 
+    @property
+    @override
+    def window_reach(self) -> Reach:
+        return self.sensor.window_reach
+
     @override
     @compiled
     def sample(

@@ -66,6 +66,11 @@ class FlyingPixels(AbstractDepthNoise):
     def edge_reach(self) -> Reach:
         return self.sensor.edge_reach + 1
 
+    @property
+    @override
+    def window_reach(self) -> Reach:
+        return self.sensor.window_reach
+
     @override
     @compiled
     def sample(

@@ -47,6 +47,11 @@ class ConstantNoise(AbstractDepthNoise):
     def edge_reach(self) -> Reach:
         return 0
 
+    @property
+    @override
+    def window_reach(self) -> Reach:
+        return 0
+
     @override
     @compiled
     def sample(

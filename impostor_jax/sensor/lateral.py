@@ -91,6 +91,11 @@ class LateralNoise(AbstractDepthNoise):
         farthest = jnp.ceil(RARE_SHIFT * jnp.asarray(self.floor) - 0.5)
         return self.sensor.edge_reach + farthest.astype(int)
 
+    @property
+    @override
+    def window_reach(self) -> Reach:
+        return self.sensor.window_reach
+
     @override
     @compiled
     def sample(

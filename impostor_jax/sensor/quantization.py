@@ -114,6 +114,11 @@ class StereoDisparity(AbstractDepthNoise):
     def edge_reach(self) -> Reach:
         return 0
 
+    @property
+    @override
+    def window_reach(self) -> Reach:
+        return 0
+
     @override
     @compiled
     def sample(

@@ -142,6 +142,11 @@ class StructuredLight(AbstractDepthNoise):
     def edge_reach(self) -> Reach:
         return 0
 
+    @property
+    @override
+    def window_reach(self) -> Reach:
+        return 0
+
     @override
     @compiled
     def sample(

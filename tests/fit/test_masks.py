@@ -241,8 +241,8 @@ def test_a_guess_and_the_truth_lead_to_one_place():
 def test_a_sensor_that_mixes_readings_at_edges_is_not_believed_there():
     depth, mask = image()
     plain, mixing = ij.ConstantNoise(SIGMA), ij.FlyingPixels(SIGMA_NOISE)
-    assert without_edges(depth, mask, plain) is depth
-    left = np.asarray(without_edges(depth, mask, mixing))
+    assert without_edges(depth, mask, CAMERA, plain) is depth
+    left = np.asarray(without_edges(depth, mask, CAMERA, mixing))
     cross = cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3))
     inner = cv2.erode(mask.astype(np.uint8), cross) > 0
     np.testing.assert_array_equal(left[mask] > 0, inner[mask])
@@ -271,7 +271,7 @@ def test_a_sensor_says_how_far_from_a_jump_it_errs(sensor, reach):
 def test_holes_of_a_mask_are_no_edges():
     depth, mask = image()
     kept = mask & (np.random.default_rng(0).random(mask.shape) < 0.7)
-    left = np.asarray(without_edges(depth, kept, ij.FlyingPixels(SIGMA_NOISE)))
+    left = np.asarray(without_edges(depth, kept, CAMERA, ij.FlyingPixels(SIGMA_NOISE)))
     # The outline's pixels go, and what is at a larger hole.
     assert np.count_nonzero(left[kept]) > 0.7 * np.count_nonzero(kept)
 
@@ -297,7 +297,8 @@ def test_a_sensor_is_not_blamed_for_what_its_sigma_leaves_out():
 def test_enough_readings_of_a_thin_object_are_left():
     mask = np.zeros((20, 60), bool)
     mask[10:12, 2:58] = True
-    left = without_edges(np.where(mask, 0.5, 0.6), mask, ij.FlyingPixels(SIGMA_NOISE))
+    sensor = ij.FlyingPixels(SIGMA_NOISE)
+    left = without_edges(np.where(mask, 0.5, 0.6), mask, CAMERA, sensor)
     assert np.asarray(left).all()
 
 
@@ -321,3 +322,24 @@ def test_mixed_readings_beside_the_outline_do_not_decide(pixels):
     assert errors(fit, trunk).max() < 3
     # Errors that neighbors share are not to blame.
     assert float(fit.std.radius) < 0.0015
+
+
+@pytest.mark.parametrize("pixels", [0, -2])
+def test_a_window_that_leans_at_edges_is_not_believed_there(pixels):
+    truth, sensor = can(50.0), ij.MatchingWindow(SIGMA_NOISE, half_window=3)
+    maps = ij.render(truth, CAMERA, outputs=("depth", "normal", "mask"))
+    mask = np.asarray(maps.mask)
+    scene = np.minimum(maps.depth, 0.6)
+    normal = np.where(mask[..., None], maps.normal, np.float32((0, 0, -1)))
+    depth = np.asarray(sensor.sample(jax.random.key(2), scene, normal, CAMERA))
+    believed = ij.fit_cylinder(depth, CAMERA, mask, SIGMA_NOISE)
+    assert errors(believed, truth).max() > 4
+    fit = ij.fit_cylinder(
+        depth, CAMERA, grown(mask, pixels) if pixels else mask, sensor
+    )
+    assert fit.success
+    assert errors(fit, truth).max() < 3
+    told = ij.fit_cylinder(
+        depth, CAMERA, mask, sensor, initial=fit.cylinder, errors="independent"
+    )
+    assert told.std.radius < fit.std.radius

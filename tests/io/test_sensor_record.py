@@ -18,6 +18,7 @@ MODELS = [
     ij.LateralNoise(ij.ConstantNoise(0.001), floor=0.3),
     ij.FlyingPixels(ij.ConstantNoise(0.001), probability=0.2),
     ij.Dropout(ij.FlyingPixels(ij.StructuredLight())),
+    ij.MatchingWindow(ij.StructuredLight(), native_scale=1.88),
 ]
 
 

@@ -44,6 +44,15 @@ SENSOR = ij.ConstantNoise(0.001)
             "max_angle must be an angle from 0 to 1.562 radians (89.5 degrees), "
             "got 80.0",
         ),
+        (
+            lambda: ij.MatchingWindow(SENSOR, half_window=-1),
+            "half_window must be 0 or positive, got -1.0",
+        ),
+        (
+            lambda: ij.MatchingWindow(SENSOR, half_window=20, native_scale=2),
+            "half_window must be at most 32 pixels of the image, got 20.0 "
+            "times native_scale 2.0",
+        ),
         (lambda: ij.LateralNoise(0.8), "sensor must be a noise model such as"),
         (
             lambda: ij.LateralNoise(SENSOR, floor=-1),
