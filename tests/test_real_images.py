@@ -23,16 +23,23 @@ CASES = [
 
 if DATA is not None:
 
+    def fitted(folder, depth, mask, sensor=None):
+        """The fit of a real image's can."""
+        place = Path(DATA) / folder
+        camera, scale = read_camera(place / "camera.json")
+        return ij.fit_cylinder(
+            read_depth(place / depth, scale),
+            camera,
+            mask=read_mask(place / mask),
+            sigma=sensor,
+        )
+
     @LARGE_IMAGES
     @pytest.mark.parametrize(("folder", "depth", "mask", "sensor", "radius"), CASES)
     def test_real_can_is_fitted_within_4_mm_of_its_radius(
         folder, depth, mask, sensor, radius
     ):
-        place = Path(DATA) / folder
-        camera, scale = read_camera(place / "camera.json")
-        fit = ij.fit_cylinder(
-            read_depth(place / depth, scale), camera, mask=read_mask(place / mask)
-        )
+        fit = fitted(folder, depth, mask)
         assert fit.success
         assert float(fit.cylinder.radius) == pytest.approx(radius, abs=0.004)
         # The masks leave out the ends.
@@ -43,14 +50,7 @@ if DATA is not None:
     def test_a_sensor_that_knows_its_window_is_within_1_5_mm_and_its_interval(
         folder, depth, mask, sensor, radius
     ):
-        place = Path(DATA) / folder
-        camera, scale = read_camera(place / "camera.json")
-        fit = ij.fit_cylinder(
-            read_depth(place / depth, scale),
-            camera,
-            mask=read_mask(place / mask),
-            sigma=sensor,
-        )
+        fit = fitted(folder, depth, mask, sensor)
         assert fit.success
         off = abs(float(fit.cylinder.radius) - radius)
         assert off < 0.0015
