@@ -216,11 +216,11 @@ def crossing_terms(
     more exact than the sensor: readings that mix both sides of a jump are left out of
     one that was made from readings, all along. So there its place is uniform within
     `edge_reach` and `window_reach` pixels of that, too, and off by as much in all rows.
-    The wall's edge is
-    straight, so along an image direction it may have the same place in the grid in all
-    of them: there the interval alone counts, and all within it are as likely. It counts
-    where the region is an outline; that every pixel of a region must be hit would push
-    one way only, and bias a radius by up to its standard deviation.
+    The wall's edge is straight, so along an image direction it may have the same place
+    in the grid in all of them: there the interval alone counts, and all within it are
+    as likely. It counts where the region is an outline; that every pixel of a region
+    must be hit would push one way only, and bias a radius by up to its standard
+    deviation.
 
     Args:
         edge: Where the object may stop.
@@ -265,6 +265,9 @@ def crossing_terms(
     central = (seen.square > 0.2 * (r * r)) & seen.outside
     is_end = (np.arange(kinds) > 0)[:, None, None]
     valid &= ~is_end | (central[:1] & central[1:])[None]
+    # Beside a rim the outline is neither straight nor the wall's.
+    between = jnp.all((margins[:, 1:] < 0) & (margins[:, :1] < 0) | ~is_end, axis=0)
+    valid &= is_end | between[None]
     score = jnp.where(valid, off, -jnp.inf).reshape(4 * kinds, -1)
     # The first of the best, counted in floating point, since XLA does not vectorize
     # minima of whole numbers: in 15 us where `argmax` takes 40.
@@ -295,11 +298,14 @@ def crossing_terms(
     elected = jnp.any((end[None] == ends) & (total > 0)[:, None], axis=0)
     counts = crosses & (shows > 0) & jnp.where(is_wall, is_outline, elected)
     # What all rows share does not average out: it counts as often as there are rows.
-    rows = jnp.sum(counts[None] & (end[None] == ends), axis=1, dtype=r.dtype)
-    alike = jnp.sum(jnp.where(end[None] == ends, rows[:, None], 0), axis=0)
+    kinds_of = jnp.array([-1, 0, 1], r.dtype)[:, None]
+    rows = jnp.sum(counts[None] & (end[None] == kinds_of), axis=1, dtype=r.dtype)
+    alike = jnp.sum(jnp.where(end[None] == kinds_of, rows[:, None], 0), axis=0)
     reach = noise.edge_reach + noise.window_reach
     reach = jnp.where(is_outline, 0, reach).astype(r.dtype)
-    precision = jnp.where(is_wall, 1 / place, jnp.sqrt(12 / (1 + alike * 4 * reach**2)))
+    of_end = jnp.sqrt(12 / (1 + alike * 4 * reach**2))
+    of_wall = jax.lax.rsqrt(jnp.maximum(alike, 1)) / place
+    precision = jnp.where(is_wall, of_wall, of_end)
     weight = jnp.where(counts, precision / step, 0)
 
     between = jax.tree.map(

@@ -137,14 +137,15 @@ def test_every_crossing_of_the_truth_lies_between_its_pixels():
         terms, _ = crossings(edge, RoundBody.of(can(degrees)), STILL)
         weight, end = np.asarray(terms.weight), np.asarray(terms.end)
         at_edge = np.asarray(edge.pixels.exists[0])
-        assert np.count_nonzero(weight) > 0.95 * at_edge.sum()
+        # Corners tell nothing.
+        assert np.count_nonzero(weight) > 0.85 * at_edge.sum()
         assert set(end[weight > 0]) == {-1, 0, 1}
         # Within its interval a term has neither residual nor gradient.
         is_wall = (weight > 0) & (end == 0)
         residual, gradient = np.asarray(terms.residual), np.asarray(terms.gradient)
         within = is_wall & (residual == 0)
-        # At corners a wall's edge may be an end's: the robust loss bears these.
-        assert within.sum() >= 0.95 * is_wall.sum()
+        # At corners an end's edge was taken for the wall's: a fit's interval held 60 %.
+        np.testing.assert_array_equal(within, is_wall)
         assert not gradient[:, within].any()
         # Half a pixel is half the square root of 12 deviations; a rim is no line.
         is_end = (weight > 0) & (end != 0)
