@@ -266,8 +266,8 @@ def crossing_terms(
     is_end = (np.arange(kinds) > 0)[:, None, None]
     valid &= ~is_end | (central[:1] & central[1:])[None]
     # Beside a rim the outline is neither straight nor the wall's.
-    between = jnp.all((margins[:, 1:] < 0) & (margins[:, :1] < 0) | ~is_end, axis=0)
-    valid &= is_end | between[None]
+    in_length = jnp.all((margins[:, 1:] < 0) & (margins[:, :1] < 0) | ~is_end, axis=0)
+    valid &= is_end | in_length[None]
     score = jnp.where(valid, off, -jnp.inf).reshape(4 * kinds, -1)
     # The first of the best, counted in floating point, since XLA does not vectorize
     # minima of whole numbers: in 15 us where `argmax` takes 40.
@@ -298,15 +298,13 @@ def crossing_terms(
     elected = jnp.any((end[None] == ends) & (total > 0)[:, None], axis=0)
     counts = crosses & (shows > 0) & jnp.where(is_wall, is_outline, elected)
     # What all rows share does not average out: it counts as often as there are rows.
-    kinds_of = jnp.array([-1, 0, 1], r.dtype)[:, None]
-    rows = jnp.sum(counts[None] & (end[None] == kinds_of), axis=1, dtype=r.dtype)
-    alike = jnp.sum(jnp.where(end[None] == kinds_of, rows[:, None], 0), axis=0)
+    same = end[None] == jnp.array([-1, 0, 1], r.dtype)[:, None]
+    rows = jnp.sum(counts[None] & same, axis=1, dtype=r.dtype)
+    alike = jnp.sum(jnp.where(same, rows[:, None], 0), axis=0)
     reach = noise.edge_reach + noise.window_reach
     reach = jnp.where(is_outline, 0, reach).astype(r.dtype)
-    of_end = jnp.sqrt(12 / (1 + alike * 4 * reach**2))
-    of_wall = jax.lax.rsqrt(jnp.maximum(alike, 1)) / place
-    precision = jnp.where(is_wall, of_wall, of_end)
-    weight = jnp.where(counts, precision / step, 0)
+    variance = jnp.where(is_wall, alike * place**2, (1 + alike * 4 * reach**2) / 12)
+    weight = jnp.where(counts, jax.lax.rsqrt(jnp.where(counts, variance, 1)) / step, 0)
 
     between = jax.tree.map(
         lambda field: pick((field[1:] + field[:1])[None]) / 2, pixels.direction
