@@ -327,9 +327,11 @@ def _hidden(problem: Problem, body: AbstractBody) -> Float[Array, ""]:
     sigma = problem.noise.sigma(seen.depth, seen.cos_incidence)
     margin = BESIDE * seen.nearest / jnp.minimum(camera.fx, camera.fy) + problem.unit
     is_within = seen.square > 2 * body.radius * margin
-    # A mug has no cap, and shows the inside of its wall.
-    inside = seen.nearest + jnp.maximum(seen.half, 0) + seen.foot
-    behind = jnp.where(seen.on_cap, inside, seen.depth)
+    # A mug has no cap, and shows the inside of its wall and its floor.
+    along, ahead = seen.local.origin.z, seen.local.direction.z
+    floor = -seen.cap - 2 * safe_divide(along, ahead)
+    inside = jnp.minimum(seen.nearest + jnp.maximum(seen.half, 0), floor)
+    behind = jnp.where(seen.on_cap, inside + seen.foot, seen.depth)
     hides = body.covers(seen) & is_within & (around.depth > behind + 5 * sigma)
     return jnp.sum(hides, dtype=sigma.dtype) * problem.each
 

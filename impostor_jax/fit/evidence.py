@@ -265,9 +265,6 @@ def crossing_terms(
     central = (seen.square > 0.2 * (r * r)) & seen.outside
     is_end = (np.arange(kinds) > 0)[:, None, None]
     valid &= ~is_end | (central[:1] & central[1:])[None]
-    # Beside a rim the outline is neither straight nor the wall's.
-    in_length = jnp.all((margins[:, 1:] < 0) & (margins[:, :1] < 0) | ~is_end, axis=0)
-    valid &= is_end | in_length[None]
     score = jnp.where(valid, off, -jnp.inf).reshape(4 * kinds, -1)
     # The first of the best, counted in floating point, since XLA does not vectorize
     # minima of whole numbers: in 15 us where `argmax` takes 40.
@@ -296,7 +293,11 @@ def crossing_terms(
     ends = jnp.array([-1, 1], r.dtype)[:, None]
     total = jnp.sum(jnp.where(end[None] == ends, votes[None], 0), axis=1)
     elected = jnp.any((end[None] == ends) & (total > 0)[:, None], axis=0)
-    counts = crosses & (shows > 0) & jnp.where(is_wall, is_outline, elected)
+    # Beside a rim the outline is neither straight nor the wall's.
+    in_length = jnp.all((margins[:, 1:] < 0) & (margins[:, :1] < 0) | ~is_end, axis=0)
+    is_straight = pick(jnp.where(in_length, 1, 0).astype(r.dtype)[None]) > 0
+    counts = crosses & (shows > 0)
+    counts &= jnp.where(is_wall, is_straight & is_outline, elected)
     # What all rows share does not average out: it counts as often as there are rows.
     same = end[None] == jnp.array([-1, 0, 1], r.dtype)[:, None]
     rows = jnp.sum(counts[None] & same, axis=1, dtype=r.dtype)
