@@ -322,10 +322,10 @@ def _hidden(problem: Problem, body: AbstractBody) -> Float[Array, ""]:
     Not those beside its outline, which are the object's where a mask is too small or
     the radius a little too large: one of the few that are looked at stands for many.
     """
-    around, camera = problem.around, problem.camera
+    around = problem.around
     seen = body.passing(around.direction, body.radius / 100)
     sigma = problem.noise.sigma(seen.depth, seen.cos_incidence)
-    margin = BESIDE * seen.nearest / jnp.minimum(camera.fx, camera.fy) + problem.unit
+    margin = BESIDE * seen.nearest * problem.pixel + problem.unit
     is_within = seen.square > 2 * body.radius * margin
     # A mug has no cap, and shows the inside of its wall and its floor.
     along, ahead = seen.local.origin.z, seen.local.direction.z

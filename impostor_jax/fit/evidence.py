@@ -290,18 +290,20 @@ def crossing_terms(
     says = jnp.where(is_own, OWN_VOTES, jnp.where(has, 1.0, 0.0)).astype(r.dtype)
     reads = pick(says[None, 1:])
     votes = jnp.where(shows > 0, shows, -reads)
-    ends = jnp.array([-1, 1], r.dtype)[:, None]
-    total = jnp.sum(jnp.where(end[None] == ends, votes[None], 0), axis=1)
-    elected = jnp.any((end[None] == ends) & (total > 0)[:, None], axis=0)
+    same = end[None] == jnp.array([-1, 0, 1], r.dtype)[:, None]
+
+    def of_all(values: Float[Array, " m"]) -> Float[Array, " m"]:
+        # Their sum over all crossings of the same end, or of the wall.
+        totals = jnp.sum(jnp.where(same, values[None], 0), axis=1)
+        return jnp.sum(jnp.where(same, totals[:, None], 0), axis=0)
+
     # Beside a rim the outline is neither straight nor the wall's.
     in_length = jnp.all((margins[:, 1:] < 0) & (margins[:, :1] < 0) | ~is_end, axis=0)
     is_straight = pick(jnp.where(in_length, 1, 0).astype(r.dtype)[None]) > 0
     counts = crosses & (shows > 0)
-    counts &= jnp.where(is_wall, is_straight & is_outline, elected)
+    counts &= jnp.where(is_wall, is_straight & is_outline, of_all(votes) > 0)
     # What all rows share does not average out: it counts as often as there are rows.
-    same = end[None] == jnp.array([-1, 0, 1], r.dtype)[:, None]
-    rows = jnp.sum(counts[None] & same, axis=1, dtype=r.dtype)
-    alike = jnp.sum(jnp.where(same, rows[:, None], 0), axis=0)
+    alike = of_all(jnp.where(counts, 1, 0).astype(r.dtype))
     reach = noise.edge_reach + noise.window_reach
     reach = jnp.where(is_outline, 0, reach).astype(r.dtype)
     variance = jnp.where(is_wall, alike * place**2, (1 + alike * 4 * reach**2) / 12)

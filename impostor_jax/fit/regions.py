@@ -11,6 +11,7 @@ __all__ = [
 ]
 
 import warnings
+from collections.abc import Callable
 from functools import partial
 
 import jax
@@ -95,16 +96,15 @@ def _largest(padded: Bool[Array, "H W"]) -> Bool[Array, "h w"]:
 def _without_edges(
     depth: Float[Array, "h w"], region: Bool[Array, "h w"], reach: Reach
 ) -> Float[Array, "h w"]:
-    def narrowed(_, inner: Bool[Array, "h w"]) -> Bool[Array, "h w"]:
+    def grown(edges: Bool[Array, "h w"]) -> Bool[Array, "h w"]:
         # Beyond the image's border nothing is known to lie.
-        padded = jnp.pad(inner, 1, constant_values=True)
-        rows = padded[:-2, 1:-1] & padded[2:, 1:-1]
-        less = inner & rows & padded[1:-1, :-2] & padded[1:-1, 2:]
-        return jnp.where(jnp.sum(less & (depth > 0)) >= MIN_READINGS, less, inner)
+        padded = jnp.pad(edges, 1)
+        rows = padded[:-2, 1:-1] | padded[2:, 1:-1]
+        return edges | rows | padded[1:-1, :-2] | padded[1:-1, 2:]
 
     # A hole of a pixel or two is no edge: there the mask just says less.
-    inner = jax.lax.fori_loop(0, reach, narrowed, _closed(region))
-    return jnp.where(region & ~inner, 0, depth)
+    outside = ~_closed(region)
+    return _without(depth, region, outside, grown, reach)
 
 
 @jax.jit
@@ -115,17 +115,31 @@ def _without_jumps(
     noise: AbstractDepthNoise,
     reach: Reach,
 ) -> Float[Array, "h w"]:
-    def widened(_, edges: Bool[Array, "h w"]) -> Bool[Array, "h w"]:
-        more = _largest(jnp.pad(edges, 1))
-        few = jnp.sum(region & ~more & (depth > 0)) < MIN_READINGS
-        return jnp.where(few, edges, more)
+    at_jumps = _at_jumps(depth, camera, noise)
 
-    # A jump lies between two pixels, which are its first.
-    none = jnp.zeros_like(region)
-    jumps = _at_jumps(depth, camera, noise)
-    few = jnp.sum(region & ~jumps & (depth > 0)) < MIN_READINGS
-    jumps = jax.lax.fori_loop(1, reach, widened, jnp.where(few, none, jumps))
-    return jnp.where(region & jumps, 0, depth)
+    def grown(edges: Bool[Array, "h w"]) -> Bool[Array, "h w"]:
+        # A jump lies between two pixels, which are its first.
+        return at_jumps | _largest(jnp.pad(edges, 1))
+
+    return _without(depth, region, jnp.zeros_like(region), grown, reach)
+
+
+def _without(
+    depth: Float[Array, "h w"],
+    region: Bool[Array, "h w"],
+    edges: Bool[Array, "h w"],
+    grown: Callable[[Bool[Array, "h w"]], Bool[Array, "h w"]],
+    reach: Reach,
+) -> Float[Array, "h w"]:
+    """Leave out a region's readings at edges that grow while enough are left."""
+
+    def widened(_, edges: Bool[Array, "h w"]) -> Bool[Array, "h w"]:
+        more = grown(edges)
+        enough = jnp.sum(region & ~more & (depth > 0)) >= MIN_READINGS
+        return jnp.where(enough, more, edges)
+
+    edges = jax.lax.fori_loop(0, reach, widened, edges)
+    return jnp.where(region & edges, 0, depth)
 
 
 def _at_jumps(

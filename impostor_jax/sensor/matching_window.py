@@ -141,11 +141,15 @@ class MatchingWindow(AbstractDepthNoise):
             k: int | Array, sums: tuple[Float[Array, "h w"], Float[Array, "h w"]]
         ) -> tuple[Float[Array, "h w"], Float[Array, "h w"]]:
             total, count = sums
-            near, counts = at(jnp.asarray(k))
-            _, has_opposite = at(side * side - 1 - jnp.asarray(k))
-            total += jnp.where(counts & ~has_opposite, near - z, 0)
-            return total, count + jnp.where(counts, 1, 0).astype(z.dtype)
+            one, counts = at(jnp.asarray(k))
+            other, other_counts = at(side * side - 1 - jnp.asarray(k))
+            # Of opposite ones that both count the differences cancel.
+            near = jnp.where(counts, one, other)
+            total += jnp.where(counts ^ other_counts, near - z, 0)
+            both = counts.astype(z.dtype) + other_counts.astype(z.dtype)
+            return total, count + both
 
-        blank = jnp.zeros_like(z)
-        total, count = jax.lax.fori_loop(0, side * side, add, (blank, blank))
-        return jnp.where(has, z + total / jnp.maximum(count, 1), depth)
+        # The middle counts in any case.
+        start = jnp.zeros_like(z), jnp.ones_like(z)
+        total, count = jax.lax.fori_loop(0, side * side // 2, add, start)
+        return jnp.where(has, z + total / count, depth)

@@ -31,6 +31,15 @@ def on_table(seed=0):
     return np.where(np.isfinite(depth), depth + noise, 0).astype(np.float32), mask
 
 
+def read_by(sensor, shape, camera, wall, seed):
+    """Depth image of a shape before a wall as a sensor reads it, and its mask."""
+    maps = ij.render(shape, camera, outputs=("depth", "normal", "mask"))
+    mask = np.asarray(maps.mask)
+    scene = np.minimum(maps.depth, wall)
+    normal = np.where(mask[..., None], maps.normal, np.float32((0, 0, -1)))
+    return np.asarray(sensor.sample(jax.random.key(seed), scene, normal, camera)), mask
+
+
 def grown(mask, pixels):
     """A mask made larger, or smaller, by some pixels on each side."""
     change = cv2.dilate if pixels > 0 else cv2.erode
@@ -130,12 +139,9 @@ def test_a_mask_that_is_too_large_before_a_wall_costs_nothing():
 def test_a_mask_made_from_readings_leaves_out_mixed_ones(degrees):
     # It ends short of the can, whose height was 6 to 13 deviations too small.
     sensor, truth = ij.FlyingPixels(ij.ConstantNoise(SIGMA)), can(degrees)
-    maps = ij.render(truth, CAMERA, outputs=("depth", "normal", "mask"))
-    mask = np.asarray(maps.mask)
-    scene = np.minimum(maps.depth, 0.6)
-    normal = np.where(mask[..., None], maps.normal, np.float32((0, 0, -1)))
-    depth = np.asarray(sensor.sample(jax.random.key(0), scene, normal, CAMERA))
-    own = mask & (np.abs(depth - scene) < 5 * SIGMA)
+    depth, mask = read_by(sensor, truth, CAMERA, 0.6, seed=0)
+    rendered = np.asarray(ij.render(truth, CAMERA).depth)
+    own = mask & (np.abs(depth - rendered) < 5 * SIGMA)
     fit = ij.fit_cylinder(depth, CAMERA, own, sensor)
     assert fit.success
     assert fit.height_observed
@@ -309,11 +315,7 @@ def test_mixed_readings_beside_the_outline_do_not_decide(pixels):
     camera = ij.PinholeCamera(525.0, 525.0, 79.5, 59.5, 160, 120)
     trunk = ij.Cylinder((0.02, 0.1, 3.9), (0.1, 0.96, 0.26), 0.13, 4.0)
     sensor = ij.FlyingPixels(ij.ConstantNoise(0.02))
-    maps = ij.render(trunk, camera, outputs=("depth", "normal", "mask"))
-    mask = np.asarray(maps.mask)
-    scene = np.minimum(maps.depth, 4.4)
-    normal = np.where(mask[..., None], maps.normal, np.float32((0, 0, -1)))
-    depth = np.asarray(sensor.sample(jax.random.key(2), scene, normal, camera))
+    depth, mask = read_by(sensor, trunk, camera, 4.4, seed=2)
     larger = grown(mask, 1)
     if not pixels:
         larger &= mask | (np.abs(depth - 4) < 0.15)
@@ -327,16 +329,11 @@ def test_mixed_readings_beside_the_outline_do_not_decide(pixels):
 @pytest.mark.parametrize("pixels", [0, -2])
 def test_a_window_that_leans_at_edges_is_not_believed_there(pixels):
     truth, sensor = can(50.0), ij.MatchingWindow(SIGMA_NOISE, half_window=3)
-    maps = ij.render(truth, CAMERA, outputs=("depth", "normal", "mask"))
-    mask = np.asarray(maps.mask)
-    scene = np.minimum(maps.depth, 0.6)
-    normal = np.where(mask[..., None], maps.normal, np.float32((0, 0, -1)))
-    depth = np.asarray(sensor.sample(jax.random.key(2), scene, normal, CAMERA))
+    depth, mask = read_by(sensor, truth, CAMERA, 0.6, seed=2)
     believed = ij.fit_cylinder(depth, CAMERA, mask, SIGMA_NOISE)
     assert errors(believed, truth).max() > 4
-    fit = ij.fit_cylinder(
-        depth, CAMERA, grown(mask, pixels) if pixels else mask, sensor
-    )
+    part = grown(mask, pixels) if pixels else mask
+    fit = ij.fit_cylinder(depth, CAMERA, part, sensor)
     assert fit.success
     assert errors(fit, truth).max() < 3
     told = ij.fit_cylinder(
