@@ -47,13 +47,16 @@ from .rendering.silhouettes import Silhouettes, silhouettes
 from .rendering.sphere_outline import SphereOutline
 from .rendering.tile import outline_box, outline_tile
 from .sensor.base import AbstractDepthNoise
+from .sensor.correlated import CorrelatedNoise
 from .sensor.dropout import Dropout
 from .sensor.flying_pixels import FlyingPixels
 from .sensor.gaussian import ConstantNoise
 from .sensor.lateral import LateralNoise
 from .sensor.matching_window import MatchingWindow
 from .sensor.quantization import StereoDisparity
+from .sensor.scale_error import ScaleError
 from .sensor.structured_light import StructuredLight
+from .sensor.time_of_flight import TimeOfFlight
 
 __all__ = [
     "AbstractCamera",
@@ -62,6 +65,7 @@ __all__ = [
     "AmbientLight",
     "Box",
     "ConstantNoise",
+    "CorrelatedNoise",
     "Cylinder",
     "Deviations",
     "DirectionalLight",
@@ -88,6 +92,7 @@ __all__ = [
     "Plane",
     "PointLight",
     "RigidTransform",
+    "ScaleError",
     "Scene",
     "Silhouettes",
     "Sphere",
@@ -99,6 +104,7 @@ __all__ = [
     "TaperTest",
     "Terrain",
     "Tile",
+    "TimeOfFlight",
     "Torus",
     "coverage",
     "depth_loss",

@@ -15,13 +15,16 @@ from impostor_jax.primitives.heightfield import Heightfield
 from impostor_jax.primitives.plane import Plane
 from impostor_jax.primitives.sphere import Sphere
 from impostor_jax.primitives.torus import Torus
+from impostor_jax.sensor.correlated import CorrelatedNoise
 from impostor_jax.sensor.dropout import Dropout
 from impostor_jax.sensor.flying_pixels import FlyingPixels
 from impostor_jax.sensor.gaussian import ConstantNoise
 from impostor_jax.sensor.lateral import LateralNoise
 from impostor_jax.sensor.matching_window import MatchingWindow
 from impostor_jax.sensor.quantization import StereoDisparity
+from impostor_jax.sensor.scale_error import ScaleError
 from impostor_jax.sensor.structured_light import StructuredLight
+from impostor_jax.sensor.time_of_flight import TimeOfFlight
 
 TURNED = np.array([[2, 3, 6], [3, -6, 2], [6, 2, -3]]) / 7
 
@@ -81,6 +84,10 @@ NOISES = {
     "dropout": lambda: Dropout(ConstantNoise(0.002), rate=0.1),
     "flying pixels": lambda: FlyingPixels(ConstantNoise(0.002)),
     "matching window": lambda: MatchingWindow(ConstantNoise(0.002), half_window=2),
+    "time of flight": TimeOfFlight,
+    # Of hardly any error, which `sigma` leaves out.
+    "correlated": lambda: CorrelatedNoise(ConstantNoise(0.002), 1e-5, 30.0, power=1),
+    "scale": lambda: ScaleError(ConstantNoise(0.002), 1e-5, law="disparity"),
     "all parts": lambda: Dropout(FlyingPixels(LateralNoise(StereoDisparity(525.0)))),
 }
 

@@ -19,7 +19,7 @@ from impostor_jax.find.search import Request, search
 from impostor_jax.find.view import View, view_of
 from impostor_jax.fit.fittable import CYLINDER
 from impostor_jax.fit.options import Options
-from impostor_jax.fit.request import checked_depth, checked_noise, checked_prior
+from impostor_jax.fit.request import checked_prior, checked_readings
 from impostor_jax.primitives.plane import Plane
 from impostor_jax.rendering.render import render
 
@@ -87,8 +87,8 @@ def find_cylinders(
         min_arc=real_number("min_arc", min_arc, positive=True, unit="radians"),
         radius_range=_radii(radius_range, prior),
     )
-    noise = checked_noise(sigma)
-    image = np.asarray(checked_depth(depth, camera))
+    image, noise, sigma = checked_readings(depth, camera, sigma)
+    image = np.asarray(image)
     view = view_of(image, camera, noise, MOST_PIXELS, options.effort.stride)
     found = search(view, request, Fitter.of(image, camera, noise, sigma, options))
     detections = sorted(found.detections, key=lambda one: -one.confidence)

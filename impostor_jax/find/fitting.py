@@ -26,7 +26,8 @@ from impostor_jax.fit.shapes import fit_shape
 from impostor_jax.geometry.frames import RigidTransform
 from impostor_jax.numerics import Numbers
 from impostor_jax.primitives.cylinder import Cylinder
-from impostor_jax.sensor.base import AbstractDepthNoise, Depths, Normals, Reach
+from impostor_jax.sensor.base import AbstractDepthNoise, Depths, Normals
+from impostor_jax.sensor.bias import Bias, is_none
 
 MOST_GUESSES = 6
 """First guesses of an object that are weighed."""
@@ -75,6 +76,12 @@ class Fitter:
         """A fitter of an image; the arguments are those of a search, checked."""
         if isinstance(camera, PinholeCamera):
             return Fitter(depth, camera, noise, sigma, options, camera, 0.0)
+        if noise.bias.scales or noise.bias.fields:
+            raise ValueError(
+                "sigma must be a sensor without errors of scale and smooth errors "
+                "where rays do not meet in one point, got "
+                f"{type(noise).__name__} and {type(camera).__name__}"
+            )
         effort = dataclasses.replace(options.effort, precision="float64")
         far = _far(camera)
         shifted = None if sigma is None else _Shifted(noise, FAR)
@@ -85,8 +92,7 @@ class Fitter:
     @property
     def mixes(self) -> bool:
         """Whether readings beside an edge may be of another surface."""
-        reach = self.noise.edge_reach
-        return not isinstance(reach, int) or reach > 0
+        return not is_none(self.noise.bias.edge_reach)
 
     def guesses(self, region: Bool[np.ndarray, "h w"]) -> list[Candidate]:
         """First guesses of a region of the image, in the camera's frame."""
@@ -208,13 +214,8 @@ class _Shifted(AbstractDepthNoise):
 
     @property
     @override
-    def edge_reach(self) -> Reach:
-        return self.noise.edge_reach
-
-    @property
-    @override
-    def window_reach(self) -> Reach:
-        return self.noise.window_reach
+    def bias(self) -> Bias:
+        return self.noise.bias
 
     @override
     def sample(

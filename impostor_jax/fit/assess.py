@@ -20,7 +20,7 @@ from impostor_jax.fit.agreement import (
 from impostor_jax.fit.body import AbstractBody, Readout, coordinates_of
 from impostor_jax.fit.deviations import deviations_of
 from impostor_jax.fit.evidence import Readings, Terms, crossing_terms, reading_terms
-from impostor_jax.fit.prior import prior_residuals
+from impostor_jax.fit.prior import prior_residuals, scale_left
 from impostor_jax.fit.problem import Pixels, Problem
 from impostor_jax.fit.result import DISAGREEING, STATUSES, Fit, FitStatus
 from impostor_jax.fit.solve import STAGES, Solution, in_coordinates, spread_of
@@ -143,6 +143,10 @@ def assess(problem: Problem, solution: Solution, correlated: bool) -> Assessment
     others = jnp.ones(basis.shape[0] - ends_seen.size, bool)
     leans = jnp.where(jnp.concatenate([others, ends_seen]), 1, 0).astype(basis.dtype)
     into = product(basis.T * leans[None], carried)
+    num_moves, bias = len(into), problem.noise.bias
+    if bias.scales:
+        # What the sensor shows may be larger, and no reading tells.
+        into = jnp.pad(into, ((0, 1), (0, 0)))
     beside = computed_once(lambda: on_border(problem.mask, problem.row, problem.col))
     # A reading of the wall that grazes it beside a rim may be the cap's as well: one of
     # them, if it counts, tells more of the radius than all others.
@@ -152,49 +156,66 @@ def assess(problem: Problem, solution: Solution, correlated: bool) -> Assessment
     of_all = _products(terms, tells, into)
     of_border = _products(terms, tells & beside, into)
     of_edges = _products(edges, crossing, into)
-    world = in_world_frame(body, camera)
+
+    def in_world(
+        body: AbstractBody, larger: Float[Array, " s"] | None = None
+    ) -> AbstractBody:
+        if bias.scales:
+            # What the sensor shows, as large as is known otherwise.
+            expected, deviation = scale_left(prior, body, bias)
+            if larger is not None:
+                expected += deviation * larger[0]
+            body = body.magnified(expected)
+        return in_world_frame(body, camera)
+
+    world = in_world(body)
 
     def read(free: Float[Array, " c"]) -> tuple[Readout, Float[Array, " p"]]:
-        tangent = product(basis, free)
-        moved = body.retracted(tangent, settings.free)
-        told = in_world_frame(moved, camera).readout(world, ends_seen)
-        return told, prior_residuals(prior, moved)
+        moved = body.retracted(product(basis, free[:num_moves]), settings.free)
+        told = in_world(moved, free[num_moves:]).readout(world, ends_seen)
+        return told, prior_residuals(prior, moved, bias)
 
-    change, known = jax.jacfwd(read)(jnp.zeros(basis.shape[1], basis.dtype))
+    change, known = jax.jacfwd(read)(jnp.zeros(len(into), basis.dtype))
     # What is held stays, whatever moves the place at which it is read.
     for name in filter(change.__contains__, settings.held):
         change[name] = jnp.where(settings.held[name], 0, change[name])
     widening = jnp.maximum(squares / num_inliers, 1)
-    of_prior = product(known.T, known)
-    total = of_all + of_edges
-    covariance, directions, free = free_covariance(
-        total[:-1, :-1] / widening + of_prior
-    )
-    expected = prior_residuals(prior, body)
-    pull = product(known.T, expected)
-    statistic = contradiction(
-        of_border / widening, total[:-1, -1] / widening + pull, covariance
-    )
-    if correlated:
-        jacobian = product(into, terms.gradient)
-        meat = score_covariance(
-            jnp.where(tells[None], jacobian, 0).T,
-            whitened,
-            problem.row,
-            problem.col,
-            (camera.height, camera.width),
-        )
-        meat = meat / widening**2 + of_edges[:-1, :-1] + of_prior
-        independent = jnp.diagonal(covariance)
-        covariance = product(covariance, meat, covariance)
+    # Summed up, they are the information; each is what its errors pull by.
+    parts = {
+        "noise": of_all[:-1, :-1] / widening,
+        "outline": of_edges[:-1, :-1],
+        "prior": product(known.T, known),
+        "scale": jnp.diag(jnp.where(np.arange(len(into)) < num_moves, 0.0, 1.0)),
+    }
+    independent, directions, free = free_covariance(_sum_of(parts))
+    pull = product(known.T, prior_residuals(prior, body, bias))
+    pull += (of_all[:-1, -1] + of_edges[:-1, -1]) / widening
+    statistic = contradiction(of_border / widening, pull, independent)
+    if correlated or bias.fields or bias.scales:
+        gradient = jnp.where(tells[None], product(into, terms.gradient), 0) / widening
+        shape = (camera.height, camera.width)
+        at = problem.row, problem.col
+        if correlated:
+            of_readings = score_covariance(gradient.T, whitened, *at, shape)
+            parts["correlation"] = of_readings - parts["noise"]
+        score = gradient * (terms.weight * readings.follows)[None]
+        middle = body.center[2]
+        parts["warp"] = bias.score_covariance(score, seen.depth, *at, middle)
+    shares = {
+        name: product(independent, part, independent) for name, part in parts.items()
+    }
+    covariance = independent
+    if correlated or bias.fields or bias.scales:
+        covariance = product(independent, _sum_of(parts), independent)
         # Errors that neighbors share let a part pull harder by as much as they widen
         # the standard deviations.
-        wider = safe_divide(jnp.diagonal(covariance), independent)
-        moves = independent > 0
+        variance = jnp.diagonal(independent)
+        wider = safe_divide(jnp.diagonal(covariance), variance)
+        moves = variance > 0
         mean = jnp.sum(jnp.where(moves, wider, 0)) / jnp.sum(moves, dtype=wider.dtype)
         statistic = statistic / jnp.maximum(mean, 1)
-    std, covariance, observed, is_known = deviations_of(
-        world, change, covariance, directions, free
+    std, budget, covariance, observed, is_known = deviations_of(
+        world, change, covariance, shares, directions, free
     )
     statistic = jnp.where(strays(inlier, used, beside), jnp.inf, statistic)
     chi2 = reduced_chi2(squares, num_inliers)
@@ -228,6 +249,7 @@ def assess(problem: Problem, solution: Solution, correlated: bool) -> Assessment
     fit = Fit(
         shape=world.shape,
         std=jax.tree.map(lambda value: jnp.where(success, value, jnp.inf), std),
+        std_budget=jax.tree.map(lambda x: jnp.where(success, x, jnp.inf), budget),
         coordinates=coordinates_of(world),
         ends_seen=ends_seen,
         covariance=covariance,
@@ -254,6 +276,10 @@ def assess(problem: Problem, solution: Solution, correlated: bool) -> Assessment
     is_clear = success & (hidden <= MOST_HIDDEN) & (~hides_tilt | body.is_long)
     is_clear &= _explains(pixels, readings, spread)
     return Assessment(fit, body, cost, is_clear, hides_tilt, problem.nominal)
+
+
+def _sum_of(parts: dict[str, Float[Array, "c c"]]) -> Float[Array, "c c"]:
+    return jnp.sum(jnp.stack([*parts.values()]), axis=0)
 
 
 def _products(
@@ -283,7 +309,7 @@ def _cost(problem: Problem, body: AbstractBody, readings: Readings) -> Float[Arr
     one, is a part of it: a plane that all rays graze would otherwise excuse any
     reading.
     """
-    (terms, seen, _, used), depth = readings, problem.pixels.depth
+    (terms, seen, _, used, _), depth = readings, problem.pixels.depth
     whitened = (seen.depth - depth) * terms.weight
     # A pixel of the object that the body does not cover is as wrong as can be.
     missed_loss = jnp.where(seen.is_missed, MISSED_LOSS, 0)
@@ -303,7 +329,7 @@ def _explains(
     pixels: Pixels, readings: Readings, spread: Float[Array, ""]
 ) -> Bool[Array, ""]:
     """Whether the readings scatter around the body as the sensor says."""
-    terms, seen, is_square, used = readings
+    terms, seen, is_square, used, _ = readings
     squares = ((seen.depth - pixels.depth) * terms.weight) ** 2
     is_near = used & (squares < (3 * spread) ** 2)
     # What grazes is compared otherwise.

@@ -301,6 +301,14 @@ class AbstractBody(eqx.Module):
         """Express the same body in another frame."""
 
     @abc.abstractmethod
+    def magnified(self, change: Numbers) -> "AbstractBody":
+        """What looks the same from the origin, larger and farther away.
+
+        Args:
+            change: Of the logarithm of its size, to first order.
+        """
+
+    @abc.abstractmethod
     def readout(self, near: Any, ends_seen: Bool[Array, " e"]) -> Readout:
         """What a user reads of a body of the world, in meters and radians.
 

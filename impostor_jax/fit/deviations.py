@@ -9,8 +9,9 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from impostor_jax.fit.body import AbstractBody, Readout
-from impostor_jax.fit.result import Deviations, Directions
+from impostor_jax.fit.result import BUDGET, Budget, Deviations, Directions
 from impostor_jax.fit.uncertainty import propagated
+from impostor_jax.numerics import product
 
 MOST_TILT = 0.5
 """Standard deviation of an axis, in radians, up to which a shape is known."""
@@ -31,16 +32,18 @@ def deviations_of(
     body: AbstractBody,
     change: Readout,
     covariance: Float[Array, "n n"],
+    shares: dict[str, Float[Array, "n n"]],
     directions: Float[Array, "n n"],
     free: Bool[Array, " n"],
-) -> tuple[Deviations, Float[Array, "m m"], Directions, Bool[Array, ""]]:
+) -> tuple[Deviations, Budget, Float[Array, "m m"], Directions, Bool[Array, ""]]:
     """Standard deviations of a body of the world, and whether they leave it known.
 
     Args:
         body: The body.
         change: Derivative of its `readout` in the free coordinates.
-        covariance: As `free_covariance` returns it, like the other two.
-        directions: As columns.
+        covariance: Of these.
+        shares: What it is the sum of, by the names of a budget's parts.
+        directions: As `free_covariance` returns them, as columns.
         free: Which of them the image leaves free.
     """
     num_free = covariance.shape[0]
@@ -49,10 +52,24 @@ def deviations_of(
     variance = jnp.where(is_observed, jnp.diagonal(full), jnp.inf)
     std = jnp.sqrt(variance)
     names = np.repeat([*change], [len(part) for part in parts])
-    std_of = OrderedDict(
-        (name, std[np.flatnonzero(names == name)].reshape(part.shape[:-1]))
-        for name, part in change.items()
-    )
+
+    def by_name(values: Float[Array, " m"]) -> OrderedDict[str, Array]:
+        return OrderedDict(
+            (name, values[np.flatnonzero(names == name)].reshape(part.shape[:-1]))
+            for name, part in change.items()
+        )
+
+    def share(name: str) -> Deviations:
+        variance = jnp.zeros_like(std)
+        if name in shares:
+            of_all, slopes = shares[name], jnp.concatenate(parts)
+            variance = jnp.sum(product(slopes, of_all) * slopes, axis=1)
+        # Correlation may take from a variance, too.
+        own = jnp.sqrt(jnp.maximum(variance, 0))
+        return Deviations(by_name(jnp.where(is_observed, own, jnp.inf)))
+
+    std_of = by_name(std)
+    budget = Budget(OrderedDict((name, share(name)) for name in BUDGET))
     known = [
         jnp.all(std_of[name] < _most_deviation(name, body.radius))
         for name in body.coordinates
@@ -76,7 +93,8 @@ def deviations_of(
         deviation=jnp.where(is_free | (deviation > 500 * size), jnp.inf, deviation),
     )
     public = jnp.where(np.eye(len(own), dtype=bool), variance[own][:, None], full)
-    return Deviations(std_of), public, observed, jnp.stack(known).all()
+    determined = jnp.stack(known).all()
+    return Deviations(std_of), budget, public, observed, determined
 
 
 def _most_deviation(name: str, radius: Float[Array, ""]) -> float | Float[Array, ""]:

@@ -37,6 +37,7 @@ from impostor_jax.fit.body import AbstractBody, Passing
 from impostor_jax.fit.problem import Edge, Pixels, sigma_of
 from impostor_jax.numerics import Numbers, safe_divide, safe_sqrt
 from impostor_jax.sensor.base import AbstractDepthNoise
+from impostor_jax.sensor.bias import is_none
 
 GRAZING = 4.0
 """Half-chord, in standard deviations of a reading, below which squares are compared.
@@ -107,12 +108,15 @@ class Readings(NamedTuple):
         passing: How their rays pass the body.
         is_square: Which compare squares.
         used: Which are there, and of one surface.
+        follows: By how many deviations a term falls as its reading grows by one: 1, and
+            less where it grazes.
     """
 
     terms: Terms
     passing: Passing
     is_square: Bool[Array, " n"]
     used: Bool[Array, " n"]
+    follows: Float[Array, " n"]
 
 
 def reading_terms(
@@ -176,7 +180,8 @@ def reading_terms(
         widening=jnp.where(grazing, SQUARE_WIDTH, 1.0).astype(weight.dtype),
         end=blank,
     )
-    return Readings(terms, seen, grazing, used)
+    follows = jnp.where(grazing, jnp.abs(2 * chord * per_square), 1)
+    return Readings(terms, seen, grazing, used, follows)
 
 
 def _is_clear(
@@ -186,8 +191,8 @@ def _is_clear(
 
     Of a thin body, of which few would, those do that pass a quarter of the radius off.
     """
-    reach = noise.edge_reach
-    if isinstance(reach, int) and reach == 0:
+    reach = noise.bias.edge_reach
+    if is_none(reach):
         return True
     reach = jnp.asarray(reach, body.radius.dtype)
     beside = reach * pixel * (seen.nearest + seen.foot)
@@ -215,7 +220,8 @@ def crossing_terms(
     pixels to the next: its standard deviation is 1/sqrt(12) px. A region's edge is no
     more exact than the sensor: readings that mix both sides of a jump are left out of
     one that was made from readings, all along. So there its place is uniform within
-    `edge_reach` and `window_reach` pixels of that, too, and off by as much in all rows.
+    `edge_reach` and `window_reach` pixels of that, too, and off by as much in all rows;
+    of an outline, within the sensor's `outline` pixels.
     The wall's edge is straight, so along an image direction it may have the same place
     in the grid in all of them: there the interval alone counts, and all within it are
     as likely. It counts where the region is an outline; that every pixel of a region
@@ -304,9 +310,10 @@ def crossing_terms(
     counts &= jnp.where(is_wall, is_straight & is_outline, of_all(votes) > 0)
     # What all rows share does not average out: it counts as often as there are rows.
     alike = of_all(jnp.where(counts, 1, 0).astype(r.dtype))
-    reach = noise.edge_reach + noise.window_reach
-    reach = jnp.where(is_outline, 0, reach).astype(r.dtype)
-    variance = jnp.where(is_wall, alike * place**2, (1 + alike * 4 * reach**2) / 12)
+    bias = noise.bias
+    shared = bias.edge_reach + bias.window_reach
+    shared = jnp.where(is_outline, bias.outline, shared).astype(r.dtype)
+    variance = jnp.where(is_wall, alike * place**2, (1 + alike * 4 * shared**2) / 12)
     weight = jnp.where(counts, jax.lax.rsqrt(jnp.where(counts, variance, 1)) / step, 0)
 
     between = jax.tree.map(
@@ -317,7 +324,7 @@ def crossing_terms(
     zero = jnp.zeros_like(error)
     of_wall = body.of_reading(passing, zero, zero - 1, jnp.zeros(zero.shape, bool))
     error = jnp.where(is_wall, -passing.square, error)
-    slack = jnp.where(is_wall, step / 2, 0)
+    slack = jnp.where(is_wall, step * (0.5 + shared), 0)
     beyond = jnp.maximum(jnp.abs(error) - slack, 0)
     pulls = jnp.where(jnp.abs(error) < slack, 0, weight)
     of_place = [

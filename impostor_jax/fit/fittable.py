@@ -3,6 +3,7 @@
 __all__ = ["CYLINDER", "FRUSTUM", "KINDS", "SPHERE", "Fittable", "no_guess"]
 
 import dataclasses
+from collections import OrderedDict
 from collections.abc import Callable
 from typing import Any
 
@@ -16,7 +17,15 @@ from impostor_jax.compiling import quickly_compiled
 from impostor_jax.fit.body import AbstractBody, coordinates_of
 from impostor_jax.fit.guess_round import guess_cylinders, guess_frusta
 from impostor_jax.fit.guess_sphere import guess_spheres
-from impostor_jax.fit.result import STATUSES, Deviations, Directions, Fit, FitStatus
+from impostor_jax.fit.result import (
+    BUDGET,
+    STATUSES,
+    Budget,
+    Deviations,
+    Directions,
+    Fit,
+    FitStatus,
+)
 from impostor_jax.fit.round_body import RoundBody
 from impostor_jax.fit.solve import STAGE_TOLERANCE
 from impostor_jax.fit.sphere_body import SphereBody
@@ -121,12 +130,14 @@ def no_guess(kind: Fittable, region: Bool[np.ndarray, "h w"]) -> Fit:
     names, zero = coordinates_of(nothing), nothing.radius
     seen = jnp.zeros(len(nothing.ends), bool)
     read = jax.eval_shape(nothing.readout, nothing, seen)
+    unknown = Deviations(
+        jax.tree.map(lambda part: jnp.full(part.shape, jnp.inf, part.dtype), read)
+    )
     infinite = np.diag(np.full(len(names), np.inf, zero.dtype))
     return Fit(
         shape=nothing.shape,
-        std=Deviations(
-            jax.tree.map(lambda part: jnp.full(part.shape, jnp.inf, part.dtype), read)
-        ),
+        std=unknown,
+        std_budget=Budget(OrderedDict.fromkeys(BUDGET, unknown)),
         covariance=jnp.asarray(infinite),
         coordinates=names,
         ends_seen=seen,

@@ -9,6 +9,7 @@ from typing import Any, TypedDict
 from impostor_jax.arguments import one_of
 from impostor_jax.effort import EFFORTS, Effort, effort_of
 from impostor_jax.sensor.base import AbstractDepthNoise
+from impostor_jax.sensor.bias import is_none
 
 
 class FitOptions(TypedDict, total=False):
@@ -34,9 +35,10 @@ class FitOptions(TypedDict, total=False):
     errors: str | None
     """Whether readings err "independent" of each other or "correlated" between
     neighboring pixels as those of real sensors do; decides which covariance is
-    reported. By default a sensor with a `MatchingWindow` errs correlated, others
-    independent. Where the readings contradict independence, they are taken for
-    correlated; in a traced fit only if that is said."""
+    reported. What a sensor says of smooth errors (`CorrelatedNoise`) is counted in any
+    case; by default one with a `MatchingWindow` that says nothing of them errs
+    correlated, others independent. Where the readings contradict independence, they are
+    taken for correlated; in a traced fit only if that is said."""
     effort: Effort | str
     """How much work it takes: "fast", "balanced", the default, or "exact", or an
     `Effort` with a setting of each dial."""
@@ -57,8 +59,8 @@ class Options:
         """Whether errors of neighbors are taken for correlated."""
         if self.errors is not None:
             return self.errors == "correlated"
-        reach = noise.window_reach
-        return not (isinstance(reach, int) and reach == 0)
+        bias = noise.bias
+        return not (is_none(bias.window_reach) or bias.fields)
 
     @staticmethod
     def of(given: Mapping[str, Any]) -> "Options":

@@ -1,16 +1,18 @@
 """What is known of a shape before the image: normal priors on its parameters."""
 
-__all__ = ["Prior", "prior_residuals"]
+__all__ = ["Prior", "prior_residuals", "scale_left"]
 
 import dataclasses
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
 from impostor_jax.camera.base import AbstractCamera
 from impostor_jax.fit.body import AbstractBody
+from impostor_jax.sensor.bias import Bias
 
 Numbers = Float[Array, "..."] | Float[np.ndarray, "..."]
 Belief = tuple[Numbers, Numbers]
@@ -49,8 +51,57 @@ class Prior(eqx.Module):
         return dataclasses.replace(self, center=center, axis=axis)
 
 
-def prior_residuals(prior: Prior, body: AbstractBody) -> Float[Array, " n"]:
-    """Body less its expected value, in standard deviations."""
+def prior_residuals(
+    prior: Prior, body: AbstractBody, bias: Bias | None = None
+) -> Float[Array, " n"]:
+    """Body less its expected value, in standard deviations.
+
+    Where all depths share an error of scale, a body is as the sensor shows it: larger
+    than it is, and farther away, by a factor that nobody knows. The residuals share its
+    error, of which they are whitened.
+
+    Args:
+        prior: In the frame of the body.
+        body: The body.
+        bias: Of the sensor; None, as if it had none.
+    """
+    if bias is None or not bias.scales:
+        return _residuals(prior, body)
+    residual, slope = _by_scale(prior, body, bias)
+    squares = jnp.sum(slope**2)
+    # Times the inverse root of I + slope slope^T.
+    root = jnp.sqrt(1 + squares)
+    return residual - slope * (jnp.sum(slope * residual) / (root * (1 + root)))
+
+
+def scale_left(
+    prior: Prior, body: AbstractBody, bias: Bias
+) -> tuple[Float[Array, ""], Float[Array, ""]]:
+    """How much larger a body is than the sensor shows it, and how sure that is.
+
+    Returns:
+        The expected value of the logarithm of the factor, and its standard deviation
+        where the body that is shown is known.
+    """
+    residual, slope = _by_scale(prior, body, bias)
+    deviation, variance = bias.scale_at(body.center[2]), 1 + jnp.sum(slope**2)
+    expected = -deviation * jnp.sum(slope * residual) / variance
+    return expected, deviation * jax.lax.rsqrt(variance)
+
+
+def _by_scale(
+    prior: Prior, body: AbstractBody, bias: Bias
+) -> tuple[Float[Array, " n"], Float[Array, " n"]]:
+    """Residuals, and their change by a standard deviation of the scale."""
+    deviation = bias.scale_at(body.center[2])
+    return jax.jvp(
+        lambda change: _residuals(prior, body.magnified(change)),
+        (jnp.zeros_like(deviation),),
+        (deviation,),
+    )
+
+
+def _residuals(prior: Prior, body: AbstractBody) -> Float[Array, " n"]:
     parts = [jnp.zeros(0, body.radius.dtype)]
     for name in (field.name for field in dataclasses.fields(prior)):
         belief = getattr(prior, name)

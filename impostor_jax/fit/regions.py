@@ -24,7 +24,8 @@ from impostor_jax.effort import MIN_READINGS
 from impostor_jax.fit.problem import BLOCK
 from impostor_jax.fit.request import DepthImage, Mask, check_readings
 from impostor_jax.fit.surface import cropped, thinned, upper_median
-from impostor_jax.sensor.base import AbstractDepthNoise, Reach
+from impostor_jax.sensor.base import AbstractDepthNoise
+from impostor_jax.sensor.bias import Reach, is_none
 from impostor_jax.sensor.gaussian import ConstantNoise
 
 FARTHEST_PLAIN = 100.0
@@ -71,10 +72,10 @@ def without_edges(
         camera: The camera.
         noise: Of the readings.
     """
-    mixed, leaning = noise.edge_reach, noise.window_reach
-    if not (isinstance(mixed, int) and mixed == 0):
+    mixed, leaning = noise.bias.edge_reach, noise.bias.window_reach
+    if not is_none(mixed):
         depth = _without_edges(depth, region, mixed)
-    if not (isinstance(leaning, int) and leaning == 0):
+    if not is_none(leaning):
         depth = _without_jumps(depth, region, camera, noise, leaning)
     return depth
 

@@ -11,6 +11,7 @@ __all__ = [
     "checked_mask",
     "checked_noise",
     "checked_prior",
+    "checked_readings",
     "checked_settings",
 ]
 
@@ -47,6 +48,7 @@ from impostor_jax.primitives.frustum import Frustum
 from impostor_jax.sensor.base import AbstractDepthNoise
 from impostor_jax.sensor.gaussian import ConstantNoise
 from impostor_jax.sensor.lateral import LateralNoise
+from impostor_jax.sensor.scale_error import corrected
 
 USUAL_SIGMA = 0.001
 """Standard deviation in meters that is taken where a caller names none."""
@@ -273,6 +275,22 @@ def checked_depth(depth: Any, camera: AbstractCamera) -> DepthImage:
             )
         return values.astype(dtype)
     return jnp.where(jnp.isfinite(depth), depth, 0).astype(dtype)
+
+
+def checked_readings(
+    depth: Any, camera: AbstractCamera, sigma: Any
+) -> tuple[DepthImage, AbstractDepthNoise, Any]:
+    """Depth as a float image, its noise, and what is handed on for sigma.
+
+    The mean errors that a sensor knows are taken off the depth, and off the sensor:
+    whoever gets both does not take them off again.
+    """
+    noise, image = checked_noise(sigma), checked_depth(depth, camera)
+    if not noise.bias.scales:
+        return image, noise, sigma
+    is_concrete_image = isinstance(image, np.ndarray)
+    image, noise = corrected(image, noise)
+    return np.asarray(image) if is_concrete_image else image, noise, noise
 
 
 def checked_mask(mask: Any, camera: PinholeCamera) -> Mask | None:

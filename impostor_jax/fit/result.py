@@ -1,8 +1,10 @@
 """What a fit returns."""
 
 __all__ = [
+    "BUDGET",
     "TOLD",
     "Asked",
+    "Budget",
     "Deviations",
     "Directions",
     "Fit",
@@ -122,6 +124,45 @@ class Deviations(eqx.Module):
         return text_or_repr(self, lambda: described(self, {"axis": "rad"}, self.values))
 
 
+BUDGET = ("noise", "correlation", "warp", "scale", "outline", "prior")
+"""What standard deviations are made of."""
+
+
+class Budget(eqx.Module):
+    """What standard deviations are made of, as in `std_budget["scale"].radius`.
+
+    The squares of all parts add up to that of `std`, but for `correlation` where that
+    takes from it, which is 0 then.
+
+    * `noise`: What each reading errs by on its own.
+    * `correlation`: What residuals of neighbors have in common, beyond that.
+    * `warp`: Smooth errors that the sensor says it has.
+    * `scale`: Errors of all depths alike, in so far as no prior tells them.
+    * `outline`: The place of the ends, and of a silhouette, in the image.
+    * `prior`: What was expected beforehand.
+    """
+
+    parts: OrderedDict[str, Deviations]
+
+    def __getitem__(self, name: str) -> Deviations:
+        if name not in self.parts:
+            parts = ", ".join(self.parts)
+            raise KeyError(f"std_budget has the parts {parts}, got {name!r}")
+        return self.parts[name]
+
+    def of(self, name: str) -> dict[str, Array]:
+        """What the standard deviation of one parameter is made of, but what is 0."""
+        shares = {part: getattr(std, name) for part, std in self.parts.items()}
+        return {part: std for part, std in shares.items() if np.any(std)}
+
+    def __str__(self) -> str:
+        return text_or_repr(self, self._text)
+
+    def _text(self) -> str:
+        some = {part: std for part, std in self.parts.items() if np.any(std.radius)}
+        return "\n".join(f"{part}: {std}" for part, std in some.items())
+
+
 class Directions(eqx.Module):
     """What an image determines: the principal directions of the estimate's error.
 
@@ -174,6 +215,7 @@ class Fit(eqx.Module):
             put where the wall was last seen; a frustum's radius is the wall's there.
         std: One standard deviation of each parameter, from `covariance`; all `inf`
             where the fit failed.
+        std_budget: What these are made of: a user sees what to improve.
         covariance: Of the shape's `coordinates`, in meters and radians; widened where
             the residuals are larger than `sigma` says. `inf` on the diagonal where
             undetermined, and 0 beside it; 0 where held.
@@ -189,7 +231,8 @@ class Fit(eqx.Module):
         num_starts: Starts that were tried.
         num_agreeing: Those among them that led to the same shape, the best included.
         residual: Reading less depth of the surface in meters, for each pixel that was
-            used; 0 elsewhere.
+            used; 0 elsewhere. Of the surface as the sensor shows it, which may have
+            another scale.
         inliers: Pixels that were used and lie on the fitted shape.
         region: Pixels that were used: of the mask, or of the object that was taken
             where none was given, those with a reading that is of the shape's surface.
@@ -209,6 +252,7 @@ class Fit(eqx.Module):
 
     shape: AbstractPrimitive
     std: Deviations
+    std_budget: Budget
     covariance: Float[Array, "*batch m m"]
     coordinates: tuple[str, ...] = eqx.field(static=True)
     ends_seen: Bool[Array, "*batch e"]
@@ -290,6 +334,9 @@ class Fit(eqx.Module):
             success=jnp.zeros_like(self.success),
             status_code=jnp.full_like(self.status_code, STATUSES.index(status)),
             std=jax.tree.map(lambda x: jnp.full_like(x, jnp.inf), self.std),
+            std_budget=jax.tree.map(
+                lambda x: jnp.full_like(x, jnp.inf), self.std_budget
+            ),
         )
 
     @property

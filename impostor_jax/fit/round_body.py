@@ -481,6 +481,18 @@ class RoundBody(AbstractBody):
         return body, carried.at[4:6, 4:6].set(grown * ratio)
 
     @override
+    def magnified(self, change: Numbers) -> "RoundBody":
+        factor = grown(change)
+        growth = None if self.growth is None else self.growth * factor
+        return RoundBody(
+            center=self.center * factor,
+            axis=self.axis,
+            radius=self.radius * factor,
+            height=self.height * factor,
+            growth=growth,
+        )
+
+    @override
     def mirrored(self) -> "RoundBody":
         axis, center = self.axis, self.center
         along = jnp.sum(axis * center) / jnp.sum(center**2)

@@ -40,10 +40,9 @@ from impostor_jax.fit.request import (
     DepthImage,
     Mask,
     check_types,
-    checked_depth,
     checked_mask,
-    checked_noise,
     checked_prior,
+    checked_readings,
     checked_settings,
 )
 from impostor_jax.fit.result import Fit
@@ -67,13 +66,12 @@ def fit_shape(
     """
     effort, prior = options.effort, options.prior
     check_types(kind.shape, camera, initial)
-    about = {"camera": camera, "sigma": sigma, "initial": initial, "options": options}
+    about = {"camera": camera, "initial": initial, "options": options}
     given = (depth, mask, camera, sigma, initial, prior)
     with working_precision(effort.precision, given) as converted:
         settings = checked_settings(kind, options, initial, sigma)
-        noise = checked_noise(sigma)
         beliefs = checked_prior(prior, kind.parameters, initial)
-        image = checked_depth(depth, camera)
+        image, noise, sigma = checked_readings(depth, camera, sigma)
         camera, noise, initial, beliefs = converted((camera, noise, initial, beliefs))
         mask = checked_mask(mask, camera)
         if not is_concrete((image, mask, initial, camera, noise, beliefs)):
@@ -105,7 +103,8 @@ def fit_shape(
             fitted, kind.body, image, region, camera, noise, correlated
         )
         # A caller may write other pixels to a mask, and the depth is a copy.
-        fit.asked.arguments = about | {"depth": image, "mask": np.array(region)}
+        known = {"depth": image, "sigma": sigma, "mask": np.array(region)}
+        fit.asked.arguments = about | known
         return fit
 
 

@@ -349,15 +349,15 @@ def _told(problem: Problem, body: AbstractBody, stage: Stage) -> _Pass:
 
 
 def in_coordinates(
-    products: Float[Array, "k k"], into: Float[Array, "c c"]
-) -> Float[Array, "k k"]:
+    products: Float[Array, "k k"], into: Float[Array, "m c"]
+) -> Float[Array, "l l"]:
     """Products of terms of [gradient, residual] from tangent to other coordinates.
 
     Args:
         products: In tangent coordinates.
         into: Tangent coordinates that each of the others moves, one a row.
     """
-    turn = jnp.zeros_like(products).at[:-1, :-1].set(into).at[-1, -1].set(1)
+    turn = jnp.pad(into, ((0, 1), (0, 1))).at[-1, -1].set(1)
     return product(turn, products, turn.T)
 
 
@@ -414,7 +414,8 @@ def _beside(
     )
 
     def known(tangent: Float[Array, " c"]) -> Float[Array, " n"]:
-        return prior_residuals(problem.prior, body.retracted(tangent, settings.free))
+        moved = body.retracted(tangent, settings.free)
+        return prior_residuals(problem.prior, moved, problem.noise.bias)
 
     still = jnp.zeros(settings.free.shape[0], scale.dtype)
     beliefs = jnp.concatenate([jax.jacfwd(known)(still).T, known(still)[None]])

@@ -162,6 +162,11 @@ class SphereBody(AbstractBody):
         return SphereBody(target_from_source.apply(self.center), self.radius)
 
     @override
+    def magnified(self, change: Numbers) -> "SphereBody":
+        factor = grown(change)
+        return SphereBody(self.center * factor, self.radius * factor)
+
+    @override
     def readout(self, near: "SphereBody", ends_seen: Bool[Array, " e"]) -> Readout:
         return OrderedDict(center=self.center, radius=self.radius)
 

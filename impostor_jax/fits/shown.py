@@ -31,8 +31,8 @@ from impostor_jax.fit.request import (
     check_types,
     checked_depth,
     checked_mask,
-    checked_noise,
     checked_prior,
+    checked_readings,
     checked_settings,
 )
 from impostor_jax.fit.result import Fit
@@ -64,8 +64,8 @@ def fit_shown(
         # Before a search: it takes longer than all else.
         checked_settings(kind, options, initial, sigma)
         checked_prior(options.prior, kind.parameters, initial)
-        noise = checked_noise(sigma)
-        image = np.asarray(checked_depth(depth, camera))
+        image, noise, sigma = checked_readings(depth, camera, sigma)
+        image = np.asarray(image)
         check_readings(image, None)
         if initial is not None:
             start, noise = converted((initial, noise))
@@ -75,7 +75,7 @@ def fit_shown(
         else:
             masks = _objects(image, camera, noise)
     fits = [
-        fit_shape(kind, depth, camera, one, sigma, initial, options)
+        fit_shape(kind, image, camera, one, sigma, initial, options)
         for one in masks
         if np.count_nonzero(image[one]) >= MIN_READINGS
     ]

@@ -10,22 +10,28 @@ from typing import Any
 
 from impostor_jax.io.json_file import typed_record
 from impostor_jax.sensor.base import AbstractDepthNoise
+from impostor_jax.sensor.correlated import CorrelatedNoise
 from impostor_jax.sensor.dropout import Dropout
 from impostor_jax.sensor.flying_pixels import FlyingPixels
 from impostor_jax.sensor.gaussian import ConstantNoise
 from impostor_jax.sensor.lateral import LateralNoise
 from impostor_jax.sensor.matching_window import MatchingWindow
 from impostor_jax.sensor.quantization import StereoDisparity
+from impostor_jax.sensor.scale_error import ScaleError
 from impostor_jax.sensor.structured_light import StructuredLight
+from impostor_jax.sensor.time_of_flight import TimeOfFlight
 
 SENSORS: dict[str, type[AbstractDepthNoise]] = {
     "constant": ConstantNoise,
     "structured_light": StructuredLight,
     "stereo": StereoDisparity,
+    "time_of_flight": TimeOfFlight,
     "lateral_noise": LateralNoise,
     "flying_pixels": FlyingPixels,
     "dropout": Dropout,
     "matching_window": MatchingWindow,
+    "correlated_noise": CorrelatedNoise,
+    "scale_error": ScaleError,
 }
 """By the name that a record has."""
 
@@ -44,8 +50,10 @@ def sensor_record(sensor: AbstractDepthNoise) -> dict[str, Any]:
     record: dict[str, Any] = {"type": names[0]}
     for field in dataclasses.fields(sensor):
         value = getattr(sensor, field.name)
-        is_sensor = isinstance(value, AbstractDepthNoise)
-        record[field.name] = sensor_record(value) if is_sensor else float(value)
+        if isinstance(value, AbstractDepthNoise):
+            record[field.name] = sensor_record(value)
+        else:
+            record[field.name] = value if isinstance(value, str) else float(value)
     return record
 
 

@@ -10,7 +10,6 @@ __all__ = [
     "AbstractDepthNoise",
     "Depths",
     "Normals",
-    "Reach",
     "cos_incidence",
     "has_surface",
     "noise_model",
@@ -22,11 +21,12 @@ from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
+from jaxtyping import Array, Bool, Float, PRNGKeyArray
 
 from impostor_jax.camera.base import AbstractCamera
 from impostor_jax.geometry.vec3 import Vec3
 from impostor_jax.numerics import Numbers
+from impostor_jax.sensor.bias import Bias
 from impostor_jax.sensor.draws import normal_draws
 
 Depths = Float[Array, "h w"]
@@ -34,8 +34,6 @@ Depths = Float[Array, "h w"]
 
 Normals = Float[Array, "h w 3"]
 """Unit normals that face the camera, in its frame."""
-
-Reach = int | Int[Array, ""]
 
 NO_READING = 0.0
 """A missing reading, as in depth files.
@@ -68,20 +66,8 @@ class AbstractDepthNoise(eqx.Module):
 
     @property
     @abc.abstractmethod
-    def edge_reach(self) -> Reach:
-        """Pixels beside a jump in depth whose readings `sigma` does not speak for.
-
-        A reading that lies no farther than this from another surface, counted along
-        rows and columns, may be of that one, or of neither.
-        """
-
-    @property
-    @abc.abstractmethod
-    def window_reach(self) -> Reach:
-        """Pixels beside a jump in depth, an occluder or a hole whose readings lean.
-
-        They are of their own surface, but all of them err to the same side.
-        """
+    def bias(self) -> Bias:
+        """Errors that readings share, which are no part of `sigma`."""
 
     @abc.abstractmethod
     def sample(

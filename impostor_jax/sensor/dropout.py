@@ -19,11 +19,11 @@ from impostor_jax.sensor.base import (
     AbstractDepthNoise,
     Depths,
     Normals,
-    Reach,
     cos_incidence,
     has_surface,
     noise_model,
 )
+from impostor_jax.sensor.bias import Bias
 from impostor_jax.sensor.draws import chances
 
 CUTOFF = math.radians(70)
@@ -73,13 +73,8 @@ class Dropout(AbstractDepthNoise):
 
     @property
     @override
-    def edge_reach(self) -> Reach:
-        return self.sensor.edge_reach
-
-    @property
-    @override
-    def window_reach(self) -> Reach:
-        return self.sensor.window_reach
+    def bias(self) -> Bias:
+        return self.sensor.bias
 
     @override
     @compiled

@@ -6,6 +6,7 @@ sensors then read a depth in between where there is nothing.
 
 __all__ = ["FlyingPixels"]
 
+import dataclasses
 from typing import Any
 
 import jax
@@ -21,10 +22,10 @@ from impostor_jax.sensor.base import (
     AbstractDepthNoise,
     Depths,
     Normals,
-    Reach,
     has_surface,
     noise_model,
 )
+from impostor_jax.sensor.bias import Bias
 from impostor_jax.sensor.draws import chances
 
 
@@ -63,13 +64,9 @@ class FlyingPixels(AbstractDepthNoise):
 
     @property
     @override
-    def edge_reach(self) -> Reach:
-        return self.sensor.edge_reach + 1
-
-    @property
-    @override
-    def window_reach(self) -> Reach:
-        return self.sensor.window_reach
+    def bias(self) -> Bias:
+        bias = self.sensor.bias
+        return dataclasses.replace(bias, edge_reach=bias.edge_reach + 1)
 
     @override
     @compiled

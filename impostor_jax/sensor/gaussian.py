@@ -16,10 +16,10 @@ from impostor_jax.sensor.base import (
     AbstractDepthNoise,
     Depths,
     Normals,
-    Reach,
     has_surface,
     scattered,
 )
+from impostor_jax.sensor.bias import Bias
 
 
 class ConstantNoise(AbstractDepthNoise):
@@ -44,13 +44,8 @@ class ConstantNoise(AbstractDepthNoise):
 
     @property
     @override
-    def edge_reach(self) -> Reach:
-        return 0
-
-    @property
-    @override
-    def window_reach(self) -> Reach:
-        return 0
+    def bias(self) -> Bias:
+        return Bias()
 
     @override
     @compiled

@@ -6,6 +6,7 @@ and makes the edges of objects ragged.
 
 __all__ = ["LateralNoise"]
 
+import dataclasses
 from typing import Any
 
 import jax
@@ -21,11 +22,11 @@ from impostor_jax.sensor.base import (
     AbstractDepthNoise,
     Depths,
     Normals,
-    Reach,
     cos_incidence,
     has_surface,
     noise_model,
 )
+from impostor_jax.sensor.bias import Bias
 from impostor_jax.sensor.draws import normal_draws
 from impostor_jax.sensor.structured_light import (
     MAX_ANGLE,
@@ -87,14 +88,11 @@ class LateralNoise(AbstractDepthNoise):
 
     @property
     @override
-    def edge_reach(self) -> Reach:
+    def bias(self) -> Bias:
+        bias = self.sensor.bias
         farthest = jnp.ceil(RARE_SHIFT * jnp.asarray(self.floor) - 0.5)
-        return self.sensor.edge_reach + farthest.astype(int)
-
-    @property
-    @override
-    def window_reach(self) -> Reach:
-        return self.sensor.window_reach
+        reach = bias.edge_reach + farthest.astype(int)
+        return dataclasses.replace(bias, edge_reach=reach)
 
     @override
     @compiled

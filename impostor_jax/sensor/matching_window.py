@@ -9,6 +9,7 @@ beyond.
 
 __all__ = ["MatchingWindow"]
 
+import dataclasses
 import math
 from typing import Any
 
@@ -31,10 +32,10 @@ from impostor_jax.sensor.base import (
     AbstractDepthNoise,
     Depths,
     Normals,
-    Reach,
     has_surface,
     noise_model,
 )
+from impostor_jax.sensor.bias import Bias
 
 STEEPEST = math.radians(80)
 """Incidence to which such sensors were measured, in radians."""
@@ -104,14 +105,15 @@ class MatchingWindow(AbstractDepthNoise):
 
     @property
     @override
-    def edge_reach(self) -> Reach:
-        return self.sensor.edge_reach
-
-    @property
-    @override
-    def window_reach(self) -> Reach:
+    def bias(self) -> Bias:
+        bias = self.sensor.bias
         reach = math.ceil(self.half_window * self.native_scale)
-        return self.sensor.window_reach + reach
+        return dataclasses.replace(
+            bias,
+            window_reach=bias.window_reach + reach,
+            # What a window reads over an edge moves that by up to its half.
+            outline=bias.outline + reach,
+        )
 
     @override
     @compiled

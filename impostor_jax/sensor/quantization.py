@@ -22,10 +22,11 @@ from impostor_jax.sensor.base import (
     AbstractDepthNoise,
     Depths,
     Normals,
-    Reach,
     has_surface,
 )
+from impostor_jax.sensor.bias import Bias
 from impostor_jax.sensor.draws import normal_draws
+from impostor_jax.sensor.matching import matching_sensor
 
 
 class StereoDisparity(AbstractDepthNoise):
@@ -72,6 +73,20 @@ class StereoDisparity(AbstractDepthNoise):
         )
         self.step = bounded_number("step", step, "0 or positive, in pixels")
 
+    @staticmethod
+    def sensor(
+        focal_length: Any, baseline: Any = 0.05, native_scale: Any = 1.0
+    ) -> AbstractDepthNoise:
+        """The whole camera: it leans at edges, and neither scale nor bands are known.
+
+        Args:
+            focal_length: In pixels of the image in which disparities are found.
+            baseline: Distance of the two cameras in meters.
+            native_scale: Pixels of the image for one of those, of an image that was
+                warped or enlarged.
+        """
+        return matching_sensor(StereoDisparity(focal_length, baseline), native_scale)
+
     def interval(self, depth: Numbers) -> tuple[Numbers, Numbers]:
         """Nearest and farthest depth whose disparity is rounded to that of a reading.
 
@@ -111,13 +126,8 @@ class StereoDisparity(AbstractDepthNoise):
 
     @property
     @override
-    def edge_reach(self) -> Reach:
-        return 0
-
-    @property
-    @override
-    def window_reach(self) -> Reach:
-        return 0
+    def bias(self) -> Bias:
+        return Bias()
 
     @override
     @compiled

@@ -22,11 +22,12 @@ from impostor_jax.sensor.base import (
     AbstractDepthNoise,
     Depths,
     Normals,
-    Reach,
     cos_incidence,
     has_surface,
     scattered,
 )
+from impostor_jax.sensor.bias import Bias
+from impostor_jax.sensor.matching import matching_sensor
 
 MAX_ANGLE = math.radians(80)
 """Incidence from which the laws are held constant, in radians: they diverge at 90
@@ -123,6 +124,16 @@ class StructuredLight(AbstractDepthNoise):
         )
         self.max_angle = angle_below_grazing("max_angle", max_angle)
 
+    @staticmethod
+    def sensor(native_scale: Any = 1.0) -> AbstractDepthNoise:
+        """The whole camera: it leans at edges, and neither scale nor bands are known.
+
+        Args:
+            native_scale: Pixels of the image for one of the camera's own 640 x 480, of
+                an image that was warped or enlarged.
+        """
+        return matching_sensor(StructuredLight(), native_scale)
+
     @override
     def sigma(self, depth: Numbers, cos_incidence: Numbers) -> Numbers:
         dtype = depth.dtype
@@ -139,13 +150,8 @@ class StructuredLight(AbstractDepthNoise):
 
     @property
     @override
-    def edge_reach(self) -> Reach:
-        return 0
-
-    @property
-    @override
-    def window_reach(self) -> Reach:
-        return 0
+    def bias(self) -> Bias:
+        return Bias()
 
     @override
     @compiled

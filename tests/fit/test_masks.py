@@ -271,7 +271,7 @@ SIGMA_NOISE = ij.ConstantNoise(SIGMA)
     ],
 )
 def test_a_sensor_says_how_far_from_a_jump_it_errs(sensor, reach):
-    assert int(sensor.edge_reach) == reach
+    assert int(sensor.bias.edge_reach) == reach
 
 
 def test_holes_of_a_mask_are_no_edges():

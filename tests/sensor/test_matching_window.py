@@ -56,5 +56,5 @@ def test_nothing_is_read_where_nothing_is_hit():
     ],
 )
 def test_a_sensor_says_how_far_its_readings_lean(sensor, reach):
-    assert sensor.window_reach == reach
+    assert sensor.bias.window_reach == reach
     assert CAMERA.width > reach

@@ -1,0 +1,219 @@
+"""What the readings of an image have in common: errors that no average takes away.
+
+`sigma` is what each reading errs by on its own. Beside it real sensors mix readings at
+edges, lean there, are off by a part of the depth, and by a field that is smooth over
+many pixels. A noise model says of which kind and how large; draws follow it, and a fit
+counts it in.
+"""
+
+__all__ = ["Bias", "Reach", "ScaleLaw", "SmoothField", "is_none"]
+
+import math
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int, PRNGKeyArray
+
+from impostor_jax.numerics import Numbers, Scalar, product
+from impostor_jax.sensor.draws import normal_draws
+
+Reach = int | Int[Array, ""]
+
+NODE_SPACING = 2 / 3
+"""Distance of the nodes of a smooth field, in correlation lengths: its variance ripples
+by 3e-5 then."""
+
+BEYOND = 3.0
+"""Correlation lengths beyond the pixels up to which nodes count."""
+
+MOST_NODES = 32
+"""Nodes across the readings of a fit; of a field with more it counts one as smooth as
+those, whose effect on what many correlation lengths have in common is the same."""
+
+
+class ScaleLaw(eqx.Module):
+    """An error that all depths of an image share.
+
+    Attributes:
+        deviation: Standard deviation from image to image.
+        mean: Over all images.
+        law: As of `ScaleError`.
+    """
+
+    deviation: Scalar
+    mean: Scalar
+    law: str = eqx.field(static=True)
+
+    def read(self, depth: Numbers, error: Float[Array, ""]) -> Numbers:
+        """What is read of a depth, in meters; what is none stays."""
+        if self.law == "scale":
+            return depth * (1 + error)
+        within = 1 + depth * error
+        is_some = jnp.isfinite(depth) & (within > 0)
+        return jnp.where(is_some, depth / jnp.where(is_some, within, 1), depth)
+
+    def corrected(self, reading: Numbers) -> Numbers:
+        """Depth of a reading, in meters, without the mean error."""
+        mean = jnp.asarray(self.mean, reading.dtype)
+        if self.law == "scale":
+            return reading / (1 + mean)
+        within = 1 - reading * mean
+        is_some = jnp.isfinite(reading) & (within > 0)
+        return jnp.where(is_some, reading / jnp.where(is_some, within, 1), 0)
+
+    def shift(self, depth: Numbers) -> Numbers:
+        """Change of a reading by one standard deviation, in meters."""
+        deviation = jnp.asarray(self.deviation, depth.dtype)
+        return deviation * (depth if self.law == "scale" else -depth * depth)
+
+
+class SmoothField(eqx.Module):
+    """A normal error whose correlation is exp(-d^2 / (2 length^2)) at d pixels.
+
+    It is white noise on a grid of nodes, spread by exp(-(d / length)^2) along rows and
+    columns.
+
+    Attributes:
+        deviation: Standard deviation at a depth of 1 m, in meters.
+        power: Of the depth, with which that grows.
+        length: Of the correlation, in pixels.
+    """
+
+    deviation: Scalar
+    power: Scalar
+    length: float = eqx.field(static=True)
+
+    def shift(self, depth: Numbers) -> Numbers:
+        """Standard deviation at a depth, in meters; 0 where there is no surface."""
+        is_some = jnp.isfinite(depth) & (depth > 0)
+        z = jnp.where(is_some, depth, 1)
+        power = jnp.asarray(self.power, depth.dtype)
+        deviation = jnp.asarray(self.deviation, depth.dtype)
+        return jnp.where(is_some, deviation * jnp.exp(power * jnp.log(z)), 0)
+
+    def draw(self, key: PRNGKeyArray, depth: Float[Array, "h w"]) -> Numbers:
+        """An image of the error, in meters."""
+        spacing = NODE_SPACING * self.length
+
+        def along(size: int) -> Float[Array, "k s"]:
+            count = math.ceil((size + 2 * BEYOND * self.length) / spacing) + 1
+            nodes = np.arange(count) * spacing - BEYOND * self.length
+            places = jnp.arange(size, dtype=depth.dtype)
+            return _spread(places, jnp.asarray(nodes, depth.dtype), self.length)
+
+        rows, cols = map(along, depth.shape)
+        white = normal_draws(key, (len(rows), len(cols)), depth.dtype)
+        return product(rows.T, white, cols) * self.shift(depth)
+
+    def score_covariance(
+        self,
+        score: Float[Array, "k n"],
+        depth: Float[Array, " n"],
+        row: Int[Array, " n"],
+        col: Int[Array, " n"],
+    ) -> Float[Array, "k k"]:
+        """Covariance of sums over pixels of a score times the error.
+
+        Args:
+            score: Per meter; 0 for what does not count.
+            depth: Of the surface, in meters.
+            row: Rows of the pixels.
+            col: Columns of the pixels.
+        """
+        counts = jnp.any(score != 0, axis=0)
+        reach = BEYOND / NODE_SPACING
+        steps = np.arange(-math.ceil(reach), MOST_NODES + math.ceil(reach) + 1)
+
+        def along(
+            index: Int[Array, " n"],
+        ) -> tuple[Float[Array, "m n"], Float[Array, ""]]:
+            place = index.astype(score.dtype)
+            low = jnp.min(jnp.where(counts, place, jnp.inf))
+            high = jnp.max(jnp.where(counts, place, -jnp.inf))
+            extent = jnp.where(jnp.any(counts), high - low, 0)
+            length = jnp.maximum(self.length, extent / (MOST_NODES * NODE_SPACING))
+            nodes = jnp.where(jnp.any(counts), low, 0) + steps * NODE_SPACING * length
+            return _spread(place, nodes.astype(score.dtype), length), length
+
+        (rows, tall), (cols, wide) = along(row), along(col)
+        score = jnp.where(counts[None], score * self.shift(depth)[None], 0)
+        # Along columns first, so that no array is of both nodes and all pixels.
+        parts = [product(rows * one[None], cols.T) for one in score]
+        sums = jnp.stack([part.ravel() for part in parts])
+        return product(sums, sums.T) * (self.length**2 / (tall * wide))
+
+
+class Bias(eqx.Module):
+    """Errors that readings share.
+
+    Attributes:
+        edge_reach: Pixels beside a jump in depth whose readings `sigma` does not speak
+            for: one that lies no farther than this from another surface, counted along
+            rows and columns, may be of that one, or of neither.
+        window_reach: Pixels beside a jump in depth, an occluder or a hole whose
+            readings are of their own surface, but all err to the same side.
+        outline: Pixels by which a silhouette that the sensor shows may be off, all
+            along.
+        scales: Errors of all depths of an image.
+        fields: Errors that are smooth over some pixels.
+    """
+
+    edge_reach: Reach = 0
+    window_reach: Reach = 0
+    outline: Reach = 0
+    scales: tuple[ScaleLaw, ...] = ()
+    fields: tuple[SmoothField, ...] = ()
+
+    def score_covariance(
+        self,
+        score: Float[Array, "k n"],
+        depth: Float[Array, " n"],
+        row: Int[Array, " n"],
+        col: Int[Array, " n"],
+        middle: Float[Array, ""],
+    ) -> Float[Array, "k k"]:
+        """Covariance of sums over pixels of a score times the error of a reading.
+
+        That is, of the smooth errors and of what errors of all depths add to a scale.
+
+        Args:
+            score: Per meter; 0 for what does not count.
+            depth: Of the surface, in meters.
+            row: Rows of the pixels.
+            col: Columns of the pixels.
+            middle: Depth at which all share a scale, in meters.
+        """
+        total = jnp.zeros((len(score), len(score)), score.dtype)
+        for field in self.fields:
+            total += field.score_covariance(score, depth, row, col)
+        z = jnp.where(middle > 0, middle, 1)
+        for law in self.scales:
+            bent = law.shift(depth) - law.shift(z) / z * depth
+            pull = jnp.sum(score * bent[None], axis=1)
+            total += pull[:, None] * pull[None]
+        return total
+
+    def scale_at(self, depth: Float[Array, ""]) -> Float[Array, ""]:
+        """Standard deviation of what depths around one share, relative to that."""
+        z = jnp.where(depth > 0, depth, 1)
+        squares = [(law.shift(z) / z) ** 2 for law in self.scales]
+        return jnp.sqrt(sum(squares, start=jnp.zeros_like(z)))
+
+
+def is_none(reach: Reach) -> bool:
+    """Whether a reach is known to be 0 before anything runs."""
+    return isinstance(reach, int) and reach == 0
+
+
+def _spread(
+    places: Float[Array, " s"],
+    nodes: Float[Array, " k"],
+    length: float | Float[Array, ""],
+) -> Float[Array, "k s"]:
+    """Weight of each node at each place; their squares add up to 1, or to 0 far off."""
+    weight = jnp.exp(-(((places[None] - nodes[:, None]) / length) ** 2))
+    squares = jnp.sum(weight**2, axis=0)
+    tiny = jnp.finfo(weight.dtype).tiny
+    return weight * jax.lax.rsqrt(jnp.maximum(squares, tiny))[None]
