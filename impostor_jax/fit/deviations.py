@@ -59,19 +59,18 @@ def deviations_of(
             for name, part in change.items()
         )
 
-    def share(name: str) -> Deviations:
-        variance = jnp.zeros_like(std)
-        if name in shares:
-            of_all, slopes = shares[name], jnp.concatenate(parts)
-            variance = jnp.sum(product(slopes, of_all) * slopes, axis=1)
+    slopes, none = jnp.concatenate(parts), jnp.zeros_like(std)
+    share = {name: none for name in BUDGET}
+    for name, own in shares.items():
         # Correlation may take from a variance, too.
-        own = jnp.sqrt(jnp.maximum(variance, 0))
-        return Deviations(by_name(jnp.where(is_observed, own, jnp.inf)))
-
-    std_of = by_name(std)
-    budget = Budget(OrderedDict((name, share(name)) for name in BUDGET))
+        squares = jnp.maximum(jnp.sum(product(slopes, own) * slopes, axis=1), 0)
+        share[name] = jnp.where(is_observed, jnp.sqrt(squares), jnp.inf)
+    budget = OrderedDict((name, Deviations(by_name(share[name]))) for name in BUDGET)
+    # Of a scene with another scale all that is seen is known as well.
+    of_scale = jnp.where(is_observed, share["scale"] ** 2, 0)
+    apart_from_scale = by_name(jnp.sqrt(jnp.maximum(variance - of_scale, 0)))
     known = [
-        jnp.all(std_of[name] < _most_deviation(name, body.radius))
+        jnp.all(apart_from_scale[name] < _most_deviation(name, body.radius))
         for name in body.coordinates
         if name not in OF_ENDS
     ]
@@ -94,7 +93,9 @@ def deviations_of(
     )
     public = jnp.where(np.eye(len(own), dtype=bool), variance[own][:, None], full)
     determined = jnp.stack(known).all()
-    return Deviations(std_of), budget, public, observed, determined
+    return (
+        Deviations(by_name(std)), Budget(budget), public, observed, determined,
+    )  # fmt: skip
 
 
 def _most_deviation(name: str, radius: Float[Array, ""]) -> float | Float[Array, ""]:
