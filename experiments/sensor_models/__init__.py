@@ -1,1 +1,1 @@
-"""How far off is a fit whose mask is not the object's?"""
+"""Do intervals hold on images that are drawn by models of whole cameras?"""

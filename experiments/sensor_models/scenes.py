@@ -55,7 +55,8 @@ def draw_image(sensor: AbstractDepthNoise, seed: int, number: int) -> LabeledIma
     maps = ij.render(
         ij.Scene([can, table]), camera, outputs=("depth", "normal", "index")
     )
-    assert maps.depth is not None and maps.normal is not None
+    assert maps.depth is not None
+    assert maps.normal is not None
     key = jax.random.fold_in(jax.random.key(seed), number)
     depth = ij.Dropout(sensor).sample(key, maps.depth, maps.normal, camera)
     depth = np.asarray(depth)
@@ -90,5 +91,5 @@ def _camera_at(center: np.ndarray) -> ij.PinholeCamera:
     width, height = WINDOW
     middle = np.array([319.5, 239.5]) + FOCAL_LENGTH * center[:2] / center[2]
     first = np.clip(np.round(middle) - [width / 2, height / 2], 0, [240, 160])
-    at = np.array([319.5, 239.5]) - first
-    return ij.PinholeCamera(FOCAL_LENGTH, FOCAL_LENGTH, *at, width, height)
+    cx, cy = np.array([319.5, 239.5]) - first
+    return ij.PinholeCamera(FOCAL_LENGTH, FOCAL_LENGTH, cx, cy, width, height)

@@ -50,8 +50,9 @@ class FitCommand:
     """Standard deviation of a depth reading, in meters. If neither this nor a sensor is
     given, 0.001 is assumed, and not held against the readings."""
     sensor: str | None = None
-    """Noise model of the sensor: structured_light or stereo (with the camera's focal
-    length), or a JSON file with its type and numbers."""
+    """Model of the sensor: a whole camera (structured_light_camera, stereo_camera or
+    time_of_flight_camera), its noise alone (the same without _camera), or a JSON file
+    with a type and its numbers."""
     prior_radius: tuple[float, float] | None = None
     """Expected radius and its standard deviation, in meters."""
     prior_height: tuple[float, float] | None = None

@@ -44,7 +44,7 @@ def chosen_noise(sigma: float | None, sensor: str | None, focal_length: float) -
     if sensor.endswith(".json"):
         what = f"sensor file {sensor!r}"
         record = read_json_object(Path(sensor), what)
-    if record.get("type") == "stereo":
+    if record.get("type") in ("stereo", "stereo_camera"):
         record = {"focal_length": focal_length, **record}
     return sensor_from_record(record, what)
 

@@ -124,7 +124,14 @@ class Deviations(eqx.Module):
         return text_or_repr(self, lambda: described(self, {"axis": "rad"}, self.values))
 
 
-BUDGET = ("noise", "correlation", "warp", "scale", "outline", "prior")
+BUDGET: tuple[str, ...] = (
+    "noise",
+    "correlation",
+    "warp",
+    "scale",
+    "outline",
+    "prior",
+)
 """What standard deviations are made of."""
 
 
@@ -152,15 +159,23 @@ class Budget(eqx.Module):
 
     def of(self, name: str) -> dict[str, Array]:
         """What the standard deviation of one parameter is made of, but what is 0."""
-        shares = {part: getattr(std, name) for part, std in self.parts.items()}
+        shares = {part: getattr(std, name) for part, std in self.some.items()}
         return {part: std for part, std in shares.items() if np.any(std)}
+
+    @property
+    def some(self) -> dict[str, Deviations]:
+        """The parts that are not 0; needs a single, concrete result."""
+        return {
+            part: std
+            for part, std in self.parts.items()
+            if any(np.any(value) for value in std.values.values())
+        }
 
     def __str__(self) -> str:
         return text_or_repr(self, self._text)
 
     def _text(self) -> str:
-        some = {part: std for part, std in self.parts.items() if np.any(std.radius)}
-        return "\n".join(f"{part}: {std}" for part, std in some.items())
+        return "\n".join(f"{part}: {std}" for part, std in self.some.items())
 
 
 class Directions(eqx.Module):
@@ -368,6 +383,12 @@ class Fit(eqx.Module):
         )
         told = [line(name, *values) for name, values in self.told.items()]
         lines = [head, *told, rms]
+        if {"correlation", "warp", "scale"} & set(self.std_budget.some):
+            lines += [
+                f"  std of {name}: {_made_of(self.std_budget.of(name))} mm"
+                for name in self.told
+                if name.startswith("radius")
+            ]
         if not self.height_observed:
             across = millimeters(self.std.across_axis)
             lines.append(
@@ -385,6 +406,10 @@ class Fit(eqx.Module):
         count = Counter(str(STATUSES[int(code)]) for code in codes.ravel())
         found = ", ".join(f"{number} {status}" for status, number in count.items())
         return f"{codes.size} fits: {found}"
+
+
+def _made_of(parts: dict[str, Array]) -> str:
+    return ", ".join(f"{name} {millimeters(std)}" for name, std in parts.items())
 
 
 class TaperTest(eqx.Module):

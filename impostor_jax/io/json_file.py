@@ -10,7 +10,7 @@ __all__ = [
 
 import inspect
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -70,12 +70,12 @@ def check_keys(
 
 
 def typed_record(
-    kinds: Mapping[str, type], record: Any, what: str
+    kinds: Mapping[str, Callable[..., Any]], record: Any, what: str
 ) -> tuple[str, dict[str, Any]]:
     """Take apart the record of an object: its type, and the arguments of its class.
 
     Args:
-        kinds: Classes by their names in records.
+        kinds: Classes, and functions that make objects, by their names in records.
         record: With the key `type`.
         what: Names it in errors.
 
@@ -96,8 +96,10 @@ def typed_record(
     return name, values
 
 
-def arguments_of(kind: type) -> dict[str, inspect.Parameter]:
-    """What a class is made from."""
+def arguments_of(kind: Callable[..., Any]) -> dict[str, inspect.Parameter]:
+    """What a class, or a function, makes objects from."""
+    if not isinstance(kind, type):
+        return dict(inspect.signature(kind).parameters)
     arguments = dict(inspect.signature(kind.__init__).parameters)
     del arguments["self"]
     return arguments

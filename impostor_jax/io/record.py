@@ -111,13 +111,21 @@ def _taper(taper: TaperTest) -> dict[str, Any]:
 
 
 def _estimate(fit: Fit) -> dict[str, Any]:
-    """Values by name and unit, and their standard deviations."""
-    values, std = {}, {}
-    for name, (value, deviation) in fit.told.items():
-        is_axis = name == "axis"
-        values[name if is_axis else f"{name}_m"] = numbers(value)
-        std[name + ("_rad" if is_axis else "_m")] = numbers(deviation)
-    return values | {"std": std}
+    """Values by name and unit, their deviations, and what these are made of."""
+    told = fit.told
+    values = {
+        name if name == "axis" else f"{name}_m": numbers(value)
+        for name, (value, _) in told.items()
+    }
+
+    def of_all(std: Any) -> dict[str, Any]:
+        return {
+            name + ("_rad" if name == "axis" else "_m"): numbers(getattr(std, name))
+            for name in told
+        }
+
+    budget = {name: of_all(std) for name, std in fit.std_budget.some.items()}
+    return values | {"std": of_all(fit.std), "std_budget": budget}
 
 
 def numbers(values: Any) -> Any:

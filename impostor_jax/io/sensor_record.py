@@ -3,9 +3,10 @@
 {"type": "dropout", "sensor": {"type": "constant", "deviation": 0.001}, "rate": 0.01}
 """
 
-__all__ = ["SENSORS", "sensor_from_record", "sensor_record"]
+__all__ = ["CAMERAS", "SENSORS", "sensor_from_record", "sensor_record"]
 
 import dataclasses
+from collections.abc import Callable
 from typing import Any
 
 from impostor_jax.io.json_file import typed_record
@@ -34,6 +35,14 @@ SENSORS: dict[str, type[AbstractDepthNoise]] = {
     "scale_error": ScaleError,
 }
 """By the name that a record has."""
+
+CAMERAS: dict[str, Callable[..., AbstractDepthNoise]] = {
+    "structured_light_camera": StructuredLight.sensor,
+    "stereo_camera": StereoDisparity.sensor,
+    "time_of_flight_camera": TimeOfFlight.sensor,
+}
+"""Names of whole cameras, that a record may be read from; it is written by its parts.
+"""
 
 
 def sensor_record(sensor: AbstractDepthNoise) -> dict[str, Any]:
@@ -67,7 +76,8 @@ def sensor_from_record(record: Any, what: str) -> AbstractDepthNoise:
     Raises:
         ValueError: The type or a key is unknown or missing, or a value is out of range.
     """
-    name, values = typed_record(SENSORS, record, what)
+    kinds = {**SENSORS, **CAMERAS}
+    name, values = typed_record(kinds, record, what)
     if "sensor" in values:
         values["sensor"] = sensor_from_record(values["sensor"], what)
-    return SENSORS[name](**values)
+    return kinds[name](**values)

@@ -135,13 +135,15 @@ def test_what_is_fixed_keeps_its_value_in_the_start(fit, folder):
     assert record["std"]["height_m"] == 0
 
 
-@pytest.mark.parametrize("sensor", ["structured_light", "stereo", "sensor.json"])
+@pytest.mark.parametrize("sensor", ["structured_light", "stereo_camera", "sensor.json"])
 def test_a_sensor_is_a_name_or_a_file(fit, folder, sensor):
     record = {"type": "constant", "deviation": 0.001}
     (folder / "sensor.json").write_text(json.dumps(record))
     _, _, err = fit("can.npy", "--mask", "can.png", "--sensor", sensor)
     assert err == ""
-    assert record_of(folder)["radius_m"] == pytest.approx(0.04, abs=2e-3)
+    record = record_of(folder)
+    assert record["radius_m"] == pytest.approx(0.04, abs=2e-3)
+    assert ("scale" in record["std_budget"]) == (sensor == "stereo_camera")
 
 
 def test_depth_in_millimeters_gets_a_hint_on_one_line(fit, folder):

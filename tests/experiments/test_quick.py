@@ -22,7 +22,9 @@ SMALL = ("fit_speed", "synthetic_benchmark")
 LONG = (
     "find_accuracy",
     "mask_errors",
+    "real_images",
     "render_speed",
+    "sensor_models",
     "speed_accuracy",
     "synthetic_benchmark",
 )

@@ -19,6 +19,9 @@ MODELS = [
     ij.FlyingPixels(ij.ConstantNoise(0.001), probability=0.2),
     ij.Dropout(ij.FlyingPixels(ij.StructuredLight())),
     ij.MatchingWindow(ij.StructuredLight(), native_scale=1.88),
+    ij.TimeOfFlight(growth=0.002),
+    ij.CorrelatedNoise(ij.ConstantNoise(0.001), 0.002, 30.0, power=1),
+    ij.ScaleError(ij.ConstantNoise(0.001), 0.01, law="disparity"),
 ]
 
 
@@ -30,6 +33,15 @@ def test_a_model_is_the_same_after_its_record(model):
 
 def test_every_model_has_a_name():
     assert {type(model) for model in MODELS} == set(SENSORS.values())
+
+
+def test_a_whole_camera_has_a_name_and_is_written_by_its_parts():
+    record = {"type": "structured_light_camera", "native_scale": 2}
+    sensor = sensor_from_record(record, "sensor")
+    assert sensor == ij.StructuredLight.sensor(native_scale=2)
+    assert sensor_record(sensor)["type"] == "scale_error"
+    with pytest.raises(ValueError, match="lacks focal_length"):
+        sensor_from_record({"type": "stereo_camera"}, "sensor")
 
 
 def test_what_is_left_out_takes_the_default():

@@ -1,0 +1,49 @@
+"""The table of the README from results.json."""
+
+__all__ = ["draw", "tables"]
+
+from collections.abc import Mapping
+
+from matplotlib.figure import Figure
+
+from experiments.markdown import number, table
+from experiments.recording import Results
+
+MODELS = {"whole": "whole camera", "noise": "noise of readings alone"}
+
+
+def tables(results: Results) -> str:
+    """Error and interval of each can's radius by each model, and by other programs."""
+    values = results.values
+    labels = results.cases("", ".error")
+    cases = dict.fromkeys(label.rpartition(".")[0] for label in labels)
+    peers = dict.fromkeys(
+        name for label in labels if (name := label.rpartition(".")[2]) not in MODELS
+    )
+    rows, budget = [], []
+    for case in cases:
+        cells = [_interval(results, f"{case}.{model}.error") for model in MODELS]
+        others = [number(values.get(f"{case}.{peer}.error"), "+.2f") for peer in peers]
+        rows.append([case, *cells, *others])
+        start = f"{case}.whole.std."
+        parts = {
+            name.removeprefix(start): number(value, ".2f")
+            for name, value in values.items()
+            if name.startswith(start)
+        }
+        made_of = ", ".join(f"{name} {value}" for name, value in parts.items())
+        budget.append([case, made_of])
+    head = ["error of the radius, mm", *MODELS.values(), *peers]
+    made = ["standard deviation of the radius, whole camera", "is made of, mm"]
+    return f"{table(head, rows)}\n\n{table(made, budget)}"
+
+
+def _interval(results: Results, name: str) -> str:
+    value, half = results.pair(name)
+    return "failed" if value is None else f"{value:+.2f} +- {half:.2f}"
+
+
+def draw(results: Results) -> Mapping[str, Figure]:
+    """No figure: the table says it."""
+    del results
+    return {}

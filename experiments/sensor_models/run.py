@@ -1,0 +1,92 @@
+"""Fit cans that models of whole cameras have drawn, with and without their bias."""
+
+__all__ = ["Config", "measure"]
+
+import dataclasses
+from collections import Counter
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from experiments.recording import Metric
+from experiments.running import RunConfig, main
+from experiments.sensor_models.report import draw, tables
+from experiments.sensor_models.scenes import SENSORS, draw_image
+from impostor_jax.evaluate import Outcome, evaluate, interval_coverage, summarize
+from impostor_jax.fit.fittable import CYLINDER
+
+NUM_NOISE = 5
+"""One image in so many is fitted with the noise of single readings alone, too."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Config:
+    """Measure how many intervals hold of images by whole cameras."""
+
+    run: RunConfig = RunConfig()
+    images: int = 1000
+    """Of each camera."""
+    seed: int = 0
+    """Of all draws."""
+
+
+def measure(config: Config) -> Iterator[Metric]:
+    """Fit what each camera reads as its whole model says, and as its noise does."""
+    names = list(SENSORS)[-1:] if config.run.quick else SENSORS
+    for name in names:
+        sensor = SENSORS[name]
+        whole: list[Outcome] = []
+        noise: list[Outcome] = []
+        for number in range(config.images):
+            image = draw_image(sensor.whole, config.seed, number)
+            for outcomes in evaluate([image], sensor.whole):
+                whole += outcomes
+            if number % NUM_NOISE == 0:
+                for outcomes in evaluate([image], sensor.noise):
+                    noise += outcomes
+        yield from _counted(f"{name}.whole", whole)
+        yield from _counted(f"{name}.noise", noise)
+
+
+def _counted(label: str, outcomes: Sequence[Outcome]) -> Iterator[Metric]:
+    """Coverage of all coordinates and of each, and the radius' bias.
+
+    The spread of a share is its standard error if all errors were independent; that of
+    the bias, a standard error, too.
+    """
+    right, n = [one for one in outcomes if one.success], len(outcomes)
+    yield Metric(f"{label}.number", n, None, "fits", "higher", n)
+    for status, number in Counter(o.status for o in outcomes if not o.success).items():
+        yield Metric(f"{label}.status.{status}", number, None, "fits", "lower", n)
+    scaled = {
+        name: np.array(
+            [o.errors[name] / o.deviations[name] for o in right if name in o.errors]
+        )
+        for name in CYLINDER.coordinates
+    }
+    every = np.concatenate([*scaled.values()])
+    for name, values in {"all": every, **scaled}.items():
+        part = interval_coverage(values)["95 %"] if values.size else None
+        yield Metric.share(f"{label}.coverage_95.{name}", part, values.size)
+    far = int(np.sum([max(_off(o)) > 5 for o in right]))
+    yield Metric(f"{label}.far", far, None, "fits", "lower", len(right))
+    wrong = summarize(outcomes).wrong
+    yield Metric(f"{label}.wrong", wrong, None, "fits", "lower", len(right))
+    errors = np.array([o.errors["radius"] for o in right])
+    if errors.size > 1:
+        spread, count = float(errors.std()), len(errors)
+        bias = float(errors.mean()) / spread
+        error = count**-0.5
+        yield Metric(f"{label}.radius.bias", bias, error, "spreads", "lower", count)
+        yield Metric(f"{label}.radius.spread", 1e3 * spread, None, "mm", "lower", count)
+        told = 1e3 * float(np.median([o.deviations["radius"] for o in right]))
+        yield Metric(f"{label}.radius.std", told, None, "mm", "lower", count)
+
+
+def _off(outcome: Outcome) -> list[float]:
+    """Errors in standard deviations."""
+    return [abs(outcome.errors[x]) / outcome.deviations[x] for x in outcome.errors]
+
+
+if __name__ == "__main__":
+    main(Config, measure, draw, tables, Config(images=2))
