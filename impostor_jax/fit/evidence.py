@@ -35,6 +35,7 @@ from jaxtyping import Array, Bool, Float
 from impostor_jax.compiling import computed_once
 from impostor_jax.fit.body import AbstractBody, Passing
 from impostor_jax.fit.problem import Edge, Pixels, sigma_of
+from impostor_jax.geometry.vec3 import Vec3
 from impostor_jax.numerics import Numbers, safe_divide, safe_sqrt
 from impostor_jax.sensor.base import AbstractDepthNoise
 from impostor_jax.sensor.bias import is_none
@@ -66,6 +67,9 @@ SETTLED_PLACE = 0.05
 
 OWN_VOTES = 4.0
 """Neighbors with background that one on the body itself outweighs at an end."""
+
+CLEAR = 1 / 3
+"""Part of the radius, from its outline, beyond which every reading is used."""
 
 FARTHEST_CROSSING = 30.0
 """Pixels from the predicted outline beyond which a crossing is not the body's."""
@@ -128,9 +132,10 @@ def reading_terms(
 ) -> Readings:
     """One term for each reading, weighed as the sensor errs.
 
-    One that may be of two surfaces, beside the outline of the wall, is not used: what
-    grazes is a lever, and 1 % of mixed readings there, which no robust loss tells from
-    noise, took eleven standard deviations off a radius.
+    One that may be of two surfaces, or lean, beside the outline of the wall is not
+    used, though no jump be seen there: what grazes is a lever, and 1 % of mixed
+    readings there, which no robust loss tells from noise, took eleven standard
+    deviations off a radius.
 
     Args:
         pixels: Pixels of the object.
@@ -145,7 +150,7 @@ def reading_terms(
     soft = soft * body.radius
     seen = computed_once(lambda: body.passing(pixels.direction, body.radius / 100))
     # An estimate that is far off must not have its terms weighed as if it were right.
-    used = (pixels.depth > 0) & _is_clear(seen, body, noise, pixel)
+    used = (pixels.depth > 0) & _is_clear(seen, body, pixels.direction, noise, pixel)
     near = jnp.clip(seen.depth, pixels.depth / 2, 2 * pixels.depth)
     sigma = computed_once(
         lambda: sigma_of(noise, jnp.where(used, near, 1), seen.cos_incidence)
@@ -185,19 +190,45 @@ def reading_terms(
 
 
 def _is_clear(
-    seen: Passing, body: AbstractBody, noise: AbstractDepthNoise, pixel: Numbers | float
+    seen: Passing,
+    body: AbstractBody,
+    direction: Vec3,
+    noise: AbstractDepthNoise,
+    pixel: Numbers | float,
 ) -> Bool[Array, " n"] | bool:
     """Whether rays pass the wall's outline so far off that a reading is of one side.
 
-    Of a thin body, of which few would, those do that pass a quarter of the radius off.
+    Of a thin body, of which few would, those do that pass `CLEAR` of the radius off.
     """
-    reach = noise.bias.edge_reach
-    if is_none(reach):
+    bias = noise.bias
+    if is_none(bias.edge_reach) and is_none(bias.window_reach):
         return True
-    reach = jnp.asarray(reach, body.radius.dtype)
+    reach = jnp.asarray(bias.edge_reach, body.radius.dtype)
+    if not is_none(bias.window_reach):
+        reach += bias.window_reach * _slant(body, direction)
     beside = reach * pixel * (seen.nearest + seen.foot)
-    beside = jnp.minimum(beside, body.radius / 4)
-    return jnp.abs(seen.square) > 2 * body.radius * beside
+    beside = jnp.minimum(beside, CLEAR * body.radius)
+    # Half-chords are along rays, and longer than across the axis.
+    least = (2 * body.radius - beside) * beside * jnp.abs(seen.inverse)
+    return jnp.abs(seen.square) > least
+
+
+def _slant(body: AbstractBody, direction: Vec3) -> Float[Array, " n"]:
+    """Distance from an outline at which a square window leaves it, in half windows.
+
+    1 where it runs along rows or columns, and up to the root of 2, of its corner.
+    """
+    one, zero = jnp.ones_like(direction.x), jnp.zeros_like(direction.x)
+
+    def across(x: Numbers, y: Numbers) -> Numbers:
+        return body.passing(Vec3(x, y, one)).square
+
+    at = direction.x, direction.y
+    _, in_col = jax.jvp(across, at, (one, zero))
+    _, in_row = jax.jvp(across, at, (zero, one))
+    tiny = jnp.finfo(one.dtype).tiny
+    length = jnp.maximum(jnp.hypot(in_col, in_row), tiny)
+    return (jnp.abs(in_col) + jnp.abs(in_row)) / length
 
 
 def crossing_terms(
