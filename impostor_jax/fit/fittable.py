@@ -13,6 +13,7 @@ from jaxtyping import Array, Bool, Float
 
 from impostor_jax.camera.pinhole import PinholeCamera
 from impostor_jax.compiling import quickly_compiled
+from impostor_jax.fit.alternatives import no_alternatives
 from impostor_jax.fit.body import AbstractBody, coordinates_of
 from impostor_jax.fit.guess_round import guess_cylinders, guess_frusta
 from impostor_jax.fit.guess_sphere import guess_spheres
@@ -148,4 +149,5 @@ def no_guess(kind: Fittable, region: Bool[np.ndarray, "h w"]) -> Fit:
         chi2=jnp.full_like(zero, jnp.inf),
         p_value=jnp.full_like(zero, jnp.nan),
         border_chi2=jnp.full_like(zero, jnp.nan),
+        alternatives=no_alternatives(nothing.shape),
     )

@@ -26,7 +26,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from impostor_jax.fit.text import line, millimeters
+from impostor_jax.fit.alternatives import Alternatives
+from impostor_jax.fit.text import line, millimeters, plain
 from impostor_jax.primitives.base import AbstractPrimitive
 from impostor_jax.primitives.cylinder import Cylinder
 from impostor_jax.primitives.frustum import Frustum
@@ -58,6 +59,7 @@ class FitStatus(enum.StrEnum):
     NO_FIRST_GUESS = "no_first_guess"
     POOR_FIT = "poor_fit"
     UNDETERMINED = "undetermined"
+    AMBIGUOUS = "ambiguous"
     NOT_FINITE = "not_finite"
 
     @property
@@ -72,6 +74,7 @@ _MEANINGS = {
     FitStatus.NO_FIRST_GUESS: "No shape lies near the readings: no first guess.",
     FitStatus.POOR_FIT: "The readings do not lie on the fitted shape.",
     FitStatus.UNDETERMINED: "The readings do not determine radius and place.",
+    FitStatus.AMBIGUOUS: "Two solutions explain the readings.",
     FitStatus.NOT_FINITE: "The solver met a number that is not finite.",
 }
 
@@ -173,10 +176,11 @@ class Fit(eqx.Module):
             to p2, if its p1 is not that of `initial`. Where an end is not seen, it is
             put where the wall was last seen; a frustum's radius is the wall's there.
         std: One standard deviation of each parameter, from `covariance`; all `inf`
-            where the fit failed.
+            where the fit failed, but for one that is ambiguous.
         covariance: Of the shape's `coordinates`, in meters and radians; widened where
-            the residuals are larger than `sigma` says. `inf` on the diagonal where
-            undetermined, and 0 beside it; 0 where held.
+            the residuals are larger than `sigma` says, and where there are
+            alternatives: it is about the estimate, over all solutions. `inf` on the
+            diagonal where undetermined, and 0 beside it; 0 where held.
         coordinates: Names of the covariance's coordinates. Those called first and
             second are along the two vectors of `tangent_basis(axis)`.
         ends_seen: Whether the image shows the ends: of a cylinder that at
@@ -204,6 +208,8 @@ class Fit(eqx.Module):
         border_chi2: Chi-squared, of as many degrees of freedom as there are
             coordinates or less, by which readings beside the region's border contradict
             the others; `inf` where many of them lie elsewhere.
+        alternatives: Other solutions that differ by more than five standard deviations.
+            They are known where several starts were tried.
         asked: What `test_taper` needs; the depth image is kept in it.
     """
 
@@ -226,6 +232,7 @@ class Fit(eqx.Module):
     chi2: Float[Array, "*batch"]
     p_value: Float[Array, "*batch"]
     border_chi2: Float[Array, "*batch"]
+    alternatives: Alternatives
     asked: Asked = dataclasses.field(default_factory=Asked, repr=False)
 
     @property
@@ -312,7 +319,7 @@ class Fit(eqx.Module):
             f"{int(self.num_agreeing)} of {int(self.num_starts)} starts agree, "
             f"{int(self.num_pixels)} pixels{time}"
         )
-        if not bool(self.success):
+        if not bool(self.success) and self.status is not FitStatus.AMBIGUOUS:
             return head
         rms = (
             f"  rms     {millimeters(self.rms)} mm over "
@@ -320,13 +327,21 @@ class Fit(eqx.Module):
             f"{float(self.chi2):.2f}"
         )
         told = [line(name, *values) for name, values in self.told.items()]
-        lines = [head, *told, rms]
+        lines = [head, *told, rms, *self._alternatives_told()]
         if not self.height_observed:
             across = millimeters(self.std.across_axis)
             lines.append(
                 f"  An end is not seen: {UNSEEN[type(self.shape)]} std is {across} mm."
             )
         return "\n".join(lines)
+
+    def _alternatives_told(self) -> list[str]:
+        """A line for each other solution."""
+        return [
+            f"  or with {100 * weight:.1f} %: "
+            + ", ".join(plain(name, value) for name, value in values.items())
+            for weight, values in self.alternatives.told(TOLD[type(self.shape)])
+        ]
 
     def __str__(self) -> str:
         return text_or_repr(self, self._text)
