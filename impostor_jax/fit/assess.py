@@ -24,8 +24,9 @@ from impostor_jax.fit.evidence import Readings, Terms, crossing_terms, reading_t
 from impostor_jax.fit.posterior import cost_of, explains, hidden_pixels
 from impostor_jax.fit.prior import prior_residuals
 from impostor_jax.fit.problem import Pixels, Problem
-from impostor_jax.fit.result import DISAGREEING, STATUSES, Fit, FitStatus
+from impostor_jax.fit.result import DISAGREEING, Fit
 from impostor_jax.fit.solve import STAGES, Solution, in_coordinates, spread_of
+from impostor_jax.fit.status import STATUSES, FitStatus
 from impostor_jax.fit.uncertainty import free_covariance, score_covariance
 from impostor_jax.numerics import product, safe_divide, safe_sqrt
 from impostor_jax.primitives.base import in_world_frame

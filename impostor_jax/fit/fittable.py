@@ -17,10 +17,11 @@ from impostor_jax.fit.alternatives import no_alternatives
 from impostor_jax.fit.body import AbstractBody, coordinates_of
 from impostor_jax.fit.guess_round import guess_cylinders, guess_frusta
 from impostor_jax.fit.guess_sphere import guess_spheres
-from impostor_jax.fit.result import STATUSES, Deviations, Directions, Fit, FitStatus
+from impostor_jax.fit.result import Deviations, Directions, Fit
 from impostor_jax.fit.round_body import RoundBody
 from impostor_jax.fit.solve import STAGE_TOLERANCE
 from impostor_jax.fit.sphere_body import SphereBody
+from impostor_jax.fit.status import STATUSES, FitStatus
 from impostor_jax.fit.surface import Samples, samples_of
 from impostor_jax.primitives.base import AbstractPrimitive
 from impostor_jax.primitives.cylinder import Cylinder

@@ -7,7 +7,6 @@ __all__ = [
     "Directions",
     "Fit",
     "FitResult",
-    "FitStatus",
     "FrustumDeviations",
     "FrustumFit",
     "SphereDeviations",
@@ -16,7 +15,6 @@ __all__ = [
 ]
 
 import dataclasses
-import enum
 from collections import Counter, OrderedDict
 from typing import Any, TypeVar
 
@@ -27,6 +25,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from impostor_jax.fit.alternatives import Alternatives
+from impostor_jax.fit.status import STATUSES, FitStatus
 from impostor_jax.fit.text import line, millimeters, plain
 from impostor_jax.primitives.base import AbstractPrimitive
 from impostor_jax.primitives.cylinder import Cylinder
@@ -51,33 +50,6 @@ UNSEEN = {
 """What it means where an end is not seen."""
 
 
-class FitStatus(enum.StrEnum):
-    """How a fit ended; only CONVERGED is a success."""
-
-    CONVERGED = "converged"
-    STEP_LIMIT = "step_limit"
-    NO_FIRST_GUESS = "no_first_guess"
-    POOR_FIT = "poor_fit"
-    UNDETERMINED = "undetermined"
-    AMBIGUOUS = "ambiguous"
-    NOT_FINITE = "not_finite"
-
-    @property
-    def meaning(self) -> str:
-        """One sentence for a reader."""
-        return _MEANINGS[self]
-
-
-_MEANINGS = {
-    FitStatus.CONVERGED: "The fit converged.",
-    FitStatus.STEP_LIMIT: "The solver reached its step limit before it converged.",
-    FitStatus.NO_FIRST_GUESS: "No shape lies near the readings: no first guess.",
-    FitStatus.POOR_FIT: "The readings do not lie on the fitted shape.",
-    FitStatus.UNDETERMINED: "The readings do not determine radius and place.",
-    FitStatus.AMBIGUOUS: "Two solutions explain the readings.",
-    FitStatus.NOT_FINITE: "The solver met a number that is not finite.",
-}
-
 NOTED_TIMES = 3.0
 """Noises from which the size of residuals is the reason of a poor fit."""
 
@@ -89,9 +61,6 @@ AGREEING = 20.0
 """Contradiction between border and rest below which nothing else lies there, once it
 has been found to: by chance one in 200 is larger, and costs no more than some readings.
 """
-
-STATUSES = tuple(FitStatus)
-"""Order of the integer codes in which a compiled fit carries its status."""
 
 
 class Deviations(eqx.Module):
@@ -271,6 +240,11 @@ class Fit(eqx.Module):
         return STATUSES[int(self.status_code)]
 
     @property
+    def is_shape(self) -> bool:
+        """Whether the shape is one that explains the readings, if not the only one."""
+        return self.status in (FitStatus.CONVERGED, FitStatus.AMBIGUOUS)
+
+    @property
     def reason(self) -> str:
         """What is behind `status`, in words; needs a single, concrete result."""
         if self.status is not FitStatus.POOR_FIT:
@@ -319,7 +293,7 @@ class Fit(eqx.Module):
             f"{int(self.num_agreeing)} of {int(self.num_starts)} starts agree, "
             f"{int(self.num_pixels)} pixels{time}"
         )
-        if not bool(self.success) and self.status is not FitStatus.AMBIGUOUS:
+        if not self.is_shape:
             return head
         rms = (
             f"  rms     {millimeters(self.rms)} mm over "

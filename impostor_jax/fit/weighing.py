@@ -20,7 +20,8 @@ from jaxtyping import Array, Bool, Float
 from impostor_jax.fit.alternatives import MOST_ALTERNATIVES, Alternatives
 from impostor_jax.fit.assess import Assessment
 from impostor_jax.fit.body import AbstractBody, Readout
-from impostor_jax.fit.result import STATUSES, Deviations, Fit, FitStatus
+from impostor_jax.fit.result import Deviations, Fit
+from impostor_jax.fit.status import STATUSES, FitStatus
 
 AMBIGUOUS_FROM = 0.05
 """Weight of all other solutions from which a fit is ambiguous."""

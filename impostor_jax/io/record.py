@@ -38,6 +38,10 @@ def fit_record(
         },
         "num_starts": int(fit.num_starts),
         "num_agreeing": int(fit.num_agreeing),
+        "alternatives": [
+            {"weight": weight, **_named(values)}
+            for weight, values in fit.alternatives.told(list(fit.told))
+        ],
         "num_pixels": int(fit.num_pixels),
         "rms_m": numbers(fit.rms),
         "chi2": numbers(fit.chi2),
@@ -112,12 +116,20 @@ def _taper(taper: TaperTest) -> dict[str, Any]:
 
 def _estimate(fit: Fit) -> dict[str, Any]:
     """Values by name and unit, and their standard deviations."""
-    values, std = {}, {}
-    for name, (value, deviation) in fit.told.items():
-        is_axis = name == "axis"
-        values[name if is_axis else f"{name}_m"] = numbers(value)
-        std[name + ("_rad" if is_axis else "_m")] = numbers(deviation)
-    return values | {"std": std}
+    values = {name: value for name, (value, _) in fit.told.items()}
+    std = {
+        name + ("_rad" if name == "axis" else "_m"): numbers(deviation)
+        for name, (_, deviation) in fit.told.items()
+    }
+    return _named(values) | {"std": std}
+
+
+def _named(values: dict[str, Any]) -> dict[str, Any]:
+    """Lengths, points and an axis, by name and unit."""
+    return {
+        name if name == "axis" else f"{name}_m": numbers(value)
+        for name, value in values.items()
+    }
 
 
 def numbers(values: Any) -> Any:
