@@ -152,10 +152,14 @@ def _fit_pixels(
         # Noise may hide which of two tilts is the true one.
         if effort.starts > 1 and any(bool(one.hides_tilt) for one in found):
             found += [fitted(_mirrored(start)) for start in starts]
-    if len(found) == 1:
+    if len(found) > 1:
+        # A guess that leads to one tilt may be too far off, mirrored, for the other.
+        found.append(fitted(_mirrored(likeliest(found).body)))
+    elif not bool(found[0].hides_tilt):
         return found[0].fit
-    # A guess that leads to one tilt may be too far off, mirrored, to lead to the other.
-    found.append(fitted(_mirrored(likeliest(found).body)))
+    # Where noise is deep a fit may end where readings that it leaves out would not
+    # let it, 10 standard deviations off; its first stages lead on from there.
+    found.append(fitted(likeliest(found).body))
     return best_of(found)
 
 
