@@ -162,7 +162,7 @@ def _with_rivals(
                 _mixed(
                     part**2,
                     [rival.found.fit.std.values[name] ** 2 for rival in rivals],
-                    [rival.away[name] ** 2 for rival in rivals],
+                    [np.asarray(rival.away[name] ** 2) for rival in rivals],
                     weights,
                 )
             ),
