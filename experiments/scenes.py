@@ -241,7 +241,9 @@ def _with_margin(cylinder: ij.Cylinder):
     row, col = wide.frame.pixels()
     d = wide.rays(row, col, maps.depth.dtype).direction.stack()
     cosine = -jnp.sum(maps.normal * d, axis=-1) / jnp.linalg.norm(d, axis=-1)
-    point = jnp.where(maps.mask, maps.depth, 0)[..., None] * d - cylinder.center
+    point = (
+        jnp.where(maps.mask, maps.depth, 0)[..., None] * d - cylinder.center[None, None]
+    )
     along = jnp.abs(point @ cylinder.axis)
     on_wall = maps.mask & (along < cylinder.height / 2 * (1 - 1e-4))
     shown = (x[part] for x in (maps.depth, maps.mask, on_wall, cosine))
