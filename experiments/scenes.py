@@ -46,7 +46,11 @@ SENSOR = ij.StructuredLight()
 """Of random scenes."""
 
 OUTLIERS = 0.1
-"""Part of a random scene's readings that are drawn from 0.3 to 4 m."""
+"""Part of a random scene's readings that are drawn from 0.3 to 4 m, or of one without
+clutter that are moved."""
+
+MOVED = 0.1
+"""Distance, in meters, by which those are at most."""
 
 LEAST_SEEN = 0.6
 """Part of a random cylinder's pixels that must be in the frame and not occluded."""
@@ -190,7 +194,7 @@ def _errors(correlation: float, rng: np.random.Generator) -> Image:
     return errors / np.sum(kernel**2)
 
 
-def draw_scene(seed: int) -> View:
+def draw_scene(seed: int, is_alone: bool = False) -> View:
     """A random cylinder in clutter; one that shows too little is drawn again.
 
     The axis is uniform on the sphere, the center 0.3 to 3 m away, the radius from 1 to
@@ -198,6 +202,12 @@ def draw_scene(seed: int) -> View:
     stands behind. In a third of the scenes the cylinder is partly out of the frame, in
     a third it is partly occluded. It shows at least 400 pixels, 150 of them on the
     wall, its radius is at most 0.3 of its distance and the camera is outside.
+
+    Args:
+        seed: Of all that is drawn.
+        is_alone: Whether nothing else has a reading. Outliers are then as far from the
+            surface as `MOVED`, where no robust loss knows them at once; half of the
+            cylinders are partly occluded, and the others within the frame.
     """
     rng = np.random.default_rng(seed)
     while True:
@@ -205,7 +215,7 @@ def draw_scene(seed: int) -> View:
         radius = np.exp(rng.uniform(np.log(0.01), np.log(0.2)))
         height = radius * np.exp(rng.uniform(np.log(0.2), np.log(20)))
         axis = rng.normal(size=3)
-        kind = rng.integers(3)
+        kind = 2 * rng.integers(2) if is_alone else rng.integers(3)
         reach = 1.3 if kind == 1 else 0.6
         u = 320 + rng.uniform(-320, 320) * reach
         v = 240 + rng.uniform(-240, 240) * reach
@@ -214,7 +224,7 @@ def draw_scene(seed: int) -> View:
         if radius > 0.3 * distance:
             continue
         cylinder = ij.Cylinder(center, axis, radius, height)
-        scene = _in_clutter(cylinder, kind == 2, rng)
+        scene = _in_clutter(cylinder, kind == 2, is_alone, rng)
         if scene is not None:
             return scene
 
@@ -231,7 +241,9 @@ def _with_margin(cylinder: ij.Cylinder):
     row, col = wide.frame.pixels()
     d = wide.rays(row, col, maps.depth.dtype).direction.stack()
     cosine = -jnp.sum(maps.normal * d, axis=-1) / jnp.linalg.norm(d, axis=-1)
-    point = jnp.where(maps.mask, maps.depth, 0)[..., None] * d - cylinder.center
+    point = (
+        jnp.where(maps.mask, maps.depth, 0)[..., None] * d - cylinder.center[None, None]
+    )
     along = jnp.abs(point @ cylinder.axis)
     on_wall = maps.mask & (along < cylinder.height / 2 * (1 - 1e-4))
     shown = (x[part] for x in (maps.depth, maps.mask, on_wall, cosine))
@@ -239,7 +251,7 @@ def _with_margin(cylinder: ij.Cylinder):
 
 
 def _in_clutter(
-    cylinder: ij.Cylinder, occluded: bool, rng: np.random.Generator
+    cylinder: ij.Cylinder, occluded: bool, is_alone: bool, rng: np.random.Generator
 ) -> View | None:
     implicit = cylinder.implicit(Vec3(*jnp.zeros(3)))
     found = (np.asarray(x) for x in _with_margin(cylinder))
@@ -270,5 +282,9 @@ def _in_clutter(
     )
     read = full + sigma * rng.normal(size=full.shape)
     wrong = rng.random(full.shape) < OUTLIERS
-    read = np.where(wrong, rng.uniform(0.3, 4.0, full.shape), read)
+    if is_alone:
+        moved = read + rng.uniform(-MOVED, MOVED, full.shape)
+        read = np.where(seen, np.where(wrong, moved, read), 0)
+    else:
+        read = np.where(wrong, rng.uniform(0.3, 4.0, full.shape), read)
     return View(cylinder, np.maximum(read, 0).astype(np.float32), seen, sigma)

@@ -5,6 +5,7 @@ from .camera.pixels import Tile
 from .effort import Effort
 from .find.cylinders import find_cylinders
 from .find.found import Found
+from .fit.alternatives import Alternatives
 from .fit.depth_loss import depth_loss
 from .fit.options import FitOptions
 from .fit.result import (
@@ -12,13 +13,13 @@ from .fit.result import (
     Directions,
     Fit,
     FitResult,
-    FitStatus,
     FrustumDeviations,
     FrustumFit,
     SphereDeviations,
     SphereFit,
     TaperTest,
 )
+from .fit.status import FitStatus
 from .fit.taper import test_taper
 from .fits.batch import fit_cylinders
 from .fits.labels import fit_labels
@@ -62,6 +63,7 @@ __all__ = [
     "AbstractCamera",
     "AbstractDepthNoise",
     "AbstractPrimitive",
+    "Alternatives",
     "AmbientLight",
     "Box",
     "ConstantNoise",

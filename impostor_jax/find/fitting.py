@@ -21,8 +21,9 @@ from impostor_jax.find.evidence import Candidate, Evidence
 from impostor_jax.fit.fittable import CYLINDER
 from impostor_jax.fit.options import Options
 from impostor_jax.fit.regions import typical_sigma
-from impostor_jax.fit.result import Fit, FitStatus
+from impostor_jax.fit.result import Fit
 from impostor_jax.fit.shapes import fit_shape
+from impostor_jax.fit.status import FitStatus
 from impostor_jax.geometry.frames import RigidTransform
 from impostor_jax.numerics import Numbers
 from impostor_jax.primitives.cylinder import Cylinder

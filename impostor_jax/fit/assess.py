@@ -17,13 +17,16 @@ from impostor_jax.fit.agreement import (
     strays,
     tail,
 )
+from impostor_jax.fit.alternatives import no_alternatives
 from impostor_jax.fit.body import AbstractBody, Readout, coordinates_of
 from impostor_jax.fit.deviations import deviations_of
 from impostor_jax.fit.evidence import Readings, Terms, crossing_terms, reading_terms
+from impostor_jax.fit.posterior import cost_of, explains, hidden_pixels
 from impostor_jax.fit.prior import prior_residuals, scale_left
 from impostor_jax.fit.problem import Pixels, Problem
-from impostor_jax.fit.result import DISAGREEING, STATUSES, Fit, FitStatus
+from impostor_jax.fit.result import DISAGREEING, Fit
 from impostor_jax.fit.solve import STAGES, Solution, in_coordinates, spread_of
+from impostor_jax.fit.status import STATUSES, FitStatus
 from impostor_jax.fit.uncertainty import free_covariance, score_covariance
 from impostor_jax.numerics import product, safe_divide, safe_sqrt
 from impostor_jax.primitives.base import in_world_frame
@@ -40,26 +43,8 @@ MOST_UNMET = 0.02
 MIN_END_TERMS = 5
 """Fewest inlying readings of a cap, or crossings, that show an end."""
 
-MISSED_LOSS = 3.0
-"""Loss of a pixel that the body should cover and does not, or the reverse."""
-
 HIDES_TILT = 0.03
 """Noise in radii from which the depth of a short object does not tell its tilt."""
-
-MOST_OUTLYING = 0.25
-"""Share of the readings that may lie elsewhere without a doubt of it, if the others
-scatter as they should: of 300 random scenes with 10 % of outliers, wrong ends left a
-variance of 1.18 or more of the whitened residuals, right ones 1.05 in 95 of 100."""
-
-MOST_VARIANCE = 1.1
-"""Their variance up to which they do."""
-
-MOST_MISSED = 0.01
-"""Share of them whose rays may miss the body: a wall that is too thin continues, past
-its outline, in a surface that noisy readings may lie on."""
-
-BESIDE = 1.0
-"""Pixels within a body's outline that may see through it."""
 
 MOST_HIDDEN = 0.02
 """Share, in readings, of the pixels around that may see through the body."""
@@ -71,7 +56,10 @@ class Assessment(NamedTuple):
     Attributes:
         fit: The result, in the world frame.
         body: The estimate, in the camera frame.
-        cost: How badly it explains the image, to be compared with that of others.
+        cost: How badly it explains the image: the negative logarithm of its posterior
+            probability, to be compared with that of others.
+        repeats: Readings that tell as much as one whose error is its own and as `sigma`
+            says.
         is_clear: Whether it explains the image so well that no other start could do
             better.
         hides_tilt: Whether the noise may hide which of two tilts is the true one.
@@ -81,6 +69,7 @@ class Assessment(NamedTuple):
     fit: Fit
     body: AbstractBody
     cost: Float[Array, ""]
+    repeats: Float[Array, ""]
     is_clear: Bool[Array, ""]
     hides_tilt: Bool[Array, ""]
     nominal: Float[Array, ""]
@@ -179,7 +168,7 @@ def assess(problem: Problem, solution: Solution, correlated: bool) -> Assessment
     # What is held stays, whatever moves the place at which it is read.
     for name in filter(change.__contains__, settings.held):
         change[name] = jnp.where(settings.held[name], 0, change[name])
-    widening = jnp.maximum(squares / num_inliers, 1)
+    widening = repeats = jnp.maximum(squares / num_inliers, 1)
     # Summed up, they are the information; each is what its errors pull by.
     parts = {
         "noise": of_all[:-1, :-1] / widening,
@@ -214,6 +203,7 @@ def assess(problem: Problem, solution: Solution, correlated: bool) -> Assessment
         moves = variance > 0
         mean = jnp.sum(jnp.where(moves, wider, 0)) / jnp.sum(moves, dtype=wider.dtype)
         statistic = statistic / jnp.maximum(mean, 1)
+        repeats = repeats * jnp.maximum(mean, 1)
     std, budget, covariance, observed, is_known = deviations_of(
         world, change, covariance, shares, directions, free
     )
@@ -269,13 +259,15 @@ def assess(problem: Problem, solution: Solution, correlated: bool) -> Assessment
             settings.trusts_sigma, tail(chi2, num_inliers - num_free), jnp.nan
         ),
         border_chi2=statistic,
+        alternatives=no_alternatives(world.shape),
     )
-    hidden = _hidden(problem, estimate) / jnp.maximum(count, 1).astype(rms.dtype)
-    cost = _cost(problem, estimate, readings) + MISSED_LOSS * hidden
+    hides = hidden_pixels(problem, estimate)
+    cost = cost_of(problem, estimate, readings, hides)
+    hidden = hides / jnp.maximum(count, 1).astype(rms.dtype)
     hides_tilt = problem.nominal > HIDES_TILT * body.radius
     is_clear = success & (hidden <= MOST_HIDDEN) & (~hides_tilt | body.is_long)
-    is_clear &= _explains(pixels, readings, spread)
-    return Assessment(fit, body, cost, is_clear, hides_tilt, problem.nominal)
+    is_clear &= explains(pixels, readings, spread)
+    return Assessment(fit, body, cost, repeats, is_clear, hides_tilt, problem.nominal)
 
 
 def _sum_of(parts: dict[str, Float[Array, "c c"]]) -> Float[Array, "c c"]:
@@ -299,67 +291,6 @@ def _cap_shown(
     is_wall = jnp.abs(wall - depth) * terms.weight <= 3 * spread
     on_cap = seen.on_cap & (seen.rim < seen.cap_radius) & ~is_wall
     return jnp.where(on_cap, seen.sign * jnp.sign(seen.local.direction.z), 0)
-
-
-def _cost(problem: Problem, body: AbstractBody, readings: Readings) -> Float[Array, ""]:
-    """How badly a body explains the readings: mean log loss of their residuals.
-
-    Its logarithm compares good with better and counts a gross error like any other. As
-    in a likelihood the logarithm of each standard deviation, in units of the nominal
-    one, is a part of it: a plane that all rays graze would otherwise excuse any
-    reading.
-    """
-    (terms, seen, _, used, _), depth = readings, problem.pixels.depth
-    whitened = (seen.depth - depth) * terms.weight
-    # A pixel of the object that the body does not cover is as wrong as can be.
-    missed_loss = jnp.where(seen.is_missed, MISSED_LOSS, 0)
-    loss = jnp.log1p((whitened / 2) ** 2) + missed_loss
-    # A reading without weight costs as much as a pixel that is missed.
-    least = np.exp(-MISSED_LOSS)
-    loss = loss - jnp.log(jnp.maximum(terms.weight * problem.nominal, least))
-    count = jnp.maximum(jnp.sum(used), 1).astype(loss.dtype)
-    cost = jnp.sum(jnp.where(used, loss, 0)) / count
-    # Readings without weight would let a body pass that is made of no numbers.
-    leaves = jax.tree.leaves(body)
-    numbers = jnp.stack([jnp.all(jnp.isfinite(leaf)) for leaf in leaves]).all()
-    return jnp.where(numbers & jnp.isfinite(cost), cost, jnp.inf)
-
-
-def _explains(
-    pixels: Pixels, readings: Readings, spread: Float[Array, ""]
-) -> Bool[Array, ""]:
-    """Whether the readings scatter around the body as the sensor says."""
-    terms, seen, is_square, used, _ = readings
-    squares = ((seen.depth - pixels.depth) * terms.weight) ** 2
-    is_near = used & (squares < (3 * spread) ** 2)
-    # What grazes is compared otherwise.
-    compared = used & ~is_square
-    near = compared & is_near & ~seen.is_past_rim
-    num_near = jnp.sum(near, dtype=squares.dtype)
-    variance = jnp.sum(jnp.where(near, squares, 0)) / jnp.maximum(num_near, 1)
-    many = num_near >= (1 - MOST_OUTLYING) * jnp.sum(compared, dtype=squares.dtype)
-    num_missed = jnp.sum(is_near & seen.is_missed, dtype=squares.dtype)
-    return many & (variance <= MOST_VARIANCE) & (num_missed <= MOST_MISSED * num_near)
-
-
-def _hidden(problem: Problem, body: AbstractBody) -> Float[Array, ""]:
-    """How many pixels off the object see what the body would hide.
-
-    Not those beside its outline, which are the object's where a mask is too small or
-    the radius a little too large: one of the few that are looked at stands for many.
-    """
-    around = problem.around
-    seen = body.passing(around.direction, body.radius / 100)
-    sigma = problem.noise.sigma(seen.depth, seen.cos_incidence)
-    margin = BESIDE * seen.nearest * problem.pixel + problem.unit
-    is_within = seen.square > 2 * body.radius * margin
-    # A mug has no cap, and shows the inside of its wall and its floor.
-    along, ahead = seen.local.origin.z, seen.local.direction.z
-    floor = -seen.cap - 2 * safe_divide(along, ahead)
-    inside = jnp.minimum(seen.nearest + jnp.maximum(seen.half, 0), floor)
-    behind = jnp.where(seen.on_cap, inside + seen.foot, seen.depth)
-    hides = body.covers(seen) & is_within & (around.depth > behind + 5 * sigma)
-    return jnp.sum(hides, dtype=sigma.dtype) * problem.each
 
 
 def _status_code(

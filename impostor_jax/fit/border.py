@@ -21,7 +21,8 @@ from impostor_jax.camera.pinhole import PinholeCamera
 from impostor_jax.fit.body import AbstractBody
 from impostor_jax.fit.problem import gather_pixels, sigma_of
 from impostor_jax.fit.regions import pixel_indices
-from impostor_jax.fit.result import AGREEING, DISAGREEING, Fit, FitStatus
+from impostor_jax.fit.result import AGREEING, DISAGREEING, Fit
+from impostor_jax.fit.status import FitStatus
 from impostor_jax.primitives.base import in_camera_frame
 from impostor_jax.sensor.base import AbstractDepthNoise
 

@@ -47,9 +47,10 @@ From there on the bend of the square root moves a reading's expectation by less 
 1/32 of its standard deviation.
 """
 
-OUTLIER = 10.0
+OUTLIER = 4.0
 """Standard deviations beyond which a reading is not squared, which would make it a
-lever."""
+lever: squares of outliers only ever widen a wall. With 10, ten percent of them within
+0.1 m took up to 14 standard deviations off the radii of thin rods."""
 
 FOLD = 3.0
 """Standard deviations by which a grazing reading may lie behind the nearest approach by

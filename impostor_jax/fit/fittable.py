@@ -14,21 +14,15 @@ from jaxtyping import Array, Bool, Float
 
 from impostor_jax.camera.pinhole import PinholeCamera
 from impostor_jax.compiling import quickly_compiled
+from impostor_jax.fit.alternatives import no_alternatives
 from impostor_jax.fit.body import AbstractBody, coordinates_of
 from impostor_jax.fit.guess_round import guess_cylinders, guess_frusta
 from impostor_jax.fit.guess_sphere import guess_spheres
-from impostor_jax.fit.result import (
-    BUDGET,
-    STATUSES,
-    Budget,
-    Deviations,
-    Directions,
-    Fit,
-    FitStatus,
-)
+from impostor_jax.fit.result import BUDGET, Budget, Deviations, Directions, Fit
 from impostor_jax.fit.round_body import RoundBody
 from impostor_jax.fit.solve import STAGE_TOLERANCE
 from impostor_jax.fit.sphere_body import SphereBody
+from impostor_jax.fit.status import STATUSES, FitStatus
 from impostor_jax.fit.surface import Samples, samples_of
 from impostor_jax.primitives.base import AbstractPrimitive
 from impostor_jax.primitives.cylinder import Cylinder
@@ -159,4 +153,5 @@ def no_guess(kind: Fittable, region: Bool[np.ndarray, "h w"]) -> Fit:
         chi2=jnp.full_like(zero, jnp.inf),
         p_value=jnp.full_like(zero, jnp.nan),
         border_chi2=jnp.full_like(zero, jnp.nan),
+        alternatives=no_alternatives(nothing.shape),
     )

@@ -9,7 +9,6 @@ __all__ = [
     "Directions",
     "Fit",
     "FitResult",
-    "FitStatus",
     "FrustumDeviations",
     "FrustumFit",
     "SphereDeviations",
@@ -18,7 +17,6 @@ __all__ = [
 ]
 
 import dataclasses
-import enum
 from collections import Counter, OrderedDict
 from typing import Any, TypeVar
 
@@ -28,7 +26,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from impostor_jax.fit.text import line, millimeters
+from impostor_jax.fit.alternatives import Alternatives
+from impostor_jax.fit.status import STATUSES, FitStatus
+from impostor_jax.fit.text import line, millimeters, plain
 from impostor_jax.primitives.base import AbstractPrimitive
 from impostor_jax.primitives.cylinder import Cylinder
 from impostor_jax.primitives.frustum import Frustum
@@ -52,31 +52,6 @@ UNSEEN = {
 """What it means where an end is not seen."""
 
 
-class FitStatus(enum.StrEnum):
-    """How a fit ended; only CONVERGED is a success."""
-
-    CONVERGED = "converged"
-    STEP_LIMIT = "step_limit"
-    NO_FIRST_GUESS = "no_first_guess"
-    POOR_FIT = "poor_fit"
-    UNDETERMINED = "undetermined"
-    NOT_FINITE = "not_finite"
-
-    @property
-    def meaning(self) -> str:
-        """One sentence for a reader."""
-        return _MEANINGS[self]
-
-
-_MEANINGS = {
-    FitStatus.CONVERGED: "The fit converged.",
-    FitStatus.STEP_LIMIT: "The solver reached its step limit before it converged.",
-    FitStatus.NO_FIRST_GUESS: "No shape lies near the readings: no first guess.",
-    FitStatus.POOR_FIT: "The readings do not lie on the fitted shape.",
-    FitStatus.UNDETERMINED: "The readings do not determine radius and place.",
-    FitStatus.NOT_FINITE: "The solver met a number that is not finite.",
-}
-
 NOTED_TIMES = 3.0
 """Noises from which the size of residuals is the reason of a poor fit."""
 
@@ -88,9 +63,6 @@ AGREEING = 20.0
 """Contradiction between border and rest below which nothing else lies there, once it
 has been found to: by chance one in 200 is larger, and costs no more than some readings.
 """
-
-STATUSES = tuple(FitStatus)
-"""Order of the integer codes in which a compiled fit carries its status."""
 
 
 class Deviations(eqx.Module):
@@ -131,6 +103,7 @@ BUDGET: tuple[str, ...] = (
     "scale",
     "outline",
     "prior",
+    "alternatives",
 )
 """What standard deviations are made of."""
 
@@ -147,6 +120,7 @@ class Budget(eqx.Module):
     * `scale`: Errors of all depths alike, in so far as no prior tells them.
     * `outline`: The place of the ends, and of a silhouette, in the image.
     * `prior`: What was expected beforehand.
+    * `alternatives`: That another solution may be the true one.
     """
 
     parts: OrderedDict[str, Deviations]
@@ -229,11 +203,12 @@ class Fit(eqx.Module):
             to p2, if its p1 is not that of `initial`. Where an end is not seen, it is
             put where the wall was last seen; a frustum's radius is the wall's there.
         std: One standard deviation of each parameter, from `covariance`; all `inf`
-            where the fit failed.
+            where the fit failed, but for one that is ambiguous.
         std_budget: What these are made of: a user sees what to improve.
         covariance: Of the shape's `coordinates`, in meters and radians; widened where
-            the residuals are larger than `sigma` says. `inf` on the diagonal where
-            undetermined, and 0 beside it; 0 where held.
+            the residuals are larger than `sigma` says, and where there are
+            alternatives: it is about the estimate, over all solutions. `inf` on the
+            diagonal where undetermined, and 0 beside it; 0 where held.
         coordinates: Names of the covariance's coordinates. Those called first and
             second are along the two vectors of `tangent_basis(axis)`.
         ends_seen: Whether the image shows the ends: of a cylinder that at
@@ -262,6 +237,8 @@ class Fit(eqx.Module):
         border_chi2: Chi-squared, of as many degrees of freedom as there are
             coordinates or less, by which readings beside the region's border contradict
             the others; `inf` where many of them lie elsewhere.
+        alternatives: Other solutions that differ by more than five standard deviations.
+            They are known where several starts were tried.
         asked: What `test_taper` needs; the depth image is kept in it.
     """
 
@@ -285,6 +262,7 @@ class Fit(eqx.Module):
     chi2: Float[Array, "*batch"]
     p_value: Float[Array, "*batch"]
     border_chi2: Float[Array, "*batch"]
+    alternatives: Alternatives
     asked: Asked = dataclasses.field(default_factory=Asked, repr=False)
 
     @property
@@ -321,6 +299,11 @@ class Fit(eqx.Module):
     def status(self) -> FitStatus:
         """How the fit ended; needs a single, concrete result."""
         return STATUSES[int(self.status_code)]
+
+    @property
+    def is_shape(self) -> bool:
+        """Whether the shape is one that explains the readings, if not the only one."""
+        return self.status in (FitStatus.CONVERGED, FitStatus.AMBIGUOUS)
 
     @property
     def reason(self) -> str:
@@ -374,7 +357,7 @@ class Fit(eqx.Module):
             f"{int(self.num_agreeing)} of {int(self.num_starts)} starts agree, "
             f"{int(self.num_pixels)} pixels{time}"
         )
-        if not bool(self.success):
+        if not self.is_shape:
             return head
         rms = (
             f"  rms     {millimeters(self.rms)} mm over "
@@ -382,7 +365,7 @@ class Fit(eqx.Module):
             f"{float(self.chi2):.2f}"
         )
         told = [line(name, *values) for name, values in self.told.items()]
-        lines = [head, *told, rms]
+        lines = [head, *told, rms, *self._alternatives_told()]
         if {"correlation", "warp", "scale"} & set(self.std_budget.some):
             lines += [
                 f"  std of {name}: {_made_of(self.std_budget.of(name))} mm"
@@ -395,6 +378,14 @@ class Fit(eqx.Module):
                 f"  An end is not seen: {UNSEEN[type(self.shape)]} std is {across} mm."
             )
         return "\n".join(lines)
+
+    def _alternatives_told(self) -> list[str]:
+        """A line for each other solution."""
+        return [
+            f"  or with {100 * weight:.1f} %: "
+            + ", ".join(plain(name, value) for name, value in values.items())
+            for weight, values in self.alternatives.told(TOLD[type(self.shape)])
+        ]
 
     def __str__(self) -> str:
         return text_or_repr(self, self._text)

@@ -47,6 +47,7 @@ from impostor_jax.fit.request import (
 )
 from impostor_jax.fit.result import Fit
 from impostor_jax.fit.solve import solve
+from impostor_jax.fit.weighing import best_of, likeliest
 from impostor_jax.primitives.base import AbstractPrimitive, in_camera_frame
 from impostor_jax.sensor.base import AbstractDepthNoise
 
@@ -150,7 +151,15 @@ def _fit_pixels(
         # Noise may hide which of two tilts is the true one.
         if effort.starts > 1 and any(bool(one.hides_tilt) for one in found):
             found += [fitted(_mirrored(start)) for start in starts]
-    return found[0].fit if len(found) == 1 else _best_of(found)
+    if len(found) > 1:
+        # A guess that leads to one tilt may be too far off, mirrored, for the other.
+        found.append(fitted(_mirrored(likeliest(found).body)))
+    elif not bool(found[0].hides_tilt):
+        return found[0].fit
+    # Where noise is deep a fit may end where readings that it leaves out would not
+    # let it, 10 standard deviations off; its first stages lead on from there.
+    found.append(fitted(likeliest(found).body))
+    return best_of(found)
 
 
 def fit_from(
@@ -180,24 +189,6 @@ def _placed(
 
 
 _mirrored = jax.jit(lambda body: body.mirrored())
-
-
-@jax.jit
-def _is_alike(best: Assessment, other: Assessment) -> Bool[Array, ""]:
-    least = jnp.maximum(best.nominal, best.body.radius / 50)
-    return best.body.distance(other.body) < least
-
-
-def _best_of(found: list[Assessment]) -> Fit:
-    """The fit that explains the image best, and how many others agree with it."""
-    best = found[int(np.argmin([float(one.cost) for one in found]))]
-    agreeing = sum(bool(_is_alike(best, one)) for one in found)
-    return dataclasses.replace(
-        best.fit,
-        num_steps=jnp.array(sum(int(one.fit.num_steps) for one in found)),
-        num_starts=jnp.array(len(found)),
-        num_agreeing=jnp.array(max(agreeing, 1)),
-    )
 
 
 def pixels_shown(

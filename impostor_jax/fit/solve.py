@@ -33,6 +33,7 @@ from impostor_jax.fit.evidence import Terms, crossing_terms, reading_terms
 from impostor_jax.fit.prior import prior_residuals
 from impostor_jax.fit.problem import BLOCK, Problem
 from impostor_jax.fit.robust import KERNELS, robust_residual
+from impostor_jax.fit.scatter import scatter_products
 from impostor_jax.numerics import eps, product, safe_divide
 
 
@@ -282,11 +283,11 @@ def _followed_jvp(given, changes):
 
     def pull_at(moved: Float[Array, " c"], problem: Problem) -> Float[Array, " c"]:
         at = body_at(moved)
-        terms = reading_terms(
-            problem.pixels, at, problem.noise, pixel=problem.pixel
-        ).terms
+        readings = reading_terms(problem.pixels, at, problem.noise, pixel=problem.pixel)
+        terms = readings.terms
         scale = _scale(problem, terms.residual[-BLOCK:], terms.weight[-BLOCK:])
         total = _products(problem, terms, scale) + _beside(problem, at, stage, scale)
+        total += scatter_products(problem, problem.pixels, at, readings, scale)
         return product(basis.T, total[:-1, -1])
 
     still = jnp.zeros(free.shape[0], problem.unit.dtype)
@@ -383,15 +384,16 @@ def _of_readings(
         first = size - BLOCK * (number + 1)
         cut = partial(jax.lax.dynamic_slice_in_dim, start_index=first, slice_size=BLOCK)
         pixels = jax.tree.map(cut, problem.pixels)
-        terms = reading_terms(
-            pixels, body, problem.noise, stage.soft, problem.pixel
-        ).terms
+        readings = reading_terms(pixels, body, problem.noise, stage.soft, problem.pixel)
+        terms = readings.terms
         scale = jax.lax.cond(
             number == 0,
             lambda: stage.widening * _scale(problem, terms.residual, terms.weight),
             lambda: scale,
         )
-        return total + _products(problem, terms, scale), scale
+        total = total + _products(problem, terms, scale)
+        scatter = scatter_products(problem, pixels, body, readings, scale)
+        return total + jnp.where(stage.takes_all, scatter, 0), scale
 
     num_blocks = jnp.where(stage.takes_all, problem.num_blocks, 1)
     one = jnp.ones_like(problem.unit)

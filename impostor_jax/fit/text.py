@@ -1,6 +1,6 @@
 """Lines that tell a fit to a reader: lengths in millimeters, angles in degrees."""
 
-__all__ = ["line", "millimeters"]
+__all__ = ["line", "millimeters", "plain"]
 
 from typing import Any
 
@@ -10,6 +10,13 @@ import numpy as np
 def millimeters(values: Any) -> str:
     """Lengths side by side, in millimeters."""
     return _numbers(values, 1e3)
+
+
+def plain(name: str, values: Any) -> str:
+    """A length, a point or an axis by its name."""
+    if name == "axis":
+        return f"axis {_numbers(values, digits=5)}"
+    return f"{name} {millimeters(values)} mm"
 
 
 def line(name: str, values: Any, deviations: Any) -> str:

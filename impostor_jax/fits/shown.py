@@ -81,7 +81,7 @@ def fit_shown(
     ]
     if len(fits) == 1:
         return fits[0]
-    good = [fit for fit in fits if bool(fit.success)]
+    good = [fit for fit in fits if fit.is_shape]
     if not good:
         return _nothing(kind, image, noise, precision)
     return max(good, key=lambda fit: np.count_nonzero(fit.inliers))

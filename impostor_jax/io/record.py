@@ -38,6 +38,10 @@ def fit_record(
         },
         "num_starts": int(fit.num_starts),
         "num_agreeing": int(fit.num_agreeing),
+        "alternatives": [
+            {"weight": weight, **_named(values)}
+            for weight, values in fit.alternatives.told(list(fit.told))
+        ],
         "num_pixels": int(fit.num_pixels),
         "rms_m": numbers(fit.rms),
         "chi2": numbers(fit.chi2),
@@ -113,10 +117,6 @@ def _taper(taper: TaperTest) -> dict[str, Any]:
 def _estimate(fit: Fit) -> dict[str, Any]:
     """Values by name and unit, their deviations, and what these are made of."""
     told = fit.told
-    values = {
-        name if name == "axis" else f"{name}_m": numbers(value)
-        for name, (value, _) in told.items()
-    }
 
     def of_all(std: Any) -> dict[str, Any]:
         return {
@@ -124,8 +124,17 @@ def _estimate(fit: Fit) -> dict[str, Any]:
             for name in told
         }
 
+    values = {name: value for name, (value, _) in told.items()}
     budget = {name: of_all(std) for name, std in fit.std_budget.some.items()}
-    return values | {"std": of_all(fit.std), "std_budget": budget}
+    return _named(values) | {"std": of_all(fit.std), "std_budget": budget}
+
+
+def _named(values: dict[str, Any]) -> dict[str, Any]:
+    """Lengths, points and an axis, by name and unit."""
+    return {
+        name if name == "axis" else f"{name}_m": numbers(value)
+        for name, value in values.items()
+    }
 
 
 def numbers(values: Any) -> Any:

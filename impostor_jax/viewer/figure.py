@@ -69,7 +69,7 @@ def overlay_figure(fit: Fit, depth: Any, camera: AbstractCamera) -> Figure:
     rows, cols = np.nonzero(region)
     figure = Figure(figsize=(12, 4.8), layout="constrained")
     left, right = figure.subplots(1, 2)
-    shape = fit.shape if bool(fit.success) else None
+    shape = fit.shape if fit.is_shape else None
     draw_shapes(left, depth, camera, [Drawn(region, shape)])
     left.set_title(f"depth, region used (white), fit: {fit.status}")
 

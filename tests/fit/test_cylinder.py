@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import impostor_jax as ij
-from impostor_jax.fit.result import STATUSES
+from impostor_jax.fit.status import STATUSES
 from impostor_jax.geometry.so3 import tangent_basis
 from tests.cases import pose
 from tests.checks import all_finite, angle_between

@@ -79,7 +79,8 @@ def test_square_of_a_grazing_reading_is_unbiased():
     pixels = read_along(direction, jnp.asarray((depth + noise).astype(np.float32)))
     readings = jax.jit(reading_terms)(pixels, body, ij.ConstantNoise(sigma))
     # Those that lie far behind by chance pull less, and are one in a thousand.
-    assert np.asarray(readings.is_square).all()
+    # Beyond four deviations, where one in sixteen thousand is, outliers are.
+    assert np.asarray(readings.is_square).mean() > 1 - 1e-4
     found = np.asarray(readings.terms.residual, float)
     # Four standard errors of a mean and of a deviation of a skewed residual.
     assert abs(found.mean()) < 4 / np.sqrt(count)

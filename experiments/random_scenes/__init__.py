@@ -1,0 +1,1 @@
+"""How often is a fit of a random scene wrong, and does it say so?"""

@@ -1,0 +1,58 @@
+"""Other solutions that explain an image almost as well as the one that is returned."""
+
+__all__ = ["MOST_ALTERNATIVES", "Alternatives", "no_alternatives"]
+
+from collections.abc import Sequence
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from impostor_jax.primitives.base import AbstractPrimitive
+
+MOST_ALTERNATIVES = 2
+"""How many are told of."""
+
+
+class Alternatives(eqx.Module):
+    """Solutions beside a fit's own, the likeliest first.
+
+    There are always `MOST_ALTERNATIVES`, so that fits can be stacked; where there is
+    none, the weight is 0 and the shape NaN.
+
+    Attributes:
+        shape: In the world frame, each like the fit's.
+        weight: Posterior probability of each; what they lack to 1 is the fit's own.
+    """
+
+    shape: AbstractPrimitive
+    weight: Float[Array, "*batch k"]
+
+    def told(self, names: Sequence[str]) -> list[tuple[float, dict[str, Array]]]:
+        """Weight and named values of those that there are; needs those of one fit."""
+        weights = np.asarray(self.weight)
+        return [
+            (
+                float(weights[k]),
+                {name: getattr(self.shape, name)[k] for name in names},
+            )
+            for k in np.flatnonzero(weights)
+        ]
+
+
+def no_alternatives(shape: Any) -> Alternatives:
+    """Those of a shape that has none.
+
+    Args:
+        shape: A single one, whose kind and precision count.
+    """
+    count = MOST_ALTERNATIVES
+    return Alternatives(
+        shape=jax.tree.map(
+            lambda part: jnp.full((count, *part.shape), jnp.nan, part.dtype), shape
+        ),
+        weight=jnp.zeros(count, jnp.result_type(*jax.tree.leaves(shape))),
+    )

@@ -1,0 +1,40 @@
+"""How a fit may end."""
+
+__all__ = ["STATUSES", "FitStatus"]
+
+import enum
+
+
+class FitStatus(enum.StrEnum):
+    """How a fit ended; only CONVERGED is a success.
+
+    AMBIGUOUS is no failure of the solver: `Fit.alternatives` has the other solutions,
+    and the standard deviations cover them.
+    """
+
+    CONVERGED = "converged"
+    STEP_LIMIT = "step_limit"
+    NO_FIRST_GUESS = "no_first_guess"
+    POOR_FIT = "poor_fit"
+    UNDETERMINED = "undetermined"
+    AMBIGUOUS = "ambiguous"
+    NOT_FINITE = "not_finite"
+
+    @property
+    def meaning(self) -> str:
+        """One sentence for a reader."""
+        return _MEANINGS[self]
+
+
+_MEANINGS = {
+    FitStatus.CONVERGED: "The fit converged.",
+    FitStatus.STEP_LIMIT: "The solver reached its step limit before it converged.",
+    FitStatus.NO_FIRST_GUESS: "No shape lies near the readings: no first guess.",
+    FitStatus.POOR_FIT: "The readings do not lie on the fitted shape.",
+    FitStatus.UNDETERMINED: "The readings do not determine radius and place.",
+    FitStatus.AMBIGUOUS: "Two solutions explain the readings.",
+    FitStatus.NOT_FINITE: "The solver met a number that is not finite.",
+}
+
+STATUSES = tuple(FitStatus)
+"""Order of the integer codes in which a compiled fit carries its status."""

@@ -1,0 +1,228 @@
+"""The best of several solutions of an image, and how probable the others are.
+
+Starts that end within each other's standard deviations are one solution. What the
+others weigh widens the standard deviations of the best, so that they cover all.
+"""
+
+__all__ = ["AMBIGUOUS_FROM", "best_of", "likeliest"]
+
+import dataclasses
+from collections import OrderedDict
+from collections.abc import Sequence
+from functools import partial
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float
+
+from impostor_jax.fit.alternatives import MOST_ALTERNATIVES, Alternatives
+from impostor_jax.fit.assess import Assessment
+from impostor_jax.fit.body import AbstractBody, Readout
+from impostor_jax.fit.result import Budget, Deviations, Fit
+from impostor_jax.fit.status import STATUSES, FitStatus
+
+AMBIGUOUS_FROM = 0.05
+"""Weight of all other solutions from which a fit is ambiguous."""
+
+LEAST_WEIGHT = 1e-3
+"""Weight of a solution from which it counts."""
+
+SAME = 5.0
+"""Standard deviations up to which two solutions are one. Each is off by up to one, by
+the tolerance of its fit."""
+
+NO_SOLUTION = (FitStatus.NOT_FINITE, FitStatus.STEP_LIMIT)
+"""How what ends is no minimum, which may not stand beside the best."""
+
+
+def likeliest(found: Sequence[Assessment]) -> Assessment:
+    """The one that explains the image best."""
+    return found[int(np.argmin([float(one.cost) for one in found]))]
+
+
+class Rival(NamedTuple):
+    """A solution beside the best.
+
+    Attributes:
+        found: What is said of it.
+        away: What is read of it, less the same of the best.
+    """
+
+    found: Assessment
+    away: dict[str, Float[np.ndarray, "..."]]
+
+
+def best_of(found: Sequence[Assessment]) -> Fit:
+    """The fit that explains the image best, and what the others say of it."""
+    ranked = sorted(found, key=lambda one: float(one.cost))
+    best, rivals, num_agreeing = ranked[0], [], 1
+    for one in ranked[1:]:
+        rival = Rival(one, _apart(best, one))
+        if _is_same(best, rival.away):
+            num_agreeing += 1
+        elif one.fit.status not in NO_SOLUTION and not any(
+            _is_same(other.found, _apart(other.found, one)) for other in rivals
+        ):
+            rivals.append(rival)
+    fit = dataclasses.replace(
+        best.fit,
+        num_steps=jnp.array(sum(int(one.fit.num_steps) for one in found)),
+        num_starts=jnp.array(len(found)),
+        num_agreeing=jnp.array(num_agreeing),
+    )
+    rivals = rivals[:MOST_ALTERNATIVES]
+    weights = _weights(best, rivals)
+    count = int(np.sum(weights[1:] >= LEAST_WEIGHT))
+    if not count:
+        return fit
+    weights = weights[: count + 1] / np.sum(weights[: count + 1])
+    return _with_rivals(fit, rivals[:count], weights)
+
+
+def _weights(best: Assessment, rivals: Sequence[Rival]) -> Float[np.ndarray, " r"]:
+    """Posterior weights of the best and the others.
+
+    Readings whose errors are shared, or larger than their noise says, tell less.
+    """
+    costs = np.array([float(one.cost) for one in (best, *(r.found for r in rivals))])
+    weights = np.exp((costs[0] - costs) / float(best.repeats))
+    return weights / np.sum(weights)
+
+
+def _apart(best: Assessment, other: Assessment) -> dict[str, Float[np.ndarray, "..."]]:
+    """What is read of a solution less the same of another, by name."""
+    kind = type(best.body)
+    shapes = kind.of(best.fit.shape), kind.of(other.fit.shape)
+    return jax.tree.map(np.asarray, dict(_difference(*shapes, best.fit.ends_seen)))
+
+
+@jax.jit
+def _difference(
+    best: AbstractBody, other: AbstractBody, ends_seen: Bool[Array, " e"]
+) -> Readout:
+    own = best.readout(best, ends_seen)
+
+    def less_own(other: AbstractBody) -> tuple[Readout, Float[Array, ""]]:
+        read = jax.tree.map(jnp.subtract, other.readout(best, ends_seen), own)
+        squares = [jnp.sum(part**2) for part in read.values()]
+        return read, jnp.sum(jnp.stack(squares))
+
+    # The ends of one may be the other's in reverse.
+    (as_it_is, size), (turned, other_size) = map(
+        less_own, (other, other.reversed(-jnp.ones_like(other.radius)))
+    )
+    return jax.tree.map(partial(jnp.where, size <= other_size), as_it_is, turned)
+
+
+def _is_same(best: Assessment, away: dict[str, Float[np.ndarray, "..."]]) -> bool:
+    """Whether a solution lies within the standard deviations of another."""
+    variance = np.diagonal(np.asarray(best.fit.covariance))
+    off = _in_coordinates(best, away)
+    return bool(np.all((off**2 <= SAME**2 * variance) | ~np.isfinite(variance)))
+
+
+def _in_coordinates(
+    best: Assessment, away: dict[str, Float[np.ndarray, "..."]]
+) -> Float[np.ndarray, " m"]:
+    """The same as one vector, of the covariance's coordinates."""
+    return np.concatenate([np.atleast_1d(away[name]) for name in best.body.coordinates])
+
+
+def _with_rivals(
+    fit: Fit, rivals: Sequence[Rival], weights: Float[np.ndarray, " r"]
+) -> Fit:
+    """A fit that tells of others, and is as unsure as all of them are.
+
+    What another leaves open counts as the fit has it.
+
+    Args:
+        fit: The best.
+        rivals: The others, the likeliest first.
+        weights: Of the fit and the others.
+    """
+    told = _told(fit, rivals, weights[1:])
+    fit = dataclasses.replace(fit, alternatives=told)
+    if not bool(fit.success):
+        return fit
+    is_ambiguous = np.sum(weights[1:]) > AMBIGUOUS_FROM
+    status = FitStatus.AMBIGUOUS if is_ambiguous else FitStatus.CONVERGED
+    offs = [_in_coordinates(rival.found, rival.away) for rival in rivals]
+    covariance = _mixed(
+        fit.covariance,
+        [rival.found.fit.covariance for rival in rivals],
+        [np.outer(off, off) for off in offs],
+        weights,
+    )
+    std = OrderedDict(
+        (
+            name,
+            jnp.sqrt(
+                _mixed(
+                    part**2,
+                    [rival.found.fit.std.values[name] ** 2 for rival in rivals],
+                    [np.asarray(rival.away[name] ** 2) for rival in rivals],
+                    weights,
+                )
+            ),
+        )
+        for name, part in fit.std.values.items()
+    )
+    apart = [
+        jnp.where(jnp.isfinite(part), jnp.sqrt(jnp.maximum(full**2 - part**2, 0)), part)
+        for full, part in zip(std.values(), fit.std.values.values(), strict=True)
+    ]
+    more = Deviations(OrderedDict(zip(std, apart, strict=True)))
+    parts = OrderedDict(fit.std_budget.parts, alternatives=more)
+    return dataclasses.replace(
+        fit,
+        std=Deviations(std),
+        std_budget=Budget(parts),
+        covariance=covariance,
+        success=jnp.array(not is_ambiguous),
+        status_code=jnp.array(STATUSES.index(status)),
+    )
+
+
+def _mixed(
+    own: Array,
+    others: Sequence[Array],
+    squares: Sequence[Float[np.ndarray, "..."]],
+    weights: Float[np.ndarray, " r"],
+) -> Array:
+    """Mean of (co)variances about an estimate, over solutions.
+
+    Args:
+        own: Of the estimate. What this leaves open stays so.
+        others: Of the others, each about itself.
+        squares: Of how far each of these is away from the estimate.
+        weights: Of the estimate and the others.
+    """
+    own_values = np.asarray(own)
+    total = weights[0] * own_values
+    for other, square, weight in zip(others, squares, weights[1:], strict=True):
+        values = np.asarray(other)
+        values = np.where(np.isfinite(values), values, own_values)
+        total = total + weight * (values + square)
+    if own_values.ndim == 2:
+        is_open = ~np.isfinite(np.diagonal(own_values))
+        beside = is_open[:, None] | is_open[None]
+        total = np.where(beside, own_values, total)
+    return jnp.asarray(total, own.dtype)
+
+
+def _told(
+    fit: Fit, rivals: Sequence[Rival], weights: Float[np.ndarray, " r"]
+) -> Alternatives:
+    """The others, filled up with none."""
+    none = fit.alternatives
+    shapes = [rival.found.fit.shape for rival in rivals]
+
+    def stacked(blank: Array, *parts: Array) -> Array:
+        return jnp.concatenate([jnp.stack(parts), blank[len(parts) :]])
+
+    return Alternatives(
+        shape=jax.tree.map(stacked, none.shape, *shapes),
+        weight=none.weight.at[: len(weights)].set(weights),
+    )
