@@ -4,8 +4,9 @@ Errors over depth to the power with which they grow are alike all over a plane. 
 near a jump, a hole or a crease are left out: there a sensor leans, which is no noise.
 """
 
-__all__ = ["Flat", "flat_of"]
+__all__ = ["Flat", "flat_of", "without_bends"]
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import cv2
@@ -13,12 +14,24 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from impostor_jax.camera.base import AbstractCamera
-from impostor_jax.find.planes import planes_of
+from impostor_jax.find.planes import PlaneRegions, planes_of
 from impostor_jax.find.view import View, view_of
 from impostor_jax.sensor.base import AbstractDepthNoise
 
 FEWEST_PIXELS = 300
 """Of a plane: fewer tell its own three numbers and little else."""
+
+CLEAR = 5.0
+"""Standard deviations between two planes, at least, as the search has them."""
+
+BLOCK = 8
+"""Pixels across a block whose mean tells whether it is on the plane."""
+
+BENT = 5.0
+"""Standard deviations of the means of blocks from which one is not on the plane."""
+
+NUM_TRIMS = 3
+"""Times that planes are fitted without those."""
 
 NUM_FITS = 3
 """Times a plane is fitted, each with the depths that the last one has."""
@@ -69,7 +82,8 @@ def flat_of(
         margin: Pixels beside the edge of what lies on a plane that are left out.
     """
     view = view_of(depth, camera, noise, depth.size)
-    labels = planes_of(view, view.valid & usable).labels
+    regions = planes_of(view, view.valid & usable)
+    labels = np.where(_is_apart(view, regions), regions.labels, 0)
     none, terms = np.zeros(labels.shape), np.zeros((3, *labels.shape))
     found = Flat(np.zeros_like(labels), none, none.copy(), none.copy(), terms)
     number = 0
@@ -80,6 +94,20 @@ def flat_of(
             found.labels[on] = number
             _fit(view, on, power, found)
     return found
+
+
+def _is_apart(view: View, regions: PlaneRegions) -> Bool[np.ndarray, "h w"]:
+    """Pixels where no other plane is so near that a reading may be taken for its own.
+
+    Near a crease those of two planes were told apart by how far they err.
+    """
+    alone = np.ones(view.depth.shape, bool)
+    depths = [a * view.x + b * view.y + c for a, b, c in regions.planes.tolist()]
+    own = np.choose(regions.labels, [np.zeros_like(view.x), *depths])
+    for number, other in enumerate(depths, start=1):
+        is_near = np.abs(own - other) < CLEAR * view.linear_sigma
+        alone &= (regions.labels == number) | ~is_near
+    return alone
 
 
 def _without_border(
@@ -114,3 +142,74 @@ def _fit(view: View, on: Bool[np.ndarray, "h w"], power: float, found: Flat) -> 
     found.cosine[on] = np.clip(cosine, 0, 1)
     found.error[on] = (z - middle) / middle**power
     found.terms[:, on] = rows * middle**grows
+
+
+def without_bends(
+    flats: Sequence[Flat], variances: Sequence[Float[np.ndarray, "h w"]]
+) -> list[Flat]:
+    """Planes without what lies off them by more than any smooth error does.
+
+    Where a wall meets a table that is hardly inclined to it, noise hides the crease,
+    and what is beyond is taken for the plane's. A warp is seen on all planes, so the
+    scatter of the means of blocks tells how far one may lie off.
+
+    Args:
+        flats: Planes of all images.
+        variances: Of white noise, over depth to twice the power.
+    """
+    flats = list(flats)
+    for _ in range(NUM_TRIMS):
+        means, noises, counts = zip(
+            *(_block_means(*pair) for pair in zip(flats, variances, strict=True)),
+            strict=True,
+        )
+        known = [count >= BLOCK * BLOCK / 2 for count in counts]
+        mean, noise = (
+            np.concatenate([x[there] for x, there in zip(parts, known, strict=True)])
+            for parts in (means, noises)
+        )
+        if not len(mean):
+            break
+        # Of normal errors the median square is 0.455 variances.
+        shared = max(float(np.median(mean**2) / 0.455 - np.median(noise)), 0.0)
+        for k, flat in enumerate(flats):
+            bent = known[k] & (means[k] ** 2 > BENT**2 * (shared + noises[k]))
+            flats[k] = _refitted(flat, bent)
+    return flats
+
+
+def _block_means(
+    flat: Flat, variance: Float[np.ndarray, "h w"]
+) -> tuple[Float[np.ndarray, " b"], Float[np.ndarray, " b"], Float[np.ndarray, " b"]]:
+    """Means of the errors of blocks of each plane, their noise, and their pixels."""
+    on, block = flat.labels > 0, _blocks(flat)
+    count = np.bincount(block[on], minlength=block.max() + 1)
+    safe = np.maximum(count, 1)
+    mean, noise = (
+        np.bincount(block[on], part[on], len(count)) / safe
+        for part in (flat.error, variance)
+    )
+    return mean, noise / safe, count.astype(float)
+
+
+def _blocks(flat: Flat) -> Int[np.ndarray, "h w"]:
+    """Number of the block of each pixel, of each plane apart."""
+    rows, cols = np.indices(flat.labels.shape) // BLOCK
+    across = cols.max() + 1
+    return (flat.labels * (rows.max() + 1) + rows) * across + cols
+
+
+def _refitted(flat: Flat, bent: Bool[np.ndarray, " b"]) -> Flat:
+    """Planes without some of the blocks."""
+    if not bent.any():
+        return flat
+    labels = np.where(bent[_blocks(flat)], 0, flat.labels)
+    error = np.zeros_like(flat.error)
+    for plane in range(1, flat.num_planes + 1):
+        on = labels == plane
+        if np.count_nonzero(on) < FEWEST_PIXELS:
+            labels[on] = 0
+            continue
+        terms = flat.terms[:, on].T
+        error[on] = flat.error[on] - terms @ np.linalg.lstsq(terms, flat.error[on])[0]
+    return flat._replace(labels=labels, error=error)

@@ -35,7 +35,7 @@ anything is measured: images of one depth do not tell how noise grows with it.""
 PAIRS = 8.0
 """Differences that tell as much as one that is independent of all others."""
 
-MOST_STEPS = 60
+MOST_STEPS = 30
 """Of the fit of a law."""
 
 SIGNIFICANT = 20.0
@@ -313,7 +313,7 @@ def _least_squares(
         if after @ after < now @ now:
             gain = (now @ now - after @ after) / (now @ now)
             at, now, damping = at + step, after, damping / 5
-            if gain < 1e-9 and np.abs(step).max() < 1e-4:
+            if gain < 1e-7 and np.abs(step).max() < 1e-3:
                 break
         else:
             damping *= 8

@@ -302,7 +302,10 @@ class _Likelihood(NamedTuple):
         found, (now, slope, information) = start, self.scored(start)
         for _ in range(MOST_STEPS):
             step = _step(slope, information)
-            if not bounds[0] < found[1] + 1e-6 * step[1] < bounds[1]:
+            if found[1] <= bounds[0] and step[1] < 0:
+                # What is shorter is no warp.
+                break
+            if found[1] >= bounds[1] and step[1] > 0:
                 # At an end, which the others need not wait for.
                 free = [0, 2]
                 step[free] = _step(slope[free], information[np.ix_(free, free)])

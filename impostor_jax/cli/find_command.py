@@ -50,7 +50,7 @@ class FindCommand:
     sensor is given."""
     sensor: str | None = None
     """Noise model of the sensor: structured_light or stereo (with the camera's focal
-    length), or a JSON file with its type and numbers."""
+    length), or a JSON file with its type and numbers, as calibrate writes it."""
     prior_radius: tuple[float, float] | None = None
     """Expected radius and its standard deviation, in meters."""
     prior_height: tuple[float, float] | None = None
