@@ -289,6 +289,7 @@ def _measured(
     readings = readings_of(differences, kind, first, USUAL_WARP, find_warp=True)
     expected, longest = readings.warp, max(flats[0].labels.shape) / 2
     assert expected is not None
+    expected = Smooth(expected.deviation, min(expected.length, longest / LONGER))
     warp, is_first = None, True
     while warp is None and expected.length < longest:
         variances = [_variance(flat, readings.law, kind.power) for flat in flats]

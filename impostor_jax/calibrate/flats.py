@@ -24,14 +24,26 @@ FEWEST_PIXELS = 300
 CLEAR = 5.0
 """Standard deviations between two planes, at least, as the search has them."""
 
+SAME = 0.5
+"""Share of a plane from which another that is near there is the same."""
+
 BLOCK = 8
 """Pixels across a block whose mean tells whether it is on the plane."""
 
 BENT = 5.0
 """Standard deviations of the means of blocks from which one is not on the plane."""
 
-NUM_TRIMS = 3
-"""Times that planes are fitted without those."""
+MEDIAN_SQUARE = 0.455
+"""Of normal errors, in variances."""
+
+NUM_HALVES = 20
+"""Of an interval, to find a variance in."""
+
+MOST_BENT = 0.1
+"""Of the blocks of a plane that may be off it; one with more is of two surfaces."""
+
+NUM_TRIMS = 10
+"""Times that planes are fitted without those, at most."""
 
 NUM_FITS = 3
 """Times a plane is fitted, each with the depths that the last one has."""
@@ -106,7 +118,11 @@ def _is_apart(view: View, regions: PlaneRegions) -> Bool[np.ndarray, "h w"]:
     own = np.choose(regions.labels, [np.zeros_like(view.x), *depths])
     for number, other in enumerate(depths, start=1):
         is_near = np.abs(own - other) < CLEAR * view.linear_sigma
-        alone &= (regions.labels == number) | ~is_near
+        for plane in range(1, len(depths) + 1):
+            on = regions.labels == plane
+            # What is near all over is a part of the same one, beyond an object.
+            if plane != number and np.mean(is_near[on]) < SAME:
+                alone[on] &= ~is_near[on]
     return alone
 
 
@@ -157,7 +173,6 @@ def without_bends(
         flats: Planes of all images.
         variances: Of white noise, over depth to twice the power.
     """
-    flats = list(flats)
     for _ in range(NUM_TRIMS):
         means, noises, counts = zip(
             *(_block_means(*pair) for pair in zip(flats, variances, strict=True)),
@@ -170,12 +185,37 @@ def without_bends(
         )
         if not len(mean):
             break
-        # Of normal errors the median square is 0.455 variances.
-        shared = max(float(np.median(mean**2) / 0.455 - np.median(noise)), 0.0)
-        for k, flat in enumerate(flats):
-            bent = known[k] & (means[k] ** 2 > BENT**2 * (shared + noises[k]))
-            flats[k] = _refitted(flat, bent)
-    return flats
+        shared = _shared(mean, noise)
+        bent = [
+            _whole(
+                there, there & (means[k] ** 2 > BENT**2 * (shared + noises[k])), flat
+            )
+            for k, (there, flat) in enumerate(zip(known, flats, strict=True))
+        ]
+        if not any(there.any() for there in bent):
+            break
+        flats = [_refitted(*pair) for pair in zip(flats, bent, strict=True)]
+    return list(flats)
+
+
+def _whole(
+    known: Bool[np.ndarray, " b"], bent: Bool[np.ndarray, " b"], flat: Flat
+) -> Bool[np.ndarray, " b"]:
+    """Blocks that are left out: all of a plane where too many are."""
+    height, width = (-(-size // BLOCK) for size in flat.labels.shape)
+    plane = np.arange(len(known)) // (height * width)
+    number, off = np.bincount(plane, known), np.bincount(plane, bent)
+    return bent | (off > MOST_BENT * number)[plane]
+
+
+def _shared(mean: Float[np.ndarray, " n"], noise: Float[np.ndarray, " n"]) -> float:
+    """Variance of means beyond that of their noise, from the middle ones."""
+    low, high = 0.0, float(np.median(mean**2)) / MEDIAN_SQUARE
+    for _ in range(NUM_HALVES):
+        middle = (low + high) / 2
+        is_more = np.median(mean**2 / (middle + noise)) > MEDIAN_SQUARE
+        low, high = (middle, high) if is_more else (low, middle)
+    return high
 
 
 def _block_means(

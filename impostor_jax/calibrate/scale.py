@@ -25,6 +25,12 @@ CHANGE = 0.02
 NUM_STEPS = 3
 """Fits, each with the error that the last ones say."""
 
+SMALLEST, LARGEST = 1e-3, 0.1
+"""Of the change of the error from one to the next: rounding does not tell of less."""
+
+LEAST_SLOPE = 0.05
+"""Of the radius with the error, over the radius."""
+
 USUAL = 0.01
 """Standard deviation of the error from image to image, before several are seen."""
 
@@ -106,18 +112,19 @@ def _error_of(
         return float(fit.cylinder.radius), float(fit.std.radius)
 
     # Depths that read short make a cylinder small, and so does a larger disparity.
-    sign = 1 if law == "scale" else -1
-    error, step, before = 0.0, sign * CHANGE, fitted(0.0)
-    if before is None:
-        return None
-    slope = -radius * sign
+    error, step, slope = 0.0, CHANGE if law == "scale" else -CHANGE, math.nan
+    before = fitted(0.0)
     for _ in range(NUM_STEPS):
         after = fitted(error + step)
-        if after is None:
+        if before is None or after is None:
             return None
         slope = (after[0] - before[0]) / step
-        if not abs(slope) > 0.05 * radius:
+        # What does not change the radius is not told by it.
+        if not abs(slope) > LEAST_SLOPE * radius:
             return None
         error, before = error + step, after
-        step = float(np.clip((radius - before[0]) / slope, -0.1, 0.1))
+        step = float(np.clip((radius - before[0]) / slope, -LARGEST, LARGEST))
+        if abs(step) < SMALLEST:
+            break
+    assert before is not None
     return error + step, before[1] / abs(slope)
