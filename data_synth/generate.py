@@ -15,6 +15,7 @@ import threading
 from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures import Executor, ProcessPoolExecutor
 from pathlib import Path
+from typing import Any
 
 from data_synth.catalogue import mesh_ply, models_info
 from data_synth.checksums import MODEL_SUMS, damaged, digest_of, listing, seal
@@ -25,7 +26,7 @@ from data_synth.presets import preset_named
 from data_synth.shard import ShardReport, make_shard
 from impostor_jax.io.atomic import write_atomically, write_json, write_text
 from impostor_jax.io.dataset import MANIFEST, SPLIT
-from impostor_jax.sensor.base import AbstractDepthNoise, noise_model
+from impostor_jax.sensor.base import noise_model
 
 WAITING = 1000
 """Most shards that are handed to an executor and not made yet."""
@@ -40,7 +41,7 @@ def generate(
     output: str | Path,
     seed: int = 0,
     *,
-    sensor: AbstractDepthNoise | None = None,
+    sensor: Any = None,
     layout: Layout = "bop",
     shard_size: int = 100,
     clean: bool = True,
