@@ -26,11 +26,15 @@ from impostor_jax.calibrate.laws import (
     readings_of,
     sigma_of,
 )
+from impostor_jax.calibrate.request import (
+    checked_images,
+    checked_masks,
+    checked_objects,
+)
 from impostor_jax.calibrate.scale import Scale, scale_of
 from impostor_jax.calibrate.warp import Smooth, Warp, warp_of
 from impostor_jax.camera.base import AbstractCamera
 from impostor_jax.camera.pinhole import PinholeCamera
-from impostor_jax.fit.request import checked_depth
 from impostor_jax.numerics import Numbers
 from impostor_jax.sensor.base import AbstractDepthNoise, Depths, Normals
 from impostor_jax.sensor.bias import Bias, SmoothField
@@ -116,7 +120,8 @@ class Calibration(NamedTuple):
         if self.warp is None:
             lines.append("  warp    none")
         else:
-            deviation, length, (of_deviation, of_length) = self.warp
+            deviation, length = self.warp.deviation, self.warp.length
+            of_deviation, of_length = self.warp.relative_errors
             lines.append(
                 f"  warp    {1e3 * deviation:.2f} mm{at} "
                 f"(std {1e3 * deviation * of_deviation:.2f}), "
@@ -221,9 +226,9 @@ def calibration_of(
     one_of("kind", kind, KINDS)
     native_scale = real_number("native_scale", native_scale, positive=True)
     baseline = real_number("baseline", baseline, positive=True, unit="meters")
-    images = _checked_images(depths, camera)
-    usable = _checked_masks("mask", mask, images.shape)
-    seen = _checked_objects(objects, radius, camera, images.shape)
+    images = checked_images(depths, camera)
+    usable = checked_masks("mask", mask, images.shape)
+    seen = checked_objects(objects, radius, camera, images.shape)
     of_kind = KINDS[kind]
     own: Any = camera
     first = of_kind.law(float(own.fx) / native_scale, baseline)
@@ -389,54 +394,3 @@ class _Total(AbstractDepthNoise):
         self, key: PRNGKeyArray, depth: Depths, normal: Normals, camera: AbstractCamera
     ) -> Depths:
         raise NotImplementedError
-
-
-def _checked_images(depths: Any, camera: AbstractCamera) -> Float[np.ndarray, "n h w"]:
-    """All images, with 0 for missing readings."""
-    shape = camera.height, camera.width
-    images = np.asarray(depths)
-    if images.ndim not in (2, 3) or images.shape[-2:] != shape or not images.size:
-        raise ValueError(
-            f"depths must be (N, H, W) or (H, W), of the camera's shape {shape}, got "
-            f"{images.shape}"
-        )
-    images = images.reshape(-1, *shape)
-    return np.stack([np.asarray(checked_depth(image, camera)) for image in images])
-
-
-def _checked_masks(
-    name: str, mask: Any, shape: tuple[int, ...]
-) -> Bool[np.ndarray, "n h w"]:
-    """Masks of all images; all of each where there are none."""
-    if mask is None:
-        return np.ones(shape, bool)
-    masks = np.asarray(mask)
-    if masks.shape not in (shape, shape[1:]):
-        raise ValueError(
-            f"{name} must have the shape {shape} of depths, or {shape[1:]} of one for "
-            f"all, got {masks.shape}"
-        )
-    if not (masks.dtype == bool or np.issubdtype(masks.dtype, np.integer)):
-        raise ValueError(f"{name} must be of booleans or integers, got {masks.dtype}")
-    return np.broadcast_to(masks != 0, shape)
-
-
-def _checked_objects(
-    objects: Any, radius: Any, camera: AbstractCamera, shape: tuple[int, ...]
-) -> Bool[np.ndarray, "n h w"]:
-    """Masks of the object of known size; empty where there is none."""
-    if (objects is None) != (radius is None):
-        missing, other = ("radius", "objects")[:: 1 if radius is None else -1]
-        raise ValueError(f"{missing} must be given with {other}, got None")
-    if objects is None:
-        return np.zeros(shape, bool)
-    real_number("radius", radius, positive=True, unit="meters")
-    if not isinstance(camera, PinholeCamera):
-        raise ValueError(
-            f"camera must be a PinholeCamera where objects are given, got "
-            f"{type(camera).__name__}"
-        )
-    seen = _checked_masks("objects", objects, shape)
-    if not seen.any():
-        raise ValueError("objects must hold at least one pixel, got empty masks")
-    return seen
