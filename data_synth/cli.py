@@ -64,6 +64,9 @@ class Generate:
     preset: str
     """Name of a preset, see `describe`, or a .json file with the record of one."""
     work: Work
+    sensor: Path | None = None
+    """JSON file of a noise model, as impostor-jax calibrate writes it, which reads
+    depths instead of the preset's."""
     seed: int = 0
     """Of all that is drawn."""
     format: Literal["bop", "webdataset"] = "bop"
@@ -78,14 +81,17 @@ class Generate:
     def run(self) -> int:
         """Run the command; returns the exit code."""
         from data_synth.generate import generate
+        from impostor_jax.io.sensor_record import read_sensor
 
         options, start = self.work.options(), time.perf_counter()
+        sensor = None if self.sensor is None else read_sensor(self.sensor)
         with _shown(self.count) as progress:
             reports = generate(
                 self.preset,
                 self.count,
                 self.output,
                 self.seed,
+                sensor=sensor,
                 layout=self.format,
                 shard_size=self.shard_size,
                 clean=self.clean,

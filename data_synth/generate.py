@@ -4,6 +4,7 @@ __all__ = ["Progress", "generate", "resume"]
 
 import concurrent.futures
 import contextlib
+import dataclasses
 import itertools
 import multiprocessing
 import multiprocessing.connection
@@ -14,6 +15,7 @@ import threading
 from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures import Executor, ProcessPoolExecutor
 from pathlib import Path
+from typing import Any
 
 from data_synth.catalogue import mesh_ply, models_info
 from data_synth.checksums import MODEL_SUMS, damaged, digest_of, listing, seal
@@ -24,6 +26,7 @@ from data_synth.presets import preset_named
 from data_synth.shard import ShardReport, make_shard
 from impostor_jax.io.atomic import write_atomically, write_json, write_text
 from impostor_jax.io.dataset import MANIFEST, SPLIT
+from impostor_jax.sensor.base import noise_model
 
 WAITING = 1000
 """Most shards that are handed to an executor and not made yet."""
@@ -38,6 +41,7 @@ def generate(
     output: str | Path,
     seed: int = 0,
     *,
+    sensor: Any = None,
     layout: Layout = "bop",
     shard_size: int = 100,
     clean: bool = True,
@@ -58,6 +62,7 @@ def generate(
         count: Number of images.
         output: Folder, which must be empty or not there.
         seed: Of all that is drawn.
+        sensor: Reads depths instead of the preset's, if it is not None.
         layout: "bop", folders scene by scene; or "webdataset", an archive for each.
         shard_size: Images of a shard, a scene of the format; the unit of work.
         clean: Whether the depth without noise is written, too.
@@ -80,6 +85,8 @@ def generate(
     """
     name = preset if isinstance(preset, str) else "custom"
     drawn = preset_named(preset) if isinstance(preset, str) else preset
+    if sensor is not None:
+        drawn = dataclasses.replace(drawn, sensor=noise_model(sensor))
     manifest = Manifest(
         drawn, name, count, seed, shard_size, layout, clean=clean, normals=normals
     )

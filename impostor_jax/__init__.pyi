@@ -1,3 +1,4 @@
+from .calibrate.calibration import calibrate_sensor
 from .camera.base import AbstractCamera
 from .camera.orthographic import OrthographicCamera
 from .camera.pinhole import PinholeCamera
@@ -108,6 +109,7 @@ __all__ = [
     "Tile",
     "TimeOfFlight",
     "Torus",
+    "calibrate_sensor",
     "coverage",
     "depth_loss",
     "find_cylinders",

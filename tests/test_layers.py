@@ -24,6 +24,7 @@ LAYERS = (
     "fit",
     "find",
     "fits",
+    "calibrate",
     "io",
     "matching",
     "evaluate",

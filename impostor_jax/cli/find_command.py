@@ -51,7 +51,7 @@ class FindCommand:
     sensor: str | None = None
     """Model of the sensor: a whole camera (structured_light_camera, stereo_camera or
     time_of_flight_camera), its noise alone (the same without _camera), or a JSON file
-    with a type and its numbers."""
+    with a type and its numbers, as calibrate writes it."""
     prior_radius: tuple[float, float] | None = None
     """Expected radius and its standard deviation, in meters."""
     prior_height: tuple[float, float] | None = None

@@ -13,6 +13,7 @@ from typing import Annotated, Any
 
 import tyro
 
+from impostor_jax.cli.calibrate_command import CalibrateCommand
 from impostor_jax.cli.demo_command import DemoCommand
 from impostor_jax.cli.evaluate_command import EvaluateCommand
 from impostor_jax.cli.find_command import FindCommand
@@ -23,6 +24,7 @@ from impostor_jax.cli.render_command import RenderCommand
 Command = (
     Annotated[FitCommand, tyro.conf.subcommand("fit")]
     | Annotated[FindCommand, tyro.conf.subcommand("find")]
+    | Annotated[CalibrateCommand, tyro.conf.subcommand("calibrate")]
     | Annotated[RenderCommand, tyro.conf.subcommand("render")]
     | Annotated[DemoCommand, tyro.conf.subcommand("demo")]
     | Annotated[EvaluateCommand, tyro.conf.subcommand("evaluate")]

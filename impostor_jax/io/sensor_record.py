@@ -3,13 +3,20 @@
 {"type": "dropout", "sensor": {"type": "constant", "deviation": 0.001}, "rate": 0.01}
 """
 
-__all__ = ["CAMERAS", "SENSORS", "sensor_from_record", "sensor_record"]
+__all__ = [
+    "CAMERAS",
+    "SENSORS",
+    "read_sensor",
+    "sensor_from_record",
+    "sensor_record",
+]
 
 import dataclasses
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
-from impostor_jax.io.json_file import typed_record
+from impostor_jax.io.json_file import read_json_object, typed_record
 from impostor_jax.sensor.base import AbstractDepthNoise
 from impostor_jax.sensor.correlated import CorrelatedNoise
 from impostor_jax.sensor.dropout import Dropout
@@ -81,3 +88,13 @@ def sensor_from_record(record: Any, what: str) -> AbstractDepthNoise:
     if "sensor" in values:
         values["sensor"] = sensor_from_record(values["sensor"], what)
     return kinds[name](**values)
+
+
+def read_sensor(path: Path) -> AbstractDepthNoise:
+    """The noise model of a JSON file.
+
+    Raises:
+        ValueError: The file is not readable, or holds none.
+    """
+    what = f"sensor file {str(path)!r}"
+    return sensor_from_record(read_json_object(path, what), what)

@@ -16,7 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int, PRNGKeyArray
 
-from impostor_jax.numerics import Numbers, Scalar, product
+from impostor_jax.numerics import Numbers, Scalar, product, safe_sqrt
 from impostor_jax.sensor.draws import normal_draws
 
 Reach = int | Int[Array, ""]
@@ -199,7 +199,7 @@ class Bias(eqx.Module):
         """Standard deviation of what depths around one share, relative to that."""
         z = jnp.where(depth > 0, depth, 1)
         squares = [(law.shift(z) / z) ** 2 for law in self.scales]
-        return jnp.sqrt(sum(squares, start=jnp.zeros_like(z)))
+        return safe_sqrt(sum(squares, start=jnp.zeros_like(z)))
 
 
 def is_none(reach: Reach) -> bool:

@@ -29,8 +29,9 @@ def matching_sensor(noise: AbstractDepthNoise, native_scale: Any) -> AbstractDep
 
     References:
         Measured on five photographs of cans by cameras of the first Kinect's kind: the
-        window on the cans' edges, the offset on a chessboard, the smooth errors on the
-        bare table.
+        window on the cans' edges, the offset on a chessboard. The smooth errors are
+        those of the bare table of one (0.93 mm over 24 +- 9 pixels); an image tells
+        little of what is smoother.
     """
     scale = real_number("native_scale", native_scale, positive=True, unit="pixels")
     windowed = MatchingWindow(noise, native_scale=scale)

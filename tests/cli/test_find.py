@@ -21,8 +21,8 @@ RECORD = {
 }  # fmt: skip
 CYLINDER_KEYS = {
     "label", "confidence", "visible", "inside", "status", "world_from_cylinder",
-    "center_m", "axis", "radius_m", "height_m", "std", "ends_seen", "num_pixels",
-    "rms_m", "chi2",
+    "center_m", "axis", "radius_m", "height_m", "std", "std_budget", "ends_seen",
+    "num_pixels", "rms_m", "chi2",
 }  # fmt: skip
 
 

@@ -130,6 +130,7 @@ def error_of(call, capsys, *arguments):
         ({"--num-shards": "2"}, "shard must be given where num_shards is 2"),
         ({"--num-shards": "2", "--shard": "2"}, "shard must be from 0 to 1"),
         ({"--num-shards": "0", "--shard": "0"}, "num_shards must be at least 1"),
+        ({"--sensor": "none.json"}, "sensor file 'none.json'"),
         ({"--format": "zip"}, "zip"),
         ({"--count": "many"}, "many"),
     ],

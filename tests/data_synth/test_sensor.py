@@ -5,10 +5,12 @@ import dataclasses
 import cv2
 import jax.numpy as jnp
 import numpy as np
+import pytest
 
 import impostor_jax as ij
 from data_synth.distribution import Fixed
 from impostor_jax.io.dataset import read_dataset, read_manifest, sensor_of
+from impostor_jax.io.sensor_record import sensor_record
 from impostor_jax.sensor.base import cos_incidence
 from tests.data_synth.small import COUNT, SMALL, small_dataset
 from tests.groups import DATASETS
@@ -74,6 +76,18 @@ def test_the_projector_leaves_shadows_beside_the_cans(tmp_path):
         aside.append(np.nonzero(shadow)[1].mean() - np.nonzero(covered)[1].mean())
     # The projector stands on the right, so shadows fall to the left.
     assert np.mean(aside) < -1
+
+
+def test_a_sensor_of_its_own_replaces_the_preset_s(tmp_path):
+    own = ij.CorrelatedNoise(ij.ConstantNoise(0.001), 0.002, 5.0)
+    small_dataset(tmp_path, sensor=own, count=1)
+    assert sensor_record(sensor_of(read_manifest(tmp_path))) == sensor_record(own)
+
+
+def test_a_sensor_that_is_none_is_refused(tmp_path):
+    with pytest.raises(ValueError, match="sensor must be a noise model"):
+        small_dataset(tmp_path / "out", sensor=0.001)
+    assert not (tmp_path / "out").exists()
 
 
 def test_the_clean_depth_does_not_depend_on_the_sensor(tmp_path, bop):
