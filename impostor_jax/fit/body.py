@@ -345,10 +345,6 @@ class AbstractBody(eqx.Module):
     def mirrored(self) -> "AbstractBody":
         """Tilt the other way, which looks the same from afar but for its depth."""
 
-    @abc.abstractmethod
-    def distance(self, other: Any) -> Float[Array, ""]:
-        """How far the wall of another of the same kind lies from this one's."""
-
 
 def grown(change: Numbers) -> Numbers:
     """Factor on a length from a change of its logarithm, to first order.

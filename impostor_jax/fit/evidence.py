@@ -39,6 +39,7 @@ from impostor_jax.geometry.vec3 import Vec3
 from impostor_jax.numerics import Numbers, safe_divide, safe_sqrt
 from impostor_jax.sensor.base import AbstractDepthNoise
 from impostor_jax.sensor.bias import is_none
+from impostor_jax.sensor.matching_window import STEEPEST
 
 GRAZING = 4.0
 """Half-chord, in standard deviations of a reading, below which squares are compared.
@@ -204,14 +205,18 @@ def _is_clear(
     bias = noise.bias
     if is_none(bias.edge_reach) and is_none(bias.window_reach):
         return True
-    reach = jnp.asarray(bias.edge_reach, body.radius.dtype)
+    r, inverse = body.radius, jnp.abs(seen.inverse)
+    width = pixel * (seen.nearest + seen.foot)
+    beside = width * jnp.asarray(bias.edge_reach, r.dtype)
     if not is_none(bias.window_reach):
-        reach += bias.window_reach * _slant(body, direction)
-    beside = reach * pixel * (seen.nearest + seen.foot)
-    beside = jnp.minimum(beside, CLEAR * body.radius)
+        beside += width * bias.window_reach * _slant(body, direction)
+        # To a window what is too steep is a jump: beside the outline of x = r the depth
+        # changes by x / sqrt((r^2 - x^2) A).
+        slope = np.tan(STEEPEST)
+        beside += r * (1 - slope * jax.lax.rsqrt(slope**2 + inverse))
+    beside = jnp.minimum(beside, CLEAR * r)
     # Half-chords are along rays, and longer than across the axis.
-    least = (2 * body.radius - beside) * beside * jnp.abs(seen.inverse)
-    return jnp.abs(seen.square) > least
+    return jnp.abs(seen.square) > (2 * r - beside) * beside * inverse
 
 
 def _slant(body: AbstractBody, direction: Vec3) -> Float[Array, " n"]:

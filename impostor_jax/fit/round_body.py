@@ -3,7 +3,6 @@
 __all__ = ["RoundBody"]
 
 from collections import OrderedDict
-from typing import Any
 
 import equinox as eqx
 import jax
@@ -497,15 +496,6 @@ class RoundBody(AbstractBody):
         axis, center = self.axis, self.center
         along = jnp.sum(axis * center) / jnp.sum(center**2)
         return eqx.tree_at(lambda b: b.axis, self, axis - 2 * along * center)
-
-    @override
-    def distance(self, other: Any) -> Float[Array, ""]:
-        a = self.axis
-        turned = jnp.cross(other.axis, a) * self.size
-        moved = jnp.cross(other.center - self.center, a)
-        grown = other.radius - self.radius
-        tapered = (other.slope - self.slope) * self.size
-        return jnp.sqrt(jnp.sum(turned**2 + moved**2) + grown**2 + tapered**2)
 
     @override
     def transformed(self, target_from_source: RigidTransform) -> "RoundBody":

@@ -3,7 +3,6 @@
 __all__ = ["SphereBody"]
 
 from collections import OrderedDict
-from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -183,8 +182,3 @@ class SphereBody(AbstractBody):
     @override
     def mirrored(self) -> "SphereBody":
         return self
-
-    @override
-    def distance(self, other: Any) -> Float[Array, ""]:
-        apart = jnp.sum((other.center - self.center) ** 2)
-        return jnp.sqrt(apart + (other.radius - self.radius) ** 2)

@@ -7,7 +7,7 @@ too large. On photographs of cans that is 1 to 3 mm within half a window, and no
 beyond.
 """
 
-__all__ = ["MatchingWindow"]
+__all__ = ["STEEPEST", "MatchingWindow"]
 
 import dataclasses
 import math

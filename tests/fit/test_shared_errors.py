@@ -36,6 +36,11 @@ def test_an_error_of_scale_is_in_every_length_and_no_angle():
     np.testing.assert_allclose(scaled.cylinder.center, plain.cylinder.center, rtol=1e-6)
 
 
+def test_an_error_of_scale_that_is_none_changes_nothing():
+    plain, scaled = fitted(NOISE), fitted(ij.ScaleError(NOISE, deviation=0))
+    np.testing.assert_allclose(scaled.std.radius, plain.std.radius, rtol=1e-3)
+
+
 def test_an_offset_of_the_disparity_bends_what_is_deep():
     law = {"deviation": 0.02 / 0.35, "law": "disparity"}
     fit = fitted(ij.ScaleError(NOISE, **law))
