@@ -58,6 +58,8 @@ def test_two_likely_solutions_are_ambiguous_and_deviations_cover_both(best):
     assert np.isnan(other.radius[1])
     expected = np.sqrt(float(best.fit.std.radius) ** 2 + 0.2 * MOVED**2)
     assert float(fit.std.radius) == pytest.approx(expected, rel=1e-3)
+    part = float(fit.std_budget["alternatives"].radius)
+    assert part == pytest.approx(0.2**0.5 * MOVED, rel=1e-3)
     at = fit.coordinates.index("radius")
     assert float(fit.covariance[at, at]) == pytest.approx(expected**2, rel=1e-3)
     expected = np.sqrt(np.asarray(best.fit.std.center) ** 2 + 0.2 * MOVED**2)
