@@ -84,6 +84,8 @@ def main(
         seconds = time.perf_counter() - started
         settings = dataclasses.asdict(config)
         del settings["run"]
+        # Where files lie is no part of what was measured.
+        settings = {k: x for k, x in settings.items() if not isinstance(x, Path)}
         dtype = str(jnp.zeros(()).dtype)
         save_run(
             folder, metrics, settings, dtype=dtype, seconds=seconds, quick=run.quick
