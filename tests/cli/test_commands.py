@@ -212,7 +212,7 @@ FIT = ("fit", "{depth}", "--camera", "{camera}")
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ((), "Expected one of {fit, find, render, demo, evaluate, parity}"),
+        ((), "Expected one of {fit, find, calibrate, render, demo, evaluate, parity}"),
         (("mesh",), "mesh"),
         (("fit", "{depth}"), "--camera"),
         ((*FIT, "--speed", "9"), "Unrecognized options: --speed"),
