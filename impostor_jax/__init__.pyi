@@ -28,6 +28,7 @@ from .fits.single import fit_cylinder, fit_frustum, fit_sphere
 from .geometry.frames import RigidTransform
 from .io.dataset import read_dataset
 from .io.dataset_shard import LabeledImage
+from .io.mesh_file import read_mesh
 from .primitives.base import AbstractPrimitive
 from .primitives.box import Box
 from .primitives.cylinder import Cylinder
@@ -37,17 +38,21 @@ from .primitives.plane import Plane
 from .primitives.sphere import Sphere
 from .primitives.terrain import Terrain
 from .primitives.torus import Torus
+from .primitives.triangle import Triangle
 from .rendering.coverage import coverage
 from .rendering.distance import signed_distance
+from .rendering.lights import AmbientLight, DirectionalLight, PointLight
 from .rendering.maps import GeometryMaps
+from .rendering.material import Material
 from .rendering.outline_curve import Outline, outline
 from .rendering.render import render
 from .rendering.scene import Scene
-from .rendering.shade import AmbientLight, DirectionalLight, PointLight, shade
+from .rendering.shade import shade
 from .rendering.shadow import lit
 from .rendering.silhouettes import Silhouettes, silhouettes
 from .rendering.sphere_outline import SphereOutline
 from .rendering.tile import outline_box, outline_tile
+from .rendering.trace import trace
 from .sensor.base import AbstractDepthNoise
 from .sensor.correlated import CorrelatedNoise
 from .sensor.dropout import Dropout
@@ -89,6 +94,7 @@ __all__ = [
     "LabeledImage",
     "LateralNoise",
     "MatchingWindow",
+    "Material",
     "OrthographicCamera",
     "Outline",
     "PinholeCamera",
@@ -109,6 +115,7 @@ __all__ = [
     "Tile",
     "TimeOfFlight",
     "Torus",
+    "Triangle",
     "calibrate_sensor",
     "coverage",
     "depth_loss",
@@ -123,9 +130,11 @@ __all__ = [
     "outline_box",
     "outline_tile",
     "read_dataset",
+    "read_mesh",
     "render",
     "shade",
     "signed_distance",
     "silhouettes",
     "test_taper",
+    "trace",
 ]

@@ -53,6 +53,11 @@ class Effort:
             through the center; or "coverage", the part of the pixel that is covered.
         samples: Rays along each side of a pixel that tell that part, of any shape; with
             1 it is the exact area, of a whole cylinder or a sphere alone.
+            Of a traced picture a pixel's color is the mean of as many.
+        adaptive: Whether a traced picture takes several samples only where a pixel's
+            ray and a neighbor's met different things, or one of them a shadow.
+        spacing: A traced picture's rays go through every n-th row and column; a pixel
+            between four that met the same takes their mean, and others are cast.
         readings: Most that a fit takes of an object, evenly spread over it; all if
             None. A larger image then takes no longer. Errors grow with the root of what
             is left out, or more, and fewer than some thousand hardly show that a real
@@ -76,6 +81,8 @@ class Effort:
     extent: Literal["frame", "tile"] = "frame"
     outline: Literal["hard", "coverage"] = "coverage"
     samples: int = 1
+    adaptive: bool = True
+    spacing: int = 1
     readings: int | None = None
     starts: int = 8
     all_starts: bool = False

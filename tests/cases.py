@@ -15,6 +15,7 @@ from impostor_jax.primitives.heightfield import Heightfield
 from impostor_jax.primitives.plane import Plane
 from impostor_jax.primitives.sphere import Sphere
 from impostor_jax.primitives.torus import Torus
+from impostor_jax.primitives.triangle import Triangle
 from impostor_jax.sensor.correlated import CorrelatedNoise
 from impostor_jax.sensor.dropout import Dropout
 from impostor_jax.sensor.flying_pixels import FlyingPixels
@@ -42,6 +43,9 @@ PRIMITIVES = {
     "box": lambda: Box((0.1, -0.2, 3.0), TURNED, (0.8, 0.6, 1.4)),
     "sheet": lambda: Box((0.1, -0.2, 3.0), TURNED, (1.2, 0.9, 1e-4)),
     "torus": lambda: Torus((0.1, -0.2, 3.0), (0.3, 0.8, 0.52), 0.5, 0.2),
+    "triangle": lambda: Triangle(
+        [(0.5, -0.7, 2.7), (0.4, 0.5, 3.2), (-0.6, -0.3, 3.1)]
+    ),
     "heightfield": lambda: Heightfield(
         [[0.0, 0.3, -0.2], [0.4, -0.3, 0.1], [-0.1, 0.5, 0.2], [0.2, -0.2, 0.0]],
         ((-0.6, 0.6), (-0.5, 0.7)),
@@ -174,6 +178,10 @@ def holder(primitive):
     elif isinstance(primitive, Torus):
         c, a, h = primitive.center, primitive.axis, float(primitive.minor_radius)
         r = primitive.major_radius + h
+    elif isinstance(primitive, Triangle):
+        # As a ball beside it, so that no ray lies in the sheet or starts on it.
+        c = np.mean(np.asarray(primitive.vertices), axis=0) + np.float32(0.03)
+        a, r, h = (0.0, 0.6, 0.8), 0.5, 0.5
     elif isinstance(primitive, Frustum):
         p1, p2 = np.asarray(primitive.p1, float), np.asarray(primitive.p2, float)
         h = np.linalg.norm(p2 - p1) / 2

@@ -15,6 +15,10 @@ import hypothesis  # noqa: E402
 import jax  # noqa: E402
 import numpy as np  # noqa: E402
 
+MOST_REGIONS = 30_000
+"""Of memory, that a process may take. Every compiled program takes several of the
+65,530 that Linux allows, and XLA crashes where it gets none."""
+
 jax.config.update("jax_numpy_rank_promotion", "raise")
 jax.config.update("jax_numpy_dtype_promotion", "strict")
 
@@ -27,7 +31,10 @@ hypothesis.settings.load_profile("fixed")
 
 def pytest_addoption(parser):
     parser.addoption(
-        "--full", action="store_true", help="run what CI runs: all, and optimized"
+        "--full", action="store_true", help="run what CI runs: long tests, too"
+    )
+    parser.addoption(
+        "--optimized", action="store_true", help="let XLA optimize as users' runs do"
     )
 
 
@@ -37,10 +44,11 @@ def pytest_configure(config):
     Its newer code generator for fusions takes twice the time of the older one, and
     optimizations as long as all else. Without either, results are now and then rounded
     in another way: so what is promised of rounding errors is tested with
-    `tests.checks.AS_USERS_RUN`, and with --full XLA optimizes all.
+    `tests.checks.AS_USERS_RUN`, and with --optimized, which takes a fit's tests 1.6
+    times as long, XLA optimizes all.
     """
     flags = "--xla_cpu_use_fusion_emitters=false"
-    if not config.getoption("--full"):
+    if not config.getoption("--optimized"):
         flags += " --xla_backend_optimization_level=0"
     os.environ.setdefault("XLA_FLAGS", flags)
 
@@ -50,6 +58,14 @@ def pytest_collection_finish():
     time that a suite with a filled cache took went into looking for a few."""
     gc.freeze()
     gc.set_threshold(100_000)
+
+
+def pytest_runtest_teardown(item, nextitem):
+    """Forget compiled programs before the system refuses room for more."""
+    if nextitem is not None and nextitem.path != item.path:
+        maps = Path("/proc/self/maps")
+        if maps.exists() and maps.read_bytes().count(b"\n") > MOST_REGIONS:
+            jax.clear_caches()
 
 
 def pytest_sessionfinish():

@@ -5,7 +5,16 @@ driver. None is told more of the scene than the renderer is, and what each build
 it casts (a tree, a mesh) is not timed.
 """
 
-__all__ = ["draw_with_gl", "draw_with_mitsuba", "draw_with_numpy", "draw_with_open3d"]
+__all__ = [
+    "draw_with_gl",
+    "draw_with_mitsuba",
+    "draw_with_numpy",
+    "draw_with_open3d",
+    "has_variant",
+    "mesh_of",
+    "module_of",
+    "solids_of",
+]
 
 import functools
 import importlib
@@ -88,10 +97,10 @@ def draw_with_mitsuba(
     Their intersection is recorded once, and run at each call. An image by the
     integrator `aov` shows the same in many times the time.
     """
-    mi, dr = _module("mitsuba"), _module("drjit")
-    if mi is None or dr is None or not _has_variant(mi):
+    mi, dr = module_of("mitsuba"), module_of("drjit")
+    if mi is None or dr is None or not has_variant(mi):
         return None
-    made = mi.load_dict({"type": "scene", **_solids(mi, cylinders)})
+    made = mi.load_dict({"type": "scene", **solids_of(mi, cylinders)})
     rays = np.stack(np.broadcast_arrays(*_ray_slopes(camera), 1.0), axis=-1)
     rays = (rays / np.linalg.norm(rays, axis=-1, keepdims=True)).reshape(-1, 3)
     direction = mi.Vector3f(rays.T.astype(np.float32))
@@ -119,7 +128,7 @@ def draw_with_mitsuba(
 
 
 @functools.cache
-def _module(name: str) -> Any:
+def module_of(name: str) -> Any:
     """A program's module; None where it or a library of the system is missing."""
     try:
         return importlib.import_module(name)
@@ -128,7 +137,7 @@ def _module(name: str) -> Any:
         return None
 
 
-def _has_variant(mi: Any) -> bool:
+def has_variant(mi: Any) -> bool:
     """Whether Mitsuba can run on LLVM, whose library the system must have."""
     try:
         mi.set_variant(VARIANT)
@@ -141,7 +150,7 @@ def _has_variant(mi: Any) -> bool:
     return True
 
 
-def _solids(mi: Any, cylinders: ij.Cylinder) -> dict[str, Any]:
+def solids_of(mi: Any, cylinders: ij.Cylinder) -> dict[str, Any]:
     """Walls and caps."""
     shapes: dict[str, Any] = {}
     for k, row in enumerate(rows_of(cylinders).astype(float)):
@@ -161,11 +170,11 @@ def draw_with_open3d(
     cylinders: ij.Cylinder, camera: ij.PinholeCamera
 ) -> Drawing | None:
     """A mesh in Embree; the rays are made before."""
-    o3d = _module("open3d")
+    o3d = module_of("open3d")
     if o3d is None:
         return None
     made = o3d.t.geometry.RaycastingScene()
-    points, triangles = _mesh(cylinders)
+    points, triangles = mesh_of(cylinders)
     made.add_triangles(o3d.core.Tensor(points), o3d.core.Tensor(triangles))
     x, y = _ray_slopes(camera)
     rays = np.zeros((camera.height, camera.width, 6), np.float32)
@@ -178,7 +187,7 @@ def draw_with_open3d(
     )
 
 
-def _mesh(
+def mesh_of(
     cylinders: ij.Cylinder,
 ) -> tuple[Float[np.ndarray, "p 3"], np.ndarray]:
     """Points and triangles of walls of `SEGMENTS` faces, and caps around a midpoint."""

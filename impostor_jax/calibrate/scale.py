@@ -17,7 +17,7 @@ from jaxtyping import Bool, Float
 from impostor_jax.camera.pinhole import PinholeCamera
 from impostor_jax.fits.single import fit_cylinder
 from impostor_jax.sensor.base import AbstractDepthNoise
-from impostor_jax.sensor.scale_error import ScaleError, corrected
+from impostor_jax.sensor.scale_error import ScaleError
 
 CHANGE = 0.02
 """Of the error, by which a fit is repeated to see what it changes."""
@@ -105,8 +105,7 @@ def _error_of(
     """The error of one image, and its standard deviation; None if a fit failed."""
 
     def fitted(error: float) -> tuple[float, float] | None:
-        straight, _ = corrected(depth, ScaleError(sensor, 0.0, error, law))
-        fit = fit_cylinder(np.asarray(straight), camera, mask, sensor)
+        fit = fit_cylinder(depth, camera, mask, ScaleError(sensor, 0.0, error, law))
         if not bool(fit.success):
             return None
         return float(fit.cylinder.radius), float(fit.std.radius)

@@ -37,16 +37,11 @@ def chosen_noise(sigma: float | None, sensor: str | None, focal_length: float) -
         return sigma
     if sigma is not None:
         raise ValueError("--sigma must not be given together with --sensor")
-    from impostor_jax.io.json_file import read_json_object
-    from impostor_jax.io.sensor_record import sensor_from_record
+    from impostor_jax.io.sensor_record import read_sensor, sensor_from_record
 
-    record, what = {"type": sensor}, f"sensor {sensor!r}"
     if sensor.endswith(".json"):
-        what = f"sensor file {sensor!r}"
-        record = read_json_object(Path(sensor), what)
-    if record.get("type") in ("stereo", "stereo_camera"):
-        record = {"focal_length": focal_length, **record}
-    return sensor_from_record(record, what)
+        return read_sensor(Path(sensor), focal_length)
+    return sensor_from_record({"type": sensor}, f"sensor {sensor!r}", focal_length)
 
 
 Prior = tuple[float, float] | None

@@ -3,16 +3,30 @@
 __all__ = ["RenderCommand"]
 
 import dataclasses
+import math
+from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING, Literal
 
 import tyro
 
 from impostor_jax.cli.dials import Dials, EffortName, chosen_effort
+from impostor_jax.cli.ending import stream_beside
+
+if TYPE_CHECKING:
+    from impostor_jax.camera.pinhole import PinholeCamera
+    from impostor_jax.effort import Effort
+    from impostor_jax.io.scene_file import SceneFile
+    from impostor_jax.primitives.base import AbstractPrimitive
+    from impostor_jax.rendering.scene import Scene
 
 FILES = (
     "depth.png", "depth.tiff", "normal.png", "mask.png", "index.png", "camera.json",
 )  # fmt: skip
 """What it writes."""
+
+PICTURES = ("picture.png", "picture.npy")
+"""What it writes where there are lights, too."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -20,11 +34,17 @@ class RenderCommand:
     """Render a capped cylinder, or the shapes of a scene file.
 
     Writes depth.png (16 bit), depth.tiff, normal.png, mask.png, index.png (which shape
-    is seen: 0 for none, then from 1) and camera.json; `fit` reads them.
+    is seen: 0 for none, then from 1) and camera.json; `fit` reads them. Where the scene
+    file holds lights, also picture.png (sRGB) and picture.npy (linear RGB), with
+    shadows, mirrors and glass. With --page, a page for a browser in which the picture
+    is turned around with the mouse.
     """
 
-    output: Path
-    """Folder that the files are written to."""
+    output: Path | None = None
+    """Folder that the files are written to; may be left out with --page."""
+    page: Path | None = None
+    """HTML file that shows the picture in a browser with WebGL2, turned by the mouse;
+    lit from the camera where the scene file holds no lights."""
     scene: tyro.conf.Positional[Path | None] = None
     """Scene file (JSON); in place of center, axis, radius and height."""
     camera: Path | None = None
@@ -38,54 +58,116 @@ class RenderCommand:
     """Radius in meters."""
     height: float | None = None
     """Length from cap to cap in meters."""
+    bounces: int = 3
+    """Most times that a ray of the picture is mirrored or bent, from 0 to 16."""
+    edges: Literal["hard", "area"] = "hard"
+    """A picture's edges: as the rays through pixel centers see them, or by areas."""
     effort: EffortName = "balanced"
     """How much work it takes; each dial may be set apart from it."""
     dials: Dials = dataclasses.field(default_factory=Dials)
 
     def run(self) -> int:
         """Run the command; returns the exit code."""
-        import numpy as np
+        from impostor_jax.arguments import whole_number
+        from impostor_jax.io.atomic import write_text
+        from impostor_jax.io.camera_file import read_camera
+        from impostor_jax.rendering.trace import MOST_BOUNCES
 
-        from impostor_jax.io import depth_image
-        from impostor_jax.io.atomic import check_output_folder
-        from impostor_jax.io.camera_file import read_camera, write_camera
-        from impostor_jax.rendering.render import render
-        from impostor_jax.rendering.scene import Scene
-
+        if self.output is None and self.page is None:
+            raise ValueError("--output or --page must be given")
         effort = chosen_effort(self.effort, self.dials)
-        shapes, camera = self._shapes()
-        given_scale = None
+        whole_number("bounces", self.bounces, 0, MOST_BOUNCES)
+        scene = self._scene()
+        camera, given_scale = scene.camera, None
         if self.camera is not None:
             camera, given_scale = read_camera(self.camera)
         if camera is None:
             raise ValueError(
                 "camera must be given: a camera file, or in the scene file"
             )
-        check_output_folder(self.output, FILES)
+        self._check_outputs(scene)
+        tell = partial(print, file=stream_beside(self.page))
+        # What no page can show is found before anything is written.
+        page = None if self.page is None else self._page_of(scene, camera)
+        if self.output is not None:
+            made = self._write_images(self.output, scene, camera, given_scale, effort)
+            tell(made)
+        if self.page is not None and page is not None:
+            write_text(self.page, page)
+            tell(f"{self.page} shows {self._shown(_count_of(scene))}")
+        return 0
+
+    def _check_outputs(self, scene: "SceneFile") -> None:
+        """Raise unless all can be written."""
+        from impostor_jax.io.atomic import check_output_file, check_output_folder
+
+        if self.output is not None:
+            files = (*FILES, *PICTURES) if scene.lights else FILES
+            check_output_folder(self.output, files)
+        if self.page is None:
+            return
+        if self.page.parent.exists():
+            check_output_file(self.page, "page")
+        else:
+            # It may be the folder of the other files, which is not made yet.
+            check_output_folder(self.page.parent)
+
+    def _page_of(self, scene: "SceneFile", camera: "PinholeCamera") -> str:
+        from impostor_jax.glsl.orbit_page import orbit_page
+
+        look = (scene.lights, scene.materials, scene.background)
+        return orbit_page(_shapes_of(scene), camera, *look, self.bounces)
+
+    def _write_images(
+        self,
+        output: Path,
+        scene: "SceneFile",
+        camera: "PinholeCamera",
+        given_scale: float | None,
+        effort: "Effort",
+    ) -> str:
+        """Write the maps and the picture; returns what they show."""
+        import numpy as np
+
+        from impostor_jax.io import depth_image
+        from impostor_jax.io.camera_file import write_camera
+        from impostor_jax.io.color_image import write_linear, write_picture
+        from impostor_jax.rendering.render import render
+        from impostor_jax.rendering.trace import trace
+
         outputs = ("depth", "normal", "mask", "index")
-        seen = Scene(shapes) if len(shapes) > 1 else shapes[0]
-        maps = render(seen, camera, outputs, effort=effort)
+        shapes = _shapes_of(scene)
+        maps = render(shapes, camera, outputs, effort=effort)
+        picture = None
+        if scene.lights:
+            look = (scene.lights, scene.materials, scene.background)
+            picture = trace(
+                shapes, camera, *look, self.bounces, effort=effort, edges=self.edges
+            )
         if effort.stride > 1:
             # Of a lens the rays are solved for anew, which takes its time.
             camera = camera.strided(effort.stride)
         scale = depth_image.fitting_scale(maps.depth, given_scale)
-        depth_image.write_depth_png(self.output / "depth.png", maps.depth, scale)
-        depth_image.write_depth_tiff(self.output / "depth.tiff", maps.depth)
-        depth_image.write_normals(self.output / "normal.png", maps.normal)
-        depth_image.write_mask(self.output / "mask.png", maps.mask)
-        depth_image.write_index(self.output / "index.png", maps.index)
-        write_camera(self.output / "camera.json", camera, scale)
+        depth_image.write_depth_png(output / "depth.png", maps.depth, scale)
+        depth_image.write_depth_tiff(output / "depth.tiff", maps.depth)
+        depth_image.write_normals(output / "normal.png", maps.normal)
+        depth_image.write_mask(output / "mask.png", maps.mask)
+        depth_image.write_index(output / "index.png", maps.index)
+        if picture is not None:
+            write_picture(output / "picture.png", picture)
+            write_linear(output / "picture.npy", picture)
+        write_camera(output / "camera.json", camera, scale)
         count = np.count_nonzero(np.asarray(maps.mask))
         seen = len(np.unique(np.asarray(maps.index)[np.asarray(maps.mask)]))
-        shown = (
-            "the cylinder" if self.scene is None else f"{seen} of {len(shapes)} shapes"
-        )
-        print(f"{count} of {camera.width * camera.height} pixels see {shown}")
-        return 0
+        shown = self._shown(f"{seen} of {_count_of(scene)}")
+        return f"{count} of {camera.width * camera.height} pixels see {shown}"
 
-    def _shapes(self):
-        """Shapes, and the scene file's camera."""
-        from impostor_jax.io.scene_file import read_scene
+    def _shown(self, count: str | int) -> str:
+        return "the cylinder" if self.scene is None else f"{count} shapes"
+
+    def _scene(self):
+        """What the scene file holds, or the cylinder alone."""
+        from impostor_jax.io.scene_file import SceneFile, read_scene
         from impostor_jax.primitives.cylinder import Cylinder
 
         fields = {
@@ -102,4 +184,16 @@ class RenderCommand:
         if len(given) < len(fields):
             missing = [f"--{name}" for name in fields if name not in given]
             raise ValueError(f"a scene file or {', '.join(missing)} must be given")
-        return [Cylinder(**fields)], None
+        return SceneFile([Cylinder(**fields)])
+
+
+def _shapes_of(scene: "SceneFile") -> "AbstractPrimitive | Scene":
+    """The only shape, or all of them."""
+    from impostor_jax.rendering.scene import Scene
+
+    alone = len(scene.shapes) == 1 and not scene.shapes[0].batch_shape
+    return scene.shapes[0] if alone else Scene(scene.shapes)
+
+
+def _count_of(scene: "SceneFile") -> int:
+    return sum(math.prod(shape.batch_shape) for shape in scene.shapes)

@@ -43,6 +43,9 @@ MOST_UNMET = 0.02
 MIN_END_TERMS = 5
 """Fewest inlying readings of a cap, or crossings, that show an end."""
 
+UNLIKELY = 0.05
+"""Probability of the readings below which a fit is repeated where an end is unseen."""
+
 HIDES_TILT = 0.03
 """Noise in radii from which the depth of a short object does not tell its tilt."""
 
@@ -63,7 +66,8 @@ class Assessment(NamedTuple):
         is_clear: Whether it explains the image so well that no other start could do
             better.
         hides_tilt: Whether the noise may hide which of two tilts is the true one.
-        nominal: Typical standard deviation of a reading, in meters.
+        hides_turn: Whether it may hide that the axis is turned by a quarter, too.
+        hides_end: Whether readings of an end may be among those that it leaves out.
     """
 
     fit: Fit
@@ -72,7 +76,8 @@ class Assessment(NamedTuple):
     repeats: Float[Array, ""]
     is_clear: Bool[Array, ""]
     hides_tilt: Bool[Array, ""]
-    nominal: Float[Array, ""]
+    hides_turn: Bool[Array, ""]
+    hides_end: Bool[Array, ""]
 
 
 def assess(problem: Problem, solution: Solution, correlated: bool) -> Assessment:
@@ -180,7 +185,8 @@ def assess(problem: Problem, solution: Solution, correlated: bool) -> Assessment
     pull = product(known.T, prior_residuals(prior, body, bias))
     pull += (of_all[:-1, -1] + of_edges[:-1, -1]) / widening
     statistic = contradiction(of_border / widening, pull, independent)
-    if correlated or bias.fields or bias.scales:
+    shares_errors = bool(correlated or bias.fields or bias.scales)
+    if shares_errors:
         gradient = jnp.where(tells[None], product(into, terms.gradient), 0) / widening
         shape = (camera.height, camera.width)
         at = problem.row, problem.col
@@ -194,7 +200,7 @@ def assess(problem: Problem, solution: Solution, correlated: bool) -> Assessment
         name: product(independent, part, independent) for name, part in parts.items()
     }
     covariance = independent
-    if correlated or bias.fields or bias.scales:
+    if shares_errors:
         covariance = product(independent, _sum_of(parts), independent)
         # Errors that neighbors share let a part pull harder by as much as they widen
         # the standard deviations.
@@ -229,6 +235,7 @@ def assess(problem: Problem, solution: Solution, correlated: bool) -> Assessment
     )
     success = code == STATUSES.index(FitStatus.CONVERGED)
     num_free = jnp.sum(jnp.any(settings.free != 0, axis=0)).astype(chi2.dtype)
+    p_value = tail(chi2, num_inliers - num_free)
 
     def image_of(values: Array) -> Array:
         blank = jnp.zeros((camera.height, camera.width), values.dtype)
@@ -255,9 +262,7 @@ def assess(problem: Problem, solution: Solution, correlated: bool) -> Assessment
         num_pixels=count,
         rms=rms,
         chi2=chi2,
-        p_value=jnp.where(
-            settings.trusts_sigma, tail(chi2, num_inliers - num_free), jnp.nan
-        ),
+        p_value=jnp.where(settings.trusts_sigma, p_value, jnp.nan),
         border_chi2=statistic,
         alternatives=no_alternatives(world.shape),
     )
@@ -267,7 +272,16 @@ def assess(problem: Problem, solution: Solution, correlated: bool) -> Assessment
     hides_tilt = problem.nominal > HIDES_TILT * body.radius
     is_clear = success & (hidden <= MOST_HIDDEN) & (~hides_tilt | body.is_long)
     is_clear &= explains(pixels, readings, spread)
-    return Assessment(fit, body, cost, repeats, is_clear, hides_tilt, problem.nominal)
+    return Assessment(
+        fit=fit,
+        body=body,
+        cost=cost,
+        repeats=repeats,
+        is_clear=is_clear,
+        hides_tilt=hides_tilt,
+        hides_turn=hides_tilt & body.is_square,
+        hides_end=~jnp.all(ends_seen) & (p_value < UNLIKELY),
+    )
 
 
 def _sum_of(parts: dict[str, Float[Array, "c c"]]) -> Float[Array, "c c"]:

@@ -113,6 +113,17 @@ class Passing(eqx.Module):
         halves = half * within, slope * within
         return eqx.tree_at(lambda p: (p.half, p.half_slope), self, halves)
 
+    def square_at(self, distance: Numbers, radius: Float[Array, "*#batch"]) -> Numbers:
+        """Squared half-chord of a ray so far within the outline of the wall.
+
+        Half-chords are along rays, and longer than across the axis.
+
+        Args:
+            distance: In meters; negative outside of the outline.
+            radius: Of the wall.
+        """
+        return (2 * radius - distance) * distance * jnp.abs(self.inverse)
+
     @property
     def is_past_rim(self) -> Bool[Array, "*batch"]:
         """Whether it sees the plane of a cap beyond that cap."""
@@ -210,6 +221,11 @@ class AbstractBody(eqx.Module):
     @abc.abstractmethod
     def is_long(self) -> Bool[Array, "*batch"]:
         """Whether its outline tells its tilt where its depth does not."""
+
+    @property
+    @abc.abstractmethod
+    def is_square(self) -> Bool[Array, "*batch"]:
+        """Whether its outline may be that of one whose axis is across its own."""
 
     @abc.abstractmethod
     def passing(
@@ -344,6 +360,13 @@ class AbstractBody(eqx.Module):
     @abc.abstractmethod
     def mirrored(self) -> "AbstractBody":
         """Tilt the other way, which looks the same from afar but for its depth."""
+
+    @abc.abstractmethod
+    def turned(self) -> "AbstractBody":
+        """Turn the axis by a quarter in the image; length and width change places.
+
+        That looks much the same from afar but for its depth, where `is_square`.
+        """
 
 
 def grown(change: Numbers) -> Numbers:

@@ -12,6 +12,7 @@ from jaxtyping import Array, Float
 from impostor_jax.arguments import one_of, real_number
 from impostor_jax.fit.robust import KERNELS, robust_residual
 from impostor_jax.rendering.maps import GeometryMaps
+from impostor_jax.sensor.surface import has_surface
 
 FARTHEST = 1e6
 """Widths of the kernel beyond which a difference counts as that many: its square, and
@@ -66,7 +67,7 @@ def depth_loss(
             f"{measured.shape}"
         )
     measured = measured.astype(rendered.dtype)
-    counts = _is_reading(rendered) & _is_reading(measured)
+    counts = has_surface(rendered) & has_surface(measured)
     if mask is not None:
         mask = jnp.asarray(mask)
         if mask.shape != rendered.shape or mask.dtype != bool:
@@ -84,10 +85,6 @@ def depth_loss(
     losses = robust_residual(residual, width, kernel) ** 2
     count = jnp.maximum(jnp.sum(counts), 1).astype(losses.dtype)
     return jnp.sum(losses) / count
-
-
-def _is_reading(depth: Float[Array, "h w"]) -> Array:
-    return jnp.isfinite(depth) & (depth > 0)
 
 
 def _depth_of(name: str, seen: Any) -> Float[Array, "h w"]:

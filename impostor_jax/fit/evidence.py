@@ -215,8 +215,7 @@ def _is_clear(
         slope = np.tan(STEEPEST)
         beside += r * (1 - slope * jax.lax.rsqrt(slope**2 + inverse))
     beside = jnp.minimum(beside, CLEAR * r)
-    # Half-chords are along rays, and longer than across the axis.
-    return jnp.abs(seen.square) > (2 * r - beside) * beside * inverse
+    return jnp.abs(seen.square) > seen.square_at(beside, r)
 
 
 def _slant(body: AbstractBody, direction: Vec3) -> Float[Array, " n"]:

@@ -92,8 +92,7 @@ def _is_far_off(
     bodies than the true one would always be preferred.
     """
     margin = _beside(problem, seen)
-    # Half-chords are along rays, and longer than across the axis.
-    off_wall = seen.square < -2 * body.radius * margin * jnp.abs(seen.inverse)
+    off_wall = seen.square < seen.square_at(-margin, body.radius)
     off_cap = seen.is_past_rim & (seen.rim > seen.cap_radius + margin)
     return jnp.where(seen.on_cap, off_cap, off_wall)
 
@@ -124,8 +123,8 @@ def hidden_pixels(problem: Problem, body: AbstractBody) -> Float[Array, ""]:
     around = problem.around
     seen = body.passing(around.direction, body.radius / 100)
     sigma = problem.noise.sigma(seen.depth, seen.cos_incidence)
-    margin = _beside(problem, seen) * jnp.abs(seen.inverse)
-    is_within = seen.square > 2 * body.radius * margin
+    margin = jnp.minimum(_beside(problem, seen), body.radius)
+    is_within = seen.square > seen.square_at(margin, body.radius)
     # A mug has no cap, and shows the inside of its wall and its floor.
     along, ahead = seen.local.origin.z, seen.local.direction.z
     floor = -seen.cap - 2 * safe_divide(along, ahead)

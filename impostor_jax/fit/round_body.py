@@ -41,6 +41,12 @@ LEAST_END = 1e-4
 SHORT = 2.0
 """Height in radii up to which an object is short."""
 
+SQUARE = 2.0
+"""Length over width, or width over length, up to which one is taken for the other."""
+
+END_ON = 0.1
+"""Sine of the angle to the line of sight from which an axis has a direction across."""
+
 
 class RoundBody(AbstractBody):
     """A body about an axis, whose radius may change linearly along it.
@@ -146,6 +152,12 @@ class RoundBody(AbstractBody):
     @override
     def is_long(self) -> Bool[Array, "*batch"]:
         return self.height > SHORT * self.radius
+
+    @property
+    @override
+    def is_square(self) -> Bool[Array, "*batch"]:
+        width = 2 * self.radius
+        return (self.height < SQUARE * width) & (width < SQUARE * self.height)
 
     @property
     @override
@@ -496,6 +508,21 @@ class RoundBody(AbstractBody):
         axis, center = self.axis, self.center
         along = jnp.sum(axis * center) / jnp.sum(center**2)
         return eqx.tree_at(lambda b: b.axis, self, axis - 2 * along * center)
+
+    @override
+    def turned(self) -> "RoundBody":
+        sight = unit(self.center)
+        across = jnp.cross(sight, self.axis)
+        is_seen = jnp.sum(across**2) > END_ON**2
+        radius = self.height / 2
+        return RoundBody(
+            # The front of its wall stays where it is.
+            center=self.center + sight * (radius - self.radius),
+            axis=unit(jnp.where(is_seen, across, tangent_basis(sight)[0])),
+            radius=radius,
+            height=2 * self.radius,
+            growth=None if self.growth is None else jnp.zeros_like(self.growth),
+        )
 
     @override
     def transformed(self, target_from_source: RigidTransform) -> "RoundBody":

@@ -151,13 +151,20 @@ def _fit_pixels(
         # Noise may hide which of two tilts is the true one.
         if effort.starts > 1 and any(bool(one.hides_tilt) for one in found):
             found += [fitted(_mirrored(start)) for start in starts]
-    if len(found) > 1:
+    best, is_alone = likeliest(found), len(found) == 1
+    if is_alone and not (bool(best.hides_tilt) or bool(best.hides_end)):
+        return best.fit
+    bodies = [best.body]
+    # And which of a short one's sides its axis is along.
+    if effort.starts > 1 and bool(best.hides_turn):
+        found.append(fitted(_turned(best.body)))
+        bodies.append(found[-1].body)
+    if not is_alone:
         # A guess that leads to one tilt may be too far off, mirrored, for the other.
-        found.append(fitted(_mirrored(likeliest(found).body)))
-    elif not bool(found[0].hides_tilt):
-        return found[0].fit
-    # Where noise is deep a fit may end where readings that it leaves out would not
-    # let it, 10 standard deviations off; its first stages lead on from there.
+        found += [fitted(_mirrored(body)) for body in bodies]
+    # Where noise is deep, or an end shows little, a fit may end where readings that it
+    # leaves out would not let it, 10 standard deviations off; its first stages lead on
+    # from there.
     found.append(fitted(likeliest(found).body))
     return best_of(found)
 
@@ -189,6 +196,7 @@ def _placed(
 
 
 _mirrored = jax.jit(lambda body: body.mirrored())
+_turned = jax.jit(lambda body: body.turned())
 
 
 def pixels_shown(

@@ -70,6 +70,11 @@ class SphereBody(AbstractBody):
     def is_long(self) -> Bool[Array, "*batch"]:
         return jnp.zeros(self.radius.shape, bool)
 
+    @property
+    @override
+    def is_square(self) -> Bool[Array, "*batch"]:
+        return jnp.zeros(self.radius.shape, bool)
+
     @override
     def passing(
         self, direction: Vec3, chord: float | Float[Array, "*#batch"] = 0.0
@@ -181,4 +186,8 @@ class SphereBody(AbstractBody):
 
     @override
     def mirrored(self) -> "SphereBody":
+        return self
+
+    @override
+    def turned(self) -> "SphereBody":
         return self

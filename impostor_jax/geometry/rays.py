@@ -81,11 +81,13 @@ class Hit(eqx.Module):
         t: Ray parameter; `+inf` where nothing is hit.
         on_cap: Whether the surface is a flat cap; False where nothing is hit.
         part: Which piece of the surface, as the primitive counts them from 0.
+        index: Which shape of a scene, -1 where nothing is hit; None of a shape alone.
     """
 
     t: Float[Array, "*batch"]
     on_cap: Bool[Array, "*batch"]
     part: Int[Array, "*batch"]
+    index: Int[Array, "*batch"] | None = None
 
     @staticmethod
     def on_one_piece(t: Float[Array, "*batch"]) -> "Hit":

@@ -1,6 +1,6 @@
 """All that a driver is told in order to draw primitives with a camera."""
 
-__all__ = ["CLEAR_COLOR", "DrawCall", "DrawList", "draw_list_of"]
+__all__ = ["CLEAR_COLOR", "DrawCall", "DrawList", "calls_of", "draw_list_of"]
 
 import dataclasses
 from typing import Any
@@ -66,12 +66,20 @@ def draw_list_of(
     batches = batches_in_camera(primitives, camera)
     center, reach = zip(*(b.impostor.ball(b.primitives) for b in batches), strict=True)
     stretch = depth_range(np.concatenate(center), np.concatenate(reach))
-    rows: dict[str, list[Batch]] = {}
-    for batch in batches:
-        rows.setdefault(batch.impostor.name, []).append(batch)
-    calls = [_call(same) for same in rows.values()]
     orthographic = isinstance(camera, OrthographicCamera)
-    return DrawList(calls, orthographic, stretch, uniforms(camera, stretch))
+    return DrawList(calls_of(batches), orthographic, stretch, uniforms(camera, stretch))
+
+
+def calls_of(batches: list[Batch]) -> list[DrawCall]:
+    """What is told of primitives, those of one impostor together.
+
+    Raises:
+        ValueError: The samples are too many.
+    """
+    alike: dict[str, list[Batch]] = {}
+    for batch in batches:
+        alike.setdefault(batch.impostor.name, []).append(batch)
+    return [_call(same) for same in alike.values()]
 
 
 def _call(same: list[Batch]) -> DrawCall:

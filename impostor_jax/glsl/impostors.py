@@ -31,14 +31,22 @@ from impostor_jax.primitives.box import Box
 from impostor_jax.primitives.cylinder import Cylinder
 from impostor_jax.primitives.frustum import Frustum
 from impostor_jax.primitives.heightfield import Heightfield
-from impostor_jax.primitives.heightfield_grid import all_control_points
+from impostor_jax.primitives.heightfield_grid import relief
 from impostor_jax.primitives.plane import Plane
 from impostor_jax.primitives.sector import sector
 from impostor_jax.primitives.sphere import Sphere
 from impostor_jax.primitives.torus import Torus
+from impostor_jax.primitives.triangle import Triangle
 
 Ball = tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, " n"]]
 """Centers and radii, in meters; `+inf` around a point of something without end."""
+
+
+def _hull_ball(primitives: AbstractPrimitive) -> Ball:
+    hull = jax.tree.map(jnp.asarray, primitives).hull
+    assert hull is not None
+    center, radius = hull.ball()
+    return np.asarray(center), np.asarray(radius)
 
 
 def _values(primitives: AbstractPrimitive) -> dict[str, Any]:
@@ -49,7 +57,7 @@ def _values(primitives: AbstractPrimitive) -> dict[str, Any]:
     }
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True, eq=False)
 class Impostor:
     """How a primitive is drawn.
 
@@ -57,19 +65,20 @@ class Impostor:
         name: Stem of its shaders' file names.
         fields: What the shaders read, each with its number of components: 1 to 4, or 9
             for a matrix.
-        ball: Balls that hold the primitives of a batch (n,), from their fields.
         values: The fields' values of a batch (n,) by their names; those of the
             primitive itself, directions of unit length, if not given.
         samples: Numbers of each primitive of a batch (n,) that come in a texture.
         billboard: Stem of the rectangle's file name, where it is not the primitive's.
+        ball: Balls that hold the primitives of a batch (n,); around their hulls, if not
+            given.
     """
 
     name: str
     fields: dict[str, int]
-    ball: Callable[[Any], Ball]
     values: Callable[[Any], dict[str, Any]] = _values
     samples: Callable[[Any], Float[np.ndarray, "n k"]] | None = None
     billboard: str = ""
+    ball: Callable[[Any], Ball] = _hull_ball
 
 
 def impostor_of(primitive: AbstractPrimitive) -> Impostor:
@@ -79,36 +88,11 @@ def impostor_of(primitive: AbstractPrimitive) -> Impostor:
     return IMPOSTORS[type(primitive)]
 
 
-def _cylinder_ball(cylinders: Cylinder) -> Ball:
-    reach = np.hypot(cylinders.radius, cylinders.height / 2)
-    return np.asarray(cylinders.center), np.asarray(reach)
-
-
-def _sphere_ball(spheres: Sphere) -> Ball:
-    return np.asarray(spheres.center), np.asarray(spheres.radius)
-
-
-def _box_ball(boxes: Box) -> Ball:
-    reach = np.linalg.norm(boxes.size, axis=-1) / 2
-    return np.asarray(boxes.center), np.asarray(reach)
-
-
 def _plane_ball(planes: Plane) -> Ball:
     # Around the point nearest to the camera, whichever point the plane was given by.
     normal = np.asarray(unit(jnp.asarray(planes.unit_normal)))
     height = np.sum(normal * planes.point, axis=-1)
     return normal * height[:, None], np.full(height.shape, np.inf)
-
-
-def _frustum_ball(frusta: Frustum) -> Ball:
-    p1, p2 = np.asarray(frusta.p1), np.asarray(frusta.p2)
-    length = np.linalg.norm(p2 - p1, axis=-1)
-    reach = np.hypot(np.maximum(frusta.radius1, frusta.radius2), length / 2)
-    return (p1 + p2) / 2, np.asarray(reach)
-
-
-def _torus_ball(tori: Torus) -> Ball:
-    return np.asarray(tori.center), np.asarray(tori.major_radius + tori.minor_radius)
 
 
 def _torus_values(tori: Torus) -> dict[str, Any]:
@@ -118,6 +102,11 @@ def _torus_values(tori: Torus) -> dict[str, Any]:
         "radius": tori.major_radius + tori.minor_radius,
         "height": 2 * tori.minor_radius,
     }
+
+
+def _triangle_values(triangles: Triangle) -> dict[str, Any]:
+    # A column of a matrix is what a shader takes one of by its number.
+    return {"corners": np.swapaxes(np.asarray(triangles.vertices), -1, -2)}
 
 
 def _frustum_values(frusta: Frustum) -> dict[str, Any]:
@@ -176,11 +165,6 @@ def _heightfield_values(grounds: Heightfield) -> dict[str, Any]:
     }
 
 
-def _heightfield_ball(grounds: Heightfield) -> Ball:
-    values = _heightfield_values(grounds)
-    return values["center"], np.linalg.norm(values["size"], axis=-1) / 2
-
-
 def _heightfield_samples(grounds: Heightfield) -> Float[np.ndarray, "n k"]:
     """Heights above the center of the box, row by row."""
     low, high = _relief(grounds)
@@ -192,12 +176,8 @@ def _relief(
     grounds: Heightfield,
 ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
     """Lowest and highest control points, between which the surfaces lie."""
-    grids = jnp.asarray(grounds.height)
-    points = jax.vmap(lambda grid: all_control_points(grid, grounds.interpolation))(
-        grids
-    )
-    flat = np.asarray(points).reshape(len(grids), -1)
-    return flat.min(axis=1), flat.max(axis=1)
+    low, high = relief(jnp.asarray(grounds.height), grounds.interpolation)
+    return np.asarray(low), np.asarray(high)
 
 
 _FRUSTUM = Impostor(
@@ -206,40 +186,35 @@ _FRUSTUM = Impostor(
         **dict.fromkeys(("p1", "p2", "axis", "start", "end"), 3),
         **dict.fromkeys(("radius1", "radius2", "is_sector", "caps", "cut_faces"), 1),
     },
-    _frustum_ball,
     _frustum_values,
 )
 
-_OPEN_CYLINDER = dataclasses.replace(
-    _FRUSTUM, ball=_cylinder_ball, values=_open_cylinder_values
-)
+_OPEN_CYLINDER = dataclasses.replace(_FRUSTUM, values=_open_cylinder_values)
 
 IMPOSTORS: dict[type[AbstractPrimitive], Impostor] = {
-    Box: Impostor("box", {"center": 3, "rotation": 9, "size": 3}, _box_ball),
+    Box: Impostor("box", {"center": 3, "rotation": 9, "size": 3}),
     Cylinder: Impostor(
         "cylinder",
         {"center": 3, "axis": 3, "radius": 1, "height": 1},
-        _cylinder_ball,
     ),
     Frustum: _FRUSTUM,
     Heightfield: Impostor(
         "heightfield",
         {"center": 3, "rotation": 9, "size": 3, "patches": 2, "is_bicubic": 1},
-        _heightfield_ball,
         _heightfield_values,
         _heightfield_samples,
         billboard="box",
     ),
-    Plane: Impostor("plane", {"point": 3, "unit_normal": 3}, _plane_ball),
-    Sphere: Impostor("sphere", {"center": 3, "radius": 1}, _sphere_ball),
+    Plane: Impostor("plane", {"point": 3, "unit_normal": 3}, ball=_plane_ball),
+    Sphere: Impostor("sphere", {"center": 3, "radius": 1}),
     Torus: Impostor(
         "torus",
         {
             **dict.fromkeys(("center", "axis"), 3),
             **dict.fromkeys(("major_radius", "minor_radius", "radius", "height"), 1),
         },
-        _torus_ball,
         _torus_values,
         billboard="cylinder",
     ),
+    Triangle: Impostor("triangle", {"corners": 9}, values=_triangle_values),
 }

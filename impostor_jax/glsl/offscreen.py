@@ -9,11 +9,12 @@ __all__ = ["DRIVERS", "DriverError", "OffscreenRenderer"]
 
 import contextlib
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Hashable, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
 from impostor_jax.arguments import one_of
 from impostor_jax.camera.orthographic import OrthographicCamera
@@ -22,7 +23,11 @@ from impostor_jax.glsl.conventions import DrawnMaps, maps_from_targets
 from impostor_jax.glsl.draw_list import CLEAR_COLOR, draw_list_of
 from impostor_jax.glsl.impostors import Impostor
 from impostor_jax.glsl.program import attributes, shader_sources
+from impostor_jax.glsl.trace_list import Traceable, trace_list_of
+from impostor_jax.glsl.trace_program import trace_sources
 from impostor_jax.primitives.base import AbstractPrimitive
+from impostor_jax.rendering.lights import AbstractLight
+from impostor_jax.rendering.material import Material
 
 DRIVERS: dict[str, dict[str, str]] = {
     "llvmpipe": {"LIBGL_ALWAYS_SOFTWARE": "1", "GALLIUM_DRIVER": "llvmpipe"},
@@ -66,7 +71,7 @@ class OffscreenRenderer:
                 f"already, got {driver!r}; use another process"
             )
         self._shaders = shaders
-        self._programs: dict[tuple[str, bool], Any] = {}
+        self._programs: dict[Hashable, Any] = {}
         self._context: Any = _context(driver)
         self.name = str(self._context.info["GL_RENDERER"])
         _chosen[:] = [driver]
@@ -92,8 +97,7 @@ class OffscreenRenderer:
             ValueError: The camera has a lens, an argument is of a wrong type or traced,
                 or the renderer is closed.
         """
-        if self._context is None:
-            raise ValueError("the renderer is closed and draws no more")
+        self._check_open()
         draws, size = draw_list_of(primitives, camera), (camera.width, camera.height)
         with self._context as context, contextlib.ExitStack() as stack:
 
@@ -116,14 +120,7 @@ class OffscreenRenderer:
                 buffer = held(context.buffer(call.rows.tobytes()))
                 layout, names = _layout(call.impostor, program)
                 if call.samples.size:
-                    height, width = call.samples.shape
-                    samples = held(
-                        context.texture(
-                            (width, height), 1, call.samples.tobytes(), dtype="f4"
-                        )
-                    )
-                    samples.filter = (context.NEAREST, context.NEAREST)
-                    samples.use(0)
+                    held(_texture(context, call.samples)).use(0)
                 array = held(context.vertex_array(program, [(buffer, layout, *names)]))
                 array.render(
                     context.TRIANGLE_STRIP, vertices=4, instances=len(call.rows)
@@ -134,6 +131,61 @@ class OffscreenRenderer:
             )
             window = np.frombuffer(depth.read(), np.float32).reshape(size[::-1])
         return maps_from_targets(position, normal, window, draws.stretch)
+
+    def trace(
+        self,
+        scene: Traceable,
+        camera: PinholeCamera | OrthographicCamera,
+        lights: Sequence[AbstractLight],
+        materials: Material | Sequence[Material] | None = None,
+        background: Any = (0.0, 0.0, 0.0),
+        depth: int = 3,
+    ) -> Float[np.ndarray, "h w 3"]:
+        """Trace as `impostor_jax.trace` does: the same picture off the edges.
+
+        Args:
+            scene: A scene, a shape, a batch (n,), or a sequence of shapes, in the world
+                frame.
+            camera: Without a lens.
+            lights: In the world frame.
+            materials: Of each shape or of all; white and dull if None.
+            background: Color of rays that meet nothing.
+            depth: Most times that a ray is mirrored or bent.
+
+        Returns:
+            Linear RGB from 0 up.
+
+        Raises:
+            ValueError: As of `trace`; or the camera has a lens, something is traced by
+                JAX, or the renderer is closed.
+        """
+        self._check_open()
+        told = trace_list_of(scene, camera, lights, materials, background, depth)
+        size = (camera.width, camera.height)
+        with self._context as context, contextlib.ExitStack() as stack:
+
+            def held(made: Any) -> Any:
+                stack.callback(made.release)
+                return made
+
+            target = held(context.texture(size, 4, dtype="f4"))
+            held(context.framebuffer([target])).use()
+            context.enable_only(context.NOTHING)
+            program = self._compiled(
+                told.key, lambda: trace_sources(told.key, "330", self._shaders)
+            )
+            for name, value in {**told.uniforms, **told.places}.items():
+                # A driver drops what a variant of the shader does not use.
+                if name in program:
+                    program[name].value = value
+            for unit, (name, texels) in enumerate(told.textures.items()):
+                if name in program:
+                    held(_texture(context, texels)).use(unit)
+                    program[name].value = unit
+            array = held(context.vertex_array(program, []))
+            array.render(context.TRIANGLE_STRIP, vertices=4)
+            drawn = np.frombuffer(target.read(), np.float32)
+        return drawn.reshape(*size[::-1], 4)[::-1, :, :3]
 
     def close(self) -> None:
         """Release the programs and the context."""
@@ -152,16 +204,34 @@ class OffscreenRenderer:
     def __exit__(self, *error: object) -> None:
         self.close()
 
+    def _check_open(self) -> None:
+        if self._context is None:
+            raise ValueError("the renderer is closed and draws no more")
+
     def _program(self, impostor: Impostor, orthographic: bool) -> Any:
-        key = (impostor.name, orthographic)
+        return self._compiled(
+            (impostor.name, orthographic),
+            lambda: shader_sources(impostor, "330", orthographic, self._shaders),
+        )
+
+    def _compiled(self, key: Hashable, sources: Callable[[], tuple[str, str]]) -> Any:
+        """The program of a key, compiled once."""
         if key not in self._programs:
-            vertex, fragment = shader_sources(
-                impostor, "330", orthographic, self._shaders
-            )
+            vertex, fragment = sources()
             self._programs[key] = self._context.program(
                 vertex_shader=vertex, fragment_shader=fragment
             )
         return self._programs[key]
+
+
+def _texture(context: Any, texels: Float[np.ndarray, "..."]) -> Any:
+    """Texture of floats that a shader reads one by one."""
+    height, width, *each = texels.shape
+    made = context.texture(
+        (width, height), *(each or (1,)), texels.tobytes(), dtype="f4"
+    )
+    made.filter = (context.NEAREST, context.NEAREST)
+    return made
 
 
 def _layout(impostor: Impostor, program: Any) -> tuple[str, list[str]]:

@@ -1,7 +1,15 @@
 """The shaders' sources, put together as each dialect of GLSL wants them."""
 
-__all__ = ["SAMPLES_PER_ROW", "attributes", "shader_sources"]
+__all__ = [
+    "SAMPLES_PER_ROW",
+    "TYPES",
+    "attributes",
+    "head_of",
+    "shader_sources",
+    "texts_of",
+]
 
+from collections.abc import Callable
 from importlib import resources
 from pathlib import Path
 
@@ -56,21 +64,7 @@ def shader_sources(
     Raises:
         ValueError: There is no such folder.
     """
-    if shaders is not None and not shaders.is_dir():
-        raise ValueError(f"shaders must be a folder with shaders, got {shaders}")
-    head = f"#define SMALLEST_SLOPE {smallest_slope(np.float32):.9e}\n"
-    head += f"#define EPS {eps(np.float32):.9e}\n"
-    if orthographic:
-        head += "#define ORTHOGRAPHIC\n"
-    head = HEADERS[dialect] + head + GLSL
-    own = resources.files("impostor_jax.glsl") / "shaders"
-
-    def text(*names: str) -> str:
-        """The first of the files that there is."""
-        folders = (own,) if shaders is None else (shaders, own)
-        files = (folder / name for name in names for folder in folders)
-        return next(file.read_text() for file in files if file.is_file())
-
+    text, head = texts_of(shaders), head_of(dialect, orthographic)
     billboard = text(f"{impostor.billboard or impostor.name}.vert", "whole_image.vert")
     vertex = text("billboard.glsl") + billboard + text("main.vert")
     fragment = text("rays.glsl") + text(f"{impostor.name}.frag") + text("main.frag")
@@ -81,6 +75,36 @@ def shader_sources(
         head + _handed_over(impostor) + vertex,
         head + _declared(impostor, "in") + fragment,
     )
+
+
+def head_of(dialect: str, orthographic: bool) -> str:
+    """What every shader begins with: dialect, constants and the camera's uniforms."""
+    head = f"#define SMALLEST_SLOPE {smallest_slope(np.float32):.9e}\n"
+    head += f"#define EPS {eps(np.float32):.9e}\n"
+    if orthographic:
+        head += "#define ORTHOGRAPHIC\n"
+    return HEADERS[dialect] + head + GLSL
+
+
+def texts_of(shaders: Path | None) -> Callable[..., str]:
+    """What reads the first of some files that there is.
+
+    Args:
+        shaders: Folder whose files take the place of those of the same names.
+
+    Raises:
+        ValueError: There is no such folder.
+    """
+    if shaders is not None and not shaders.is_dir():
+        raise ValueError(f"shaders must be a folder with shaders, got {shaders}")
+    own = resources.files("impostor_jax.glsl") / "shaders"
+    folders = (own,) if shaders is None else (shaders, own)
+
+    def text(*names: str) -> str:
+        files = (folder / name for name in names for folder in folders)
+        return next(file.read_text() for file in files if file.is_file())
+
+    return text
 
 
 def _declared(impostor: Impostor, way: str) -> str:

@@ -3,23 +3,26 @@
 __all__ = ["WebglRenderer", "page"]
 
 import base64
-import json
 import shutil
 from collections.abc import Sequence
-from importlib import resources
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
 from impostor_jax.camera.orthographic import OrthographicCamera
 from impostor_jax.camera.pinhole import PinholeCamera
 from impostor_jax.glsl.conventions import DrawnMaps, maps_from_targets
 from impostor_jax.glsl.draw_list import CLEAR_COLOR, DrawList, draw_list_of
+from impostor_jax.glsl.html import html_page, texture_message, traced_message
 from impostor_jax.glsl.offscreen import DriverError
 from impostor_jax.glsl.program import attributes, shader_sources
+from impostor_jax.glsl.trace_list import Traceable, trace_list_of
 from impostor_jax.primitives.base import AbstractPrimitive
 from impostor_jax.primitives.sphere import Sphere
+from impostor_jax.rendering.lights import AbstractLight
+from impostor_jax.rendering.material import Material
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 
@@ -50,11 +53,7 @@ def page(
         camera: Without a lens.
         shaders: As of `OffscreenRenderer`.
     """
-    scene = _message(draw_list_of(primitives, camera), shaders)
-    # A script ends at the first "</", even inside a string.
-    text = json.dumps(scene).replace("</", "<\\/")
-    template = (resources.files("impostor_jax.glsl") / "page.html").read_text()
-    return template.replace("SCENE_JSON", text)
+    return html_page("page.html", _message(draw_list_of(primitives, camera), shaders))
 
 
 class WebglRenderer:
@@ -116,6 +115,22 @@ class WebglRenderer:
         )
         return maps_from_targets(position, normal, None, draws.stretch)
 
+    def trace(
+        self,
+        scene: Traceable,
+        camera: PinholeCamera | OrthographicCamera,
+        lights: Sequence[AbstractLight],
+        materials: Material | Sequence[Material] | None = None,
+        background: Any = (0.0, 0.0, 0.0),
+        depth: int = 3,
+    ) -> Float[np.ndarray, "h w 3"]:
+        """Trace as `OffscreenRenderer.trace`."""
+        told = trace_list_of(scene, camera, lights, materials, background, depth)
+        message = traced_message(told, self._shaders)
+        found = self._page.evaluate("(scene) => traceScene(scene)", message)
+        drawn = np.frombuffer(base64.b64decode(found), np.float32)
+        return drawn.reshape(camera.height, camera.width, 4)[::-1, :, :3]
+
     def close(self) -> None:
         """Close the browser."""
         self._browser.close()
@@ -145,7 +160,7 @@ def _message(draws: DrawList, shaders: Path | None) -> dict[str, Any]:
             "attributes": attributes(call.impostor),
             "instances": call.rows.ravel().tolist(),
             "count": len(call.rows),
-            "samples": call.samples.tolist(),
+            "samples": texture_message(call.samples),
         }
         for call in draws.calls
     ]

@@ -51,6 +51,9 @@ CAMERAS: dict[str, Callable[..., AbstractDepthNoise]] = {
 """Names of whole cameras, that a record may be read from; it is written by its parts.
 """
 
+STEREO = ("stereo", "stereo_camera")
+"""Names of what depends on a focal length."""
+
 
 def sensor_record(sensor: AbstractDepthNoise) -> dict[str, Any]:
     """The record of a noise model, whose numbers must be concrete.
@@ -73,28 +76,38 @@ def sensor_record(sensor: AbstractDepthNoise) -> dict[str, Any]:
     return record
 
 
-def sensor_from_record(record: Any, what: str) -> AbstractDepthNoise:
+def sensor_from_record(
+    record: Any, what: str, focal_length: float | None = None
+) -> AbstractDepthNoise:
     """The noise model of a record; what is left out takes the default.
 
     Args:
         record: As `sensor_record` makes it.
         what: Names it in errors.
+        focal_length: Default of a stereo camera's, in pixels; it has no other.
 
     Raises:
         ValueError: The type or a key is unknown or missing, or a value is out of range.
     """
     kinds = {**SENSORS, **CAMERAS}
+    if focal_length is not None and isinstance(record, dict):
+        if record.get("type") in STEREO:
+            record = {"focal_length": focal_length, **record}
     name, values = typed_record(kinds, record, what)
     if "sensor" in values:
-        values["sensor"] = sensor_from_record(values["sensor"], what)
+        values["sensor"] = sensor_from_record(values["sensor"], what, focal_length)
     return kinds[name](**values)
 
 
-def read_sensor(path: Path) -> AbstractDepthNoise:
+def read_sensor(path: Path, focal_length: float | None = None) -> AbstractDepthNoise:
     """The noise model of a JSON file.
+
+    Args:
+        path: Of the file.
+        focal_length: As of `sensor_from_record`.
 
     Raises:
         ValueError: The file is not readable, or holds none.
     """
     what = f"sensor file {str(path)!r}"
-    return sensor_from_record(read_json_object(path, what), what)
+    return sensor_from_record(read_json_object(path, what), what, focal_length)

@@ -12,6 +12,7 @@ from impostor_jax.parity.flat_cases import (
     single_boxes,
     single_heightfields,
     single_planes,
+    triangles,
 )
 from impostor_jax.parity.round_cases import (
     many_cylinders,
@@ -22,6 +23,8 @@ from impostor_jax.parity.round_cases import (
     single_spheres,
     single_tori,
 )
+from impostor_jax.parity.traced import TracedCase
+from impostor_jax.parity.traced_cases import traced
 
 CAMERAS = ("perspective", "orthographic")
 
@@ -35,20 +38,24 @@ FAMILIES = (
     single_frusta,
     single_boxes,
     single_planes,
+    triangles,
     single_heightfields,
     all_shapes,
+    traced,
 )
 """What makes the cases of one kind of camera."""
 
 
-def cases(camera: str = "all") -> list[Case]:
+def cases(camera: str = "all") -> list[Case | TracedCase]:
     """All scenes, for one kind of camera or for "all"."""
     one_of("camera", camera, (*CAMERAS, "all"))
     kinds = CAMERAS if camera == "all" else (camera,)
     return [case for kind in kinds for make in FAMILIES for case in make(kind)]
 
 
-def select(camera: str = "all", patterns: Sequence[str] = ("all",)) -> list[Case]:
+def select(
+    camera: str = "all", patterns: Sequence[str] = ("all",)
+) -> list[Case | TracedCase]:
     """Cases of one kind of camera, or "all", whose names match a pattern.
 
     Raises:

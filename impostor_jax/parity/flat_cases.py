@@ -1,14 +1,17 @@
-"""Boxes, planes and heightfields, and a scene of every shape."""
+"""Boxes, planes, triangles and heightfields, and a scene of every shape."""
 
 __all__ = [
     "all_shapes",
+    "icosahedron",
     "random_heights",
     "seen_pose",
     "single_boxes",
     "single_heightfields",
     "single_planes",
+    "triangles",
 ]
 
+import itertools
 import math
 
 import cv2
@@ -25,6 +28,7 @@ from impostor_jax.primitives.heightfield import Heightfield
 from impostor_jax.primitives.plane import Plane
 from impostor_jax.primitives.sphere import Sphere
 from impostor_jax.primitives.terrain import Terrain
+from impostor_jax.primitives.triangle import Triangle
 
 OBLIQUE = (0.5, 0.7, 0.3)
 """Rotation vector of a box whose faces all lean."""
@@ -71,6 +75,51 @@ def single_planes(kind: str) -> list[Case]:
         # Its horizon is in the middle of the image; nearly along all parallel rays.
         case("plane, grazing", (0.0, 0.02, 1.0), (0.01, 1.0, -1e-3)),
     ]
+
+
+def triangles(kind: str) -> list[Case]:
+    """One triangle, under many angles and at many distances, and meshes of them."""
+    unit = 0.05
+    corners = np.array([(-1.2, -0.7, 0.2), (1.3, -0.4, -0.3), (-0.2, 1.1, 0.1)])
+
+    def case(
+        name, distance=10.0, turn=(0.3, -0.5, 0.2), aside=(0.1, 0.2), given=corners
+    ):
+        """Corners `distance` units away, a bit `aside`, turned."""
+        placed = given @ _rotation(turn).T + (*aside, distance)
+        camera = camera_on(kind, distance, unit)
+        return Case(f"{kind}/{name}", Triangle(placed * unit), camera)
+
+    return [
+        case("triangle"),
+        case("triangle, from behind", turn=(0.3, 2.6, 0.2)),
+        case("triangle, far", 1e3),
+        case("triangle, partly out of frame", aside=(2.4, 1.2)),
+        case("triangle, reaching behind", 1.2, (1.2, 0.3, 0.5), (0.3, 0.4),
+             4 * corners),
+        case("triangle, nearly edge on", turn=(1.4, 0.0, 0.3)),
+        case("needle", given=corners * (1.5, 0.05, 1.0)),
+        case("icosahedron", given=icosahedron()),
+        case("icosahedron, around the camera", 0.3, given=1.2 * icosahedron()),
+    ]  # fmt: skip
+
+
+def icosahedron() -> Float[np.ndarray, "20 3 3"]:
+    """Faces of radius 1, whose normals point outward."""
+    golden = (1 + math.sqrt(5)) / 2
+    signs = [(y, z) for y in (-1.0, 1.0) for z in (-1.0, 1.0)]
+    corners = np.array(
+        [np.roll((0, y, golden * z), k) for k in range(3) for y, z in signs]
+    )
+    corners /= math.hypot(1, golden)
+    triples = (corners[list(triple)] for triple in itertools.combinations(range(12), 3))
+    # Neighbors are 1.05 apart, all others 1.7 at least.
+    faces = [
+        face
+        for face in triples
+        if np.linalg.norm(face - np.roll(face, 1, axis=0), axis=1).max() < 1.1
+    ]
+    return np.array([face if np.linalg.det(face) > 0 else face[::-1] for face in faces])
 
 
 def single_heightfields(kind: str) -> list[Case]:

@@ -19,6 +19,7 @@ from impostor_jax.parity.case import Case, Primitives
 from impostor_jax.parity.compare import Comparison, Spread, compare, rounding
 from impostor_jax.parity.condition import condition_of
 from impostor_jax.parity.judge import Verdict, judge
+from impostor_jax.parity.traced import TracedCase, TracedRow, compare_traced
 from impostor_jax.rendering.render import render
 from impostor_jax.rendering.scene import Scene
 
@@ -91,14 +92,20 @@ def open_renderer(
 
 
 def run_parity(
-    chosen: Sequence[Case], renderer: OffscreenRenderer | WebglRenderer
-) -> Iterator[Row]:
+    chosen: Sequence[Case | TracedCase], renderer: OffscreenRenderer | WebglRenderer
+) -> Iterator[Row | TracedRow]:
     """Draw cases with JAX and with a driver, and compare them.
 
     Yields:
         A row for each case as it is done.
     """
     for case in chosen:
+        if isinstance(case, TracedCase):
+            drawn = renderer.trace(
+                case.shapes, case.camera, case.lights, case.materials, case.background
+            )
+            yield compare_traced(case, drawn)
+            continue
         reference = drawn_by_jax(case.primitives, case.camera)
         drawn = renderer.draw(case.primitives, case.camera)
         condition = condition_of(case.primitives, case.camera, reference.index)

@@ -10,6 +10,7 @@ __all__ = [
     "Plane",
     "Sphere",
     "Torus",
+    "Triangle",
 ]
 
 from impostor_jax.primitives.base import AbstractPrimitive
@@ -20,6 +21,7 @@ from impostor_jax.primitives.heightfield import Heightfield
 from impostor_jax.primitives.plane import Plane
 from impostor_jax.primitives.sphere import Sphere
 from impostor_jax.primitives.torus import Torus
+from impostor_jax.primitives.triangle import Triangle
 
 PRIMITIVES: dict[str, type[AbstractPrimitive]] = {
     "box": Box,
@@ -29,4 +31,5 @@ PRIMITIVES: dict[str, type[AbstractPrimitive]] = {
     "plane": Plane,
     "sphere": Sphere,
     "torus": Torus,
+    "triangle": Triangle,
 }

@@ -3,16 +3,19 @@
 __all__ = ["AbstractPrimitive", "check_single", "in_camera_frame", "in_world_frame"]
 
 import abc
+import math
 from typing import Protocol, TypeVar, runtime_checkable
 
 import equinox as eqx
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float, Int
 
 from impostor_jax.camera.base import AbstractCamera
 from impostor_jax.geometry.frames import RigidTransform
+from impostor_jax.geometry.hull import AbstractHull
 from impostor_jax.geometry.rays import Hit, Ray
 from impostor_jax.geometry.vec3 import Vec3
+from impostor_jax.numerics import Numbers
 from impostor_jax.text import described, text_or_repr
 
 UNITS = {
@@ -41,6 +44,21 @@ class AbstractPrimitive(eqx.Module):
     def dtype(self) -> np.dtype:
         """Floating-point type of the fields."""
 
+    @property
+    @abc.abstractmethod
+    def num_parts(self) -> int:
+        """How many pieces `Hit.part` counts."""
+
+    @property
+    @abc.abstractmethod
+    def is_bounded(self) -> bool:
+        """Whether it has a `hull`, without computing one."""
+
+    @property
+    @abc.abstractmethod
+    def hull(self) -> AbstractHull | None:
+        """What holds it, or each of a batch; None if it has no end or none is known."""
+
     @abc.abstractmethod
     def intersect(self, ray: Ray) -> Hit:
         """First surface in front of the ray's origin.
@@ -53,12 +71,47 @@ class AbstractPrimitive(eqx.Module):
     def normal(self, ray: Ray, hit: Hit) -> Vec3:
         """Unit normal at a hit, turned towards the ray's origin; zero on a miss."""
 
+    def occluded(
+        self, ray: Ray, t_max: float | Float[Array, "..."] = math.inf
+    ) -> Bool[Array, "..."]:
+        """Whether it is in the way of rays, before a ray parameter."""
+        return self.intersect(ray).t < t_max
+
     @abc.abstractmethod
     def implicit(self, point: Vec3) -> Float[Array, "*batch"]:
         """Signed distance from the surface in meters, negative inside.
 
         Of a plane, negative on the side that its normal points away from. Of a
         heightfield, negative below, and of first order: right near the surface.
+        """
+
+    @abc.abstractmethod
+    def outline_gap(self, ray: Ray) -> Numbers | None:
+        """How far within the outline rays pass: positive where they meet the shape.
+
+        The distance of the line from the outline near it, in meters; farther off any
+        number of the same sign. Of a plane, whose outline is its horizon, the sine of
+        the angle to it. What lies behind a ray's origin counts as if it were ahead.
+        None where there is no formula.
+
+        Derivatives:
+            In rays and fields, finite on every ray, and on the outline the same from
+            both sides but where it has a corner.
+        """
+
+    @abc.abstractmethod
+    def crease_gap(
+        self, ray: Ray, part: Int[Array, "..."], other: Int[Array, "..."]
+    ) -> Numbers | None:
+        """How far off the edge between two of its surfaces rays pass.
+
+        Args:
+            ray: That pass near it.
+            part: What `Hit.part` tells on one side.
+            other: And on the other.
+
+        Returns:
+            As `outline_gap`, of either sign. None where there is no formula.
         """
 
     @abc.abstractmethod

@@ -39,8 +39,10 @@ from typing_extensions import override
 from impostor_jax.arguments import check_positive, check_rotation, float_arrays
 from impostor_jax.compiling import computed_apart
 from impostor_jax.geometry.frames import RigidTransform
+from impostor_jax.geometry.hull import DiscHull
 from impostor_jax.geometry.rays import Hit, Interval, Ray, slab_interval
 from impostor_jax.geometry.vec3 import Vec3
+from impostor_jax.numerics import Numbers, safe_divide, safe_sqrt
 from impostor_jax.primitives.base import AbstractPrimitive
 from impostor_jax.primitives.surface import facing, implicit_hit
 
@@ -91,6 +93,22 @@ class Box(AbstractPrimitive):
     def dtype(self) -> np.dtype:
         return self.center.dtype
 
+    @property
+    @override
+    def num_parts(self) -> int:
+        return 6
+
+    @property
+    @override
+    def is_bounded(self) -> bool:
+        return True
+
+    @property
+    @override
+    def hull(self) -> DiscHull:
+        half = self.size / 2
+        return DiscHull.of_cuboid(-half, half, self.rotation, self.center)
+
     @override
     def intersect(self, ray: Ray) -> Hit:
         t, face = implicit_hit(_trace, _equation, ray, self._cuboid())
@@ -111,11 +129,47 @@ class Box(AbstractPrimitive):
         return outside + jnp.minimum(jnp.maximum(jnp.maximum(x, y), z), 0)
 
     @override
+    def outline_gap(self, ray: Ray) -> Numbers:
+        o, d, halves = self._seen_from_within(ray)
+        gap = jnp.asarray(jnp.inf, d[0].dtype)
+        for i, j in ((0, 1), (1, 2), (2, 0)):
+            # Along the third axis the box is a rectangle, and the ray a line.
+            reach = halves[i] * jnp.abs(d[j]) + halves[j] * jnp.abs(d[i])
+            length = safe_sqrt(d[i] * d[i] + d[j] * d[j])
+            inside = safe_divide(reach - jnp.abs(o[i] * d[j] - o[j] * d[i]), length)
+            gap = jnp.minimum(gap, jnp.where(length > 0, inside, jnp.inf))
+        return gap
+
+    @override
+    def crease_gap(
+        self, ray: Ray, part: Int[Array, "..."], other: Int[Array, "..."]
+    ) -> Numbers:
+        o, d, halves = self._seen_from_within(ray)
+
+        def across(face: Int[Array, "..."]) -> tuple[Numbers, Numbers]:
+            side = jnp.where(face % 2 == 1, 1, -1).astype(d[0].dtype)
+            return _of(face, o) - side * _of(face, halves), _of(face, d)
+
+        (o_i, d_i), (o_j, d_j) = across(part), across(other)
+        gap = safe_divide(o_i * d_j - o_j * d_i, safe_sqrt(d_i * d_i + d_j * d_j))
+        # Two faces across one axis have no edge.
+        return jnp.where(part // 2 == other // 2, 1, gap)
+
+    @override
     def transformed(self, target_from_source: RigidTransform) -> "Box":
         center = target_from_source.apply(self.center)
         edges = target_from_source.rotate(jnp.swapaxes(self.rotation, -1, -2))
         rotation = jnp.swapaxes(edges, -1, -2)
         return eqx.tree_at(lambda b: (b.center, b.rotation), self, (center, rotation))
+
+    def _seen_from_within(
+        self, ray: Ray
+    ) -> tuple[list[Numbers], list[Numbers], list[Float[Array, "*#batch"]]]:
+        """A point of the ray and its direction along the edges, and half of these."""
+        center, axes, halves = self._cuboid()
+        near, _ = ray.brought_near(center, center, jnp.zeros_like(halves[0]))
+        o, d = ([v.dot(a) for a in axes] for v in (near.origin, near.direction))
+        return o, d, halves
 
     def _cuboid(self) -> "_Cuboid":
         axes = [Vec3.from_array(self.rotation[..., k]) for k in range(3)]

@@ -41,15 +41,16 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 from typing_extensions import override
 
 from impostor_jax.arguments import check_direction, check_positive, float_arrays
 from impostor_jax.compiling import computed_apart
 from impostor_jax.geometry.frames import RigidTransform
+from impostor_jax.geometry.hull import DiscHull
 from impostor_jax.geometry.rays import Hit, Ray, slab_interval, wall_interval
 from impostor_jax.geometry.vec3 import Vec3, unit
-from impostor_jax.numerics import has_square, safe_normalize, safe_sqrt
+from impostor_jax.numerics import Numbers, has_square, safe_normalize, safe_sqrt
 from impostor_jax.primitives.base import AbstractPrimitive
 from impostor_jax.primitives.sector import sector, sector_fields, with_zero_turned
 from impostor_jax.primitives.surface import (
@@ -58,10 +59,13 @@ from impostor_jax.primitives.surface import (
     within_range,
 )
 from impostor_jax.primitives.tapered import (
+    NUM_PARTS,
     Tapered,
     tapered_distance,
     tapered_hit,
     tapered_normal,
+    tapered_outline_gap,
+    tapered_rim_gap,
 )
 
 
@@ -147,6 +151,23 @@ class Cylinder(AbstractPrimitive):
     def dtype(self) -> np.dtype:
         return self.radius.dtype
 
+    @property
+    @override
+    def num_parts(self) -> int:
+        return 2 if self.is_whole else NUM_PARTS
+
+    @property
+    @override
+    def is_bounded(self) -> bool:
+        return True
+
+    @property
+    @override
+    def hull(self) -> DiscHull:
+        return DiscHull.of_cylinder(
+            self.center, self.axis, self.radius, self.height / 2
+        )
+
     @override
     def intersect(self, ray: Ray) -> Hit:
         if not self.is_whole:
@@ -177,6 +198,23 @@ class Cylinder(AbstractPrimitive):
             jnp.maximum(beyond_wall, 0) ** 2 + jnp.maximum(beyond_cap, 0) ** 2
         )
         return outside + jnp.minimum(jnp.maximum(beyond_wall, beyond_cap), 0)
+
+    @override
+    def outline_gap(self, ray: Ray) -> Numbers | None:
+        return tapered_outline_gap(ray, self._tapered()) if self.is_whole else None
+
+    @override
+    def crease_gap(
+        self, ray: Ray, part: Int[Array, "..."], other: Int[Array, "..."]
+    ) -> Numbers | None:
+        if not self.is_whole:
+            return None
+        body = self._tapered()
+        # The cap that is seen: through which the ray enters, or else leaves.
+        level = (ray.origin - body.anchor).dot(body.axis)
+        beyond = jnp.abs(level) > body.high
+        is_high = jnp.where(beyond, level, ray.direction.dot(body.axis)) > 0
+        return tapered_rim_gap(ray, is_high, body)
 
     @override
     def transformed(self, target_from_source: RigidTransform) -> "Cylinder":

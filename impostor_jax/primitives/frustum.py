@@ -12,21 +12,26 @@ from typing import Any
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 from typing_extensions import override
 
 from impostor_jax.arguments import float_arrays, is_concrete
 from impostor_jax.geometry.frames import RigidTransform
+from impostor_jax.geometry.hull import DiscHull
 from impostor_jax.geometry.rays import Hit, Ray
 from impostor_jax.geometry.vec3 import Vec3
-from impostor_jax.numerics import safe_divide, safe_normalize
+from impostor_jax.numerics import Numbers, safe_divide, safe_normalize
 from impostor_jax.primitives.base import AbstractPrimitive
 from impostor_jax.primitives.sector import sector, sector_fields, with_zero_turned
 from impostor_jax.primitives.tapered import (
+    HIGH_CAP,
+    NUM_PARTS,
     Tapered,
     tapered_distance,
     tapered_hit,
     tapered_normal,
+    tapered_outline_gap,
+    tapered_rim_gap,
 )
 
 
@@ -107,6 +112,11 @@ class Frustum(AbstractPrimitive):
         return safe_normalize(self.p2 - self.p1)
 
     @property
+    def _is_whole(self) -> bool:
+        """Whether it is closed and goes all the way round."""
+        return self.caps and self.start_angle is None
+
+    @property
     @override
     def batch_shape(self) -> tuple[int, ...]:
         return self.radius1.shape
@@ -115,6 +125,21 @@ class Frustum(AbstractPrimitive):
     @override
     def dtype(self) -> np.dtype:
         return self.radius1.dtype
+
+    @property
+    @override
+    def num_parts(self) -> int:
+        return NUM_PARTS
+
+    @property
+    @override
+    def is_bounded(self) -> bool:
+        return True
+
+    @property
+    @override
+    def hull(self) -> DiscHull:
+        return DiscHull.of_ends(self.p1, self.p2, self.axis, self.radius1, self.radius2)
 
     @override
     def intersect(self, ray: Ray) -> Hit:
@@ -127,6 +152,21 @@ class Frustum(AbstractPrimitive):
     @override
     def implicit(self, point: Vec3) -> Float[Array, "*batch"]:
         return tapered_distance(point, self._seen_from(point))
+
+    @override
+    def outline_gap(self, ray: Ray) -> Numbers | None:
+        if not self._is_whole:
+            return None
+        return tapered_outline_gap(ray, self._seen_from(ray.origin))
+
+    @override
+    def crease_gap(
+        self, ray: Ray, part: Int[Array, "..."], other: Int[Array, "..."]
+    ) -> Numbers | None:
+        if not self._is_whole:
+            return None
+        is_high = (part == HIGH_CAP) | (other == HIGH_CAP)
+        return tapered_rim_gap(ray, is_high, self._seen_from(ray.origin))
 
     @override
     def transformed(self, target_from_source: RigidTransform) -> "Frustum":

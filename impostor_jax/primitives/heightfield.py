@@ -21,18 +21,23 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 from typing_extensions import override
 
 from impostor_jax.arguments import float_array, is_concrete, one_of
 from impostor_jax.compiling import compiled
 from impostor_jax.geometry.frames import RigidTransform
+from impostor_jax.geometry.hull import DiscHull
 from impostor_jax.geometry.rays import Hit, Interval, Ray, slab_interval
 from impostor_jax.geometry.vec3 import Vec3
 from impostor_jax.numerics import Numbers, safe_sqrt
 from impostor_jax.primitives.base import AbstractPrimitive, check_single
 from impostor_jax.primitives.heightfield_cells import first_crossing
-from impostor_jax.primitives.heightfield_grid import INTERPOLATIONS, all_control_points
+from impostor_jax.primitives.heightfield_grid import (
+    INTERPOLATIONS,
+    all_control_points,
+    relief,
+)
 from impostor_jax.primitives.heightfield_height import (
     Function,
     as_tree,
@@ -133,6 +138,34 @@ class Heightfield(AbstractPrimitive):
     def dtype(self) -> np.dtype:
         return self.extent.dtype
 
+    @property
+    @override
+    def num_parts(self) -> int:
+        return 1
+
+    @property
+    @override
+    def is_bounded(self) -> bool:
+        return not callable(self.height)
+
+    @property
+    @override
+    def hull(self) -> DiscHull | None:
+        if callable(self.height):
+            return None
+        bottom, top = relief(self.height, self.interpolation)
+        low, high = (
+            jnp.stack([self.extent[..., 0, end], level, self.extent[..., 1, end]], -1)
+            for end, level in enumerate((bottom, top))
+        )
+        rotation, translation = jnp.eye(3), jnp.zeros(3)
+        if self.world_from_field is not None:
+            rotation = self.world_from_field.rotation
+            translation = self.world_from_field.translation
+        rotation = jnp.broadcast_to(rotation, (*low.shape, 3)).astype(self.dtype)
+        translation = jnp.broadcast_to(translation, low.shape).astype(self.dtype)
+        return DiscHull.of_cuboid(low, high, rotation, translation)
+
     @override
     def intersect(self, ray: Ray) -> Hit:
         check_single(self, "heightfield")
@@ -164,6 +197,16 @@ class Heightfield(AbstractPrimitive):
         distance = (p.y - height) / jnp.sqrt(1 + by_x * by_x + by_z * by_z)
         beside = (p.x - x) ** 2 + (p.z - z) ** 2
         return jnp.where(beside > 0, safe_sqrt(beside + distance * distance), distance)
+
+    @override
+    def outline_gap(self, ray: Ray) -> None:
+        return None
+
+    @override
+    def crease_gap(
+        self, ray: Ray, part: Int[Array, "..."], other: Int[Array, "..."]
+    ) -> None:
+        return None
 
     @override
     def transformed(self, target_from_source: RigidTransform) -> "Heightfield":

@@ -13,6 +13,7 @@ __all__ = [
     "all_control_points",
     "control_points",
     "largest_curvature",
+    "relief",
     "surface",
 ]
 
@@ -62,6 +63,19 @@ def all_control_points(
     rows, cols = grid.shape[0] - 1, grid.shape[1] - 1
     i, j = jnp.meshgrid(jnp.arange(rows), jnp.arange(cols), indexing="ij")
     return control_points(grid, interpolation, i, j)
+
+
+def relief(
+    grid: Float[Array, "*batch n m"], interpolation: str
+) -> tuple[Float[Array, "*batch"], Float[Array, "*batch"]]:
+    """Lowest and highest control point of each grid: the surface is between them."""
+
+    def ends(grid: Float[Array, "n m"]) -> tuple[Array, Array]:
+        points = all_control_points(grid, interpolation).ravel()
+        # Taken by their places, so that the derivative is one of theirs.
+        return points[jnp.argmin(points)], points[jnp.argmax(points)]
+
+    return jnp.vectorize(ends, signature="(n,m)->(),()")(grid)
 
 
 def surface(

@@ -25,14 +25,14 @@ from typing import Any
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 from typing_extensions import override
 
 from impostor_jax.arguments import check_direction, float_arrays
 from impostor_jax.geometry.frames import RigidTransform
 from impostor_jax.geometry.rays import Hit, Ray
 from impostor_jax.geometry.vec3 import Vec3, unit
-from impostor_jax.numerics import safe_normalize, smallest_slope
+from impostor_jax.numerics import Numbers, safe_normalize, smallest_slope
 from impostor_jax.primitives.base import AbstractPrimitive
 from impostor_jax.primitives.surface import facing, implicit_hit
 
@@ -80,6 +80,21 @@ class Plane(AbstractPrimitive):
     def dtype(self) -> np.dtype:
         return self.point.dtype
 
+    @property
+    @override
+    def num_parts(self) -> int:
+        return 1
+
+    @property
+    @override
+    def is_bounded(self) -> bool:
+        return False
+
+    @property
+    @override
+    def hull(self) -> None:
+        return None
+
     @override
     def intersect(self, ray: Ray) -> Hit:
         t, _ = implicit_hit(_trace, _equation, ray, self._point_and_normal())
@@ -92,6 +107,18 @@ class Plane(AbstractPrimitive):
     @override
     def implicit(self, point: Vec3) -> Float[Array, "*batch"]:
         return _equation(point, None, self._point_and_normal())[0]
+
+    @override
+    def outline_gap(self, ray: Ray) -> Numbers:
+        point, n = self._point_and_normal()
+        ahead = jnp.sign(n.dot(point - ray.origin))
+        return ahead * n.dot(ray.direction) / ray.direction.norm()
+
+    @override
+    def crease_gap(
+        self, ray: Ray, part: Int[Array, "..."], other: Int[Array, "..."]
+    ) -> None:
+        return None
 
     @override
     def transformed(self, target_from_source: RigidTransform) -> "Plane":

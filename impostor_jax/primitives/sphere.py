@@ -22,12 +22,13 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool, Float, Int
 from typing_extensions import override
 
 from impostor_jax.arguments import check_positive, float_arrays
 from impostor_jax.compiling import computed_apart
 from impostor_jax.geometry.frames import RigidTransform
+from impostor_jax.geometry.hull import BallHull
 from impostor_jax.geometry.rays import Hit, Ray, ball_interval
 from impostor_jax.geometry.vec3 import Vec3
 from impostor_jax.numerics import Numbers, has_square
@@ -73,6 +74,21 @@ class Sphere(AbstractPrimitive):
     def dtype(self) -> np.dtype:
         return self.radius.dtype
 
+    @property
+    @override
+    def num_parts(self) -> int:
+        return 1
+
+    @property
+    @override
+    def is_bounded(self) -> bool:
+        return True
+
+    @property
+    @override
+    def hull(self) -> BallHull:
+        return BallHull(self.center, self.radius)
+
     @override
     def intersect(self, ray: Ray) -> Hit:
         center = Vec3.from_array(self.center)
@@ -89,6 +105,20 @@ class Sphere(AbstractPrimitive):
     @override
     def implicit(self, point: Vec3) -> Float[Array, "*batch"]:
         return (point - Vec3.from_array(self.center)).norm() - self.radius
+
+    @override
+    def outline_gap(self, ray: Ray) -> Numbers:
+        center = Vec3.from_array(self.center)
+        near, _ = ray.brought_near(center, center, self.radius)
+        d = near.direction
+        # The norm of a vector product errs by its own rounding alone.
+        return self.radius - near.origin.cross(d).norm() / d.norm()
+
+    @override
+    def crease_gap(
+        self, ray: Ray, part: Int[Array, "..."], other: Int[Array, "..."]
+    ) -> None:
+        return None
 
     @override
     def transformed(self, target_from_source: RigidTransform) -> "Sphere":

@@ -12,7 +12,16 @@ of that place, so that a tip close to the camera is as exact as a wall. The boun
 `impostor_jax.primitives.cylinder` hold: 8 eps times the condition number in depth.
 """
 
-__all__ = ["Tapered", "tapered_distance", "tapered_hit", "tapered_normal"]
+__all__ = [
+    "HIGH_CAP",
+    "NUM_PARTS",
+    "Tapered",
+    "tapered_distance",
+    "tapered_hit",
+    "tapered_normal",
+    "tapered_outline_gap",
+    "tapered_rim_gap",
+]
 
 from typing import NamedTuple
 
@@ -25,7 +34,14 @@ from jaxtyping import Array, Bool, Float, Int
 from impostor_jax.compiling import computed_apart
 from impostor_jax.geometry.rays import Hit, Ray, cone_interval, plane_interval
 from impostor_jax.geometry.vec3 import Vec3
-from impostor_jax.numerics import eps, has_square, safe_divide, safe_sqrt
+from impostor_jax.numerics import (
+    Numbers,
+    eps,
+    has_square,
+    safe_divide,
+    safe_sqrt,
+    smallest_slope,
+)
 from impostor_jax.primitives.sector import Sector
 from impostor_jax.primitives.surface import (
     facing,
@@ -33,7 +49,8 @@ from impostor_jax.primitives.surface import (
     within_range,
 )
 
-WALL, LOW_CAP, HIGH_CAP, START_FACE, END_FACE = range(5)
+NUM_PARTS = 5
+WALL, LOW_CAP, HIGH_CAP, START_FACE, END_FACE = range(NUM_PARTS)
 """Parts of the surface."""
 
 
@@ -122,6 +139,63 @@ def tapered_distance(point: Vec3, body: Tapered) -> Float[Array, "*batch"]:
     if body.sector is None:
         return distance
     return jnp.maximum(distance, body.sector.distance(q, a))
+
+
+def tapered_outline_gap(ray: Ray, body: Tapered) -> Numbers:
+    """How far within the outline of a whole body rays pass, in meters.
+
+    Along a ray the wall's radius less the distance from the axis is concave, and the
+    ray meets the body where its largest value between the ends is not negative. That is
+    where it is stationary, or at one of the ends.
+    """
+    near, o_a, d_a = _near(ray, body)
+    e, p = (v - body.axis * v.dot(body.axis) for v in (near.direction, near.origin))
+    rho, k = body.radius + body.slope * o_a, body.slope * d_a
+    e_e = e.dot(e)
+    is_along = e_e < smallest_slope(e_e.dtype) ** 2
+    e_e = jnp.where(is_along, 1, e_e)
+    middle = -e.dot(p) / e_e
+    # On a cone it is not where the axis is nearest; on a steep ray it is nowhere.
+    opening = e_e - k * k
+    shift = k * (p + e * middle).norm()
+    shift = safe_divide(shift, safe_sqrt(e_e) * safe_sqrt(opening))
+    best = jnp.where(opening > 0, middle + shift, jnp.sign(k) * jnp.inf)
+    best = jax.lax.stop_gradient(jnp.where(is_along & (k == 0), 0, best))
+    slab = plane_interval(near, body.axis, body.low, body.high)
+    at = jnp.where(best > slab.upper, slab.upper, best)
+    at = jnp.where(best < slab.lower, slab.lower, at)
+    between = jnp.minimum(o_a - body.low, body.high - o_a)
+    # No point of a ray beside the ends and parallel to them lies between them.
+    is_beside = slab.lower > slab.upper
+    at = jnp.where(is_beside, 0, at)
+    gap = rho + k * at - (p + e * at).norm()
+    return jnp.where(is_beside, between, gap)
+
+
+def tapered_rim_gap(ray: Ray, is_high: Bool[Array, "*batch"], body: Tapered) -> Numbers:
+    """How far within a rim rays pass its plane, in meters; 1 where they never do.
+
+    Args:
+        ray: That pass near it.
+        is_high: Whether it is the rim of the high end.
+        body: The body.
+    """
+    near, o_a, d_a = _near(ray, body)
+    at_low, at_high = body.end_radii
+    level = jnp.where(is_high, body.high, body.low)
+    crosses = jnp.abs(d_a) > smallest_slope(d_a.dtype)
+    q = near.at(jnp.where(crosses, (level - o_a) / jnp.where(crosses, d_a, 1), 0))
+    out = (q - body.axis * q.dot(body.axis)).norm()
+    return jnp.where(crosses, jnp.where(is_high, at_high, at_low) - out, 1)
+
+
+def _near(ray: Ray, body: Tapered) -> tuple[Ray, Numbers, Numbers]:
+    """The ray from near the body, and its origin and direction along the axis."""
+    a = body.axis
+    level = jnp.clip((ray.origin - body.anchor).dot(a), body.low, body.high)
+    widest = jnp.maximum(*body.end_radii)
+    near, _ = ray.brought_near(body.anchor, body.anchor + a * level, widest)
+    return near, near.origin.dot(a), near.direction.dot(a)
 
 
 @jax.custom_jvp

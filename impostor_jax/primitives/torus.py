@@ -36,7 +36,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 from typing_extensions import override
 
 from impostor_jax.arguments import (
@@ -47,6 +47,7 @@ from impostor_jax.arguments import (
 )
 from impostor_jax.compiling import computed_apart
 from impostor_jax.geometry.frames import RigidTransform
+from impostor_jax.geometry.hull import DiscHull
 from impostor_jax.geometry.rays import Hit, Ray
 from impostor_jax.geometry.vec3 import Vec3, unit
 from impostor_jax.numerics import (
@@ -115,6 +116,22 @@ class Torus(AbstractPrimitive):
     def dtype(self) -> np.dtype:
         return self.major_radius.dtype
 
+    @property
+    @override
+    def num_parts(self) -> int:
+        return 1
+
+    @property
+    @override
+    def is_bounded(self) -> bool:
+        return True
+
+    @property
+    @override
+    def hull(self) -> DiscHull:
+        outer = self.major_radius + self.minor_radius
+        return DiscHull.of_cylinder(self.center, self.axis, outer, self.minor_radius)
+
     @override
     def intersect(self, ray: Ray) -> Hit:
         t, _ = implicit_hit(_trace, _equation, ray, self._ring())
@@ -131,6 +148,16 @@ class Torus(AbstractPrimitive):
     @override
     def implicit(self, point: Vec3) -> Float[Array, "*batch"]:
         return _equation(point, None, self._ring())[0]
+
+    @override
+    def outline_gap(self, ray: Ray) -> None:
+        return None
+
+    @override
+    def crease_gap(
+        self, ray: Ray, part: Int[Array, "..."], other: Int[Array, "..."]
+    ) -> None:
+        return None
 
     @override
     def transformed(self, target_from_source: RigidTransform) -> "Torus":

@@ -10,8 +10,8 @@ from impostor_jax.camera.base import AbstractCamera
 from impostor_jax.geometry.rays import Hit, Ray
 from impostor_jax.geometry.vec3 import Vec3
 from impostor_jax.primitives.base import in_camera_frame
-from impostor_jax.rendering.bounds import is_bounded
 from impostor_jax.rendering.closest import closest
+from impostor_jax.rendering.group import is_searched
 from impostor_jax.rendering.scene import Scene, Shown
 
 Places = Int[Array, "h w"]
@@ -87,11 +87,11 @@ def first_surface(
 def _see_scene(
     scene: Scene, camera: AbstractCamera, ray: Ray, with_normal: bool
 ) -> FirstHit:
-    """Search among many shapes of a type; those alone or unbounded see every ray."""
+    """Search among many shapes of a type; those alone or not searched see every ray."""
     many, few = [], []
     for group in scene.seen_by(camera).groups:
         count = group.index.shape[0]
-        if count > 1 and is_bounded(type(group.primitives)):
+        if count > 1 and is_searched(group.primitives):
             many.append(group)
         else:
             few += [jax.tree.map(lambda x, k=k: x[k], group) for k in range(count)]

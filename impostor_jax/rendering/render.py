@@ -25,7 +25,6 @@ from impostor_jax.compiling import kept
 from impostor_jax.effort import Effort, effort_of
 from impostor_jax.numerics import Scalar
 from impostor_jax.primitives.base import AbstractPrimitive, check_single
-from impostor_jax.rendering.bounds import is_bounded
 from impostor_jax.rendering.coverage import coverage
 from impostor_jax.rendering.maps import MISSES, OUTPUTS, GeometryMaps
 from impostor_jax.rendering.raycast import raycast
@@ -147,7 +146,7 @@ def _has_tile(primitive: Shown, camera: AbstractCamera) -> bool:
     """Whether the tile around what is seen is smaller than the frame, and known."""
     return (
         isinstance(primitive, AbstractPrimitive)
-        and is_bounded(type(primitive))
+        and primitive.is_bounded
         and is_concrete((primitive, camera))
     )
 

@@ -1,42 +1,27 @@
 """Any mix of shapes; the closest surface is seen.
 
-Shapes of a type lie side by side in arrays, as many as the next size of a bucket, so
-that one more of a type, or one that moves, runs the program that is there. Planes, and
-what else may be seen anywhere, are each cast at every ray, and fill no bucket. Types
-that a scene does not hold are in no program.
+Types that a scene does not hold are in no program.
 """
 
-__all__ = ["Group", "Scene", "Shown"]
+__all__ = ["Scene", "Shown"]
 
+import functools
+import math
 from collections.abc import Sequence
-from typing import Any
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from impostor_jax.camera.base import AbstractCamera
+from impostor_jax.geometry.rays import Hit, Ray
+from impostor_jax.geometry.vec3 import Vec3
 from impostor_jax.primitives.base import AbstractPrimitive, in_camera_frame
-from impostor_jax.primitives.heightfield import Heightfield
-from impostor_jax.rendering.bounds import is_bounded
-
-GROWTH = 4
-"""Sizes of buckets are its powers."""
-
-
-class Group(eqx.Module):
-    """Shapes of one type and structure.
-
-    Attributes:
-        primitives: A batch (n,); the last ones may be there to fill the bucket.
-        index: Of each among the scene's shapes, in the order they were given; -1 of
-            those that fill the bucket and are not seen.
-    """
-
-    primitives: AbstractPrimitive
-    index: Int[Array, " n"]
+from impostor_jax.rendering.follow import code_of, followed, stride_of
+from impostor_jax.rendering.group import Group, grouped
+from impostor_jax.rendering.search import first_met, is_blocked, searched
 
 
 class Scene(eqx.Module):
@@ -71,21 +56,75 @@ class Scene(eqx.Module):
                 )
         if not sum(shape.batch_shape == () or shape.batch_shape[0] for shape in shapes):
             raise ValueError("shapes must hold at least one primitive, got none")
-        dtype = jnp.result_type(*(shape.dtype for shape in shapes))
-        alike: dict[Any, list[tuple[AbstractPrimitive, np.ndarray]]] = {}
-        first = 0
-        for shape in shapes:
-            batch = _as_batch(shape, dtype)
-            index = first + np.arange(batch.batch_shape[0])
-            first += len(index)
-            alike.setdefault(_structure(batch, first), []).append((batch, index))
-        # In an order of their own, which that of the shapes does not change.
-        self.groups = tuple(_group(alike[key]) for key in sorted(alike))
+        self.groups = grouped(shapes)
 
     @property
     def dtype(self) -> np.dtype:
         """Floating-point type of the fields."""
         return self.groups[0].primitives.dtype
+
+    def intersect(self, ray: Ray) -> Hit:
+        """First surface of any shape in front of the rays' origins.
+
+        Args:
+            ray: Of any origins and directions in the world frame, in any number and
+                shape, which need have nothing to do with each other. (`render` is
+                faster for those of a camera.) What is not finite meets nothing.
+
+        Returns:
+            As of a shape; `index` tells which shape it is, -1 where nothing is met.
+
+        Derivatives:
+            Of t, as those of the shape that is met.
+        """
+        flat, shape = _flat(ray)
+        t, code = first_met(searched(self.groups), flat, _is_finite(flat))
+        t, _ = followed((self.groups, flat), t, code, False)
+        index, stride = self._index_of(code), stride_of(self.groups)
+        part = jnp.where(code < 0, 0, code % stride)
+        hit = Hit(t, part % 2 == 1, part // 2, index)
+        return jax.tree.map(lambda x: x.reshape(shape), hit)
+
+    def normal(self, ray: Ray, hit: Hit) -> Vec3:
+        """Unit normals at the hits that `intersect` found, turned against the rays.
+
+        Zero where nothing is hit.
+        """
+        assert hit.index is not None
+        stride = stride_of(self.groups)
+        place = self._place_of(hit.index)
+        code = jnp.where(hit.mask, code_of(place, hit, stride), -stride)
+        _, normal = followed((self.groups, ray), hit.t, code, True)
+        assert normal is not None
+        return normal
+
+    def occluded(
+        self, ray: Ray, t_max: float | Float[Array, "..."] = math.inf
+    ) -> Bool[Array, "..."]:
+        """Whether anything is in the way of rays. It has no derivative.
+
+        Args:
+            ray: As of `intersect`.
+            t_max: Ray parameter before which it has to be.
+        """
+        flat, shape = _flat(ray)
+        reach = jnp.broadcast_to(jnp.asarray(t_max, self.dtype), shape).reshape(-1)
+        reach = jnp.where(_is_finite(flat), reach, -jnp.inf)
+        return is_blocked(searched(self.groups), flat, reach).reshape(shape)
+
+    def _index_of(self, code: Int[Array, " n"]) -> Int[Array, " n"]:
+        """Numbers of shapes by the codes of their hits."""
+        given = jnp.concatenate([group.index for group in self.groups])
+        place = jnp.maximum(code, 0) // stride_of(self.groups)
+        return jnp.where(code < 0, -1, given[place])
+
+    def _place_of(self, index: Int[Array, "..."]) -> Int[Array, "..."]:
+        """Places of shapes by their numbers."""
+        given = jnp.concatenate([group.index for group in self.groups])
+        place = jnp.arange(given.shape[0], dtype=jnp.int32)
+        put = jnp.where(given < 0, given.shape[0], given)
+        places = jnp.zeros_like(place).at[put].set(place, mode="drop")
+        return places[jnp.maximum(index, 0)]
 
     def seen_by(self, camera: AbstractCamera) -> "Scene":
         """Express the shapes in the frame of a camera."""
@@ -98,39 +137,13 @@ Shown = AbstractPrimitive | Scene
 """What can be rendered."""
 
 
-def _as_batch(shape: AbstractPrimitive, dtype: np.dtype) -> AbstractPrimitive:
-    """The shape as a batch (n,), in the precision of the scene."""
-
-    def converted(x: Array) -> Array:
-        x = jnp.asarray(x)
-        x = x.astype(dtype) if jnp.issubdtype(x.dtype, jnp.floating) else x
-        return x if shape.batch_shape else x[None]
-
-    return jax.tree.map(converted, shape)
+def _flat(ray: Ray) -> tuple[Ray, tuple[int, ...]]:
+    """Rays one after the other, and the shape that they had."""
+    each = jnp.broadcast_arrays(*jax.tree.leaves(ray))
+    flat = [x.reshape(-1) for x in each]
+    return jax.tree.unflatten(jax.tree.structure(ray), flat), each[0].shape
 
 
-def _structure(batch: AbstractPrimitive, first: int) -> tuple[str, ...]:
-    """What shapes must have in common to lie side by side.
-
-    A heightfield has a grid or a function of its own and lies alone.
-    """
-    alone = f"{first:09d}" if isinstance(batch, Heightfield) else ""
-    leaves = [str(leaf.shape[1:]) for leaf in jax.tree.leaves(batch)]
-    return type(batch).__name__, str(jax.tree.structure(batch)), *leaves, alone
-
-
-def _group(alike: list[tuple[AbstractPrimitive, np.ndarray]]) -> Group:
-    """Shapes of one structure, and copies of the first that fill the bucket."""
-    batches, indices = zip(*alike, strict=True)
-    index = np.concatenate(indices)
-    size = 1 if is_bounded(type(batches[0])) else len(index)
-    while size < len(index):
-        size *= GROWTH
-    spare = size - len(index)
-
-    def joined(*leaves: Array) -> Array:
-        filler = jnp.broadcast_to(leaves[0][:1], (spare, *leaves[0].shape[1:]))
-        return jnp.concatenate([*leaves, filler])
-
-    index = np.concatenate([index, np.full(spare, -1)])
-    return Group(jax.tree.map(joined, *batches), jnp.asarray(index, dtype=jnp.int32))
+def _is_finite(ray: Ray) -> Bool[Array, " n"]:
+    finite = [jnp.isfinite(x) for x in jax.tree.leaves(ray)]
+    return functools.reduce(jnp.logical_and, finite)

@@ -1,123 +1,24 @@
-"""Pictures from geometry maps: Lambert's diffuse and Phong's specular reflection.
+"""Pictures from geometry maps: their surfaces under lights.
 
-A light that falls on a pixel's surface from the unit direction l, with the unit normal
-n and the unit direction v to the camera, is reflected as
-
-    intensity * (max(0, n.l) + max(0, r.v)^s),    r = 2 n (n.l) - l,
-
-and the sum over the lights scales the color. An edge is blended with the background by
-the part of the pixel that is covered, in pixels and so as sharp at every image size.
+An edge is blended with the background by the part of the pixel that is covered, in
+pixels and so as sharp at every image size. (`trace` casts rays, and so has shadows,
+mirrors and glass.)
 """
 
-__all__ = ["AbstractLight", "AmbientLight", "DirectionalLight", "PointLight", "shade"]
+__all__ = ["shade"]
 
-import abc
 from collections.abc import Sequence
 from typing import Any
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
-from typing_extensions import override
 
-from impostor_jax.arguments import bounded_number, check_direction, float_array
+from impostor_jax.arguments import bounded_number, float_array
 from impostor_jax.camera.base import AbstractCamera
-from impostor_jax.geometry.frames import RigidTransform
 from impostor_jax.geometry.vec3 import Vec3
-from impostor_jax.numerics import Scalar, safe_normalize
+from impostor_jax.rendering.lights import AbstractLight, reflected
 from impostor_jax.rendering.maps import GeometryMaps
-
-
-class AbstractLight(eqx.Module):
-    """A light; its intensity is what a white surface reflects that faces it."""
-
-    intensity: eqx.AbstractVar[Scalar]
-
-    @abc.abstractmethod
-    def towards(self, point: Vec3) -> Vec3 | None:
-        """Unit vectors from surface points to the light; None for light from all sides.
-
-        The zero vector, of which nothing is reflected, at the light itself.
-        """
-
-    @abc.abstractmethod
-    def transformed(self, target_from_source: RigidTransform) -> "AbstractLight":
-        """Express the same light in another frame."""
-
-
-class AmbientLight(AbstractLight):
-    """Light from all sides.
-
-    Args:
-        intensity: Not negative.
-    """
-
-    intensity: Scalar
-
-    def __init__(self, intensity: Any):
-        self.intensity = _intensity(intensity)
-
-    @override
-    def towards(self, point: Vec3) -> None:
-        return None
-
-    @override
-    def transformed(self, target_from_source: RigidTransform) -> "AmbientLight":
-        return self
-
-
-class PointLight(AbstractLight):
-    """Light from a point, as bright at every distance.
-
-    Args:
-        position: (3,), in the world frame, in meters.
-        intensity: Not negative.
-    """
-
-    position: Float[Array, "3"]
-    intensity: Scalar
-
-    def __init__(self, position: Any, intensity: Any):
-        self.position = float_array("position", position, (3,), "meters")
-        self.intensity = _intensity(intensity)
-
-    @override
-    def towards(self, point: Vec3) -> Vec3:
-        position = self.position.astype(point.x.dtype)
-        return (Vec3.from_array(position) - point).normalize()
-
-    @override
-    def transformed(self, target_from_source: RigidTransform) -> "PointLight":
-        return PointLight(target_from_source.apply(self.position), self.intensity)
-
-
-class DirectionalLight(AbstractLight):
-    """Light from very far away.
-
-    Args:
-        direction: (3,), towards the light, in the world frame; any nonzero length.
-        intensity: Not negative.
-    """
-
-    direction: Float[Array, "3"]
-    intensity: Scalar
-
-    def __init__(self, direction: Any, intensity: Any):
-        self.direction = float_array("direction", direction, (3,))
-        self.intensity = _intensity(intensity)
-        check_direction("direction", self.direction)
-
-    @override
-    def towards(self, point: Vec3) -> Vec3:
-        direction = self.direction.astype(point.x.dtype)
-        return Vec3.from_array(safe_normalize(direction))
-
-    @override
-    def transformed(self, target_from_source: RigidTransform) -> "DirectionalLight":
-        return DirectionalLight(
-            target_from_source.rotate(self.direction), self.intensity
-        )
 
 
 def shade(
@@ -187,21 +88,17 @@ def _shaded(
     # Infinite on a miss, where a derivative would be NaN.
     point = Vec3.from_array(jnp.where(mask, maps.point, 0))
     view = _towards_camera(point, camera.is_central)
-    light = _reflected(lights, point, Vec3.from_array(maps.normal), view, exponent)
+    light = reflected(lights, point, Vec3.from_array(maps.normal), view, exponent)
     color, behind = (
         jnp.broadcast_to(one.astype(dtype), maps.point.shape)
         for one in (color, background)
     )
-    surface = color * light[..., None]
+    surface = color * light.stack()
     if coverage is None:
         return jnp.where(mask, surface, behind)
     surface, known = _widened(surface, maps.mask)
     part = jnp.where(known, coverage, 0).astype(dtype)[..., None]
     return part * surface + (1 - part) * behind
-
-
-def _intensity(value: Any) -> Any:
-    return bounded_number("intensity", value, "a number, not negative")
 
 
 def _color(name: str, value: Any, shape: tuple[int, ...]) -> Float[Array, "... 3"]:
@@ -220,30 +117,6 @@ def _towards_camera(point: Vec3, is_central: bool) -> Vec3:
         return (-point).normalize()
     zero = jnp.zeros_like(point.x)
     return Vec3(zero, zero, zero - 1)
-
-
-def _reflected(
-    lights: Sequence[AbstractLight], point: Vec3, n: Vec3, v: Vec3, exponent: Any
-) -> Float[Array, "h w"]:
-    """Light that a white surface sends to the camera."""
-    total = jnp.zeros_like(point.x)
-    for light in lights:
-        intensity = jnp.asarray(light.intensity, total.dtype)
-        to_light = light.towards(point)
-        if to_light is None:
-            total = total + intensity
-            continue
-        n_l = n.dot(to_light)
-        part = jnp.maximum(n_l, 0)
-        if exponent is not None:
-            r_v = (n * (2 * n_l) - to_light).dot(v)
-            shines = (n_l > 0) & (r_v > 0)
-            # The derivative of a power of 0 is infinite for an exponent below 1.
-            base = jnp.where(shines, r_v, 1)
-            power = base ** jnp.asarray(exponent, total.dtype)
-            part = part + jnp.where(shines, power, 0)
-        total = total + intensity * part
-    return total
 
 
 def _widened(

@@ -18,12 +18,10 @@ from jaxtyping import Array, Bool, Float
 
 from impostor_jax.arguments import float_array
 from impostor_jax.camera.pinhole import PinholeCamera
-from impostor_jax.geometry.frames import RigidTransform
 from impostor_jax.geometry.rays import Ray
 from impostor_jax.geometry.vec3 import Vec3
 from impostor_jax.numerics import eps
 from impostor_jax.primitives.plane import Plane
-from impostor_jax.rendering.raycast import first_surface
 from impostor_jax.rendering.scene import Scene
 
 CLEARANCE = 1000
@@ -75,32 +73,22 @@ def _lit(
     ray = camera.rays(row, col, depth.dtype)
     seen = jnp.isfinite(depth)
     place = projector.astype(depth.dtype)
-    x, y, z = place
     point = ray.at(jnp.where(seen, depth, 0))
-    ahead = point.z - z
-    before = seen & (ahead > 0)
-    scale = 1 / jnp.where(before, ahead, 1)
-    # NaN where there is no ray, which blocks of rays leave out.
-    right = jnp.where(before, (point.x - x) * scale, jnp.nan)
-    down = jnp.where(before, (point.y - y) * scale, jnp.nan)
-    zero, one = jnp.zeros_like(depth), jnp.ones_like(depth)
-    rays = Ray(origin=Vec3(zero, zero, zero), direction=Vec3(right, down, one))
-    turned = jnp.eye(3, dtype=depth.dtype)
-    eye = PinholeCamera(
-        1.0, 1.0, 0.0, 0.0, camera.width, camera.height,
-        camera_from_world=RigidTransform(turned, -projector),
-    )  # fmt: skip
-    light, casting = before, []
+    to_point = point - Vec3.from_array(place)
+    before = seen & (to_point.z > 0)
+    # NaN where no ray is cast.
+    to_point = to_point.where(before, Vec3(*(jnp.full_like(depth, jnp.nan),) * 3))
+    light = Ray(Vec3(*(jnp.full_like(depth, x) for x in place)), to_point)
+    lit, casting = before, []
     for group in scene.seen_by(camera).groups:
         if isinstance(group.primitives, Plane):
-            light = light & ~jnp.any(_between(group.primitives, place))
+            lit = lit & ~jnp.any(_between(group.primitives, place))
         else:
             casting.append(group)
-    if casting:
-        rest = eqx.tree_at(lambda scene: scene.groups, scene, tuple(casting))
-        first, *_ = first_surface(rest, eye, rays, False)
-        light = light & (first >= ahead * (1 - eps(depth.dtype, CLEARANCE)))
-    return light
+    if not casting:
+        return lit
+    rest = eqx.tree_at(lambda scene: scene.groups, scene, tuple(casting))
+    return lit & ~rest.occluded(light, 1 - eps(depth.dtype, CLEARANCE))
 
 
 def _between(plane: Plane, place: Float[Array, "3"]) -> Bool[Array, " n"]:

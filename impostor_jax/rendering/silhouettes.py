@@ -16,11 +16,11 @@ from jaxtyping import Array, Bool, Int
 from impostor_jax.camera.pinhole import PinholeCamera
 from impostor_jax.camera.pixels import PixelBox, linear_pixel_box
 from impostor_jax.primitives.base import AbstractPrimitive, in_camera_frame
-from impostor_jax.rendering.blocks import Blocks, blocks_of, extent_of
+from impostor_jax.rendering.blocks import Rectangles, Tiling, rectangles_of
 from impostor_jax.rendering.bounds import image_bounds
 
-ROWS, COLS = 8, 32
-"""Size of a block. Long rows fill the processor's lanes."""
+TILING = Tiling(8, 32)
+"""Blocks. Long rows fill the processor's lanes."""
 
 Margin = tuple[int, int]
 """Rows above and below the image, columns on its left and right."""
@@ -103,14 +103,14 @@ def _silhouettes(
     row, col = camera.frame.pixels()
     rays = camera.rays(row, col, shapes.dtype)
     every = jnp.ones(shapes.batch_shape, bool)
-    blocks = blocks_of(shapes, every, extent_of(rays, True, ROWS, COLS), True)
+    extent = TILING.extent(rays, True)
+    blocks = rectangles_of(shapes, every, extent, True)
     is_pixel = camera.sees(row, col)
     is_pixel = jnp.ones_like(row, bool) if is_pixel is None else is_pixel
     # What fills up the last blocks is no pixel.
-    more = ((0, -camera.height % ROWS), (0, -camera.width % COLS))
-    rays = jax.tree.map(lambda x: jnp.pad(x, more, mode="edge"), rays)
-    is_pixel = jnp.pad(is_pixel, more)
-    cut = partial(jax.lax.dynamic_slice, slice_sizes=(ROWS, COLS))
+    rays = jax.tree.map(TILING.made_whole, rays)
+    is_pixel = TILING.made_whole(is_pixel, mode="constant")
+    cut = partial(jax.lax.dynamic_slice, slice_sizes=TILING)
 
     def cover(given):
         shape, mine = given
@@ -135,11 +135,11 @@ def _silhouettes(
 
 
 def _corner(
-    blocks: Blocks, number: Int[Array, ""]
+    blocks: Rectangles, number: Int[Array, ""]
 ) -> tuple[Int[Array, ""], Int[Array, ""]]:
     """First row and column of pixels of one of a single shape's blocks."""
-    row = ROWS * (blocks.row + number // blocks.num_cols)
-    return row, COLS * (blocks.col + number % blocks.num_cols)
+    row, col = blocks.block(number)
+    return TILING.rows * row, TILING.cols * col
 
 
 def _pixels(
@@ -147,7 +147,7 @@ def _pixels(
 ) -> tuple[Int[Array, "h w"], Int[Array, "h w"]]:
     """Rows and columns of a block."""
     row, col = (
-        jax.lax.broadcasted_iota(jnp.int32, (ROWS, COLS), axis) + first
+        jax.lax.broadcasted_iota(jnp.int32, TILING, axis) + first
         for axis, first in enumerate(corner)
     )
     return row, col
@@ -165,10 +165,11 @@ def _beyond(
     )  # fmt: skip
     bounds = image_bounds(shape, True)
     box = jax.tree.map(jnp.asarray, linear_pixel_box(wide, bounds.low, bounds.high))
-    row, col = box.first_row // ROWS, box.first_col // COLS
-    num_rows, num_cols = box.last_row // ROWS + 1 - row, box.last_col // COLS + 1 - col
+    row, col = box.first_row // TILING.rows, box.first_col // TILING.cols
+    num_rows = box.last_row // TILING.rows + 1 - row
+    num_cols = box.last_col // TILING.cols + 1 - col
     is_empty = (box.last_row < box.first_row) | (box.last_col < box.first_col)
-    blocks = Blocks(row, jnp.where(is_empty, 0, num_rows), col, num_cols)
+    blocks = Rectangles(row, jnp.where(is_empty, 0, num_rows), col, num_cols)
 
     def at_block(number: Int[Array, ""], found: _Found) -> _Found:
         row, col = _pixels(_corner(blocks, number))

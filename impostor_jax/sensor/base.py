@@ -11,7 +11,6 @@ __all__ = [
     "Depths",
     "Normals",
     "cos_incidence",
-    "has_surface",
     "noise_model",
     "scattered",
 ]
@@ -21,7 +20,7 @@ from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, PRNGKeyArray
+from jaxtyping import Array, Float, PRNGKeyArray
 
 from impostor_jax.camera.base import AbstractCamera
 from impostor_jax.geometry.vec3 import Vec3
@@ -122,11 +121,6 @@ def scattered(key: PRNGKeyArray, depth: Depths, sigma: Float[Array, "h w"]) -> D
     spread = jnp.where(jnp.isfinite(sigma), sigma, 0)
     reading = depth + spread * normal_draws(key, depth.shape, depth.dtype)
     return jnp.where(reading > 0, reading, NO_READING)
-
-
-def has_surface(depth: Numbers) -> Bool[Array, "*batch"]:
-    """Whether a depth is one that a sensor can read."""
-    return jnp.isfinite(depth) & (depth > 0)
 
 
 def noise_model(sensor: Any) -> AbstractDepthNoise:

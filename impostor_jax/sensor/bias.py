@@ -18,6 +18,7 @@ from jaxtyping import Array, Float, Int, PRNGKeyArray
 
 from impostor_jax.numerics import Numbers, Scalar, product, safe_sqrt
 from impostor_jax.sensor.draws import normal_draws
+from impostor_jax.sensor.surface import has_surface
 
 Reach = int | Int[Array, ""]
 
@@ -87,7 +88,7 @@ class SmoothField(eqx.Module):
 
     def shift(self, depth: Numbers) -> Numbers:
         """Standard deviation at a depth, in meters; 0 where there is no surface."""
-        is_some = jnp.isfinite(depth) & (depth > 0)
+        is_some = has_surface(depth)
         z = jnp.where(is_some, depth, 1)
         power = jnp.asarray(self.power, depth.dtype)
         deviation = jnp.asarray(self.deviation, depth.dtype)

@@ -14,12 +14,7 @@ from impostor_jax.arguments import bounded_number, is_concrete, real_number
 from impostor_jax.camera.base import AbstractCamera
 from impostor_jax.compiling import compiled
 from impostor_jax.numerics import Numbers, Scalar
-from impostor_jax.sensor.base import (
-    AbstractDepthNoise,
-    Depths,
-    Normals,
-    noise_model,
-)
+from impostor_jax.sensor.base import AbstractDepthNoise, Depths, Normals, noise_model
 from impostor_jax.sensor.bias import Bias, SmoothField
 
 SHORTEST = 1.0

@@ -20,11 +20,11 @@ from impostor_jax.sensor.base import (
     Depths,
     Normals,
     cos_incidence,
-    has_surface,
     noise_model,
 )
 from impostor_jax.sensor.bias import Bias
 from impostor_jax.sensor.draws import chances
+from impostor_jax.sensor.surface import has_surface
 
 CUTOFF = math.radians(70)
 """Incidence from which more readings are missing, in radians."""

@@ -18,15 +18,10 @@ from impostor_jax.arguments import bounded_number
 from impostor_jax.camera.base import AbstractCamera
 from impostor_jax.compiling import compiled
 from impostor_jax.numerics import Numbers, Scalar
-from impostor_jax.sensor.base import (
-    AbstractDepthNoise,
-    Depths,
-    Normals,
-    has_surface,
-    noise_model,
-)
+from impostor_jax.sensor.base import AbstractDepthNoise, Depths, Normals, noise_model
 from impostor_jax.sensor.bias import Bias
 from impostor_jax.sensor.draws import chances
+from impostor_jax.sensor.surface import has_surface
 
 
 class FlyingPixels(AbstractDepthNoise):

@@ -12,14 +12,9 @@ from impostor_jax.arguments import real_number
 from impostor_jax.camera.base import AbstractCamera
 from impostor_jax.compiling import compiled
 from impostor_jax.numerics import Numbers, Scalar
-from impostor_jax.sensor.base import (
-    AbstractDepthNoise,
-    Depths,
-    Normals,
-    has_surface,
-    scattered,
-)
+from impostor_jax.sensor.base import AbstractDepthNoise, Depths, Normals, scattered
 from impostor_jax.sensor.bias import Bias
+from impostor_jax.sensor.surface import has_surface
 
 
 class ConstantNoise(AbstractDepthNoise):

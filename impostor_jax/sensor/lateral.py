@@ -23,7 +23,6 @@ from impostor_jax.sensor.base import (
     Depths,
     Normals,
     cos_incidence,
-    has_surface,
     noise_model,
 )
 from impostor_jax.sensor.bias import Bias
@@ -32,6 +31,7 @@ from impostor_jax.sensor.structured_light import (
     MAX_ANGLE,
     grazing_ratio,
 )
+from impostor_jax.sensor.surface import has_surface
 
 RARE_SHIFT = 2.6
 """Standard deviations beyond which one shift in a hundred goes."""

@@ -28,14 +28,9 @@ from impostor_jax.arguments import (
 from impostor_jax.camera.base import AbstractCamera
 from impostor_jax.compiling import compiled
 from impostor_jax.numerics import Numbers, Scalar
-from impostor_jax.sensor.base import (
-    AbstractDepthNoise,
-    Depths,
-    Normals,
-    has_surface,
-    noise_model,
-)
+from impostor_jax.sensor.base import AbstractDepthNoise, Depths, Normals, noise_model
 from impostor_jax.sensor.bias import Bias
+from impostor_jax.sensor.surface import has_surface
 
 STEEPEST = math.radians(80)
 """Incidence to which such sensors were measured, in radians."""

@@ -17,16 +17,11 @@ from impostor_jax.arguments import bounded_number, real_number
 from impostor_jax.camera.base import AbstractCamera
 from impostor_jax.compiling import compiled
 from impostor_jax.numerics import Numbers, Scalar
-from impostor_jax.sensor.base import (
-    NO_READING,
-    AbstractDepthNoise,
-    Depths,
-    Normals,
-    has_surface,
-)
+from impostor_jax.sensor.base import NO_READING, AbstractDepthNoise, Depths, Normals
 from impostor_jax.sensor.bias import Bias
 from impostor_jax.sensor.draws import normal_draws
 from impostor_jax.sensor.matching import matching_sensor
+from impostor_jax.sensor.surface import has_surface
 
 
 class StereoDisparity(AbstractDepthNoise):

@@ -19,12 +19,7 @@ from impostor_jax.arguments import bounded_number, one_of, real_number
 from impostor_jax.camera.base import AbstractCamera
 from impostor_jax.compiling import compiled
 from impostor_jax.numerics import Numbers, Scalar
-from impostor_jax.sensor.base import (
-    AbstractDepthNoise,
-    Depths,
-    Normals,
-    noise_model,
-)
+from impostor_jax.sensor.base import AbstractDepthNoise, Depths, Normals, noise_model
 from impostor_jax.sensor.bias import Bias, ScaleLaw
 
 LAWS = ("scale", "disparity")

@@ -23,11 +23,11 @@ from impostor_jax.sensor.base import (
     Depths,
     Normals,
     cos_incidence,
-    has_surface,
     scattered,
 )
 from impostor_jax.sensor.bias import Bias
 from impostor_jax.sensor.matching import matching_sensor
+from impostor_jax.sensor.surface import has_surface
 
 MAX_ANGLE = math.radians(80)
 """Incidence from which the laws are held constant, in radians: they diverge at 90

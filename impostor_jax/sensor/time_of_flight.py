@@ -22,12 +22,12 @@ from impostor_jax.sensor.base import (
     Depths,
     Normals,
     cos_incidence,
-    has_surface,
     scattered,
 )
 from impostor_jax.sensor.bias import Bias
 from impostor_jax.sensor.correlated import CorrelatedNoise
 from impostor_jax.sensor.flying_pixels import FlyingPixels
+from impostor_jax.sensor.surface import has_surface
 
 MAX_ANGLE = math.radians(80)
 """Incidence in radians from which the noise is held constant."""

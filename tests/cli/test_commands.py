@@ -205,6 +205,144 @@ def test_scene_file_is_rendered(tmp_path, call, capfd):
     assert depth[5, 5] == pytest.approx(1.0)
 
 
+def test_mesh_of_a_scene_file_is_rendered(tmp_path, call, capfd):
+    # A batch of triangles as the only shape.
+    off = "OFF\n4 2 0\n-1 -1 0\n1 -1 0\n1 1 0\n-1 1 0\n3 0 1 2\n3 0 2 3\n"
+    (tmp_path / "square.off").write_text(off)
+    pytest.importorskip("trimesh")
+    camera = {"fx": 60, "fy": 60, "cx": 31.5, "cy": 23.5, "width": 64, "height": 48}
+    camera["camera_from_world"] = [
+        [1, 0, 0, 0],
+        [0, 1, 0, 0],
+        [0, 0, 1, 3],
+        [0, 0, 0, 1],
+    ]
+    mesh = {"type": "mesh", "path": "square.off", "scale": 0.5}
+    record = {"version": 1, "camera": camera, "shapes": [mesh]}
+    (tmp_path / "scene.json").write_text(json.dumps(record))
+    assert call("render", tmp_path / "scene.json", "--output", tmp_path / "maps") == 0
+    assert "400 of 3072 pixels see 2 of 2 shapes" in capfd.readouterr().out
+
+
+LIT = {
+    "version": 1,
+    "camera": {
+        "fx": 24.0, "fy": 24.0, "cx": 11.5, "cy": 7.5, "width": 24, "height": 16,
+    },
+    "shapes": [
+        {"type": "sphere", "center": [-0.05, 0, 1], "radius": 0.2,
+         "material": {"color": [0.5, 0.25, 0.0]}},
+        {"type": "sphere", "center": [0.25, 0, 1], "radius": 0.15,
+         "material": {"color": [1.0, 0.0, 0.0], "reflect": 1.0}},
+    ],
+    "lights": [{"type": "ambient", "intensity": [1.0, 0.5, 3.0]}],
+    "background": [0.0, 0.002, 4.0],
+}  # fmt: skip
+
+
+def test_a_lit_scene_is_rendered_as_a_picture(tmp_path, call, capfd):
+    (tmp_path / "scene.json").write_text(json.dumps(LIT))
+    # A mirror that no ray leaves has its own color.
+    for bounces, mirrored in ((0, (1.0, 0.0, 0.0)), (1, LIT["background"])):
+        output = tmp_path / str(bounces)
+        code = call(
+            "render", tmp_path / "scene.json", "--output", output, "--bounces", bounces
+        )
+        assert (code, capfd.readouterr().err) == (0, "")
+        light = np.load(output / "picture.npy")
+        assert (light.shape, light.dtype) == ((16, 24, 3), np.float32)
+        ball, mirror, nothing = light[7, 10], light[7, 17], light[0, 0]
+        np.testing.assert_allclose(ball, (0.5, 0.125, 0.0), atol=1e-6)
+        np.testing.assert_allclose(mirror, mirrored, atol=1e-6)
+        np.testing.assert_allclose(nothing, LIT["background"], atol=1e-6)
+        levels = cv2.imread(str(output / "picture.png"), cv2.IMREAD_UNCHANGED)
+        assert (levels.shape, levels.dtype) == ((16, 24, 3), np.uint8)
+        # By the formula of sRGB: 188 of a half, 99 of an eighth; 0.002 is on its line.
+        assert levels[7, 10].tolist() == [0, 99, 188]
+        assert levels[0, 0].tolist() == [255, 7, 0]
+
+
+def test_a_scene_without_lights_has_no_picture(tmp_path, call):
+    dark = {key: value for key, value in LIT.items() if key != "lights"}
+    (tmp_path / "scene.json").write_text(json.dumps(dark))
+    assert call("render", tmp_path / "scene.json", "--output", tmp_path) == 0
+    names = {entry.name for entry in tmp_path.iterdir()}
+    assert "depth.png" in names
+    assert not names & {"picture.png", "picture.npy"}
+
+
+@pytest.mark.parametrize(
+    ("changes", "arguments", "message"),
+    [
+        ({}, ("--bounces", "17"), "bounces must be a whole number from 0 to 16"),
+        ({}, ("--bounces", "many"), "many"),
+        (
+            {"lights": [{"type": "lamp"}]},
+            (),
+            "type of lights[0] must be one of ambient",
+        ),
+        ({"background": [1, 2]}, (), "background must be numbers of shape (3,)"),
+    ],
+)
+def test_a_bad_picture_gives_one_line_and_exit_code_2(
+    changes, arguments, message, tmp_path, call, capfd
+):
+    (tmp_path / "scene.json").write_text(json.dumps(LIT | changes))
+    output = tmp_path / "output"
+    assert call("render", tmp_path / "scene.json", "--output", output, *arguments) == 2
+    check_one_line(capfd.readouterr().err, message)
+    assert not output.exists()
+
+
+def test_a_page_is_written_alone_or_beside_the_images(tmp_path, call, capfd):
+    (tmp_path / "scene.json").write_text(json.dumps(LIT))
+    alone, beside = tmp_path / "scene.html", tmp_path / "output" / "scene.html"
+    assert call("render", tmp_path / "scene.json", "--page", alone) == 0
+    assert capfd.readouterr() == (f"{alone} shows 2 shapes\n", "")
+    assert {entry.name for entry in tmp_path.iterdir()} == {"scene.json", "scene.html"}
+    more = ("--output", beside.parent, "--bounces", 0)
+    assert call("render", tmp_path / "scene.json", "--page", beside, *more) == 0
+    assert "pixels see 2 of 2 shapes\n" in capfd.readouterr().out
+    assert (beside.parent / "picture.png").is_file()
+    for page, bounces in ((alone, 3), (beside, 0)):
+        assert f"#define BOUNCES {bounces}\\n" in page.read_text()
+
+
+def test_a_page_of_a_cylinder_is_lit_from_the_camera(rendered, call, capfd):
+    code = call(
+        "render", "--camera", rendered / "given.json", "--center", 0, 0, 0.3,
+        "--axis", 0, 1, 0, "--radius", 0.04, "--height", 0.1, "--page", "-",
+    )  # fmt: skip
+    printed = capfd.readouterr()
+    assert (code, printed.err) == (0, "- shows the cylinder\n")
+    assert printed.out.startswith("<!DOCTYPE html>")
+    assert '"headlight": {' in printed.out
+
+
+@pytest.mark.parametrize(
+    ("changes", "arguments", "message"),
+    [
+        ({}, (), "--output or --page must be given"),
+        ({}, ("--page", "{folder}"), "page must be a file, got the folder"),
+        ({}, ("--page", "{folder}/scene.json/page.html"), "Not a directory"),
+        ({}, ("--page", "{folder}/page.html", "--bounces", "17"), "from 0 to 16"),
+        (
+            {"camera": LIT["camera"] | {"distortion": [0.1, 0, 0, 0, 0]}},
+            ("--page", "{folder}/page.html", "--output", "{folder}/output"),
+            "camera must have no lens",
+        ),
+    ],
+)
+def test_a_page_that_cannot_be_gives_one_line_and_exit_code_2(
+    changes, arguments, message, tmp_path, call, capfd
+):
+    (tmp_path / "scene.json").write_text(json.dumps(LIT | changes))
+    arguments = (argument.format(folder=tmp_path) for argument in arguments)
+    assert call("render", tmp_path / "scene.json", *arguments) == 2
+    check_one_line(capfd.readouterr().err, message)
+    assert {entry.name for entry in tmp_path.iterdir()} == {"scene.json"}
+
+
 FIT = ("fit", "{depth}", "--camera", "{camera}")
 
 

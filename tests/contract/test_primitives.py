@@ -109,6 +109,12 @@ def test_a_miss_is_infinite(primitive, rays):
     assert (np.asarray(hit.t)[hit.mask] > 0).all()
 
 
+def test_parts_are_fewer_than_their_number(primitive, rays):
+    hit, _ = cast(primitive, rays)
+    part = np.asarray(hit.part)[hit.mask]
+    assert 0 <= part.min() <= part.max() < primitive.num_parts
+
+
 # One program for all cases of a class.
 @jax.jit
 def cast_both_ways(inputs, tangents, weights):
@@ -200,7 +206,7 @@ def test_jit_and_vmap_agree_with_the_plain_call(name, pytestconfig):
     hit = primitive.intersect(rays)
     plain = visible(hit, primitive.normal(rays, hit))
     decided = is_decided(primitive, rays)
-    if isinstance(primitive, Torus) and not pytestconfig.getoption("--full"):
+    if isinstance(primitive, Torus) and not pytestconfig.getoption("--optimized"):
         # It grazes the top, and no option makes XLA optimize the plain call alone.
         decided[4] = False
     for compiled in (cast, cast_one_by_one):

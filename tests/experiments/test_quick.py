@@ -22,6 +22,7 @@ SMALL = ("fit_speed", "synthetic_benchmark")
 LONG = (
     "find_accuracy",
     "mask_errors",
+    "ray_tracing",
     "real_images",
     "render_speed",
     "sensor_models",

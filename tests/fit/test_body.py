@@ -67,6 +67,19 @@ def test_a_body_is_what_its_primitive_shows(name, dtype):
     assert np.median(error / t) < eps(dtype, 1)
 
 
+def test_turned_twice_a_body_seen_from_the_side_is_itself(double):
+    body = RoundBody.of(ij.Cylinder((0, 0, 0.5), (0.6, 0.8, 0), 0.04, 0.06))
+    turned = body.turned()
+    assert float(turned.axis @ body.axis) == pytest.approx(0, abs=1e-12)
+    assert (turned.radius, turned.height) == (0.03, 0.08)
+    # The front of its wall stays.
+    assert turned.center[2] - turned.radius == pytest.approx(0.46)
+    again = turned.turned()
+    assert abs(float(again.axis @ body.axis)) == pytest.approx(1)
+    np.testing.assert_allclose(again.center, body.center, atol=1e-12)
+    assert (again.radius, again.height) == (body.radius, body.height)
+
+
 @jax.jit
 def derivatives(body, direction):
     """Of what is compared: by forward mode, and as the body gives them."""

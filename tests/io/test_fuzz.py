@@ -53,7 +53,10 @@ def folder(tmp_path_factory):
     camera = {"fx": 6.0, "fy": 6.0, "cx": 5.5, "cy": 3.5, "width": 12, "height": 8}
     (folder / "camera.json").write_text(json.dumps(camera))
     shape = {"type": "sphere", "center": [0, 0, 1], "radius": 0.5}
-    scene = {"version": 1, "camera": camera, "shapes": [shape]}
+    shape["material"] = {"color": [1, 0.5, 0], "transmit": 0.5, "fresnel": True}
+    light = {"type": "point", "position": [0, 0, 0], "intensity": [1, 1, 0.5]}
+    scene = {"version": 1, "camera": camera, "shapes": [shape], "lights": [light]}
+    scene["background"] = [0, 0, 0.5]
     (folder / "scene.json").write_text(json.dumps(scene))
     (folder / "preset.json").write_text(json.dumps(PRESETS["hard"].record()))
     return folder

@@ -38,6 +38,60 @@ def test_batch_is_written_one_by_one_and_the_camera_left_out(tmp_path):
     assert read_scene(tmp_path / "scene.json").camera is None
 
 
+GLASS = ij.Material((0.5, 0.75, 1.0), 20.0, 0.25, 0.5, 1.25, fresnel=True)
+LIGHTS = [
+    ij.AmbientLight(0.25),
+    ij.PointLight((1.0, -2.0, 0.5), (0.5, 0.25, 1.0), "inverse_square"),
+    ij.PointLight((1.0, 0.0, 0.5), 2.0),
+    ij.DirectionalLight((0.0, -1.0, -0.5), (1.0, 0.5, 0.25)),
+]
+
+
+def check_same(given, found):
+    assert jax.tree.structure(given) == jax.tree.structure(found)
+    for x, y in zip(jax.tree.leaves(given), jax.tree.leaves(found), strict=True):
+        np.testing.assert_array_equal(x, y)
+
+
+def test_materials_and_lights_are_read_as_they_were_written(tmp_path):
+    path = tmp_path / "scene.json"
+    shapes = [make() for make in PRIMITIVES.values()][:3]
+    materials = [ij.Material(), GLASS, ij.Material(reflect=0.5)]
+    write_scene(path, shapes, None, materials, LIGHTS, (0.25, 0.5, 1.0))
+    found = read_scene(path)
+    check_same(materials, found.materials)
+    check_same(LIGHTS, found.lights)
+    assert found.background == (0.25, 0.5, 1.0)
+    entries = json.loads(path.read_text())["shapes"]
+    assert entries[0]["material"] == {}
+    assert entries[2]["material"] == {"reflect": 0.5}
+    # A batch counts as many, as `trace` has it, and a single one is of all.
+    balls = ij.Sphere([(0, 0, 1), (0, 0, 2)], [0.1, 0.2])
+    both = ij.Material([(0.5, 0.5, 0.5), (1, 1, 1)], transmit=(0.5, 0.25))
+    write_scene(path, [balls, shapes[0]], materials=[both, GLASS])
+    first, second, third = read_scene(path).materials or ()
+    np.testing.assert_array_equal([first.transmit, second.transmit], both.transmit)
+    check_same(GLASS, third)
+    write_scene(path, [balls], materials=GLASS)
+    check_same([GLASS, GLASS], read_scene(path).materials)
+    with pytest.raises(ValueError, match=r"as many as the 2 shapes, .* got 1"):
+        write_scene(path, [balls], materials=[GLASS])
+
+
+def test_a_shape_without_material_beside_one_with_it_has_the_default(tmp_path):
+    record = {"version": 1, "shapes": [SPHERE, SPHERE | {"material": {"reflect": 1}}]}
+    (tmp_path / "scene.json").write_text(json.dumps(record))
+    found = read_scene(tmp_path / "scene.json")
+    check_same([ij.Material(), ij.Material(reflect=1)], found.materials)
+
+
+def test_a_file_without_materials_and_lights_has_none(tmp_path):
+    write_scene(tmp_path / "scene.json", [ij.Sphere((0, 0, 1), 0.1)])
+    found = read_scene(tmp_path / "scene.json")
+    assert found.materials is None
+    assert (found.lights, found.background) == ([], (0.0, 0.0, 0.0))
+
+
 def test_function_is_not_written(tmp_path):
     hills = ij.Heightfield(lambda x, z: x * z, ((0, 1), (0, 1)), lipschitz=2.0)
     with pytest.raises(ValueError, match="height of a heightfield must be numbers"):
@@ -47,6 +101,18 @@ def test_function_is_not_written(tmp_path):
 
 SPHERE = {"type": "sphere", "center": [0, 0, 1], "radius": 0.1}
 TWO = {"type": "sphere", "center": [[0, 0, 1], [0, 0, 2]], "radius": [1, 2]}
+
+AMBIENT = {"type": "ambient", "intensity": 1}
+POINT = {"type": "point", "position": [0, 0, 0], "intensity": 1}
+SUN = {"type": "directional", "direction": [0, 0, -1], "intensity": 1}
+
+
+def made_of(material):
+    return {"version": 1, "shapes": [SPHERE, SPHERE | {"material": material}]}
+
+
+def lit_by(lights, **more):
+    return {"version": 1, "shapes": [SPHERE], "lights": lights, **more}
 
 
 @pytest.mark.parametrize(
@@ -66,6 +132,31 @@ TWO = {"type": "sphere", "center": [[0, 0, 1], [0, 0, 2]], "radius": [1, 2]}
         ),
         ({"version": 1, "shapes": [TWO]}, "must be one shape"),
         ({"version": 1, "shapes": [SPHERE], "camera": {}}, "camera of .* lacks fx"),
+        (made_of(3), r"material of shapes\[1\] must be a JSON object, got 3"),
+        (made_of({"shine": 1}), r"shapes\[1\] holds unknown keys: shine"),
+        (made_of({"color": [1, 2]}), r"material of shapes\[1\]: color must be"),
+        (made_of({"color": [[1, 1, 1]]}), r"color of material of shapes\[1\] must be"),
+        (made_of({"exponent": "high"}), r"shapes\[1\]: exponent must be"),
+        (made_of({"reflect": -1}), r"shapes\[1\]: reflect must not be negative"),
+        (made_of({"transmit": True}), r"shapes\[1\]: transmit must be"),
+        (made_of({"ior": 1.5}), "transmit must be given with an ior"),
+        (made_of({"transmit": 1, "ior": 0}), r"shapes\[1\]: ior must be positive"),
+        (made_of({"transmit": 1, "fresnel": 1}), "fresnel of .* must be true"),
+        (lit_by({}), r"lights of .* must be a list, got {}"),
+        (lit_by([3]), r"type of lights\[0\] must be one of ambient, point"),
+        (lit_by([{"type": "lamp"}]), r"type of lights\[0\] must be .* got 'lamp'"),
+        (lit_by([AMBIENT, {"type": "point"}]), r"lights\[1\] \(point\) lacks position"),
+        (lit_by([AMBIENT | {"color": 1}]), r"lights\[0\] .* unknown keys: color"),
+        (lit_by([AMBIENT | {"intensity": -1}]), r"lights\[0\] .*: intensity must be"),
+        (lit_by([AMBIENT | {"intensity": [[1], [1, 2]]}]), "intensity must hold"),
+        (lit_by([POINT | {"position": [1]}]), r"lights\[0\] .*: position must be"),
+        (lit_by([POINT | {"position": [[1, 1, 1]]}]), "position of .* must be of one"),
+        (lit_by([POINT | {"falloff": "fast"}]), "falloff must be one of none, inverse"),
+        (lit_by([POINT | {"falloff": 2}]), r"falloff of lights\[0\] .* must be a name"),
+        (lit_by([SUN | {"direction": [0, 0, 0]}]), "direction must not be the zero"),
+        (lit_by([], background=[1, 2]), "background must be numbers of shape"),
+        (lit_by([], background=[1, 1, -1]), "background must be red, green and blue"),
+        (lit_by([], background=None), "background must be"),
     ],
 )  # fmt: skip
 def test_mistake_is_named(record, message, tmp_path):

@@ -44,6 +44,15 @@ def test_a_whole_camera_has_a_name_and_is_written_by_its_parts():
         sensor_from_record({"type": "stereo_camera"}, "sensor")
 
 
+def test_a_stereo_camera_takes_the_focal_length_of_the_image():
+    record = {"type": "dropout", "sensor": {"type": "stereo"}}
+    sensor = sensor_from_record(record, "sensor", focal_length=525.0)
+    assert sensor == ij.Dropout(ij.StereoDisparity(525.0))
+    record["sensor"]["focal_length"] = 280.0
+    sensor = sensor_from_record(record, "sensor", focal_length=525.0)
+    assert sensor == ij.Dropout(ij.StereoDisparity(280.0))
+
+
 def test_what_is_left_out_takes_the_default():
     record = {"type": "dropout", "sensor": {"type": "structured_light"}}
     assert sensor_from_record(record, "sensor") == ij.Dropout(ij.StructuredLight())

@@ -124,11 +124,30 @@ def test_billboard_of_a_box_is_tight_to_its_corners(renderer, orthographic, turn
     check_tight(mask, filled(renderer, box, camera), along)
 
 
+@pytest.mark.parametrize("orthographic", [False, True])
+def test_billboard_of_a_triangle_is_tight_to_its_corners(renderer, orthographic):
+    camera = camera_with(250.0, orthographic)
+    corners = np.array([(-0.1, -0.05, 0.6), (0.12, 0.06, 0.8), (-0.02, 0.09, 0.7)])
+    triangle = ij.Triangle(corners)
+    billboard = filled(renderer, triangle, camera)
+    assert not (renderer.draw(triangle, camera).mask & ~billboard).any()
+    # To the corners themselves: a tip is narrower than the pixels.
+    seen = corners[:, :2] if orthographic else corners[:, :2] / corners[:, 2:]
+    seen = 250.0 * seen + (79.5, 59.5)
+    x, y = (seen[1] - seen[0]) / np.linalg.norm(seen[1] - seen[0])
+    pixels = np.argwhere(billboard)[:, ::-1]
+    for direction in ((x, y), (-y, x)):
+        place, ends = pixels @ direction, seen @ direction
+        assert abs(place.max() - ends.max()) < 1.5
+        assert abs(place.min() - ends.min()) < 1.5
+
+
 @pytest.mark.parametrize(
     "shape",
     [
         pytest.param(ij.Frustum((0, 0, 0.5), (0.1, 0, -0.2), 0.1, 0.2), id="frustum"),
         pytest.param(ij.Box((0, 0.1, 0.2), np.eye(3), (1, 1, 1)), id="box"),
+        pytest.param(ij.Triangle([(-1, 0, 1), (1, 0, 1), (0, 1, -1)]), id="triangle"),
     ],
 )
 def test_billboard_of_what_reaches_behind_the_camera_is_the_whole_image(

@@ -52,6 +52,23 @@ def test_tile_shows_all_of_the_cylinder(shape, camera):
     assert tile.height == camera.height or tile.height % 16 == 0
 
 
+@pytest.mark.parametrize("interpolation", ["bilinear", "bicubic"])
+def test_tile_around_a_heightfield_shows_all_of_it(interpolation):
+    camera, hill = CAMERAS["distorted"](), [[0, 0.1, 0], [0.1, 0.4, 0.1], [0, 0.1, 0]]
+    pose = ij.RigidTransform([[1, 0, 0], [0, 0, -1], [0, 1, 0]], (0.2, 0.1, 2.0))
+    extent = ((-0.3, 0.3), (-0.2, 0.2))
+    field = ij.Heightfield(hill, extent, interpolation, world_from_field=pose)
+    tile = ij.outline_tile(field, camera)
+    assert (tile.height, tile.width) < (camera.height, camera.width)
+    whole, part = (
+        ij.render(field, camera, effort=ij.Effort(extent=extent))
+        for extent in ("frame", "tile")
+    )
+    assert whole.mask.sum() > 100
+    np.testing.assert_array_equal(part.mask, whole.mask)
+    np.testing.assert_allclose(part.depth, whole.depth, rtol=1e-6)
+
+
 def test_tile_with_a_margin_holds_all_of_the_covered_area():
     camera = CAMERAS["pinhole"]()
     # 15.6 px high: 15 rows of pixel centers, and 17 rows that are covered in part.

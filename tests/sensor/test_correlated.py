@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import impostor_jax as ij
-from tests.sensor.scenes import CAMERA, SHAPE, readings
+from tests.sensor.scenes import SHAPE, readings
 
 DEPTH = np.full(SHAPE, 2.0)
 
@@ -69,4 +69,3 @@ def test_a_field_is_said_to_a_fit():
     )
     assert [field.length for field in sensor.bias.fields] == [3, 90]
     assert sensor.bias.edge_reach == 1
-    assert CAMERA.width > 0

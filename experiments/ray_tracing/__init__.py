@@ -1,0 +1,1 @@
+"""What a traced picture costs, and how far off it is."""

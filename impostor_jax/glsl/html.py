@@ -1,0 +1,58 @@
+"""Self-contained pages: a template, the script that pages share, and what is drawn."""
+
+__all__ = ["html_page", "texture_message", "traced_message"]
+
+import base64
+import json
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from impostor_jax.glsl.trace_list import TraceList
+from impostor_jax.glsl.trace_program import trace_sources
+
+
+def html_page(name: str, message: dict[str, Any]) -> str:
+    """A page with all that it needs.
+
+    Args:
+        name: File name of the template.
+        message: What the page's script finds in the element "scene".
+    """
+    files = resources.files("impostor_jax.glsl")
+    template, script = ((files / file).read_text() for file in (name, "webgl.js"))
+    # A script ends at the first "</", even inside a string.
+    text = json.dumps(message, allow_nan=False).replace("</", "<\\/")
+    return template.replace("SHARED_SCRIPT", script).replace("SCENE_JSON", text)
+
+
+def traced_message(
+    told: TraceList, shaders: Path | None = None, for_screen: bool = False
+) -> dict[str, Any]:
+    """What the script's `useTraced` takes.
+
+    Args:
+        told: What is traced.
+        shaders: As of `OffscreenRenderer`.
+        for_screen: As of `trace_sources`.
+    """
+    return {
+        "sources": trace_sources(told.key, "300 es", shaders, for_screen),
+        "uniforms": told.uniforms,
+        "places": told.places,
+        "textures": {name: texture_message(x) for name, x in told.textures.items()},
+    }
+
+
+def texture_message(texels: Float[np.ndarray, "rows cols ..."]) -> dict[str, Any]:
+    """What the script's `sampleTexture` takes: as short as it can be, and exact."""
+    height, width, *each = texels.shape
+    data = np.ascontiguousarray(texels, "<f4").tobytes()
+    return {
+        "size": [width, height],
+        "each": each[0] if each else 1,
+        "base64": base64.b64encode(data).decode(),
+    }

@@ -1,0 +1,3 @@
+bool inside(vec3 p) {
+    return length(p - center) < radius;
+}

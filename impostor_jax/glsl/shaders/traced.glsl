@@ -1,0 +1,16 @@
+// What rays meet, and where the numbers of shapes and lights are read.
+
+uniform highp sampler2D numbers;
+
+vec4 number_at(int place) {
+    return texelFetch(numbers, ivec2(place % TEXELS_PER_ROW, place / TEXELS_PER_ROW), 0);
+}
+
+struct Met {
+    Surface surface;
+    int place;  // of the shape's first texel, -1 where nothing is met
+    int kind;
+};
+
+// A shape's first texels: its anchor, what it is made of, and then its fields.
+const int ANCHOR = 0, COLOR = 1, GLASSY = 2, FIELDS = 3;

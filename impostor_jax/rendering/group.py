@@ -1,0 +1,107 @@
+"""Shapes of a type, side by side.
+
+They lie in arrays, as many as the next size of a bucket, so that one more of a type, or
+one that moves, runs the program that is there. Planes, heightfields, and what else may
+be seen anywhere, fill no bucket.
+"""
+
+__all__ = ["Group", "grouped", "is_searched", "padded_size"]
+
+from collections.abc import Sequence
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Int
+
+from impostor_jax.primitives.base import AbstractPrimitive
+from impostor_jax.primitives.heightfield import Heightfield
+
+GROWTH = 4
+"""Sizes of buckets are its powers."""
+
+
+class Group(eqx.Module):
+    """Shapes of one type and structure.
+
+    Attributes:
+        primitives: A batch (n,); the last ones may be there to fill the bucket.
+        index: Of each among the scene's shapes, in the order they were given; -1 of
+            those that fill the bucket and are not seen.
+    """
+
+    primitives: AbstractPrimitive
+    index: Int[Array, " n"]
+
+
+def grouped(shapes: Sequence[AbstractPrimitive]) -> tuple[Group, ...]:
+    """The shapes by their types, in an order that does not depend on theirs.
+
+    Args:
+        shapes: Single ones or batches (n,), of any types. They are counted in this
+            order, the members of a batch one by one.
+    """
+    dtype = jnp.result_type(*(shape.dtype for shape in shapes))
+    alike: dict[Any, list[tuple[AbstractPrimitive, np.ndarray]]] = {}
+    first = 0
+    for shape in shapes:
+        batch = _as_batch(shape, dtype)
+        index = first + np.arange(batch.batch_shape[0])
+        first += len(index)
+        alike.setdefault(_structure(batch, first), []).append((batch, index))
+    return tuple(_group(alike[key]) for key in sorted(alike))
+
+
+def padded_size(count: int) -> int:
+    """Size of the bucket for so many."""
+    size = 1
+    while size < count:
+        size *= GROWTH
+    return size
+
+
+def is_searched(shapes: AbstractPrimitive) -> bool:
+    """Whether shapes like these are searched side by side, for the pixels they cover.
+
+    Others are each cast at every ray: what may be seen anywhere, and a heightfield,
+    which has a grid or a function of its own.
+    """
+    return shapes.is_bounded and not isinstance(shapes, Heightfield)
+
+
+def _as_batch(shape: AbstractPrimitive, dtype: np.dtype) -> AbstractPrimitive:
+    """The shape as a batch (n,), in the precision of the scene."""
+
+    def converted(x: Array) -> Array:
+        x = jnp.asarray(x)
+        x = x.astype(dtype) if jnp.issubdtype(x.dtype, jnp.floating) else x
+        return x if shape.batch_shape else x[None]
+
+    return jax.tree.map(converted, shape)
+
+
+def _structure(batch: AbstractPrimitive, first: int) -> tuple[str, ...]:
+    """What shapes must have in common to lie side by side.
+
+    A heightfield has a grid or a function of its own and lies alone.
+    """
+    alone = f"{first:09d}" if isinstance(batch, Heightfield) else ""
+    leaves = [str(leaf.shape[1:]) for leaf in jax.tree.leaves(batch)]
+    return type(batch).__name__, str(jax.tree.structure(batch)), *leaves, alone
+
+
+def _group(alike: list[tuple[AbstractPrimitive, np.ndarray]]) -> Group:
+    """Shapes of one structure, and copies of the first that fill the bucket."""
+    batches, indices = zip(*alike, strict=True)
+    index = np.concatenate(indices)
+    size = padded_size(len(index)) if is_searched(batches[0]) else len(index)
+    spare = size - len(index)
+
+    def joined(*leaves: Array) -> Array:
+        filler = jnp.broadcast_to(leaves[0][:1], (spare, *leaves[0].shape[1:]))
+        return jnp.concatenate([*leaves, filler])
+
+    index = np.concatenate([index, np.full(spare, -1)])
+    return Group(jax.tree.map(joined, *batches), jnp.asarray(index, dtype=jnp.int32))

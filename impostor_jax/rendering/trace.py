@@ -1,0 +1,258 @@
+"""Pictures of scenes by rays: shadows, mirrors and glass."""
+
+__all__ = ["MOST_BOUNCES", "trace"]
+
+from collections.abc import Sequence
+from functools import partial
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int
+
+from impostor_jax.arguments import (
+    float_array,
+    is_concrete,
+    one_of,
+    whole_number,
+    working_precision,
+)
+from impostor_jax.camera.base import AbstractCamera
+from impostor_jax.camera.pinhole import PinholeCamera
+from impostor_jax.camera.pixels import Pixels, Tile
+from impostor_jax.compiling import kept
+from impostor_jax.effort import Effort, effort_of
+from impostor_jax.geometry.rays import Ray
+from impostor_jax.geometry.vec3 import Vec3
+from impostor_jax.rendering.edges import Cast, nearest_line
+from impostor_jax.rendering.group import padded_size
+from impostor_jax.rendering.half_pixels import halves
+from impostor_jax.rendering.lights import AbstractLight
+from impostor_jax.rendering.material import Material, stacked
+from impostor_jax.rendering.paths import World, color_of, world_of
+from impostor_jax.rendering.sampling import Sampling, picture_of
+from impostor_jax.rendering.scene import Scene, Shown
+
+MOST_BOUNCES = 16
+
+
+def trace(
+    scene: Shown,
+    camera: AbstractCamera,
+    lights: Sequence[AbstractLight],
+    materials: Material | Sequence[Material] | None = None,
+    background: Any = (0.0, 0.0, 0.0),
+    depth: int = 3,
+    tile: Tile | None = None,
+    effort: Effort | str = "balanced",
+    edges: str = "hard",
+) -> Float[Array, "h w 3"]:
+    """Trace the rays of a picture: Lambert, Phong, shadows, mirrors and glass.
+
+    Works inside `jax.jit`, `grad`, `jacfwd` and `vmap`. What no material has is not
+    compiled; light from all sides alone casts no shadows, and no ray for them.
+
+    Args:
+        scene: A scene, or one shape, in the world frame.
+        camera: The camera.
+        lights: In the world frame.
+        materials: One of each shape, in the order of the scene's indices (a batch
+            counts as many); or a single one, no batch, of all. White and dull if None.
+        background: Color of rays that meet nothing.
+        depth: Most times that a ray is mirrored or bent. A surface that is met after
+            as many shows its own color alone.
+        tile: Block of pixels to trace, the whole image if None.
+        effort: "fast", "balanced", "exact" or an `Effort`, of which `precision`,
+            `stride`, `samples`, `adaptive` and `spacing` count.
+        edges: "hard", a pixel is what its ray sees; or "area", one that an edge crosses
+            is made of the two sides, each seen through its middle and weighted by its
+            area. The edge is taken for a straight line, and of several in a pixel, or
+            in each of its `samples` times `samples` parts, the one nearest to the
+            middle counts. Edges seen in mirrors and through glass stay hard.
+
+    Returns:
+        Linear RGB from 0 up; nothing is clipped.
+
+    Derivatives:
+        In shapes, materials, lights, background and camera, exact for every pixel that
+        keeps seeing the same. What moves across a pixel has none with hard edges. With
+        edges="area" outlines, creases, cuts of two shapes and edges of shadows have
+        their derivative, of first order; not those of a torus, a heightfield, and a
+        cylinder or frustum that is open or a sector, which stay hard.
+
+    Raises:
+        ValueError: A value is out of range, there are not as many materials as shapes,
+            something is none of what it should be, or several samples or edges="area"
+            are asked for with a lens.
+
+    References:
+        Whitted (1980), An improved illumination model for shaded display.
+    """
+    if not isinstance(scene, Shown):
+        raise ValueError(
+            f"scene must be an ij.Scene or a shape, got {type(scene).__name__}"
+        )
+    if not isinstance(camera, AbstractCamera):
+        raise ValueError(
+            "camera must be a PinholeCamera or an OrthographicCamera, got "
+            f"{type(camera).__name__}"
+        )
+    if not isinstance(lights, Sequence):
+        raise ValueError(
+            f"lights must be a sequence of lights, got {type(lights).__name__}"
+        )
+    for light in lights:
+        if not isinstance(light, AbstractLight):
+            raise ValueError(
+                f"lights must be lights, such as ij.PointLight, got {light!r}"
+            )
+    depth = whole_number("depth", depth, 0, MOST_BOUNCES, "bounces")
+    scene = scene if isinstance(scene, Scene) else Scene([scene])
+    made = stacked(Material() if materials is None else materials)
+    is_one_of_all = isinstance(materials, Material) and materials.color.ndim == 1
+    if not (materials is None or is_one_of_all):
+        _check_count(scene, made)
+    background = float_array("background", background, (3,))
+    effort = effort_of(effort)
+    one_of("edges", edges, ("hard", "area"))
+    if (
+        edges == "area"
+        and isinstance(camera, PinholeCamera)
+        and camera.ray_field is not None
+    ):
+        raise ValueError(
+            'edges must be "hard" for a camera with a lens, whose rays are known '
+            f"through the centers of pixels alone, got {edges!r}"
+        )
+    given = (scene, camera, tile, list(lights), _padded(made), background)
+    with working_precision(effort.precision, given) as converted:
+        scene, camera, tile, *rest = converted(given)
+        return _traced(
+            scene, camera, tile, *rest,
+            depth=depth, stride=effort.stride, sampling=_sampling(effort), edges=edges,
+        )  # fmt: skip
+
+
+def _sampling(effort: Effort) -> Sampling:
+    return Sampling(effort.samples, effort.adaptive, effort.spacing)
+
+
+def _check_count(scene: Scene, made: Material) -> None:
+    """Raise unless there is a material of each shape, and of nothing else."""
+    if not is_concrete(scene):
+        return
+    # In numpy: jax.jit traces what is done to concrete arrays, too.
+    count = sum(np.count_nonzero(np.asarray(g.index) >= 0) for g in scene.groups)
+    if made.color.shape[0] != count:
+        raise ValueError(
+            f"materials must be as many as the scene's {count} shapes, or a single "
+            f"one, got {made.color.shape[0]}"
+        )
+
+
+def _padded(made: Material) -> Material:
+    """As many as the next size of a bucket, so that one more runs the same program."""
+    count = made.color.shape[0]
+    spare = padded_size(count) - count
+    return jax.tree.map(
+        lambda x: jnp.pad(x, ((0, spare), *((0, 0),) * (x.ndim - 1)), mode="edge"), made
+    )
+
+
+@partial(kept, static_argnames=("depth", "stride", "sampling", "edges"))
+def _traced(
+    scene: Scene,
+    camera: AbstractCamera,
+    tile: Tile | None,
+    lights: list[AbstractLight],
+    materials: Material,
+    background: Float[Array, "3"],
+    depth: int,
+    stride: int,
+    sampling: Sampling,
+    edges: str,
+) -> Float[Array, "h w 3"]:
+    tile = camera.frame if tile is None else tile
+    row, col = (pixel[::stride, ::stride] for pixel in tile.pixels())
+    if camera.camera_from_world is not None:
+        lights = [light.transformed(camera.camera_from_world) for light in lights]
+    groups = scene.seen_by(camera).groups
+    materials = jax.tree.map(lambda x: x.astype(scene.dtype), materials)
+    world = world_of(groups, materials, lights, background.astype(scene.dtype))
+
+    def rays(row: Pixels, col: Pixels, place: Float[Array, "2"]) -> tuple[Ray, Array]:
+        centered = sampling.samples == 1 and edges == "hard"
+        place = place.astype(scene.dtype)
+        moved = camera if centered else camera.shifted(place[0], place[1])
+        ray = moved.rays(row, col, scene.dtype)
+        sees, cast = moved.sees(row, col), jnp.isfinite(ray.direction.x)
+        return ray, cast if sees is None else cast & sees
+
+    def see(
+        row: Int[Array, " n"], col: Int[Array, " n"], places: Float[Array, "k 2"]
+    ) -> tuple[Vec3, Int[Array, "k n"]]:
+        each = jax.vmap(lambda place: rays(row, col, place))(places)
+        # One after the other: a loop over a batch of rays takes every branch.
+        ray, cast = jax.tree.map(lambda x: x.reshape(-1), each)
+        seen = color_of(world, ray, cast, depth)
+        return jax.tree.map(lambda x: x.reshape(len(places), -1), seen)
+
+    if edges == "hard":
+        return picture_of(see, row, col, sampling).stack()
+
+    def see_sides(
+        row: Int[Array, " n"], col: Int[Array, " n"], places: Float[Array, "k 2"]
+    ) -> tuple[Vec3, Int[Array, "k n"]]:
+        count = len(places)
+
+        def cast(place: Float[Array, "m 2"]) -> tuple[Ray, Bool[Array, " m"]]:
+            times = place.shape[0] // row.shape[0]
+            return jax.vmap(rays)(jnp.tile(row, times), jnp.tile(col, times), place)
+
+        place = jnp.repeat(places.astype(scene.dtype), row.shape[0], axis=0)
+        seen = _sides(world, cast, place, 1 / sampling.samples, depth)
+        return jax.tree.map(lambda x: x.reshape(count, -1), seen)
+
+    # One pixel more on each side, with which those at the border are compared.
+    row, col = _framed(row, stride, 0), _framed(col, stride, 1)
+    color = picture_of(see, row, col, sampling, see_sides)
+    return color.stack()[1:-1, 1:-1]
+
+
+def _framed(pixels: Int[Array, "h w"], stride: int, axis: int) -> Pixels:
+    """Rows or columns of a tile and one more pixel on each side."""
+    wide = jnp.pad(pixels, 1, mode="edge")
+    number = jax.lax.broadcasted_iota(jnp.int32, wide.shape, axis)
+    last = wide.shape[axis] - 1
+    off = (number == last).astype(jnp.int32) - (number == 0).astype(jnp.int32)
+    return wide + stride * off
+
+
+def _sides(
+    world: World, cast: Cast, place: Float[Array, "n 2"], size: float, depth: int
+) -> tuple[Vec3, Int[Array, " n"]]:
+    """Colors of squares in the image, of both sides of the edge in each, and trails.
+
+    Args:
+        world: What rays can meet.
+        cast: Rays of the image.
+        place: Centers of the squares.
+        size: Length of their sides, in pixels.
+        depth: Most bounces.
+    """
+    line = nearest_line(world, cast, place, size)
+    cut = halves(line.distance, line.normal)
+    # Middles move with the edge: so does what is seen there.
+    places = [
+        place + size * jnp.where(line.crosses[:, None], middle, 0)
+        for middle in cut.middles
+    ]
+    (first, is_first), (second, is_second) = map(cast, places)
+    both = jax.tree.map(lambda *x: jnp.concatenate(x), first, second)
+    is_cast = jnp.concatenate([is_first, is_second & line.crosses])
+    color, trail = color_of(world, both, is_cast, depth)
+    count = place.shape[0]
+    area = jnp.where(line.crosses, cut.area, 1)
+    mixed = jax.tree.map(lambda x: x[:count] * area + x[count:] * (1 - area), color)
+    return mixed, trail[:count]

@@ -1,0 +1,151 @@
+"""A hull holds all of its shape that a ray finds, to the last bit."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import impostor_jax as ij
+from impostor_jax.geometry.rays import Ray
+from impostor_jax.geometry.vec3 import Vec3
+from impostor_jax.numerics import eps
+from impostor_jax.primitives.base import UNITS
+from impostor_jax.rendering.bounds import image_bounds
+from tests.cases import PRIMITIVES
+from tests.checks import AS_USERS_RUN
+
+COUNT = 400
+"""Rays that are cast together."""
+
+NEARLY_ALONG_X = (1, 3e-4, -1e-4)
+BOUNDED = {
+    **{name: make for name, make in PRIMITIVES.items() if name != "plane"},
+    # Squares of the axis' components round to 1 and 0.
+    "rod nearly along x": lambda: ij.Cylinder(
+        (0.1, -0.2, 3.0), NEARLY_ALONG_X, 0.3, 0.1
+    ),
+    "torus nearly along x": lambda: ij.Torus(
+        (0.1, -0.2, 3.0), NEARLY_ALONG_X, 0.5, 0.01
+    ),
+    "open": lambda: ij.Cylinder(
+        (0.1, -0.2, 3.0), (0.3, 0.8, 0.5), 0.5, 1.4, caps=False
+    ),
+    # As far from a rotation as one may be: faces are across the columns.
+    "box of no rotation": lambda: ij.Box(
+        (0.1, -0.2, 3.0), [[1, 4e-4, 0], [4e-4, 1, 3e-4], [0, 3e-4, 1]], (2, 0.1, 1)
+    ),
+}
+
+
+def placed(primitive, scale, away):
+    """The shape in another unit of length, farther from the camera by so many meters
+    of its own."""
+
+    def scaled(path, x):
+        is_length = not any(getattr(key, "name", "") in UNITS for key in path)
+        return x * scale if is_length else x
+
+    move = ij.RigidTransform(np.eye(3), (0.7 * away * scale, 0, away * scale))
+    return jax.tree_util.tree_map_with_path(scaled, primitive).transformed(move)
+
+
+@jax.jit(static_argnums=2, compiler_options=AS_USERS_RUN)
+def cast(primitive, place, is_central):
+    """Hits of the rays through places (n, 2) in the image."""
+    x, y = place.T
+    zero, one = jnp.zeros_like(x), jnp.ones_like(x)
+    ray = Ray(Vec3(x, y, zero), Vec3(zero, zero, one))
+    if is_central:
+        ray = Ray(Vec3(zero, zero, zero), Vec3(x, y, one))
+    hit = primitive.intersect(ray)
+    return hit.mask, ray.at(jnp.where(hit.mask, hit.t, 0)).stack()
+
+
+@jax.jit(static_argnums=1)
+def hull_of(primitive, is_central):
+    hull = primitive.hull
+    return hull.box(), hull.ball(), image_bounds(primitive, is_central)
+
+
+def seen_at(primitive, is_central, radius, middle):
+    """Places that hit, on the way out to the very last, and where they hit."""
+    rng = np.random.default_rng(0)
+    near = np.asarray(middle + radius * rng.uniform(-1, 1, (10, COUNT, 2)), np.float32)
+    found = []
+    for place in near:
+        mask, point = map(np.asarray, cast(primitive, place, is_central))
+        found.append((place[mask], point[mask]))
+    inner = np.resize(np.concatenate([place for place, _ in found]), (COUNT, 2))
+    outer = np.asarray(middle + 3 * radius * rng.normal(size=(COUNT, 2)), np.float32)
+    for _ in range(30):
+        half = (inner + outer) / 2
+        mask, point = map(np.asarray, cast(primitive, half, is_central))
+        found.append((half[mask], point[mask]))
+        inner = np.where(mask[:, None], half, inner)
+        outer = np.where(mask[:, None], outer, half)
+    places, points = map(np.concatenate, zip(*found, strict=True))
+    return places, points.astype(float)
+
+
+@pytest.mark.parametrize("is_central", [True, False], ids=["central", "parallel"])
+@pytest.mark.parametrize("name", BOUNDED)
+def test_a_hull_holds_every_hit(name, is_central):
+    for scale in (1e-3, 1.0, 1e4):
+        for away in (0.0, 30.0, 1000.0):
+            shape = placed(BOUNDED[name](), scale, away)
+            (low, high), (center, radius), bounds = hull_of(shape, is_central)
+            depth = center[2] if is_central else 1
+            place, point = seen_at(
+                shape, is_central, float(radius / depth), np.asarray(center[:2] / depth)
+            )
+            assert len(place) > 600
+            assert (np.asarray(low) <= point).all()
+            assert (point <= np.asarray(high)).all()
+            distance = np.linalg.norm(point - np.asarray(center, float), axis=1)
+            assert distance.max() <= radius
+            # A triangle is seen 8 eps of its distance beyond its corners, so that no
+            # ray slips between two; who looks past its bounds sees its neighbor.
+            beyond = eps(np.float32, 16) if name == "triangle" else 0.0
+            assert (np.asarray(bounds.low) - beyond <= place).all()
+            assert (place <= np.asarray(bounds.high) + beyond).all()
+
+
+@pytest.mark.parametrize("name", PRIMITIVES)
+def test_what_is_bounded_has_a_hull(name):
+    primitive = PRIMITIVES[name]()
+    assert primitive.is_bounded == (primitive.hull is not None) == (name != "plane")
+
+
+def test_a_heightfield_of_a_function_has_none():
+    hill = ij.Heightfield(lambda x, z: x * z, ((-1, 1), (-1, 1)), lipschitz=2.0)
+    assert not hill.is_bounded
+    assert hill.hull is None
+    assert np.isposinf(image_bounds(hill, True).high).all()
+
+
+@pytest.mark.parametrize("name", BOUNDED)
+def test_a_batch_has_the_hulls_of_its_members(name):
+    shapes = [placed(BOUNDED[name](), 1.0, away) for away in (0.0, 2.0, -9.0)]
+    batch = jax.tree.map(lambda *leaves: jnp.stack(leaves), *shapes)
+    for is_central in (True, False):
+        found = hull_of(batch, is_central)
+        alone = [hull_of(shape, is_central) for shape in shapes]
+        expected = jax.tree.map(lambda *leaves: np.stack(leaves), *alone)
+        mapped = jax.vmap(hull_of, in_axes=(0, None))(batch, is_central)
+        for other in (expected, mapped):
+            for x, y in zip(*map(jax.tree.leaves, (found, other)), strict=True):
+                np.testing.assert_allclose(x, y, rtol=1e-6, atol=1e-6)
+
+
+@pytest.mark.parametrize("name", BOUNDED)
+def test_derivatives_of_a_hull_are_finite(name):
+    def total(primitive):
+        hull = primitive.hull
+        numbers = hull.box(), hull.ball(), hull.reach()
+        return sum(jnp.sum(leaf) for leaf in jax.tree.leaves(numbers))
+
+    slope = jax.jit(jax.grad(total))
+    # In front of the camera, around it and behind.
+    for away in (0.0, -3.0, -9.0):
+        leaves = jax.tree.leaves(slope(placed(BOUNDED[name](), 1.0, away)))
+        assert all(np.isfinite(leaf).all() for leaf in leaves)
