@@ -9,7 +9,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from data_synth.capture import BATCH, SceneBatch
+from data_synth.appearance import Appearance, Look
+from data_synth.capture import BATCH, SceneBatch, ShownLook
 from data_synth.draw import Drawn
 from data_synth.preset import Preset
 from impostor_jax.camera.pinhole import PinholeCamera
@@ -19,6 +20,7 @@ from impostor_jax.primitives.cylinder import Cylinder
 from impostor_jax.primitives.frustum import Frustum
 from impostor_jax.primitives.plane import Plane
 from impostor_jax.primitives.sphere import Sphere
+from impostor_jax.rendering.material import Material
 
 AWAY = (0.0, 0.0, -10.0)
 """Where shapes are that only fill up a batch: behind the camera, in meters."""
@@ -49,14 +51,14 @@ def batch_of(
         seen_by[k] = cameras[scene.camera]
         num_bound[k] = len(scene.poses) - scene.num_clutter
     # Of cylinders one at least, which no image need show.
-    cylinders = _filled_up(Cylinder, max(preset.most_cylinders, 1), scenes)
+    most = {Cylinder: max(preset.most_cylinders, 1), **preset.most_others}
+    cylinders, *others = (_filled_up(*of_kind, scenes) for of_kind in most.items())
     assert isinstance(cylinders, Cylinder)
     return SceneBatch(
         camera=jax.tree.map(lambda *x: np.stack(x), *seen_by),
         cylinders=cylinders,
-        others=tuple(
-            _filled_up(kind, most, scenes) for kind, most in preset.most_others.items()
-        ),
+        others=tuple(others),
+        look=_looks(preset.appearance, most, scenes),
         num_bound=jnp.asarray(num_bound),
         is_used=jnp.array([k in scenes for k in range(BATCH)]),
     )
@@ -73,7 +75,7 @@ def _filled_up(
         for k, scene in scenes.items():
             parts = [
                 np.reshape(arguments[name], (-1, *filler.shape))
-                for arguments in _arguments(scene, kind)
+                for arguments, _ in _shapes(scene, kind)
             ]
             if parts:
                 given = np.concatenate(parts)
@@ -81,9 +83,80 @@ def _filled_up(
     return kind(**values)
 
 
-def _arguments(scene: Drawn, kind: type[AbstractPrimitive]) -> list[dict[str, Any]]:
-    """Those of all shapes of a type in a scene, one by one or some together."""
+def _shapes(
+    scene: Drawn, kind: type[AbstractPrimitive]
+) -> list[tuple[dict[str, Any], dict[str, Any]]]:
+    """Arguments of all shapes of a type, one by one or some together, and materials.
+
+    Of these there are none if no color is wanted.
+    """
+    look = scene.look or Look(
+        [{}] * len(scene.planes), [{}] * len(scene.poses), [{}] * len(scene.scenery),
+        lights=[], background=[],
+    )  # fmt: skip
     if kind is Plane:
-        return [{"point": point, "normal": normal} for point, normal in scene.planes]
+        planes = [{"point": point, "normal": normal} for point, normal in scene.planes]
+        return list(zip(planes, look.planes, strict=True))
     things = (*scene.poses, *scene.scenery)
-    return [thing.arguments() for thing in things if thing.primitive is kind]
+    materials = (*look.cylinders, *look.scenery)
+    return [
+        (thing.arguments(), material)
+        for thing, material in zip(things, materials, strict=True)
+        if thing.primitive is kind
+    ]
+
+
+def _looks(
+    appearance: Appearance | None,
+    most: Mapping[type[AbstractPrimitive], int],
+    scenes: Mapping[int, Drawn],
+) -> ShownLook | None:
+    """Materials and lights, of what only fills up the batch, too.
+
+    Args:
+        appearance: Says what no material has.
+        most: Shapes of each type, in the order of the scene's.
+        scenes: By their places in the batch.
+    """
+    if appearance is None:
+        return None
+    values: dict[str, Any] = {"color": np.ones(3), "exponent": 1.0}
+    if appearance.mirrors:
+        values["reflect"] = 0.0
+    if appearance.glasses:
+        values |= {"transmit": 0.0, "ior": 1.0}
+    count = sum(most.values())
+    arrays = {
+        name: np.broadcast_to(value, (BATCH, count, *np.shape(value))).astype(
+            np.float32
+        )
+        for name, value in values.items()
+    }
+    # The first light is that from all sides.
+    intensity = np.zeros((BATCH, 1 + appearance.lamps), np.float32)
+    position = np.zeros((BATCH, 1 + appearance.lamps, 3), np.float32)
+    background = np.zeros((BATCH, 3), np.float32)
+    for k, scene in scenes.items():
+        assert scene.look is not None
+        background[k] = scene.look.background
+        for number, light in enumerate(scene.look.lights):
+            intensity[k, number] = light["intensity"]
+            position[k, number] = light.get("position", 0.0)
+        place = 0
+        for kind, number in most.items():
+            first = place
+            for arguments, material in _shapes(scene, kind):
+                last = first + _number(kind, arguments)
+                for name in values.keys() & material.keys():
+                    arrays[name][k, first:last] = material[name]
+                first = last
+            place += number
+    lights = map(jnp.asarray, (intensity, position, background))
+    material = Material(**arrays)  # pyright: ignore[reportArgumentType]
+    return ShownLook(material, *lights)
+
+
+def _number(kind: type[AbstractPrimitive], arguments: dict[str, Any]) -> int:
+    """How many shapes arguments are of."""
+    name, filler = next(iter(FILLERS[kind].items()))
+    return np.size(arguments[name]) // np.size(filler)

@@ -12,6 +12,7 @@ __all__ = [
     "RULES",
     "Captured",
     "SceneBatch",
+    "ShownLook",
     "capture",
     "capture_keys",
 ]
@@ -26,15 +27,19 @@ from jaxtyping import Array, Bool, Float, Int, Key, PRNGKeyArray, UInt8, UInt16,
 from data_synth.preset import MAX_CYLINDERS
 from impostor_jax.camera.pinhole import PinholeCamera
 from impostor_jax.camera.pixels import PixelBox
+from impostor_jax.effort import Effort
 from impostor_jax.geometry.vec3 import Vec3
 from impostor_jax.io.depth_image import MAX_UINT16
 from impostor_jax.numerics import Scalar, eps
 from impostor_jax.primitives.base import AbstractPrimitive
 from impostor_jax.primitives.cylinder import Cylinder
+from impostor_jax.rendering.lights import AbstractLight, AmbientLight, PointLight
+from impostor_jax.rendering.material import Material
 from impostor_jax.rendering.render import render
 from impostor_jax.rendering.scene import Scene
 from impostor_jax.rendering.shadow import lit
 from impostor_jax.rendering.silhouettes import silhouettes
+from impostor_jax.rendering.trace import trace
 from impostor_jax.sensor.base import NO_READING, AbstractDepthNoise
 
 BATCH = 8
@@ -50,6 +55,33 @@ KEPT = -1
 """In place of the number of a rule: none is broken."""
 
 
+class ShownLook(eqx.Module):
+    """What the scenes of a batch are made of, and how they are lit.
+
+    Attributes:
+        material: Of each shape.
+        intensity: Of the light from all sides, and of each lamp at 1 meter.
+        position: Of the lamps, after any for the first light.
+        background: Red, green and blue.
+    """
+
+    material: Material
+    intensity: Float[Array, "*b k"]
+    position: Float[Array, "*b k 3"]
+    background: Float[Array, "*b 3"]
+
+    def lights(self) -> list[AbstractLight]:
+        """The lights, of a batch that is mapped over."""
+        ambient, *lamps = self.intensity
+        return [
+            AmbientLight(ambient),
+            *(
+                PointLight(place, light, "inverse_square")
+                for place, light in zip(self.position[1:], lamps, strict=True)
+            ),
+        ]
+
+
 class SceneBatch(eqx.Module):
     """Scenes of a batch, and the cameras that see them; all in the camera's frame.
 
@@ -59,6 +91,7 @@ class SceneBatch(eqx.Module):
         others: What else there is, by type: as many of each for each scene.
         num_bound: How many of the cylinders, the first ones, must keep the rules.
         is_used: Whether a place is in use.
+        look: Materials and lights; None if no color is wanted.
     """
 
     camera: PinholeCamera
@@ -66,6 +99,7 @@ class SceneBatch(eqx.Module):
     others: tuple[AbstractPrimitive, ...]
     num_bound: Int[Array, "*b"]
     is_used: Bool[Array, "*b"]
+    look: ShownLook | None
 
     def scene(self) -> Scene:
         """The scene, of a batch that is mapped over."""
@@ -82,6 +116,7 @@ class Captured(eqx.Module):
             nothing, or farther than 16 bits tell; and if a rule is broken.
         clean: The depth that is there, in the same units.
         normal: Unit normals that face the camera; None if not wanted.
+        color: Linear red, green and blue; None if not wanted.
         index: Which cylinder is seen; `NO_CYLINDER` where it is none.
         silhouette: Pixels of each cylinder if nothing hid it.
         whole_count: Number of all in an image with a margin of its own size.
@@ -92,6 +127,7 @@ class Captured(eqx.Module):
     reading: UInt16[Array, "*b h w"]
     clean: UInt16[Array, "*b h w"]
     normal: Float[Array, "*b h w 3"] | None
+    color: Float[Array, "*b h w 3"] | None
     index: UInt8[Array, "*b h w"]
     silhouette: Bool[Array, "*b n h w"]
     whole_count: Int[Array, "*b n"]
@@ -112,7 +148,7 @@ def capture_keys(
     return pairs[:, 0], pairs[:, 1]
 
 
-@partial(jax.jit, static_argnames="with_normal")
+@partial(jax.jit, static_argnames=("with_normal", "bounces", "samples"))
 def capture(
     keys: Key[Array, " b"],
     batch: SceneBatch,
@@ -121,6 +157,8 @@ def capture(
     projector_baseline: Scalar | None,
     depth_scale_m: Scalar,
     with_normal: bool,
+    bounces: int = 0,
+    samples: int = 1,
 ) -> Captured:
     """Render the scenes of a batch, and read those that keep the rules.
 
@@ -132,6 +170,8 @@ def capture(
         projector_baseline: As in a preset.
         depth_scale_m: Meters a unit of the readings.
         with_normal: Whether normals are wanted.
+        bounces: Of the rays of color images.
+        samples: Of these, along each side of a pixel.
     """
 
     def units(depth: Float[Array, "h w"]) -> UInt16[Array, "h w"]:
@@ -148,6 +188,15 @@ def capture(
             reading = jnp.where(light, reading, NO_READING)
         return units(reading)
 
+    def draw(batch: SceneBatch) -> Float[Array, "h w 3"] | None:
+        look = batch.look
+        if look is None:
+            return None
+        return trace(
+            batch.scene(), batch.camera, look.lights(), look.material,
+            look.background, bounces, effort=Effort(samples=samples),
+        )  # fmt: skip
+
     def one(key: PRNGKeyArray, batch: SceneBatch) -> Captured:
         camera, shape = batch.camera, (batch.camera.height, batch.camera.width)
         maps = render(batch.scene(), camera, ("depth", "normal", "index"))
@@ -162,11 +211,13 @@ def capture(
         # By component, whose stack and slices XLA leaves out.
         given = (key, batch, maps.depth, Vec3.from_array(maps.normal))
         nothing = jnp.zeros(shape, jnp.uint16)
+        no_color = None if batch.look is None else jnp.zeros((*shape, 3))
         return Captured(
             broken_rule=broken,
             reading=jax.lax.cond(broken == KEPT, read, lambda *_: nothing, *given),
             clean=units(maps.depth),
             normal=maps.normal if with_normal else None,
+            color=jax.lax.cond(broken == KEPT, draw, lambda _: no_color, batch),
             index=index,
             silhouette=found.mask,
             whole_count=found.count,

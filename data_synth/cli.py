@@ -67,6 +67,8 @@ class Generate:
     sensor: Path | None = None
     """JSON file of a noise model, as impostor-jax calibrate writes it, which reads
     depths instead of the preset's."""
+    color: bool = False
+    """Whether to write images in color, too, where the preset does not."""
     seed: int = 0
     """Of all that is drawn."""
     format: Literal["bop", "webdataset"] = "bop"
@@ -92,6 +94,7 @@ class Generate:
                 self.output,
                 self.seed,
                 sensor=sensor,
+                color=self.color,
                 layout=self.format,
                 shard_size=self.shard_size,
                 clean=self.clean,

@@ -5,6 +5,7 @@ __all__ = ["describe"]
 import dataclasses
 from typing import Any
 
+from data_synth.appearance import Appearance
 from data_synth.preset import CameraDraw, Preset, Rules
 from impostor_jax.sensor.base import AbstractDepthNoise
 
@@ -25,7 +26,7 @@ def _lines(value: Any, indent: str) -> list[str]:
             for kind in part:
                 lines.append(f"{indent}  {type(kind).__name__}")
                 lines += _lines(kind, indent + "    ")
-        elif isinstance(part, CameraDraw | Rules):
+        elif isinstance(part, CameraDraw | Rules | Appearance):
             lines += [f"{indent}{field.name}", *_lines(part, indent + "  ")]
         else:
             lines.append(f"{indent}{field.name:<20} {_words(part)}")

@@ -12,6 +12,7 @@ from collections.abc import Callable
 import numpy as np
 from jaxtyping import UInt32
 
+from data_synth.appearance import Look, draw_look
 from data_synth.arrange import Arrangement, Plane, Put
 from data_synth.catalogue import Item
 from data_synth.pose import Pose, free_pose, ground_frame, holds_camera, placed, stacked
@@ -34,6 +35,7 @@ class Drawn:
         num_clutter: How many of them, the last ones, need not keep the rules.
         planes: A point and a unit normal of each.
         scenery: What else is there.
+        look: Materials and lights; None if no color is wanted.
         failure: Name of the rule that the drawing itself broke; None if none.
     """
 
@@ -42,6 +44,7 @@ class Drawn:
     num_clutter: int
     planes: tuple[Plane, ...]
     scenery: tuple[Object, ...] = ()
+    look: Look | None = None
     failure: str | None = None
 
 
@@ -114,7 +117,16 @@ def draw_scene(
     poses = things.poses
     if any(map(holds_camera, poses)) and preset.placement != ("around",):
         return Drawn(camera, (), 0, (), failure="camera_inside")
-    return Drawn(camera, poses, num_clutter, tuple(planes), things.scenery)
+    look, appearance = None, preset.appearance
+    if appearance is not None:
+        # Drawn last: the scene is the same as without.
+        above = up if preset.ground else -target / distance
+        if preset.placement == ("around",):
+            above = None
+        look = draw_look(appearance, planes, poses, things.scenery, target, above, rng)
+        if look is None:
+            return Drawn(camera, (), 0, (), failure="no_room_for_lamp")
+    return Drawn(camera, poses, num_clutter, tuple(planes), things.scenery, look)
 
 
 def _cylinder(

@@ -17,6 +17,7 @@ from concurrent.futures import Executor, ProcessPoolExecutor
 from pathlib import Path
 from typing import Any
 
+from data_synth.appearance import Appearance
 from data_synth.catalogue import mesh_ply, models_info
 from data_synth.checksums import MODEL_SUMS, damaged, digest_of, listing, seal
 from data_synth.images import catalogue_of
@@ -42,6 +43,7 @@ def generate(
     seed: int = 0,
     *,
     sensor: Any = None,
+    color: bool = False,
     layout: Layout = "bop",
     shard_size: int = 100,
     clean: bool = True,
@@ -63,6 +65,8 @@ def generate(
         output: Folder, which must be empty or not there.
         seed: Of all that is drawn.
         sensor: Reads depths instead of the preset's, if it is not None.
+        color: Whether images in color are written, with the materials and lights of
+            `Appearance()` if the preset has none.
         layout: "bop", folders scene by scene; or "webdataset", an archive for each.
         shard_size: Images of a shard, a scene of the format; the unit of work.
         clean: Whether the depth without noise is written, too.
@@ -87,6 +91,8 @@ def generate(
     drawn = preset_named(preset) if isinstance(preset, str) else preset
     if sensor is not None:
         drawn = dataclasses.replace(drawn, sensor=noise_model(sensor))
+    if color and drawn.appearance is None:
+        drawn = dataclasses.replace(drawn, appearance=Appearance())
     manifest = Manifest(
         drawn, name, count, seed, shard_size, layout, clean=clean, normals=normals
     )

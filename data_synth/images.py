@@ -26,6 +26,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int, Key, PRNGKeyArray, UInt16
 
+from data_synth.appearance import Appearance
 from data_synth.batch import batch_of
 from data_synth.capture import (
     BATCH,
@@ -107,6 +108,7 @@ class Image:
         reading: What the sensor reads, in units of the depth files; 0 for nothing.
         clean: The depth that is there, in the same units.
         normal: Unit normals that face the camera, if they are written.
+        color: Linear red, green and blue, if they are written.
         visible: Pixels of each cylinder that nothing hides.
         silhouettes: Pixels of each if nothing hid it.
         whole_counts: Number of these in the image and a margin of its own size.
@@ -120,6 +122,7 @@ class Image:
     reading: UInt16[np.ndarray, "h w"]
     clean: UInt16[np.ndarray, "h w"]
     normal: Float[np.ndarray, "h w 3"] | None
+    color: Float[np.ndarray, "h w 3"] | None
     visible: Bool[np.ndarray, "n h w"]
     silhouettes: Bool[np.ndarray, "n h w"]
     whole_counts: Int[np.ndarray, " n"]
@@ -184,6 +187,7 @@ def draw_scenes(
 def captured(plan: Plan, keys: Key[Array, " b"], batch: SceneBatch) -> Captured:
     """What there is to see of a batch, as NumPy's arrays: views of JAX's."""
     preset = plan.manifest.preset
+    drawn = preset.appearance or Appearance()
     seen = capture(
         keys,
         batch,
@@ -192,6 +196,8 @@ def captured(plan: Plan, keys: Key[Array, " b"], batch: SceneBatch) -> Captured:
         preset.projector_baseline,
         preset.depth_scale_mm / 1e3,
         plan.manifest.normals,
+        drawn.bounces,
+        drawn.samples,
     )
     return jax.tree.map(np.asarray, seen)
 
@@ -215,6 +221,7 @@ def _image(
         reading=own.reading,
         clean=own.clean,
         normal=own.normal,
+        color=own.color,
         visible=own.index == each,
         silhouettes=own.silhouette[:count],
         whole_counts=own.whole_count[:count],

@@ -6,6 +6,7 @@ import collections
 import dataclasses
 from typing import Any, Literal, get_args
 
+from data_synth.appearance import Appearance
 from data_synth.catalogue import MAX_OBJECTS
 from data_synth.distribution import (
     Choice,
@@ -117,6 +118,7 @@ class Preset:
         depth_scale_mm: Millimeters a unit of depth files; 65535 of them are the
             farthest reading.
         rules: When a scene is rejected.
+        appearance: Materials and lights of images in color; None for no such images.
     """
 
     sentence: str
@@ -139,6 +141,7 @@ class Preset:
     touching: float = 0.0
     depth_scale_mm: float = 0.1
     rules: Rules = Rules()
+    appearance: Appearance | None = None
 
     def __post_init__(self) -> None:
         for name in ("count", "clutter"):
@@ -167,6 +170,11 @@ class Preset:
             raise ValueError(
                 "placement must not be around where there are scenery and things in "
                 "contact"
+            )
+        samples = 1 if self.appearance is None else self.appearance.samples
+        if samples > 1 and self.camera.distortion is not None:
+            raise ValueError(
+                f"samples must be 1 for cameras with a lens, got {samples}"
             )
         for name in ("radius", "aspect", "distance", "depth_scale_mm"):
             value = getattr(self, name)
@@ -245,7 +253,7 @@ def _from_record(record: Any) -> Any:
 RECORD_KINDS = {
     kind.__name__: kind
     for kind in (
-        *(Preset, CameraDraw, Rules),
+        *(Preset, CameraDraw, Rules, Appearance),
         *(Fixed, Uniform, LogUniform, Whole, Choice),
         *SCENERY,
     )

@@ -5,6 +5,7 @@ __all__ = ["PRESETS", "preset_named"]
 from pathlib import Path
 from typing import Any
 
+from data_synth.appearance import Appearance
 from data_synth.distribution import Choice, Fixed, LogUniform, Uniform, Whole
 from data_synth.preset import CameraDraw, Preset, Rules
 from data_synth.scenery import (
@@ -55,6 +56,21 @@ TABLE: dict[str, Any] = {
     "rules": Rules(visible_fraction=0.1),
 }
 """Of the presets of many things on a table: where it is, and what reads it."""
+
+MIXED: dict[str, Any] = {
+    "count": Whole(2, 5),
+    "radius": LogUniform(0.025, 0.055),
+    "aspect": Uniform(1.3, 4.0),
+    "placement": ("standing", "lying", "stacked"),
+    "scenery": (
+        Boxes(count=Whole(0, 2), edge=LogUniform(0.04, 0.2)),
+        Balls(count=Whole(0, 2), radius=LogUniform(0.02, 0.07)),
+        CUPS,
+        CONES,
+    ),
+    **TABLE,
+}
+"""Of the presets of cans among other things."""
 
 PRESETS = {
     "bench": Preset(
@@ -149,17 +165,13 @@ PRESETS = {
         sentence="Two to five cans on a table before a wall, standing, lying and on "
         "one another, among boxes, balls, cones and cups, a quarter of all put in "
         "contact, read as tabletop_cans.",
-        count=Whole(2, 5),
-        radius=LogUniform(0.025, 0.055),
-        aspect=Uniform(1.3, 4.0),
-        placement=("standing", "lying", "stacked"),
-        scenery=(
-            Boxes(count=Whole(0, 2), edge=LogUniform(0.04, 0.2)),
-            Balls(count=Whole(0, 2), radius=LogUniform(0.02, 0.07)),
-            CUPS,
-            CONES,
-        ),
-        **TABLE,
+        **MIXED,
+    ),
+    "color_table": Preset(
+        sentence="The scenes of mixed_table, each in color, too: of ten things two "
+        "mirror and one is of glass, under two lamps.",
+        appearance=Appearance(mirrors=0.2, glasses=0.1),
+        **MIXED,
     ),
     "no_cylinders": Preset(
         sentence="No cylinder: boxes, books, balls, cones, cups, hands and bumps on a "

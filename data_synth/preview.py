@@ -8,7 +8,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from jaxtyping import UInt8
+from jaxtyping import Bool, UInt8
 
 from impostor_jax.arguments import whole_number
 from impostor_jax.io.atomic import check_output_file
@@ -27,7 +27,8 @@ def preview(folder: str | Path, output: str | Path, count: int = 12) -> None:
     """Write a contact sheet of the first images of a dataset.
 
     Depth is colored from near, red, to far, blue, over the range of each image;
-    missing readings are black. Each cylinder's visible part has an outline.
+    missing readings are black. Each cylinder's visible part has an outline. Beside it
+    is the image in color, if there is one.
 
     Args:
         folder: Of the dataset.
@@ -58,10 +59,20 @@ def _picture(image: LabeledImage) -> UInt8[np.ndarray, "h w 3"]:
     share = np.clip((far - depth) / max(far - near, 1e-6), 0, 1)
     colors = cv2.applyColorMap((255 * share).astype(np.uint8), cv2.COLORMAP_TURBO)
     colors[~seen] = 0
-    scale = WIDTH / depth.shape[1]
-    height = max(1, round(scale * depth.shape[0]))
+    pictures = [_outlined(colors, image.mask)]
+    if image.color is not None:
+        pictures.append(_outlined(image.color[..., ::-1], image.mask))
+    return np.hstack(pictures)
+
+
+def _outlined(
+    colors: UInt8[np.ndarray, "h w 3"], masks: Bool[np.ndarray, "n h w"]
+) -> UInt8[np.ndarray, "sheet_h sheet_w 3"]:
+    """A picture, as large as on the sheet, with the masks' outlines."""
+    scale = WIDTH / colors.shape[1]
+    height = max(1, round(scale * colors.shape[0]))
     picture = cv2.resize(colors, (WIDTH, height), interpolation=cv2.INTER_AREA)
-    for k, mask in enumerate(image.mask):
+    for k, mask in enumerate(masks):
         small = cv2.resize(
             mask.astype(np.uint8), (WIDTH, height), interpolation=cv2.INTER_NEAREST
         )

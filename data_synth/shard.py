@@ -29,6 +29,7 @@ from data_synth.label import (
 )
 from data_synth.manifest import Manifest
 from impostor_jax.io.atomic import write_text
+from impostor_jax.io.color_image import srgb_levels
 from impostor_jax.io.dataset import MANIFEST
 from impostor_jax.io.depth_image import normal_colors, png_bytes
 from impostor_jax.io.run_lengths import rle_of_mask
@@ -38,6 +39,7 @@ LABELS = {
     "gt": "scene_gt",
     "gt_info": "scene_gt_info",
     "cylinders": "scene_cylinders",
+    "appearance": "scene_appearance",
 }
 """Name of a label in an archive, and of the file of a scene's."""
 
@@ -108,12 +110,14 @@ def _plan(folder: str, text: str) -> Plan:
 
 
 def _pictures(image: Image, manifest: Manifest) -> dict[str, bytes]:
-    """Files of depths and normals, by their names in an archive or their folders."""
+    """Files of the pictures, by their names in an archive or their folders."""
     pictures = {"depth": image.reading}
     if manifest.clean:
         pictures["depth_clean"] = image.clean
     if image.normal is not None:
         pictures["normal"] = normal_colors(image.normal)
+    if image.color is not None:
+        pictures["rgb"] = srgb_levels(image.color)
     return {name: png_bytes(values) for name, values in pictures.items()}
 
 
@@ -126,7 +130,7 @@ def _labels(image: Image, manifest: Manifest) -> dict[str, Any]:
     """Records of one image, by their names in an archive."""
     with_scenery = bool(manifest.preset.scenery)
     cylinders = cylinders_label(image.scene, image.camera, with_scenery)
-    return {
+    labels = {
         "camera": camera_label(image.camera, manifest.preset.depth_scale_mm),
         "gt": pose_labels(image.scene),
         "gt_info": visibility_labels(
@@ -138,13 +142,17 @@ def _labels(image: Image, manifest: Manifest) -> dict[str, Any]:
         ),
         "cylinders": {**cylinders, "image": image.number, "rejected": image.rejected},
     }
+    if image.scene.look is not None:
+        labels["appearance"] = dataclasses.asdict(image.scene.look)
+    return labels
 
 
 def _write_scene(
     path: Path, manifest: Manifest, made: Iterator[Image], clock: Clock
 ) -> dict[str, str]:
     """Write a scene's folder; returns the checksum of each file."""
-    records: dict[str, dict[str, Any]] = {name: {} for name in LABELS}
+    records: collections.defaultdict[str, dict[str, Any]]
+    records = collections.defaultdict(dict)
     sums: dict[str, str] = {}
 
     def write(name: str, data: bytes) -> None:

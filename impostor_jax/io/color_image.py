@@ -1,15 +1,17 @@
 """Pictures as files: linear light as it is, and in the sRGB of screens."""
 
-__all__ = ["srgb", "write_linear", "write_picture"]
+__all__ = ["read_picture", "srgb", "srgb_levels", "write_linear", "write_picture"]
 
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, UInt8
 
 from impostor_jax.io.atomic import write_atomically
 from impostor_jax.io.depth_image import write_image
+from impostor_jax.io.image_file import Size
 
 
 def srgb(linear: Any) -> Float[np.ndarray, "..."]:
@@ -24,6 +26,34 @@ def srgb(linear: Any) -> Float[np.ndarray, "..."]:
     )
 
 
+def srgb_levels(linear: Any) -> UInt8[np.ndarray, "h w 3"]:
+    """Blue, green and red in sRGB, as OpenCV writes them, of linear (H, W, 3)."""
+    levels = np.rint(255 * srgb(linear)).astype(np.uint8)
+    return np.ascontiguousarray(levels[..., ::-1])
+
+
+def read_picture(data: bytes, what: str, size: Size) -> UInt8[np.ndarray, "h w 3"]:
+    """Red, green and blue of a picture of 8 bits a channel, as they are in its file.
+
+    Args:
+        data: Of the file.
+        what: Names it in errors.
+        size: Rows and columns that it must have.
+
+    Raises:
+        ValueError: It is no picture, or of another size.
+    """
+    coded = np.frombuffer(data, np.uint8)
+    picture = cv2.imdecode(coded, cv2.IMREAD_COLOR) if coded.size else None
+    if picture is None:
+        raise ValueError(f"{what} is not a readable picture")
+    if picture.shape[:2] != size:
+        raise ValueError(
+            f"{what} must have the camera's shape {size}, got {picture.shape[:2]}"
+        )
+    return np.ascontiguousarray(picture[..., ::-1])
+
+
 def write_picture(path: Path, linear: Any) -> None:
     """Write a picture of 8 bits a channel, in sRGB.
 
@@ -31,9 +61,7 @@ def write_picture(path: Path, linear: Any) -> None:
         path: File name.
         linear: (H, W, 3), linear red, green and blue.
     """
-    # OpenCV writes blue first.
-    levels = np.rint(255 * srgb(linear)).astype(np.uint8)
-    write_image(path, np.ascontiguousarray(levels[..., ::-1]))
+    write_image(path, srgb_levels(linear))
 
 
 def write_linear(path: Path, linear: Any) -> None:

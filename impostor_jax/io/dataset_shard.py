@@ -14,11 +14,12 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, UInt8
 
 from impostor_jax.arguments import real_number
 from impostor_jax.camera.pinhole import PinholeCamera
 from impostor_jax.io.camera_file import camera_from_record
+from impostor_jax.io.color_image import read_picture
 from impostor_jax.io.depth_image import depth_of_png, read_depth, read_mask
 from impostor_jax.io.input_file import require_file
 from impostor_jax.io.json_file import json_value, read_json_object
@@ -41,6 +42,7 @@ class LabeledImage(NamedTuple):
         visible_fraction: Of each shape's silhouette in an image with a margin of its
             own size on every side, the part that is seen.
         key: Number of the scene and of the image in it, as `000000_000012`.
+        color: Red, green and blue in sRGB; None if the dataset has no color.
     """
 
     depth: Float[np.ndarray, "h w"]
@@ -49,6 +51,7 @@ class LabeledImage(NamedTuple):
     shapes: AbstractPrimitive
     visible_fraction: Float[np.ndarray, " n"]
     key: str
+    color: UInt8[np.ndarray, "h w 3"] | None = None
 
     @property
     def cylinders(self) -> Cylinder:
@@ -90,7 +93,12 @@ class ShardFolder:
             read_mask(folder / "mask_visib" / f"{name}_{k:06d}.png", size)
             for k in range(label.num_cylinders)
         ]
-        return label.image(depth, masks, f"{folder.name}_{name}")
+        path, color = folder / "rgb" / f"{name}.png", None
+        if path.parent.is_dir():
+            what = f"color image {str(path)!r}"
+            require_file(path, what)
+            color = read_picture(path.read_bytes(), what, size)
+        return label.image(depth, masks, color, f"{folder.name}_{name}")
 
 
 class ShardArchive:
@@ -134,7 +142,11 @@ class ShardArchive:
         depth = depth_of_png(
             self._read(key, "depth.png"), label.scale_m, f"depth image of {what}", size
         )
-        return label.image(depth, decoded, key)
+        color = None
+        if "rgb.png" in self._images[key]:
+            what = f"color image of {what}"
+            color = read_picture(self._read(key, "rgb.png"), what, size)
+        return label.image(depth, decoded, color, key)
 
     def _read(self, key: str, part: str) -> bytes:
         try:
@@ -200,6 +212,7 @@ class _Label(NamedTuple):
         self,
         depth: Float[np.ndarray, "h w"],
         masks: list[Bool[np.ndarray, "h w"]],
+        color: UInt8[np.ndarray, "h w 3"] | None,
         key: str,
     ) -> LabeledImage:
         """The image with these labels."""
@@ -210,6 +223,7 @@ class _Label(NamedTuple):
             self.cylinders,
             self.visible_fraction,
             key,
+            color,
         )
 
 
