@@ -11,7 +11,7 @@ from matplotlib.ticker import LogLocator, NullFormatter
 from experiments.markdown import number, percent, table
 from experiments.recording import Results
 from experiments.speed_accuracy.scenes import DIFFICULTIES, SHAPES
-from experiments.speed_accuracy.settings import FITS, RENDERS
+from experiments.speed_accuracy.settings import FITS, RENDERS, TRACES
 from impostor_jax.effort import EFFORTS
 
 MOST_LOST = 0.05
@@ -54,9 +54,15 @@ RENDER_COLUMNS = {
     "coverage.rms": "coverage error, RMS of edges",
 }
 
+TRACE_COLUMNS = {
+    "time": "time, ms",
+    "time_over_balanced": "over balanced",
+    "rmse": "RMS error",
+}
+
 
 def tables(results: Results) -> str:
-    """Fits by difficulty, memory, renders by shape, and a sentence for each dial."""
+    """Fits by difficulty, memory, renders, pictures, and a sentence for each dial."""
     values, blocks = results.values, []
     for name in DIFFICULTIES:
         best, rows = front(fit_points(values, name)), []
@@ -80,6 +86,12 @@ def tables(results: Results) -> str:
                 numbers = (number(values[f"{label}.{q}"]) for q in RENDER_COLUMNS)
                 rows.append([setting, *numbers])
         blocks.append(table([shape, *RENDER_COLUMNS.values()], rows))
+    rows = [
+        [setting, *(number(values[f"trace.{setting}.{q}"]) for q in TRACE_COLUMNS)]
+        for setting in TRACES
+        if f"trace.{setting}.rmse" in values
+    ]
+    blocks.append(table(["traced picture", *TRACE_COLUMNS.values()], rows))
     return "\n\n".join([*blocks, "\n".join(sentences(values))]).rstrip()
 
 

@@ -25,9 +25,10 @@ from experiments.speed_accuracy.scenes import (
     DIFFICULTIES,
     SHAPES,
     Images,
+    cans_and_mirror,
     make_images,
 )
-from experiments.speed_accuracy.settings import FITS, RENDERS
+from experiments.speed_accuracy.settings import FITS, MANY, RENDERS, TRACES, Traced
 from experiments.timing import in_new_process, sample, time_in_turns
 from impostor_jax.effort import Effort
 
@@ -53,11 +54,12 @@ class Config:
 
 
 def measure(config: Config) -> Iterator[Metric]:
-    """Measure each setting of fits, then of renders."""
+    """Measure each setting of fits, of renders, and of traced pictures."""
     fits, renders, difficulties = list(FITS), list(RENDERS), list(DIFFICULTIES)
+    traces = list(TRACES)
     if config.run.quick:
         fits, renders = ["balanced"], ["balanced", "samples=2"]
-        difficulties = ["easy"]
+        difficulties, traces = ["easy"], ["balanced"]
     with tempfile.TemporaryDirectory() as scratch:
         images = {name: make_images(name, config.images) for name in difficulties}
         for name, drawn in images.items():
@@ -66,6 +68,7 @@ def measure(config: Config) -> Iterator[Metric]:
             yield from fit_metrics(setting, images, Path(scratch), config.timed)
     for shape in SHAPES:
         yield from render_metrics(shape, renders, config.repeats)
+    yield from trace_metrics(traces, config.repeats)
 
 
 def fit_metrics(
@@ -153,6 +156,30 @@ def render_metrics(shape: str, settings: list[str], repeats: int) -> Iterator[Me
         value = float(np.sqrt(np.mean(off**2))) if edge.any() else None
         n = int(edge.sum())
         yield Metric(f"{label}.coverage.rms", value, None, "part", "lower", n)
+
+
+def trace_metrics(settings: list[str], repeats: int) -> Iterator[Metric]:
+    """Times of a traced picture, in turns, and its errors beside 16x16 rays a pixel."""
+    lit = cans_and_mirror()
+
+    def picture(how: Traced) -> jax.Array:
+        return ij.trace(
+            lit.scene, CAMERA, lit.lights, lit.materials, lit.background,
+            effort=how.effort, edges=how.edges,
+        )  # fmt: skip
+
+    calls: dict[str, Callable[[], object]] = {
+        name: lambda how=TRACES[name]: picture(how) for name in settings
+    }
+    timings = time_in_turns(calls, repeats, warm_up=1)
+    true = np.asarray(picture(MANY if len(settings) > 1 else TRACES["balanced"]), float)
+    for name in settings:
+        label, ms = f"trace.{name}", timings[name].ms
+        yield sample(f"{label}.time", ms, "ms")
+        yield sample(f"{label}.time_over_balanced", ms / timings["balanced"].ms, "1")
+        error = np.asarray(picture(TRACES[name]), float) - true
+        value = float(np.sqrt(np.mean(error**2)))
+        yield Metric(f"{label}.rmse", value, None, "1", "lower", error.size)
 
 
 if __name__ == "__main__":

@@ -1,10 +1,10 @@
 """Images of three difficulties, and shapes to render."""
 
-__all__ = ["DIFFICULTIES", "SHAPES", "Images", "make_images"]
+__all__ = ["DIFFICULTIES", "SHAPES", "Images", "Lit", "cans_and_mirror", "make_images"]
 
 import dataclasses
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -29,6 +29,33 @@ SHAPES: dict[str, Callable[[], ij.Cylinder]] = {
 }
 """A can that covers 1.5 % of the image, a rod 1.8 pixels wide, and a pipe that is seen
 from inside, all over the image."""
+
+
+class Lit(NamedTuple):
+    """What `ij.trace` takes beside a camera."""
+
+    scene: ij.Scene
+    lights: list[Any]
+    materials: list[ij.Material]
+    background: tuple[float, float, float]
+
+
+def cans_and_mirror() -> Lit:
+    """Two cans and a mirroring ball on a floor, under a lamp."""
+    shapes = [
+        ij.Plane((0.0, 0.2, 0.0), (0.0, -1.0, 0.0)),
+        ij.Cylinder((-0.15, 0.1, 0.9), (0.0, 1.0, 0.0), 0.06, 0.2),
+        ij.Cylinder((0.15, 0.15, 0.8), (1.0, 0.0, 0.4), 0.05, 0.2),
+        ij.Sphere((0.02, 0.12, 1.0), 0.08),
+    ]
+    materials = [
+        ij.Material((0.7, 0.65, 0.6)),
+        ij.Material((0.8, 0.2, 0.15), 30.0),
+        ij.Material((0.2, 0.4, 0.8), 80.0),
+        ij.Material((0.9, 0.9, 0.9), 100.0, 0.6),
+    ]
+    lights = [ij.AmbientLight(0.15), ij.PointLight((0.6, -0.9, 0.3), 0.8)]
+    return Lit(ij.Scene(shapes), lights, materials, (0.4, 0.5, 0.6))
 
 
 @dataclasses.dataclass(frozen=True)

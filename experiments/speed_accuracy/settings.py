@@ -1,9 +1,9 @@
 """Settings that are compared: the presets, and each dial turned from the default."""
 
-__all__ = ["FITS", "RENDERS"]
+__all__ = ["FITS", "MANY", "RENDERS", "TRACES", "Traced"]
 
 import dataclasses
-from typing import Any
+from typing import Any, NamedTuple
 
 from impostor_jax.effort import EFFORTS, Effort
 
@@ -40,3 +40,34 @@ FITS = _turned(FIT_DIALS)
 
 RENDERS = _turned(RENDER_DIALS)
 """Of renders, by name."""
+
+
+class Traced(NamedTuple):
+    """How a picture is traced.
+
+    Attributes:
+        effort: Dials.
+        edges: As `ij.trace` takes them.
+    """
+
+    effort: Effort
+    edges: str = "hard"
+
+
+TRACES = {
+    "balanced": Traced(Effort()),
+    "precision=float64": Traced(Effort(precision="float64")),
+    "spacing=2": Traced(Effort(spacing=2)),
+    "spacing=4": Traced(Effort(spacing=4)),
+    "samples=2": Traced(Effort(samples=2)),
+    "samples=3": Traced(Effort(samples=3)),
+    "samples=4": Traced(Effort(samples=4)),
+    "samples=4, adaptive=False": Traced(Effort(samples=4, adaptive=False)),
+    "samples=4, spacing=2": Traced(Effort(samples=4, spacing=2)),
+    "edges=area": Traced(Effort(), "area"),
+    "samples=2, edges=area": Traced(Effort(samples=2), "area"),
+}
+"""Of traced pictures, by name."""
+
+MANY = Traced(Effort(samples=16, adaptive=False))
+"""What they are compared with."""
