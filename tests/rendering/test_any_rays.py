@@ -51,7 +51,12 @@ def alone(shapes, ray):
     return np.stack(found)
 
 
-@pytest.mark.parametrize("many", [128, 1], ids=["one by one", "in boxes"])
+@pytest.mark.parametrize(
+    ("many", "dtype"),
+    [(128, "float64"), (1, "float32")],
+    ids=["one by one", "in boxes"],
+    indirect=["dtype"],
+)
 def test_first_surface_is_that_of_the_nearest_shape(many, dtype, monkeypatch):
     monkeypatch.setattr(search, "MANY", many)
     shapes = [*shapes_of(count=30, types=TYPES), wall()]
