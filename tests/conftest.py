@@ -34,6 +34,11 @@ def pytest_addoption(parser):
         "--full", action="store_true", help="run what CI runs: long tests, too"
     )
     parser.addoption(
+        "--release",
+        action="store_true",
+        help="run all: what takes too long for CI, too",
+    )
+    parser.addoption(
         "--optimized", action="store_true", help="let XLA optimize as users' runs do"
     )
 
@@ -91,12 +96,14 @@ def double():
 def pytest_collection_modifyitems(config, items):
     """A process takes a whole file, or what `tests.groups` keeps together: first.
 
-    What is marked as `tests.groups.FULL` is for --full alone.
+    What is marked as in `tests.groups` is left to an option.
     """
-    if not config.getoption("--full"):
-        later = [item for item in items if item.get_closest_marker("full")]
-        config.hook.pytest_deselected(items=later)
-        items[:] = [item for item in items if item not in later]
+    asked = {"release": config.getoption("--release")}
+    asked["full"] = asked["release"] or config.getoption("--full")
+    left_out = [mark for mark, is_asked in asked.items() if not is_asked]
+    later = {item for item in items if any(map(item.get_closest_marker, left_out))}
+    config.hook.pytest_deselected(items=[item for item in items if item in later])
+    items[:] = [item for item in items if item not in later]
 
     def is_grouped(item):
         return item.get_closest_marker("xdist_group") is not None

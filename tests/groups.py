@@ -1,4 +1,4 @@
-"""Marks of tests: what one process runs together, and what is left to --full.
+"""Marks of tests: what one process runs together, and what is left to options.
 
 Tests that share compiled fits go one after the other. Two processes at a time would
 both trace and compile the same fit; the second to begin would find nothing in the
@@ -12,4 +12,7 @@ LARGE_IMAGES = pytest.mark.xdist_group("fits of large images")
 DATASETS = pytest.mark.xdist_group("datasets")
 
 FULL = pytest.mark.full
-"""Only run with --full, which CI gives: long, and of no part of the package alone."""
+"""Only run with --full, which CI gives: long, beside shorter ones of the same part."""
+
+RELEASE = pytest.mark.release
+"""Only run with --release: half of a minute each, for which CI has no time."""

@@ -15,7 +15,7 @@ from tests.calibrate.scenes import (
     image_of,
     images_of,
 )
-from tests.groups import SMALL_IMAGES
+from tests.groups import FULL, SMALL_IMAGES
 
 pytestmark = SMALL_IMAGES
 
@@ -61,6 +61,7 @@ def test_a_sensor_is_its_record_again(twenty):
     assert len(again.bias.fields) == 2
 
 
+@FULL
 def test_independent_noise_has_neither_grain_nor_warp():
     sensor = ij.MatchingWindow(LAW, native_scale=NATIVE_SCALE)
     found = calibration_of(images_of(sensor, 6), CAMERA, native_scale=NATIVE_SCALE)
@@ -80,13 +81,18 @@ def test_independent_noise_has_neither_grain_nor_warp():
             id="noise of light that comes back",
         ),
         pytest.param(
-            "constant", ij.ConstantNoise(0.004), ("deviation",), id="of one size"
+            "constant",
+            ij.ConstantNoise(0.004),
+            ("deviation",),
+            id="of one size",
+            marks=FULL,
         ),
         pytest.param(
             "stereo",
             ij.StereoDisparity(280.0, 0.05, deviation=0.1, step=0.0),
             ("deviation",),
             id="of the disparity",
+            marks=FULL,
         ),
     ],
 )
@@ -98,6 +104,7 @@ def test_other_kinds_have_laws_of_their_own(kind, law, names):
         assert getattr(found.law, name) == pytest.approx(getattr(law, name), rel=0.05)
 
 
+@FULL
 def test_a_warp_larger_than_the_noise_tears_no_planes():
     """Once its crests were cut off as not on the plane, and it came out smaller."""
     sensor = ij.CorrelatedNoise(ij.TimeOfFlight(0.001, 0.0005), 0.006, 20.0, power=0.0)
@@ -108,6 +115,7 @@ def test_a_warp_larger_than_the_noise_tears_no_planes():
     assert np.all(np.abs(off) < 4 * np.array(errors))
 
 
+@FULL
 def test_noise_at_one_distance_grows_as_is_usual():
     wall = [image_of(ij.StructuredLight(0.0036, 0.0057), 0.8, 0.0, 0.5, seed=4)[0]]
     mask = np.zeros((120, 160), bool)
@@ -119,6 +127,7 @@ def test_noise_at_one_distance_grows_as_is_usual():
     assert law.floor == pytest.approx(0.0036, rel=0.1)
 
 
+@FULL
 def test_readings_that_were_smoothed_keep_their_scatter_in_the_law():
     """Of a law without the grain a fit would call a good can a poor fit."""
     smooth = ij.CorrelatedNoise(ij.ConstantNoise(0.0005), 0.003, 3.0, power=0)
@@ -143,21 +152,16 @@ def with_a_can(sensor, count=3):
     return np.stack(images), np.stack(masks)
 
 
-@pytest.mark.parametrize(
-    ("kind", "noise", "law", "mean"),
-    [
-        ("constant", ij.ConstantNoise(0.001), "scale", -0.03),
-        ("structured_light", ij.StructuredLight(0.0006, 0.001), "disparity", 0.04),
-    ],
-)
-def test_the_scale_is_that_of_an_object_of_known_size(kind, noise, law, mean):
-    truth = ij.ScaleError(noise, 0.0, mean, law)
-    images, objects = with_a_can(truth)
+@FULL
+def test_the_scale_is_that_of_an_object_of_known_size():
+    mean = 0.04
+    noise = ij.StructuredLight(0.0006, 0.001)
+    images, objects = with_a_can(ij.ScaleError(noise, 0.0, mean, "disparity"))
     found = calibration_of(
-        images, CAMERA, kind=kind, objects=objects, radius=RADIUS,
+        images, CAMERA, kind="structured_light", objects=objects, radius=RADIUS,
         native_scale=NATIVE_SCALE,
     )  # fmt: skip
-    assert found.sensor.law == law
+    assert found.sensor.law == "disparity"
     assert found.scale.number == 3
     # What so few do not tell is in the deviation, which is small nevertheless.
     assert abs(found.sensor.mean - mean) < 2 * found.sensor.deviation

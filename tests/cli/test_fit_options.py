@@ -135,7 +135,7 @@ def test_what_is_fixed_keeps_its_value_in_the_start(fit, folder):
     assert record["std"]["height_m"] == 0
 
 
-@pytest.mark.parametrize("sensor", ["structured_light", "stereo_camera", "sensor.json"])
+@pytest.mark.parametrize("sensor", ["structured_light", "sensor.json"])
 def test_a_sensor_is_a_name_or_a_file(fit, folder, sensor):
     record = {"type": "constant", "deviation": 0.001}
     (folder / "sensor.json").write_text(json.dumps(record))

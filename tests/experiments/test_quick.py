@@ -11,7 +11,7 @@ import pytest
 
 from experiments.markdown import tables_of
 from experiments.recording import Results
-from tests.groups import FULL, LARGE_IMAGES, SMALL_IMAGES
+from tests.groups import LARGE_IMAGES, RELEASE, SMALL_IMAGES
 
 ROOT = Path(__file__).parents[2]
 EXPERIMENTS = sorted(path.parent.name for path in ROOT.glob("experiments/*/run.py"))
@@ -22,6 +22,7 @@ SMALL = ("fit_speed", "synthetic_benchmark")
 LONG = (
     "find_accuracy",
     "mask_errors",
+    "random_scenes",
     "ray_tracing",
     "real_images",
     "render_speed",
@@ -29,12 +30,12 @@ LONG = (
     "speed_accuracy",
     "synthetic_benchmark",
 )
-"""Those that take 9 to 24 seconds; the others take 19 together."""
+"""Those that take 9 to 24 seconds; the others take 25 together."""
 
 
 def marks_of(name):
     group = SMALL_IMAGES if name in SMALL else LARGE_IMAGES
-    return (group, FULL) if name in LONG else (group,)
+    return (group, RELEASE) if name in LONG else (group,)
 
 
 @pytest.mark.parametrize(

@@ -14,7 +14,7 @@ from impostor_jax.geometry.so3 import tangent_basis
 from tests.cases import pose
 from tests.checks import all_finite, angle_between
 from tests.fit.scenes import CAMERA, SIGMA, can, image
-from tests.groups import FULL, SMALL_IMAGES
+from tests.groups import RELEASE, SMALL_IMAGES
 
 pytestmark = SMALL_IMAGES
 
@@ -558,7 +558,7 @@ def test_derivatives_of_the_radius_are_those_of_finite_differences():
     assert float(by_focal) == pytest.approx(float(numeric), rel=1e-3)
 
 
-@FULL
+@RELEASE
 @pytest.mark.parametrize(("seed", "is_alone"), [(100292, True), (100922, False)])
 def test_rod_whose_near_end_shows_in_a_corner_is_recovered(seed, is_alone):
     """4 % of the readings are the end's, and a fit first leaves them out."""

@@ -8,9 +8,9 @@ import pytest
 
 import impostor_jax as ij
 from tests.fit.scenes import CAMERA, SIGMA, can, image
-from tests.groups import SMALL_IMAGES
+from tests.groups import FULL, SMALL_IMAGES
 
-pytestmark = SMALL_IMAGES
+pytestmark = [SMALL_IMAGES, FULL]
 
 NOISE = ij.ConstantNoise(SIGMA)
 SCALED = ij.ScaleError(NOISE, deviation=0.02)

@@ -14,8 +14,10 @@ from tests.groups import FULL
 
 pytest.importorskip("moderngl")
 
-# Of each kind one, some of them near the camera. With --full llvmpipe draws all that
-# are in perspective: `impostor-jax parity` draws the rest, whose shapes are the same.
+pytestmark = FULL
+
+# Of each kind one, some of them near the camera. With --release llvmpipe draws all, as
+# `impostor-jax parity` does.
 SOME = {
     "perspective": (
         "oblique", "near, reaching behind", "sphere, distance 2", "inside a sphere",
@@ -31,8 +33,7 @@ BROKEN = ("perspective/oblique", "perspective/radius 0.01")
 ROOT = Path(__file__).parents[2]
 
 # Commands one after the other in one process, for which JAX draws what they share once.
-# Mesa takes one driver in a process; softpipe, which runs the shaders that llvmpipe
-# compiles, takes one with --full.
+# Mesa takes one driver in a process.
 TOGETHER = ("llvmpipe", "webgl", "published", "unknown")
 COMMANDS = """
 import contextlib, json, sys
@@ -55,16 +56,13 @@ for name, arguments in commands.items():
 def chosen(pytestconfig):
     """Patterns of the cases that each driver draws."""
     patterns = dict.fromkeys(("llvmpipe", "softpipe", "webgl"), CORE)
-    if pytestconfig.getoption("--full"):
-        shown = [
-            case.name for case in select("perspective") if "/traced" not in case.name
-        ]
-        patterns["llvmpipe"] = (*shown, *CORE)
+    if pytestconfig.getoption("--release"):
+        patterns["llvmpipe"] = tuple(case.name for case in select())
     return patterns
 
 
 @pytest.fixture(scope="module")
-def ended(chosen, tmp_path_factory, pytestconfig):
+def ended(chosen, tmp_path_factory):
     """Exit code, standard error and folder of each command, as users type it."""
     folder = tmp_path_factory.mktemp("parity")
     commands = {
@@ -75,8 +73,7 @@ def ended(chosen, tmp_path_factory, pytestconfig):
     commands["unknown"] = ["--cases", "cone"]
     # Rounding errors are promised of the code that users get, not of conftest's.
     settings = {k: v for k, v in os.environ.items() if k != "XLA_FLAGS"}
-    is_full = pytestconfig.getoption("--full")
-    for names in (TOGETHER, ("softpipe",)) if is_full else (TOGETHER,):
+    for names in (TOGETHER, ("softpipe",)):
         mine = json.dumps({name: commands[name] for name in names})
         program = [sys.executable, "-c", COMMANDS, str(folder), mine]
         subprocess.run(program, cwd=ROOT, env=settings, check=True)
@@ -95,9 +92,7 @@ def record_of(folder):
     return json.loads((folder / "parity.json").read_text())
 
 
-@pytest.mark.parametrize(
-    "driver", ["llvmpipe", pytest.param("softpipe", marks=FULL), "webgl"]
-)
+@pytest.mark.parametrize("driver", ["llvmpipe", "softpipe", "webgl"])
 def test_jax_and_the_driver_agree_on_every_case(driver, ended, chosen):
     if driver == "webgl":
         pytest.importorskip("playwright")
@@ -107,7 +102,7 @@ def test_jax_and_the_driver_agree_on_every_case(driver, ended, chosen):
     assert (code, errors, broken) == (0, "", [])
     assert record["holds"]
     names = {case.name for case in select(patterns=chosen[driver])}
-    assert len(names) == (16 if chosen[driver] == CORE else 200)
+    assert len(names) == (16 if chosen[driver] == CORE else len(select()))
     assert {case["case"] for case in record["cases"]} == names
     assert all(case["num_hits"] > 20 for case in record["cases"])
     named = {"webgl": "SwiftShader"}.get(driver, driver)

@@ -12,8 +12,11 @@ from impostor_jax.glsl.offscreen import DriverError
 from impostor_jax.glsl.orbit_page import orbit_page
 from impostor_jax.glsl.webgl import WebglRenderer
 from impostor_jax.io.color_image import srgb
+from tests.groups import FULL
 
 pytest.importorskip("playwright")
+
+pytestmark = FULL
 
 CAMERA = ij.PinholeCamera(54.0, 54.0, 31.5, 23.5, width=64, height=48)
 LIGHTS = [ij.AmbientLight(0.2), ij.PointLight((1.0, -2.0, 1.0), (0.9, 0.8, 0.7))]

@@ -18,6 +18,7 @@ from experiments.oracle.extremes import Rays, extreme_rays
 from impostor_jax.numerics import eps
 from impostor_jax.primitives.cylinder import Cylinder
 from tests.checks import all_finite
+from tests.groups import FULL
 
 # What the module of the cylinder promises, in eps.
 DEPTH = 8
@@ -159,6 +160,7 @@ def test_single_precision_keeps_its_promises_over_all_extremes():
     assert np.mean(found.gradient <= GRADIENT) > 0.999
 
 
+@FULL
 @pytest.mark.usefixtures("double")
 def test_double_precision_keeps_its_promise():
     rays = extreme_rays(400, 7, "float64")
@@ -217,6 +219,7 @@ lengths = st.floats(-6, 6).map(lambda x: 10.0**x)
 numbers = st.floats(-1, 1)
 
 
+@FULL
 @hypothesis.given(
     scale=lengths,
     distance=st.floats(-6, 6).map(lambda x: 1 + 10.0**x),

@@ -88,16 +88,16 @@ def check_against_oracle(row, found, dtype):
 
 
 def test_depth_keeps_its_promise_over_all_extremes(dtype):
-    rays = extreme_tori(400, 8, dtype)
+    rays = extreme_tori(200, 8, dtype)
     fields = [getattr(rays, name) for name in FIELDS]
     found = in_chunks(cast, *fields)
     told = 0
-    for k in range(400):
+    for k in range(200):
         row = [field[k] for field in fields]
         told += check_against_oracle(
             row, jax.tree.map(lambda x, k=k: x[k], found), dtype
         )
-    assert told > 150
+    assert told > 75
 
 
 def test_derivatives_are_numbers_with_lengths_from_1e_minus_12_to_1e12(dtype):

@@ -14,7 +14,7 @@ from impostor_jax.geometry.vec3 import Vec3
 from impostor_jax.numerics import eps
 from impostor_jax.rendering import search
 from impostor_jax.rendering.hierarchy import hierarchy_of
-from tests.groups import FULL
+from tests.groups import RELEASE
 from tests.rendering.test_scene import shapes_of, wall
 
 TYPES = ("sphere", "cylinder", "box", "frustum", "torus", "triangle")
@@ -95,7 +95,7 @@ def test_textbook_formulas_find_the_same(double):
     np.testing.assert_allclose(normal, facing, atol=1e-9)
 
 
-@pytest.mark.parametrize("shape", [(), (0,), (1,), (3, 4, 5)])
+@pytest.mark.parametrize("shape", [(), (0,), (3, 4, 5)])
 def test_rays_have_any_shape(shape):
     scene, ray = ij.Scene(shapes_of()), any_rays(shape)
     hit = scene.intersect(ray)
@@ -202,7 +202,7 @@ def test_boxes_nest_and_hold_their_shapes():
 
 
 # Half a minute, nearly all for every ball and every ray in numpy.
-@FULL
+@RELEASE
 def test_boxes_lose_no_ray():
     rng = np.random.default_rng(0)
     count, rays = 10_000, 20_000

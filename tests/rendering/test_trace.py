@@ -14,7 +14,7 @@ from impostor_jax.rendering import paths
 from impostor_jax.rendering.trace import _traced
 from tests.cases import TURNED
 from tests.checks import all_finite
-from tests.groups import FULL
+from tests.groups import RELEASE
 
 UPRIGHT = ij.RigidTransform(np.diag([-1.0, -1.0, 1.0]), (0.0, 0.0, 0.0))
 """Of a camera in a world whose y is up."""
@@ -185,8 +185,8 @@ def tangents_of(tree, seed):
     "make",
     [
         pytest.param(known_scene, id="known"),
-        # 45 seconds, nearly all to compile.
-        pytest.param(glass_scene, id="glass", marks=FULL),
+        # Half a minute, nearly all to compile.
+        pytest.param(glass_scene, id="glass", marks=RELEASE),
     ],
 )
 def test_gradient_is_that_of_differences(make, double):
