@@ -198,7 +198,7 @@ def _traced(
         seen = color_of(world, ray, cast, depth)
         return jax.tree.map(lambda x: x.reshape(len(places), -1), seen)
 
-    if edges == "hard":
+    if edges == "hard" and (sampling.samples == 1 or not sampling.adaptive):
         return picture_of(see, row, col, sampling).stack()
 
     def see_sides(
@@ -216,7 +216,8 @@ def _traced(
 
     # One pixel more on each side, with which those at the border are compared.
     row, col = _framed(row, stride, 0), _framed(col, stride, 1)
-    color = picture_of(see, row, col, sampling, see_sides)
+    sides = see_sides if edges == "area" else None
+    color = picture_of(see, row, col, sampling, sides)
     return color.stack()[1:-1, 1:-1]
 
 
