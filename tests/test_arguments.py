@@ -83,6 +83,14 @@ for call in (
     lambda: ij.fit_cylinder(depth, camera, prior=[("radius", 0.04, 0.001)]),
     lambda: ij.fit_cylinders(depth[None], camera, prior=["radius"]),
     lambda: ij.fit_cylinder(depth, camera, prior="radius"),
+    lambda: ij.trace([can], camera, []),
+    lambda: ij.trace(can, "kinect", []),
+    lambda: ij.trace(can, camera, ij.AmbientLight(1.0)),
+    lambda: ij.trace(can, camera, ["lamp"]),
+    lambda: ij.trace(can, camera, [], "red"),
+    lambda: ij.trace(can, camera, [], depth=1.5),
+    lambda: ij.trace(can, camera, [], background="sky"),
+    lambda: ij.trace(can, camera, [], effort=3),
 ):
     try:
         call()
@@ -102,6 +110,14 @@ for call in (
         prior + "[('radius', 0.04, 0.001)]",
         prior + "['radius']",
         prior + "'radius'",
+        "scene must be an ij.Scene or a shape, got list",
+        "camera must be a PinholeCamera or an OrthographicCamera, got str",
+        "lights must be a sequence of lights, got AmbientLight",
+        "lights must be lights, such as ij.PointLight, got 'lamp'",
+        "materials must be ij.Material, got str",
+        "depth must be a whole number from 0 to 16 bounces, got 1.5",
+        "background must be numbers of shape (3,), got <U3 of shape ()",
+        "effort must be an Effort or one of fast, balanced, exact, got 3",
     ]
 
 
