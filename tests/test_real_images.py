@@ -8,7 +8,7 @@ import pytest
 import impostor_jax as ij
 from impostor_jax.io.camera_file import read_camera
 from impostor_jax.io.depth_image import read_depth, read_mask
-from tests.groups import LARGE_IMAGES
+from tests.groups import LARGE_IMAGES, RELEASE
 
 DATA = os.environ.get("IMPOSTOR_DATA")
 # The sensor's own pixels are 1.88 of the color image's, to which depth was warped.
@@ -35,6 +35,7 @@ if DATA is not None:
         )
 
     @LARGE_IMAGES
+    @RELEASE
     def test_real_can_is_fitted_within_4_mm_of_its_radius():
         folder, depth, mask, _, radius = CASES[0]
         fit = fitted(folder, depth, mask)

@@ -15,7 +15,7 @@ from tests.calibrate.scenes import (
     image_of,
     images_of,
 )
-from tests.groups import FULL, SMALL_IMAGES
+from tests.groups import FULL, RELEASE, SMALL_IMAGES
 
 pytestmark = SMALL_IMAGES
 
@@ -61,7 +61,7 @@ def test_a_sensor_is_its_record_again(twenty):
     assert len(again.bias.fields) == 2
 
 
-@FULL
+@RELEASE
 def test_independent_noise_has_neither_grain_nor_warp():
     sensor = ij.MatchingWindow(LAW, native_scale=NATIVE_SCALE)
     found = calibration_of(images_of(sensor, 6), CAMERA, native_scale=NATIVE_SCALE)
@@ -85,14 +85,14 @@ def test_independent_noise_has_neither_grain_nor_warp():
             ij.ConstantNoise(0.004),
             ("deviation",),
             id="of one size",
-            marks=FULL,
+            marks=RELEASE,
         ),
         pytest.param(
             "stereo",
             ij.StereoDisparity(280.0, 0.05, deviation=0.1, step=0.0),
             ("deviation",),
             id="of the disparity",
-            marks=FULL,
+            marks=RELEASE,
         ),
     ],
 )
@@ -104,7 +104,7 @@ def test_other_kinds_have_laws_of_their_own(kind, law, names):
         assert getattr(found.law, name) == pytest.approx(getattr(law, name), rel=0.05)
 
 
-@FULL
+@RELEASE
 def test_a_warp_larger_than_the_noise_tears_no_planes():
     """Once its crests were cut off as not on the plane, and it came out smaller."""
     sensor = ij.CorrelatedNoise(ij.TimeOfFlight(0.001, 0.0005), 0.006, 20.0, power=0.0)

@@ -37,7 +37,7 @@ def test_describe_lists_the_presets(call, capsys):
     lines = capsys.readouterr().out.splitlines()
     assert [line.partition(":")[0] for line in lines] == [
         "bench", "tabletop_cans", "pipes", "tree_trunks", "inside_pipe", "hard",
-        "mixed_table", "no_cylinders",
+        "mixed_table", "color_table", "no_cylinders",
     ]  # fmt: skip
 
 

@@ -8,7 +8,7 @@ import pytest
 
 import impostor_jax as ij
 from tests.fit.scenes import CAMERA, SIGMA, can, image
-from tests.groups import FULL, SMALL_IMAGES
+from tests.groups import FULL, RELEASE, SMALL_IMAGES
 
 pytestmark = [SMALL_IMAGES, FULL]
 
@@ -41,6 +41,7 @@ def test_an_error_of_scale_that_is_none_changes_nothing():
     np.testing.assert_allclose(scaled.std.radius, plain.std.radius, rtol=1e-3)
 
 
+@RELEASE
 def test_an_offset_of_the_disparity_bends_what_is_deep():
     law = {"deviation": 0.02 / 0.35, "law": "disparity"}
     fit = fitted(ij.ScaleError(NOISE, **law))
@@ -128,6 +129,7 @@ def test_a_sensor_that_shifts_outlines_says_so_of_them():
     assert shifted.std.radius > plain.std.radius
 
 
+@RELEASE
 def test_other_shapes_have_a_scale():
     depth, mask = image()
     frustum = ij.fit_frustum(depth, CAMERA, mask, SCALED)

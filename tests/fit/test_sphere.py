@@ -7,7 +7,7 @@ import impostor_jax as ij
 from tests.cases import pose
 from tests.checks import QUICKLY
 from tests.fit.scenes import CAMERA, SIGMA, image_of
-from tests.groups import SMALL_IMAGES
+from tests.groups import RELEASE, SMALL_IMAGES
 
 pytestmark = SMALL_IMAGES
 
@@ -93,6 +93,7 @@ def test_a_plane_is_no_sphere():
     assert np.isinf(fit.std.radius)
 
 
+@RELEASE
 def test_derivatives_are_those_of_finite_differences():
     depth, mask = image_of(ball())
 

@@ -59,7 +59,9 @@ def alone(shapes, ray):
 )
 def test_first_surface_is_that_of_the_nearest_shape(many, dtype, monkeypatch):
     monkeypatch.setattr(search, "MANY", many)
-    shapes = [*shapes_of(count=30, types=TYPES), wall()]
+    # All types in one search: in the other, whose boxes are the same, half of them.
+    types = TYPES if many > 1 else TYPES[::2]
+    shapes = [*shapes_of(count=30, types=types), wall()]
     scene, ray = ij.Scene(shapes), any_rays()
     each = alone(shapes, ray)
     hit = scene.intersect(ray)
@@ -97,7 +99,7 @@ def test_textbook_formulas_find_the_same(double):
 
 @pytest.mark.parametrize("shape", [(), (0,), (3, 4, 5)])
 def test_rays_have_any_shape(shape):
-    scene, ray = ij.Scene(shapes_of()), any_rays(shape)
+    scene, ray = ij.Scene(shapes_of(types=TYPES[:2])), any_rays(shape)
     hit = scene.intersect(ray)
     normal, dark = scene.normal(ray, hit), scene.occluded(ray)
     assert hit.t.shape == hit.index.shape == normal.x.shape == dark.shape == shape
