@@ -9,7 +9,7 @@ import pytest
 CACHE = Path(__file__).parent.parent / ".pytest_cache" / "jax"
 # Compile time rules the suite; the command-line tests' processes share the cache too.
 os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(CACHE))
-os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0")
+os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.05")
 
 import hypothesis  # noqa: E402
 import jax  # noqa: E402
