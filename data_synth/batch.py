@@ -139,18 +139,18 @@ def _looks(
     for k, scene in scenes.items():
         assert scene.look is not None
         background[k] = scene.look.background
-        for number, light in enumerate(scene.look.lights):
-            intensity[k, number] = light["intensity"]
-            position[k, number] = light.get("position", 0.0)
+        for row, light in enumerate(scene.look.lights):
+            intensity[k, row] = light["intensity"]
+            position[k, row] = light.get("position", 0.0)
         place = 0
-        for kind, number in most.items():
+        for kind, room in most.items():
             first = place
             for arguments, material in _shapes(scene, kind):
                 last = first + _number(kind, arguments)
                 for name in values.keys() & material.keys():
                     arrays[name][k, first:last] = material[name]
                 first = last
-            place += number
+            place += room
     lights = map(jnp.asarray, (intensity, position, background))
     material = Material(**arrays)  # pyright: ignore[reportArgumentType]
     return ShownLook(material, *lights)
