@@ -20,8 +20,10 @@ SMALL = ("fit_speed", "synthetic_benchmark")
 """Those whose quick runs fit images of 160x120."""
 
 LONG = (
+    "extremes",
     "find_accuracy",
     "mask_errors",
+    "published_faults",
     "random_scenes",
     "ray_tracing",
     "real_images",
@@ -30,7 +32,7 @@ LONG = (
     "speed_accuracy",
     "synthetic_benchmark",
 )
-"""Those that take 9 to 24 seconds; the others take 25 together."""
+"""Those that take 6 to 24 seconds; the others take 20 together."""
 
 
 def marks_of(name):
