@@ -15,4 +15,4 @@ FULL = pytest.mark.full
 """Only run with --full, which CI gives: long, beside shorter ones of the same part."""
 
 RELEASE = pytest.mark.release
-"""Only run with --release: half of a minute each, for which CI has no time."""
+"""Only run with --release: what CI has no time for."""
