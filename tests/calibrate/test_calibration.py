@@ -152,7 +152,7 @@ def with_a_can(sensor, count=3):
     return np.stack(images), np.stack(masks)
 
 
-@FULL
+@RELEASE
 def test_the_scale_is_that_of_an_object_of_known_size():
     mean = 0.04
     noise = ij.StructuredLight(0.0006, 0.001)

@@ -22,6 +22,7 @@ SMALL = ("fit_speed", "synthetic_benchmark")
 LONG = (
     "extremes",
     "find_accuracy",
+    "fit_shapes",
     "mask_errors",
     "published_faults",
     "random_scenes",
@@ -32,7 +33,7 @@ LONG = (
     "speed_accuracy",
     "synthetic_benchmark",
 )
-"""Those that take 6 to 24 seconds; the others take 20 together."""
+"""Those that take 5 to 24 seconds; the others take 15 together."""
 
 
 def marks_of(name):

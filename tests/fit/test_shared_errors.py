@@ -114,6 +114,7 @@ def test_deviations_are_those_of_draws_of_a_warp():
     assert fit.std_budget["warp"].radius > 2 * fit.std_budget["noise"].radius
 
 
+@RELEASE
 def test_a_sensor_that_shifts_outlines_says_so_of_them():
     depth, mask = image()
     window = ij.MatchingWindow(NOISE, half_window=2)
@@ -141,6 +142,7 @@ def test_other_shapes_have_a_scale():
     assert float(fit.std_budget["scale"].radius) == pytest.approx(0.001, rel=0.01)
 
 
+@RELEASE
 def test_a_traced_fit_counts_the_same_in():
     depth, mask = image()
     sensor = ij.ScaleError(WARPED, 0.01)

@@ -10,7 +10,7 @@ import pytest
 
 from experiments.published_faults.run import SHADERS
 from impostor_jax.parity.cases import CAMERAS, select
-from tests.groups import FULL
+from tests.groups import FULL, RELEASE
 
 pytest.importorskip("moderngl")
 
@@ -62,7 +62,7 @@ def chosen(pytestconfig):
 
 
 @pytest.fixture(scope="module")
-def ended(chosen, tmp_path_factory):
+def ended(chosen, tmp_path_factory, pytestconfig):
     """Exit code, standard error and folder of each command, as users type it."""
     folder = tmp_path_factory.mktemp("parity")
     commands = {
@@ -73,7 +73,8 @@ def ended(chosen, tmp_path_factory):
     commands["unknown"] = ["--cases", "cone"]
     # Rounding errors are promised of the code that users get, not of conftest's.
     settings = {k: v for k, v in os.environ.items() if k != "XLA_FLAGS"}
-    for names in (TOGETHER, ("softpipe",)):
+    is_release = pytestconfig.getoption("--release")
+    for names in (TOGETHER, ("softpipe",)) if is_release else (TOGETHER,):
         mine = json.dumps({name: commands[name] for name in names})
         program = [sys.executable, "-c", COMMANDS, str(folder), mine]
         subprocess.run(program, cwd=ROOT, env=settings, check=True)
@@ -92,7 +93,9 @@ def record_of(folder):
     return json.loads((folder / "parity.json").read_text())
 
 
-@pytest.mark.parametrize("driver", ["llvmpipe", "softpipe", "webgl"])
+@pytest.mark.parametrize(
+    "driver", ["llvmpipe", pytest.param("softpipe", marks=RELEASE), "webgl"]
+)
 def test_jax_and_the_driver_agree_on_every_case(driver, ended, chosen):
     if driver == "webgl":
         pytest.importorskip("playwright")

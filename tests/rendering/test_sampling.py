@@ -8,7 +8,7 @@ import pytest
 import impostor_jax as ij
 from impostor_jax.geometry.vec3 import Vec3
 from impostor_jax.rendering.sampling import Sampling, picture_of
-from tests.groups import FULL
+from tests.groups import RELEASE
 
 HEIGHT, WIDTH = 21, 30
 EDGE = 12.3
@@ -66,7 +66,7 @@ def test_pixels_between_rays_of_one_trail_take_their_mean(spacing):
     assert asked[0] == grid
 
 
-@pytest.mark.parametrize("edges", ["hard", pytest.param("area", marks=FULL)])
+@pytest.mark.parametrize("edges", ["hard", pytest.param("area", marks=RELEASE)])
 def test_a_tile_is_a_block_of_the_picture(edges):
     # What is beyond its border tells whether a pixel there takes several rays.
     shapes = [ij.Sphere((0.1, 0.0, 2.0), 0.5), ij.Plane((0, 0.4, 0), (0, -1.0, 0))]

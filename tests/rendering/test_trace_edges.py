@@ -45,9 +45,9 @@ def test_picture_is_nearer_to_many_rays_than_four_are():
 
 # An outline of a ball is in `test_vmap_and_jacfwd_agree_with_the_plain_call`; the
 # experiment ray_tracing has all, beside 64x64 rays.
+@RELEASE
 @pytest.mark.parametrize(
-    ("name", "most"),
-    [("ball, shadow", 0.015), pytest.param("can, outline", 0.045, marks=RELEASE)],
+    ("name", "most"), [("ball, shadow", 0.015), ("can, outline", 0.045)]
 )
 def test_gradient_is_that_of_differences(name, most, double):
     seen = SCENES[name]()
