@@ -23,7 +23,7 @@ from tests.data_synth.small import (
     checksums,
     small_dataset,
 )
-from tests.groups import DATASETS
+from tests.groups import DATASETS, RELEASE
 
 pytestmark = DATASETS
 OPTIONS = {"count": COUNT, "seed": SEED, "shard_size": SHARD_SIZE, "normals": True}
@@ -142,7 +142,7 @@ def test_killed_and_resumed_gives_equal_bytes(tmp_path, bop, preset_file):
     assert not list(train.glob(".*"))
 
 
-@pytest.mark.parametrize("seconds", [0.0, 0.5])
+@pytest.mark.parametrize("seconds", [0.0, pytest.param(0.5, marks=RELEASE)])
 def test_an_interrupt_is_one_line_and_the_rest_can_be_made(
     tmp_path, preset_file, seconds
 ):

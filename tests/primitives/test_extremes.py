@@ -18,7 +18,7 @@ from experiments.oracle.extremes import Rays, extreme_rays
 from impostor_jax.numerics import eps
 from impostor_jax.primitives.cylinder import Cylinder
 from tests.checks import all_finite
-from tests.groups import FULL
+from tests.groups import FULL, RELEASE
 
 # What the module of the cylinder promises, in eps.
 DEPTH = 8
@@ -160,7 +160,7 @@ def test_single_precision_keeps_its_promises_over_all_extremes():
     assert np.mean(found.gradient <= GRADIENT) > 0.999
 
 
-@FULL
+@RELEASE
 @pytest.mark.usefixtures("double")
 def test_double_precision_keeps_its_promise():
     rays = extreme_rays(400, 7, "float64")

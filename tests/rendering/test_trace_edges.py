@@ -33,6 +33,7 @@ def flat(tree):
     return np.concatenate([np.ravel(x) for x in jax.tree.leaves(tree)])
 
 
+@RELEASE
 def test_picture_is_nearer_to_many_rays_than_four_are():
     seen = SCENES["can, outline"]()
     many = supersampled(seen, seen.given, WIDTH, PARTS)
