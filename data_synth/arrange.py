@@ -1,6 +1,6 @@
 """Putting things one by one: apart from those that are there, or in contact."""
 
-__all__ = ["Arrangement", "Plane", "Put"]
+__all__ = ["PLACINGS", "Arrangement", "Plane", "Put"]
 
 from collections.abc import Callable, Sequence
 
@@ -11,7 +11,7 @@ from data_synth.pose import GAP, Pose, are_capsules_apart
 from data_synth.solid import Object, Point, Solid
 
 PLACINGS = 50
-"""Places that are tried for a thing before the scene is given up."""
+"""Places that are tried for a thing, or a lamp, before the scene is given up."""
 
 CONTACT = 0.001
 """Largest gap of things that are put in contact, in meters."""

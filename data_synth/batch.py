@@ -9,9 +9,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from data_synth.appearance import Appearance, Look
+from data_synth.appearance import Appearance
 from data_synth.capture import BATCH, SceneBatch, ShownLook
 from data_synth.draw import Drawn
+from data_synth.look import Look
 from data_synth.preset import Preset
 from impostor_jax.camera.pinhole import PinholeCamera
 from impostor_jax.primitives.base import AbstractPrimitive

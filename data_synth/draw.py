@@ -12,9 +12,9 @@ from collections.abc import Callable
 import numpy as np
 from jaxtyping import UInt32
 
-from data_synth.appearance import Look, draw_look
 from data_synth.arrange import Arrangement, Plane, Put
 from data_synth.catalogue import Item
+from data_synth.look import Look, draw_look
 from data_synth.pose import Pose, free_pose, ground_frame, holds_camera, placed, stacked
 from data_synth.preset import CameraDraw, Placement, Preset
 from data_synth.scenery import Corners, Things

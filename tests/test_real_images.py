@@ -36,8 +36,10 @@ if DATA is not None:
 
     @LARGE_IMAGES
     @RELEASE
-    def test_real_can_is_fitted_within_4_mm_of_its_radius():
-        folder, depth, mask, _, radius = CASES[0]
+    @pytest.mark.parametrize(("folder", "depth", "mask", "sensor", "radius"), CASES)
+    def test_real_can_is_fitted_within_4_mm_of_its_radius(
+        folder, depth, mask, sensor, radius
+    ):
         fit = fitted(folder, depth, mask)
         assert fit.success
         assert float(fit.cylinder.radius) == pytest.approx(radius, abs=0.004)

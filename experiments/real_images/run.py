@@ -33,16 +33,16 @@ class Config:
 def measure(config: Config) -> Iterator[Metric]:
     """Fit each can by each model, and by other programs."""
     if config.folder is not None:
-        yield from _of_folder(config.folder, peers=True)
+        yield from _of_folder(config.folder)
         return
     if not config.run.quick:
         raise ValueError("folder must be given, of the images that are fitted")
     with tempfile.TemporaryDirectory() as home:
         drawn_case(Path(home))
-        yield from _of_folder(Path(home), peers=False)
+        yield from _of_folder(Path(home))
 
 
-def _of_folder(folder: Path, peers: bool) -> Iterator[Metric]:
+def _of_folder(folder: Path) -> Iterator[Metric]:
     for case in cases_in(folder):
         depth, mask, camera = case.read(folder)
         whole, noise = case.sensors(camera)
@@ -52,9 +52,7 @@ def _of_folder(folder: Path, peers: bool) -> Iterator[Metric]:
         }
         for name, fit in fits.items():
             yield from _of_fit(f"{case.name}.{name}", case, fit)
-        if peers:
-            used = mask & (depth > 0)
-            yield from _of_peers(case, depth, used, camera, fits["whole"])
+        yield from _of_peers(case, depth, mask & (depth > 0), camera, fits["whole"])
 
 
 def _of_fit(label: str, case: Case, fit: ij.Fit) -> Iterator[Metric]:

@@ -56,10 +56,11 @@ class Config:
 def measure(config: Config) -> Iterator[Metric]:
     """Measure each setting of fits, of renders, and of traced pictures."""
     fits, renders, difficulties = list(FITS), list(RENDERS), list(DIFFICULTIES)
-    traces = list(TRACES)
+    traces, exact = list(TRACES), MANY
     if config.run.quick:
         fits, renders = ["balanced"], ["balanced", "samples=2"]
-        difficulties, traces = ["easy"], ["balanced"]
+        difficulties = ["easy"]
+        traces, exact = ["balanced"], TRACES["balanced"]
     with tempfile.TemporaryDirectory() as scratch:
         images = {name: make_images(name, config.images) for name in difficulties}
         for name, drawn in images.items():
@@ -68,7 +69,7 @@ def measure(config: Config) -> Iterator[Metric]:
             yield from fit_metrics(setting, images, Path(scratch), config.timed)
     for shape in SHAPES:
         yield from render_metrics(shape, renders, config.repeats)
-    yield from trace_metrics(traces, config.repeats)
+    yield from trace_metrics(traces, exact, config.repeats)
 
 
 def fit_metrics(
@@ -158,8 +159,8 @@ def render_metrics(shape: str, settings: list[str], repeats: int) -> Iterator[Me
         yield Metric(f"{label}.coverage.rms", value, None, "part", "lower", n)
 
 
-def trace_metrics(settings: list[str], repeats: int) -> Iterator[Metric]:
-    """Times of a traced picture, in turns, and its errors beside 16x16 rays a pixel."""
+def trace_metrics(settings: list[str], exact: Traced, repeats: int) -> Iterator[Metric]:
+    """Times of a traced picture, in turns, and its errors beside an exact one."""
     lit = cans_and_mirror()
 
     def picture(how: Traced) -> jax.Array:
@@ -172,7 +173,7 @@ def trace_metrics(settings: list[str], repeats: int) -> Iterator[Metric]:
         name: lambda how=TRACES[name]: picture(how) for name in settings
     }
     timings = time_in_turns(calls, repeats, warm_up=1)
-    true = np.asarray(picture(MANY if len(settings) > 1 else TRACES["balanced"]), float)
+    true = np.asarray(picture(exact), float)
     for name in settings:
         label, ms = f"trace.{name}", timings[name].ms
         yield sample(f"{label}.time", ms, "ms")

@@ -88,8 +88,7 @@ def measure(config: Config) -> Iterator[Metric]:
     with tempfile.TemporaryDirectory() as home:
         whole = Path(home) / "whole"
         yield from speed(preset, whole, config)
-        if config.kills:
-            yield from killed(Path(home), config)
+        yield from killed(Path(home), config)
         yield from fitted(whole, config)
         if not config.run.quick:
             picture = config.run.output / "figures" / "presets.png"
@@ -257,7 +256,7 @@ def killed(home: Path, config: Config) -> Iterator[Metric]:
         *("--seed", str(config.seed), "--shard-size", str(-(-config.count // 50))),
     ]
     seconds = 0.0
-    for _ in range(2):
+    for _ in range(1 if config.run.quick else 2):
         # The second time nothing is compiled, as in the runs that are killed.
         shutil.rmtree(whole, ignore_errors=True)
         started = time.perf_counter()
@@ -392,5 +391,5 @@ def pictures(home: Path, output: Path, seed: int) -> None:
 
 
 if __name__ == "__main__":
-    trial = Config(count=4, workers=1, repeats=1, others=(), kills=0, eroded=1)
+    trial = Config(count=4, workers=1, repeats=1, others=(), kills=1, eroded=1)
     main(Config, measure, draw, tables, trial)

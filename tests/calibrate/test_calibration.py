@@ -153,15 +153,21 @@ def with_a_can(sensor, count=3):
 
 
 @RELEASE
-def test_the_scale_is_that_of_an_object_of_known_size():
-    mean = 0.04
-    noise = ij.StructuredLight(0.0006, 0.001)
-    images, objects = with_a_can(ij.ScaleError(noise, 0.0, mean, "disparity"))
+@pytest.mark.parametrize(
+    ("kind", "noise", "law", "mean"),
+    [
+        ("constant", ij.ConstantNoise(0.001), "scale", -0.03),
+        ("structured_light", ij.StructuredLight(0.0006, 0.001), "disparity", 0.04),
+    ],
+)
+def test_the_scale_is_that_of_an_object_of_known_size(kind, noise, law, mean):
+    truth = ij.ScaleError(noise, 0.0, mean, law)
+    images, objects = with_a_can(truth)
     found = calibration_of(
-        images, CAMERA, kind="structured_light", objects=objects, radius=RADIUS,
+        images, CAMERA, kind=kind, objects=objects, radius=RADIUS,
         native_scale=NATIVE_SCALE,
     )  # fmt: skip
-    assert found.sensor.law == "disparity"
+    assert found.sensor.law == law
     assert found.scale.number == 3
     # What so few do not tell is in the deviation, which is small nevertheless.
     assert abs(found.sensor.mean - mean) < 2 * found.sensor.deviation

@@ -12,7 +12,7 @@ from impostor_jax.__main__ import main
 from impostor_jax.io.scene_file import write_scene
 from tests.fit.scenes import can, image, image_of
 from tests.fit.test_labels import RADII, two_cans
-from tests.groups import SMALL_IMAGES
+from tests.groups import RELEASE, SMALL_IMAGES
 
 pytestmark = SMALL_IMAGES
 
@@ -135,7 +135,14 @@ def test_what_is_fixed_keeps_its_value_in_the_start(fit, folder):
     assert record["std"]["height_m"] == 0
 
 
-@pytest.mark.parametrize("sensor", ["structured_light", "sensor.json"])
+@pytest.mark.parametrize(
+    "sensor",
+    [
+        "structured_light",
+        pytest.param("stereo_camera", marks=RELEASE),
+        "sensor.json",
+    ],
+)
 def test_a_sensor_is_a_name_or_a_file(fit, folder, sensor):
     record = {"type": "constant", "deviation": 0.001}
     (folder / "sensor.json").write_text(json.dumps(record))

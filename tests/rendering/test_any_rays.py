@@ -52,15 +52,19 @@ def alone(shapes, ray):
 
 
 @pytest.mark.parametrize(
-    ("many", "dtype"),
-    [(128, "float64"), (1, "float32")],
-    ids=["one by one", "in boxes"],
+    ("many", "types", "dtype"),
+    [
+        pytest.param(128, TYPES, "float64", id="one by one"),
+        # Whose boxes are the same: of all types for release.
+        pytest.param(1, TYPES[::2], "float32", id="in boxes"),
+        pytest.param(128, TYPES, "float32", id="one by one, single", marks=RELEASE),
+        pytest.param(1, TYPES, "float32", id="in boxes, all", marks=RELEASE),
+        pytest.param(1, TYPES, "float64", id="in boxes, double", marks=RELEASE),
+    ],
     indirect=["dtype"],
 )
-def test_first_surface_is_that_of_the_nearest_shape(many, dtype, monkeypatch):
+def test_first_surface_is_that_of_the_nearest_shape(many, types, dtype, monkeypatch):
     monkeypatch.setattr(search, "MANY", many)
-    # All types in one search: in the other, whose boxes are the same, half of them.
-    types = TYPES if many > 1 else TYPES[::2]
     shapes = [*shapes_of(count=30, types=types), wall()]
     scene, ray = ij.Scene(shapes), any_rays()
     each = alone(shapes, ray)
@@ -97,9 +101,11 @@ def test_textbook_formulas_find_the_same(double):
     np.testing.assert_allclose(normal, facing, atol=1e-9)
 
 
-@pytest.mark.parametrize("shape", [(), (0,), (3, 4, 5)])
+@pytest.mark.parametrize(
+    "shape", [(), (0,), pytest.param((1,), marks=RELEASE), (3, 4, 5)]
+)
 def test_rays_have_any_shape(shape):
-    scene, ray = ij.Scene(shapes_of(types=TYPES[:2])), any_rays(shape)
+    scene, ray = ij.Scene(shapes_of()), any_rays(shape)
     hit = scene.intersect(ray)
     normal, dark = scene.normal(ray, hit), scene.occluded(ray)
     assert hit.t.shape == hit.index.shape == normal.x.shape == dark.shape == shape

@@ -34,8 +34,9 @@ def flat(tree):
 
 
 @RELEASE
-def test_picture_is_nearer_to_many_rays_than_four_are():
-    seen = SCENES["can, outline"]()
+@pytest.mark.parametrize("name", SCENES)
+def test_picture_is_nearer_to_many_rays_than_four_are(name):
+    seen = SCENES[name]()
     many = supersampled(seen, seen.given, WIDTH, PARTS)
     found = rmse(picture(seen, seen.given, WIDTH, edges="area"), many)
     hard, four = (rmse(supersampled(seen, seen.given, WIDTH, n), many) for n in (1, 2))
@@ -44,18 +45,26 @@ def test_picture_is_nearer_to_many_rays_than_four_are():
     assert found < four / 2
 
 
-# An outline of a ball is in `test_vmap_and_jacfwd_agree_with_the_plain_call`; the
-# experiment ray_tracing has all, beside 64x64 rays.
 @RELEASE
 @pytest.mark.parametrize(
-    ("name", "most"), [("ball, shadow", 0.015), ("can, outline", 0.045)]
+    ("name", "samples", "parts", "most"),
+    [
+        # 2.6, 0.7, 3.6 and 0.7 %, some of it the differences': of the ball's outline
+        # those of 16x16 rays err by 5 %, and beside 64x64 the gradient does by 1.5 %.
+        # Where two edges cross a pixel one counts; in smaller parts there are fewer.
+        pytest.param("ball, outline", 1, 32, 0.045),
+        pytest.param("ball, shadow", 1, PARTS, 0.015),
+        pytest.param("can, outline", 2, PARTS, 0.045),
+        pytest.param("can, shadow", 1, PARTS, 0.015),
+    ],
 )
-def test_gradient_is_that_of_differences(name, most, double):
+def test_gradient_is_that_of_differences(name, samples, parts, most, double):
     seen = SCENES[name]()
-    target = supersampled(seen, seen.target, WIDTH, PARTS)
-    expected = flat(differences(seen, WIDTH, target, PARTS, 1e-3))
+    target = supersampled(seen, seen.target, WIDTH, parts)
+    expected = flat(differences(seen, WIDTH, target, parts, 1e-3))
     size = np.linalg.norm(expected)
-    found = gradient(seen, WIDTH, target, edges="area")
+    effort = ij.Effort(samples=samples)
+    found = gradient(seen, WIDTH, target, edges="area", effort=effort)
     assert all_finite(found)
     assert np.linalg.norm(flat(found) - expected) < most * size
 
