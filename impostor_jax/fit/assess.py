@@ -44,7 +44,8 @@ MIN_END_TERMS = 5
 """Fewest inlying readings of a cap, or crossings, that show an end."""
 
 UNLIKELY = 0.05
-"""Probability of the readings below which a fit is repeated where an end is unseen."""
+"""Probability of the readings below which a fit is repeated where noise is deep or an
+end is unseen."""
 
 HIDES_TILT = 0.03
 """Noise in radii from which the depth of a short object does not tell its tilt."""
@@ -67,7 +68,8 @@ class Assessment(NamedTuple):
             better.
         hides_tilt: Whether the noise may hide which of two tilts is the true one.
         hides_turn: Whether it may hide that the axis is turned by a quarter, too.
-        hides_end: Whether readings of an end may be among those that it leaves out.
+        ends_early: Whether it may have ended where readings that it leaves out would not
+            let it: where its readings are unlikely, or nobody knows.
     """
 
     fit: Fit
@@ -77,7 +79,7 @@ class Assessment(NamedTuple):
     is_clear: Bool[Array, ""]
     hides_tilt: Bool[Array, ""]
     hides_turn: Bool[Array, ""]
-    hides_end: Bool[Array, ""]
+    ends_early: Bool[Array, ""]
 
 
 def assess(problem: Problem, solution: Solution, correlated: bool) -> Assessment:
@@ -272,6 +274,8 @@ def assess(problem: Problem, solution: Solution, correlated: bool) -> Assessment
     hides_tilt = problem.nominal > HIDES_TILT * body.radius
     is_clear = success & (hidden <= MOST_HIDDEN) & (~hides_tilt | body.is_long)
     is_clear &= explains(pixels, readings, spread)
+    ends_early = (p_value < UNLIKELY) & (hides_tilt | ~jnp.all(ends_seen))
+    ends_early |= hides_tilt & ~jnp.asarray(settings.trusts_sigma)
     return Assessment(
         fit=fit,
         body=body,
@@ -280,7 +284,7 @@ def assess(problem: Problem, solution: Solution, correlated: bool) -> Assessment
         is_clear=is_clear,
         hides_tilt=hides_tilt,
         hides_turn=hides_tilt & body.is_square,
-        hides_end=~jnp.all(ends_seen) & (p_value < UNLIKELY),
+        ends_early=ends_early,
     )
 
 

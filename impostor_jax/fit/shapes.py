@@ -152,7 +152,7 @@ def _fit_pixels(
         if effort.starts > 1 and any(bool(one.hides_tilt) for one in found):
             found += [fitted(_mirrored(start)) for start in starts]
     best, is_alone = likeliest(found), len(found) == 1
-    if is_alone and not (bool(best.hides_tilt) or bool(best.hides_end)):
+    if is_alone and not (bool(best.hides_turn) or bool(best.ends_early)):
         return best.fit
     bodies = [best.body]
     # And which of a short one's sides its axis is along.
@@ -165,7 +165,8 @@ def _fit_pixels(
     # Where noise is deep, or an end shows little, a fit may end where readings that it
     # leaves out would not let it, 10 standard deviations off; its first stages lead on
     # from there.
-    found.append(fitted(likeliest(found).body))
+    if not is_alone or any(bool(one.ends_early) for one in found):
+        found.append(fitted(likeliest(found).body))
     return best_of(found)
 
 
