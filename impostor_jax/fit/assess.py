@@ -68,8 +68,8 @@ class Assessment(NamedTuple):
             better.
         hides_tilt: Whether the noise may hide which of two tilts is the true one.
         hides_turn: Whether it may hide that the axis is turned by a quarter, too.
-        ends_early: Whether it may have ended where readings that it leaves out would not
-            let it: where its readings are unlikely, or nobody knows.
+        ends_early: Whether readings that it leaves out may lead on from where it ended:
+            where its readings are unlikely, or nobody knows.
     """
 
     fit: Fit
