@@ -35,6 +35,7 @@ from .primitives.cylinder import Cylinder
 from .primitives.frustum import Frustum
 from .primitives.heightfield import Heightfield
 from .primitives.plane import Plane
+from .primitives.solid import Solid, difference, intersection, union
 from .primitives.sphere import Sphere
 from .primitives.terrain import Terrain
 from .primitives.torus import Torus
@@ -104,6 +105,7 @@ __all__ = [
     "ScaleError",
     "Scene",
     "Silhouettes",
+    "Solid",
     "Sphere",
     "SphereDeviations",
     "SphereFit",
@@ -119,12 +121,14 @@ __all__ = [
     "calibrate_sensor",
     "coverage",
     "depth_loss",
+    "difference",
     "find_cylinders",
     "fit_cylinder",
     "fit_cylinders",
     "fit_frustum",
     "fit_labels",
     "fit_sphere",
+    "intersection",
     "lit",
     "outline",
     "outline_box",
@@ -137,4 +141,5 @@ __all__ = [
     "silhouettes",
     "test_taper",
     "trace",
+    "union",
 ]

@@ -13,6 +13,7 @@ from impostor_jax.primitives.cylinder import Cylinder
 from impostor_jax.primitives.frustum import Frustum
 from impostor_jax.primitives.heightfield import Heightfield
 from impostor_jax.primitives.plane import Plane
+from impostor_jax.primitives.solid import Solid
 from impostor_jax.primitives.sphere import Sphere
 from impostor_jax.primitives.torus import Torus
 from impostor_jax.primitives.triangle import Triangle
@@ -45,6 +46,10 @@ PRIMITIVES = {
     "torus": lambda: Torus((0.1, -0.2, 3.0), (0.3, 0.8, 0.52), 0.5, 0.2),
     "triangle": lambda: Triangle(
         [(0.5, -0.7, 2.7), (0.4, 0.5, 3.2), (-0.6, -0.3, 3.1)]
+    ),
+    "bored can": lambda: (
+        Cylinder((0.1, -0.2, 3.0), (0.3, 0.8, 0.52), 0.5, 1.4)
+        - Cylinder((0.1, -0.2, 3.0), (0.3, 0.8, 0.52), 0.3, 1.4)
     ),
     "heightfield": lambda: Heightfield(
         [[0.0, 0.3, -0.2], [0.4, -0.3, 0.1], [-0.1, 0.5, 0.2], [0.2, -0.2, 0.0]],
@@ -163,6 +168,8 @@ def is_decided(primitive, rays: Ray) -> np.ndarray:
 
 def holder(primitive):
     """Center, axis, a direction across it, radius and half-height of a cylinder."""
+    if isinstance(primitive, Solid):
+        return holder(primitive.shapes[0])
     if isinstance(primitive, Box):
         u, _, a = np.asarray(primitive.rotation, float).T
         r, _, h = np.asarray(primitive.size, float) / 2

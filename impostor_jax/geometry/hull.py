@@ -5,7 +5,14 @@ radius 0, the box. A camera in front of them keeps hulls, and each has an explic
 support function: how far it, or its image, reaches in a direction.
 """
 
-__all__ = ["AbstractHull", "BallHull", "DiscHull", "Reach"]
+__all__ = [
+    "AbstractHull",
+    "BallHull",
+    "DiscHull",
+    "JoinedHull",
+    "OverlapHull",
+    "Reach",
+]
 
 import abc
 import functools
@@ -47,6 +54,12 @@ class AbstractHull(eqx.Module):
         Not widened. Only a hull wholly in front has one: 0 where the smallest depth is
         not positive.
         """
+
+    @abc.abstractmethod
+    def moved(
+        self, rotation: Float[Array, "*batch 3 3"], translation: Corner
+    ) -> "AbstractHull":
+        """The same hull in another frame: turned, then moved."""
 
 
 class DiscHull(AbstractHull):
@@ -137,6 +150,17 @@ class DiscHull(AbstractHull):
         )
         return _largest(sides, -2), nearest, farthest
 
+    @override
+    def moved(
+        self, rotation: Float[Array, "*batch 3 3"], translation: Corner
+    ) -> "DiscHull":
+        rotation = rotation[..., None, :, :]
+        return DiscHull(
+            _turned(rotation, self.centers) + translation[..., None, :],
+            _turned(rotation, self.axes),
+            self.radii,
+        )
+
     def _ends(self) -> tuple[Float[Array, "*batch k 3"], Float[Array, "*batch k 3"]]:
         """Smallest and largest coordinates of each disc."""
         # Not sqrt(1 - a^2), which loses half the digits where the axis is along one of
@@ -180,6 +204,114 @@ class BallHull(AbstractHull):
         middle, size, square = _sides(x, y), size[..., None], square[..., None]
         sides = (middle + size * safe_sqrt(middle * middle + square)) / square
         return sides, nearest, farthest
+
+    @override
+    def moved(
+        self, rotation: Float[Array, "*batch 3 3"], translation: Corner
+    ) -> "BallHull":
+        return BallHull(_turned(rotation, self.center) + translation, self.radius)
+
+
+class JoinedHull(AbstractHull):
+    """What holds all of some hulls.
+
+    Attributes:
+        hulls: One or more.
+    """
+
+    hulls: tuple[AbstractHull, ...]
+
+    @override
+    def box(self) -> tuple[Corner, Corner]:
+        low, high = zip(*(hull.box() for hull in self.hulls), strict=True)
+        return functools.reduce(jnp.minimum, low), functools.reduce(jnp.maximum, high)
+
+    @override
+    def ball(self) -> tuple[Corner, Numbers]:
+        # Around the middle of the box, as large as the farthest of their balls needs.
+        low, high = self.box()
+        middle = (low + high) / 2
+        reach = []
+        for hull in self.hulls:
+            center, radius = hull.ball()
+            reach.append(Vec3.from_array(center - middle).norm() + radius)
+        return _widened_ball(middle, functools.reduce(jnp.maximum, reach))
+
+    @override
+    def reach(self) -> Reach:
+        sides, nearest, farthest = zip(
+            *(hull.reach() for hull in self.hulls), strict=True
+        )
+        return (
+            functools.reduce(jnp.maximum, sides),
+            functools.reduce(jnp.minimum, nearest),
+            functools.reduce(jnp.maximum, farthest),
+        )
+
+    @override
+    def moved(
+        self, rotation: Float[Array, "*batch 3 3"], translation: Corner
+    ) -> "JoinedHull":
+        return JoinedHull(
+            tuple(hull.moved(rotation, translation) for hull in self.hulls)
+        )
+
+
+class OverlapHull(AbstractHull):
+    """What some hulls have in common, or more.
+
+    Attributes:
+        hulls: One or more.
+    """
+
+    hulls: tuple[AbstractHull, ...]
+
+    @override
+    def box(self) -> tuple[Corner, Corner]:
+        low, high = zip(*(hull.box() for hull in self.hulls), strict=True)
+        low = functools.reduce(jnp.maximum, low)
+        # Of hulls that have nothing in common a point is left.
+        return low, jnp.maximum(functools.reduce(jnp.minimum, high), low)
+
+    @override
+    def ball(self) -> tuple[Corner, Numbers]:
+        # The smallest of theirs.
+        center, radius = self.hulls[0].ball()
+        for hull in self.hulls[1:]:
+            other, size = hull.ball()
+            center = jnp.where((size < radius)[..., None], other, center)
+            radius = jnp.minimum(size, radius)
+        return center, radius
+
+    @override
+    def reach(self) -> Reach:
+        sides, nearest, farthest = zip(
+            *(hull.reach() for hull in self.hulls), strict=True
+        )
+        # What is wholly in front of one of them is in front of the camera; the image of
+        # one that is not tells nothing.
+        known = [
+            jnp.where((near > 0)[..., None], side, jnp.inf)
+            for side, near in zip(sides, nearest, strict=True)
+        ]
+        near = functools.reduce(jnp.maximum, nearest)
+        side = functools.reduce(jnp.minimum, known)
+        far = jnp.maximum(functools.reduce(jnp.minimum, farthest), near)
+        return jnp.where((near > 0)[..., None], side, 0), near, far
+
+    @override
+    def moved(
+        self, rotation: Float[Array, "*batch 3 3"], translation: Corner
+    ) -> "OverlapHull":
+        hulls = (hull.moved(rotation, translation) for hull in self.hulls)
+        return OverlapHull(tuple(hulls))
+
+
+def _turned(
+    rotation: Float[Array, "*#batch 3 3"], vectors: Float[Array, "*batch 3"]
+) -> Float[Array, "*batch 3"]:
+    # Not by a product of matrices, whose precision is another on a GPU.
+    return jnp.sum(rotation * vectors[..., None, :], axis=-1)
 
 
 def _disc_reach(

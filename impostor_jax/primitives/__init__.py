@@ -8,6 +8,7 @@ __all__ = [
     "Frustum",
     "Heightfield",
     "Plane",
+    "Solid",
     "Sphere",
     "Torus",
     "Triangle",
@@ -19,6 +20,7 @@ from impostor_jax.primitives.cylinder import Cylinder
 from impostor_jax.primitives.frustum import Frustum
 from impostor_jax.primitives.heightfield import Heightfield
 from impostor_jax.primitives.plane import Plane
+from impostor_jax.primitives.solid import Solid
 from impostor_jax.primitives.sphere import Sphere
 from impostor_jax.primitives.torus import Torus
 from impostor_jax.primitives.triangle import Triangle

@@ -1,9 +1,16 @@
 """What every primitive promises."""
 
-__all__ = ["AbstractPrimitive", "check_single", "in_camera_frame", "in_world_frame"]
+__all__ = [
+    "AbstractPrimitive",
+    "check_single",
+    "combines",
+    "in_camera_frame",
+    "in_world_frame",
+]
 
 import abc
 import math
+from collections.abc import Callable, Sequence
 from typing import Protocol, TypeVar, runtime_checkable
 
 import equinox as eqx
@@ -16,6 +23,7 @@ from impostor_jax.geometry.hull import AbstractHull
 from impostor_jax.geometry.rays import Hit, Ray
 from impostor_jax.geometry.vec3 import Vec3
 from impostor_jax.numerics import Numbers
+from impostor_jax.primitives.stretch import Stretch
 from impostor_jax.text import described, text_or_repr
 
 UNITS = {
@@ -71,6 +79,17 @@ class AbstractPrimitive(eqx.Module):
     def normal(self, ray: Ray, hit: Hit) -> Vec3:
         """Unit normal at a hit, turned towards the ray's origin; zero on a miss."""
 
+    @abc.abstractmethod
+    def stretches(self, ray: Ray) -> tuple[Stretch, ...] | None:
+        """Stretches of rays in the solid, in order; what lies behind the origin, too.
+
+        Of a plane, on the side that its normal points away from. None of what encloses
+        nothing, and of a `Solid`, whose shapes have them.
+
+        Derivatives:
+            None.
+        """
+
     def occluded(
         self, ray: Ray, t_max: float | Float[Array, "..."] = math.inf
     ) -> Bool[Array, "..."]:
@@ -118,12 +137,41 @@ class AbstractPrimitive(eqx.Module):
     def transformed(self, target_from_source: RigidTransform) -> "AbstractPrimitive":
         """Express the same shape in another frame."""
 
+    def __or__(self, other: "AbstractPrimitive") -> "AbstractPrimitive":
+        return _combined("union", self, other)
+
+    def __and__(self, other: "AbstractPrimitive") -> "AbstractPrimitive":
+        return _combined("intersection", self, other)
+
+    def __sub__(self, other: "AbstractPrimitive") -> "AbstractPrimitive":
+        return _combined("difference", self, other)
+
     def __str__(self) -> str:
         return text_or_repr(self, self._text)
 
     def _text(self) -> str:
         # Of a batch the plain form, with shapes and dtypes, says more.
         return repr(self) if self.batch_shape else described(self, UNITS)
+
+
+Operator = Callable[[str, Sequence[AbstractPrimitive]], AbstractPrimitive]
+
+_operator: list[Operator] = []
+
+
+def combines(operator: Operator) -> Operator:
+    """Let a function make solids of solids, for the operators `|`, `&` and `-`.
+
+    What it returns is a primitive itself, so that it cannot be imported here.
+    """
+    _operator[:] = [operator]
+    return operator
+
+
+def _combined(name: str, *shapes: AbstractPrimitive) -> AbstractPrimitive:
+    if not isinstance(shapes[1], AbstractPrimitive):
+        return NotImplemented
+    return _operator[0](name, shapes)
 
 
 def check_single(primitive: AbstractPrimitive, name: str = "primitive") -> None:

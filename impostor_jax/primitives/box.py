@@ -33,7 +33,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 from typing_extensions import override
 
 from impostor_jax.arguments import check_positive, check_rotation, float_arrays
@@ -44,6 +44,7 @@ from impostor_jax.geometry.rays import Hit, Interval, Ray, slab_interval
 from impostor_jax.geometry.vec3 import Vec3
 from impostor_jax.numerics import Numbers, safe_divide, safe_sqrt
 from impostor_jax.primitives.base import AbstractPrimitive
+from impostor_jax.primitives.stretch import End, Stretch
 from impostor_jax.primitives.surface import facing, implicit_hit
 
 Values = TypeVar("Values")
@@ -118,6 +119,22 @@ class Box(AbstractPrimitive):
     def normal(self, ray: Ray, hit: Hit) -> Vec3:
         n = _of(hit.part, [a.normalize() for a in self._cuboid().axes])
         return facing(n, ray.direction, hit.mask)
+
+    @override
+    def stretches(self, ray: Ray) -> tuple[Stretch]:
+        cuboid = self._cuboid()
+        foot, slabs = _slabs(ray, cuboid)
+
+        def end(t: Numbers, enters: bool) -> End:
+            face = _face(slabs, ray, cuboid, jnp.full(t.shape, enters))
+            slope = jnp.abs(_of(face, [ray.direction.dot(a) for a in cuboid.axes]))
+            return End(foot + t, face, jnp.zeros(t.shape, bool), slope)
+
+        x, y, z = slabs
+        solid = x.overlap(y).overlap(z)
+        stretch = Stretch(end(solid.lower, True), end(solid.upper, False))
+        is_solid = jnp.broadcast_to(_is_solid(cuboid), foot.shape)
+        return (stretch.where(stretch.crosses & is_solid),)
 
     @override
     def implicit(self, point: Vec3) -> Float[Array, "*batch"]:
@@ -211,6 +228,27 @@ def _slabs(ray: Ray, cuboid: _Cuboid) -> tuple[Float[Array, "*batch"], list[Inte
     return foot, slabs
 
 
+def _face(
+    slabs: list[Interval], ray: Ray, cuboid: _Cuboid, enters: Bool[Array, "*batch"]
+) -> Int[Array, "*batch"]:
+    """Face through which a ray enters the box, or leaves it."""
+    bounds = [jnp.where(enters, slab.lower, -slab.upper) for slab in slabs]
+    axis = jnp.where(
+        bounds[0] >= jnp.maximum(bounds[1], bounds[2]),
+        0,
+        jnp.where(bounds[1] >= bounds[2], 1, 2),
+    )
+    # A face that the ray enters looks against it, one that it leaves along it.
+    rises = _of(2 * axis, [ray.direction.dot(a) > 0 for a in cuboid.axes])
+    return 2 * axis + (rises != enters).astype(axis.dtype)
+
+
+def _is_solid(cuboid: _Cuboid) -> Bool[Array, "*#batch"]:
+    """Whether it has a size; what is traced may have none."""
+    first, second, third = cuboid.halves
+    return jnp.minimum(jnp.minimum(first, second), third) > 0
+
+
 def _trace(
     ray: Ray, cuboid: _Cuboid
 ) -> tuple[Float[Array, "*batch"], Int[Array, "*batch"]]:
@@ -224,18 +262,8 @@ def _trace(
         solid = x.overlap(y).overlap(z)
         enter, leave = foot + solid.lower, foot + solid.upper
         enters = enter > 0
-        bounds = [jnp.where(enters, slab.lower, -slab.upper) for slab in (x, y, z)]
-        axis = jnp.where(
-            bounds[0] >= jnp.maximum(bounds[1], bounds[2]),
-            0,
-            jnp.where(bounds[1] >= bounds[2], 1, 2),
-        )
-        # A face that the ray enters looks against it, one that it leaves along it.
-        rises = _of(2 * axis, [ray.direction.dot(a) > 0 for a in cuboid.axes])
-        face = 2 * axis + (rises != enters).astype(axis.dtype)
-        first, second, third = cuboid.halves
-        is_solid = jnp.minimum(jnp.minimum(first, second), third) > 0
-        hit = (solid.lower <= solid.upper) & (leave > 0) & is_solid
+        face = _face([x, y, z], ray, cuboid, enters)
+        hit = (solid.lower <= solid.upper) & (leave > 0) & _is_solid(cuboid)
         return jnp.where(hit, jnp.where(enters, enter, leave), jnp.inf), face
 
     return computed_apart(trace, cuboid.halves[0])

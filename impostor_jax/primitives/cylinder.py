@@ -41,18 +41,25 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 from typing_extensions import override
 
 from impostor_jax.arguments import check_direction, check_positive, float_arrays
 from impostor_jax.compiling import computed_apart
 from impostor_jax.geometry.frames import RigidTransform
 from impostor_jax.geometry.hull import DiscHull
-from impostor_jax.geometry.rays import Hit, Ray, slab_interval, wall_interval
+from impostor_jax.geometry.rays import (
+    Hit,
+    Interval,
+    Ray,
+    slab_interval,
+    wall_interval,
+)
 from impostor_jax.geometry.vec3 import Vec3, unit
 from impostor_jax.numerics import Numbers, has_square, safe_normalize, safe_sqrt
 from impostor_jax.primitives.base import AbstractPrimitive
 from impostor_jax.primitives.sector import sector, sector_fields, with_zero_turned
+from impostor_jax.primitives.stretch import End, Stretch
 from impostor_jax.primitives.surface import (
     facing,
     hit_tangent,
@@ -66,6 +73,7 @@ from impostor_jax.primitives.tapered import (
     tapered_normal,
     tapered_outline_gap,
     tapered_rim_gap,
+    tapered_stretches,
 )
 
 
@@ -186,6 +194,30 @@ class Cylinder(AbstractPrimitive):
         return facing(n, ray.direction, mask)
 
     @override
+    def stretches(self, ray: Ray) -> tuple[Stretch, ...] | None:
+        if not self.is_whole:
+            return tapered_stretches(ray, self._tapered())
+        foot, wall, slab = _wall_and_slab(ray, self)
+        a, d = Vec3.from_array(self.axis).unit(), ray.direction
+        d_a = d.dot(a)
+        e = d - a * d_a
+        meets = wall.lower <= wall.upper
+        half = jnp.where(meets, (wall.upper - wall.lower) / 2, 0)
+        of_wall = e.dot(e) * half / self.radius
+
+        def end(on_cap: Bool[Array, "*batch"], cap: Numbers, own: Numbers) -> End:
+            t = foot + jnp.where(on_cap, cap, own)
+            slope = jnp.where(on_cap, jnp.abs(d_a), of_wall)
+            return End(t, on_cap.astype(int), on_cap, slope)
+
+        stretch = Stretch(
+            end(slab.lower > wall.lower, slab.lower, wall.lower),
+            end(slab.upper < wall.upper, slab.upper, wall.upper),
+        )
+        is_solid = jnp.broadcast_to(_is_solid(self), foot.shape)
+        return (stretch.where(stretch.crosses & is_solid),)
+
+    @override
     def implicit(self, point: Vec3) -> Float[Array, "*batch"]:
         if not self.is_whole:
             return tapered_distance(point, self._tapered())
@@ -247,14 +279,7 @@ def _signed_hit(ray: Ray, cylinder: Cylinder) -> Float[Array, "*batch"]:
     """
 
     def trace() -> Float[Array, "*batch"]:
-        center = Vec3.from_array(cylinder.center)
-        a = Vec3.from_array(cylinder.axis).unit()
-        r, half_height = cylinder.radius, cylinder.height / 2
-        # Of the point of the axis that is nearest to the ray's origin.
-        level = jnp.clip((ray.origin - center).dot(a), -half_height, half_height)
-        near, foot = ray.brought_near(center, center + a * level, r)
-        wall = wall_interval(near, a, r)
-        slab = slab_interval(near, a, half_height)
+        foot, wall, slab = _wall_and_slab(ray, cylinder)
         # Not by a maximum and a minimum, which would also look for NaN.
         by_cap, through_cap = slab.lower > wall.lower, slab.upper < wall.upper
         enter = foot + jnp.where(by_cap, slab.lower, wall.lower)
@@ -262,11 +287,28 @@ def _signed_hit(ray: Ray, cylinder: Cylinder) -> Float[Array, "*batch"]:
         outside = enter > 0
         on_cap = jnp.where(outside, by_cap, through_cap)
         t = jnp.where(outside, enter, leave)
-        is_solid = has_square(r) & (cylinder.height > 0)
-        hit = (enter <= leave) & (leave > 0) & is_solid
+        hit = (enter <= leave) & (leave > 0) & _is_solid(cylinder)
         return jnp.where(hit, jnp.where(on_cap, -t, t), jnp.inf)
 
     return computed_apart(trace, cylinder.radius)
+
+
+def _wall_and_slab(
+    ray: Ray, cylinder: Cylinder
+) -> tuple[Float[Array, "*batch"], Interval, Interval]:
+    """Stretches of the ray in both, less the parameter that comes first."""
+    center = Vec3.from_array(cylinder.center)
+    a = Vec3.from_array(cylinder.axis).unit()
+    r, half_height = cylinder.radius, cylinder.height / 2
+    # Of the point of the axis that is nearest to the ray's origin.
+    level = jnp.clip((ray.origin - center).dot(a), -half_height, half_height)
+    near, foot = ray.brought_near(center, center + a * level, r)
+    return foot, wall_interval(near, a, r), slab_interval(near, a, half_height)
+
+
+def _is_solid(cylinder: Cylinder) -> Bool[Array, "*batch"]:
+    """Whether it has a size; what is traced may have none."""
+    return has_square(cylinder.radius) & (cylinder.height > 0)
 
 
 @_signed_hit.defjvp

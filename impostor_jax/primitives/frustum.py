@@ -23,6 +23,7 @@ from impostor_jax.geometry.vec3 import Vec3
 from impostor_jax.numerics import Numbers, safe_divide, safe_normalize
 from impostor_jax.primitives.base import AbstractPrimitive
 from impostor_jax.primitives.sector import sector, sector_fields, with_zero_turned
+from impostor_jax.primitives.stretch import Stretch
 from impostor_jax.primitives.tapered import (
     HIGH_CAP,
     NUM_PARTS,
@@ -32,6 +33,7 @@ from impostor_jax.primitives.tapered import (
     tapered_normal,
     tapered_outline_gap,
     tapered_rim_gap,
+    tapered_stretches,
 )
 
 
@@ -148,6 +150,10 @@ class Frustum(AbstractPrimitive):
     @override
     def normal(self, ray: Ray, hit: Hit) -> Vec3:
         return tapered_normal(ray, hit, self._seen_from(ray.origin))
+
+    @override
+    def stretches(self, ray: Ray) -> tuple[Stretch, ...] | None:
+        return tapered_stretches(ray, self._seen_from(ray.origin))
 
     @override
     def implicit(self, point: Vec3) -> Float[Array, "*batch"]:

@@ -15,22 +15,29 @@ it.
 
 __all__ = ["Heightfield"]
 
+import itertools
 from typing import Any
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 from typing_extensions import override
 
 from impostor_jax.arguments import float_array, is_concrete, one_of
 from impostor_jax.compiling import compiled
 from impostor_jax.geometry.frames import RigidTransform
 from impostor_jax.geometry.hull import DiscHull
-from impostor_jax.geometry.rays import Hit, Interval, Ray, slab_interval
+from impostor_jax.geometry.rays import (
+    Hit,
+    Interval,
+    Ray,
+    plane_interval,
+    slab_interval,
+)
 from impostor_jax.geometry.vec3 import Vec3
-from impostor_jax.numerics import Numbers, safe_sqrt
+from impostor_jax.numerics import Numbers, eps, safe_divide, safe_sqrt
 from impostor_jax.primitives.base import AbstractPrimitive, check_single
 from impostor_jax.primitives.heightfield_cells import first_crossing
 from impostor_jax.primitives.heightfield_grid import (
@@ -45,7 +52,12 @@ from impostor_jax.primitives.heightfield_height import (
     grid_surface,
 )
 from impostor_jax.primitives.heightfield_march import advance
+from impostor_jax.primitives.plane import Plane
+from impostor_jax.primitives.stretch import End, Stretch
 from impostor_jax.primitives.surface import facing, hit_tangent
+
+MOST_CROSSINGS = 4
+"""Of a ray with a ground that is part of a solid; each is walked to anew."""
 
 
 class Heightfield(AbstractPrimitive):
@@ -182,6 +194,32 @@ class Heightfield(AbstractPrimitive):
         return facing(n, ray.direction, hit.mask)
 
     @override
+    def stretches(self, ray: Ray) -> tuple[Stretch, Stretch]:
+        """Stretches in the ground, which goes down without end, ahead of the origin.
+
+        It ends beside the extent, which is no surface of its own: there a stretch goes
+        on without an end (`sides` are the planes that cut it). At most four crossings
+        are found; after the fourth a ray counts as above the ground.
+        """
+        check_single(self, "heightfield")
+        return _ground_stretches(ray, self)
+
+    @property
+    def sides(self) -> tuple[Plane, ...]:
+        """The four planes beside the extent, with normals that point away from it."""
+        pose = self.world_from_field
+        found = []
+        for axis, end in itertools.product((0, 1), (0, 1)):
+            way = np.zeros(3)
+            way[2 * axis] = 2 * end - 1
+            normal = jnp.asarray(way, self.dtype)
+            point = jnp.abs(normal) * self.extent[axis, end]
+            if pose is not None:
+                point, normal = pose.apply(point), pose.rotate(normal)
+            found.append(Plane(point, normal))
+        return tuple(found)
+
+    @override
     @compiled
     def implicit(self, point: Vec3) -> Float[Array, "*batch"]:
         """First-order signed distance in meters: the gap over sqrt(1 + slope^2).
@@ -269,6 +307,60 @@ def _hit_tangent(t: Numbers, primals: Any, tangents: Any) -> Numbers:
 
     _, d_gap, slope = jax.jvp(gap, primals, tangents, has_aux=True)
     return hit_tangent(-d_gap, slope, hit.mask)
+
+
+@jax.jit
+def _ground_stretches(ray: Ray, field: Heightfield) -> tuple[Stretch, Stretch]:
+    own = field._own_ray(ray)
+    over = _over_extent(own, field)
+    begin = jnp.maximum(over.lower, 0)
+    middle = jnp.where(begin < over.upper, (begin + over.upper) / 2, begin)
+    middle = jnp.where(jnp.isfinite(middle), middle, 0)
+
+    def level(t: Numbers) -> tuple[Numbers, Numbers]:
+        """Height above the ground, and how fast it grows across that."""
+        p, d = own.at(t), own.direction
+        (x0, x1), (z0, z1) = field.extent
+        height, by_x, by_z = field.surface(jnp.clip(p.x, x0, x1), jnp.clip(p.z, z0, z1))
+        rise = d.y - by_x * d.x - by_z * d.z
+        return p.y - height, rise / jnp.sqrt(1 + by_x * by_x + by_z * by_z)
+
+    def cross(t: Numbers, is_open: Bool[Array, "*batch"]) -> tuple[Numbers, Numbers]:
+        """The next crossing, and the slope there."""
+        from_here = Ray(ray.at(t), ray.direction)
+        at = jnp.where(is_open, t + field.intersect(from_here).t, jnp.inf)
+        return at, level(jnp.where(jnp.isfinite(at), at, middle))[1]
+
+    t, is_open, found = jnp.zeros_like(middle), jnp.ones(middle.shape, bool), []
+    for _ in range(MOST_CROSSINGS):
+        at, slope = cross(t, is_open)
+        is_open = jnp.isfinite(at)
+        found.append((at, slope))
+        # Off the surface by its rounding.
+        room = eps(t.dtype, 4) * (own.origin.norm() + at * own.direction.norm())
+        t = jnp.where(is_open, at + safe_divide(room, jnp.abs(slope)), 0)
+    # Whether the ray begins below is told by how it first crosses, or where it never
+    # does, by any place.
+    first, slope = found[0]
+    begins_below = jnp.where(jnp.isfinite(first), slope > 0, level(middle)[0] < 0)
+    piece = jnp.zeros(t.shape, int), jnp.zeros(t.shape, bool)
+    start = jnp.full_like(t, -jnp.inf), jnp.zeros_like(t)
+    ends = [
+        jax.tree.map(lambda x, y: jnp.where(begins_below, x, y), *pair)
+        for pair in itertools.pairwise([start, *found])
+    ]
+    enter, leave, again, out = (End(at, *piece, jnp.abs(n)) for at, n in ends)
+    return Stretch(enter, leave), Stretch(again, out)
+
+
+def _over_extent(own: Ray, field: Heightfield) -> Interval:
+    """Stretch of a ray of the field's own frame that is above or below its extent."""
+    x, z = (
+        Vec3.from_array(jnp.eye(3, dtype=field.dtype)[0]),
+        Vec3.from_array(jnp.eye(3, dtype=field.dtype)[2]),
+    )
+    (x0, x1), (z0, z1) = field.extent
+    return plane_interval(own, x, x0, x1).overlap(plane_interval(own, z, z0, z1))
 
 
 @jax.jit

@@ -34,6 +34,7 @@ from impostor_jax.geometry.rays import Hit, Ray
 from impostor_jax.geometry.vec3 import Vec3, unit
 from impostor_jax.numerics import Numbers, safe_normalize, smallest_slope
 from impostor_jax.primitives.base import AbstractPrimitive
+from impostor_jax.primitives.stretch import End, Stretch
 from impostor_jax.primitives.surface import facing, implicit_hit
 
 _Point = tuple[Vec3, Vec3]
@@ -103,6 +104,19 @@ class Plane(AbstractPrimitive):
     @override
     def normal(self, ray: Ray, hit: Hit) -> Vec3:
         return facing(Vec3.from_array(self.unit_normal).unit(), ray.direction, hit.mask)
+
+    @override
+    def stretches(self, ray: Ray) -> tuple[Stretch]:
+        point, n = self._point_and_normal()
+        height, n_d = n.dot(point - ray.origin), n.dot(ray.direction)
+        meets = jnp.abs(n_d) > smallest_slope(n_d.dtype)
+        t = height / jnp.where(meets, n_d, 1)
+        is_behind = ~meets & (height >= 0)
+        enter = jnp.where(meets & (n_d < 0), t, -jnp.inf)
+        leave = jnp.where(meets & (n_d > 0), t, jnp.inf)
+        piece = jnp.zeros(t.shape, int), jnp.zeros(t.shape, bool), jnp.abs(n_d)
+        stretch = Stretch(End(enter, *piece), End(leave, *piece))
+        return (stretch.where(meets | is_behind),)
 
     @override
     def implicit(self, point: Vec3) -> Float[Array, "*batch"]:

@@ -89,13 +89,6 @@ class Cut(eqx.Module):
         """Whether there is a stretch."""
         return self.stretch.lower <= self.stretch.upper
 
-    def holds(self, t: Float[Array, "*batch"]) -> Bool[Array, "*batch"]:
-        """Whether the ray is in the sector, its faces included."""
-        low, high = self.stretch.lower, self.stretch.upper
-        return jnp.where(
-            self.is_convex, (low <= t) & (t <= high), ~((low < t) & (t < high))
-        )
-
 
 def sector(
     axis: Vec3,

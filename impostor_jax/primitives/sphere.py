@@ -33,6 +33,7 @@ from impostor_jax.geometry.rays import Hit, Ray, ball_interval
 from impostor_jax.geometry.vec3 import Vec3
 from impostor_jax.numerics import Numbers, has_square
 from impostor_jax.primitives.base import AbstractPrimitive
+from impostor_jax.primitives.stretch import End, Stretch
 from impostor_jax.primitives.surface import facing, implicit_hit
 
 _Ball = tuple[Vec3, Float[Array, "*#batch"]]
@@ -101,6 +102,18 @@ class Sphere(AbstractPrimitive):
         q = ray.at(jnp.where(mask, hit.t, 0)) - Vec3.from_array(self.center)
         n = q.normalize()
         return facing(n, ray.direction, mask)
+
+    @override
+    def stretches(self, ray: Ray) -> tuple[Stretch]:
+        center, r = Vec3.from_array(self.center), self.radius
+        near, foot = ray.brought_near(center, center, r)
+        ball, d = ball_interval(near, r), ray.direction
+        half = jnp.where(ball.lower <= ball.upper, (ball.upper - ball.lower) / 2, 0)
+        enter, leave = foot + ball.lower, foot + ball.upper
+        piece = jnp.zeros(enter.shape, int), jnp.zeros(enter.shape, bool)
+        slope = d.dot(d) * half / r
+        stretch = Stretch(End(enter, *piece, slope), End(leave, *piece, slope))
+        return (stretch.where(jnp.broadcast_to(has_square(r), enter.shape)),)
 
     @override
     def implicit(self, point: Vec3) -> Float[Array, "*batch"]:

@@ -2,9 +2,8 @@
 
 What a frustum and a cylinder with a sector have in common. The wall (one nappe of a
 cone), the slab between the ends and the sector are each one interval of a ray, or all
-but one. So a ray crosses at most four surfaces: where it enters and leaves wall and
-slab together, and the two faces of the cut. The first of these in front of the origin
-that is there, and in the sector, is seen. Missing caps or faces are passed through to
+but one. So a ray spends at most two stretches in the solid. The first of their ends in
+front of the origin that is there is seen: missing caps or faces are passed through to
 the wall's inner side.
 
 Rounding. All is counted from a point of the axis near the ray's origin, with the radius
@@ -21,6 +20,7 @@ __all__ = [
     "tapered_normal",
     "tapered_outline_gap",
     "tapered_rim_gap",
+    "tapered_stretches",
 ]
 
 from typing import NamedTuple
@@ -43,6 +43,7 @@ from impostor_jax.numerics import (
     smallest_slope,
 )
 from impostor_jax.primitives.sector import Sector
+from impostor_jax.primitives.stretch import End, Stretch, slope_of
 from impostor_jax.primitives.surface import (
     facing,
     hit_tangent,
@@ -85,12 +86,17 @@ class Tapered(eqx.Module):
         return self.radius + self.slope * self.low, self.radius + self.slope * self.high
 
 
-class _Crossing(NamedTuple):
-    """Where a ray crosses a surface, and whether that is there."""
+class _Bound(NamedTuple):
+    """Where a ray crosses the surface of the solid, and which part."""
 
     at: Float[Array, "*batch"]
     part: Int[Array, "*batch"]
-    is_there: Bool[Array, "*batch"]
+
+    def where(self, mask: Bool[Array, "*batch"], other: "_Bound") -> "_Bound":
+        """Take this one where `mask` holds and the other elsewhere."""
+        return _Bound(
+            jnp.where(mask, self.at, other.at), jnp.where(mask, self.part, other.part)
+        )
 
 
 def tapered_hit(ray: Ray, body: Tapered) -> Hit:
@@ -105,6 +111,22 @@ def tapered_normal(ray: Ray, hit: Hit, body: Tapered) -> Vec3:
     q = ray.at(jnp.where(hit.mask, hit.t, 0)) - body.anchor
     n, _ = _gradient(q, hit.part, body)
     return facing(n.normalize(), ray.direction, hit.mask)
+
+
+def tapered_stretches(ray: Ray, body: Tapered) -> tuple[Stretch, ...] | None:
+    """Stretches of the ray in the solid; None of what is open."""
+    if not (body.caps and (body.cut_faces or body.sector is None)):
+        return None
+    near, foot, is_solid = _near_solid(ray, body)
+
+    def end(bound: _Bound) -> End:
+        at, part = bound
+        n, _ = _gradient(near.at(jnp.where(jnp.isfinite(at), at, 0)), part, body)
+        on_cap = (part == LOW_CAP) | (part == HIGH_CAP)
+        return End(foot + at, part, on_cap, slope_of(near, n.normalize()))
+
+    found = [Stretch(end(enter), end(leave)) for enter, leave in _bounds(near, body)]
+    return tuple(stretch.where(stretch.crosses & is_solid) for stretch in found)
 
 
 def tapered_distance(point: Vec3, body: Tapered) -> Float[Array, "*batch"]:
@@ -205,35 +227,50 @@ def _first_hit(
     """Ray parameter of the first hit, `+inf` on a miss, and the part that is hit."""
 
     def trace() -> tuple[Float[Array, "*batch"], Int[Array, "*batch"]]:
-        a = body.axis
-        at_low, at_high = body.end_radii
-        widest = jnp.maximum(at_low, at_high)
-        level = jnp.clip((ray.origin - body.anchor).dot(a), body.low, body.high)
-        near, foot = ray.brought_near(body.anchor, body.anchor + a * level, widest)
-        # An end that is a point may be rounded to less than nothing.
-        least = -eps(widest.dtype, 8) * widest
-        is_solid = has_square(widest) & (jnp.minimum(at_low, at_high) >= least)
-        is_solid &= body.low < body.high
+        near, foot, is_solid = _near_solid(ray, body)
         t = jnp.full(foot.shape, jnp.inf, foot.dtype)
         part = jnp.full(foot.shape, WALL)
-        for crossing in _crossings(near, body):
-            at = foot + crossing.at
-            nearer = crossing.is_there & is_solid & (at > 0) & (at < t)
-            t = jnp.where(nearer, at, t)
-            part = jnp.where(nearer, crossing.part, part)
+        for enter, leave in _bounds(near, body):
+            meets = is_solid & (enter.at <= leave.at)
+            for bound in (enter, leave):
+                at = foot + bound.at
+                nearer = meets & _is_closed(bound.part, body) & (at > 0) & (at < t)
+                t = jnp.where(nearer, at, t)
+                part = jnp.where(nearer, bound.part, part)
         return t, part
 
     return computed_apart(trace, body.radius)
 
 
-def _crossings(near: Ray, body: Tapered) -> list[_Crossing]:
-    """Where the ray enters and leaves wall and slab, and where it crosses the faces."""
+def _near_solid(
+    ray: Ray, body: Tapered
+) -> tuple[Ray, Float[Array, "*batch"], Bool[Array, "*batch"]]:
+    """The ray from near the body, and whether that has a size."""
+    at_low, at_high = body.end_radii
+    widest = jnp.maximum(at_low, at_high)
+    level = jnp.clip((ray.origin - body.anchor).dot(body.axis), body.low, body.high)
+    near, foot = ray.brought_near(body.anchor, body.anchor + body.axis * level, widest)
+    # An end that is a point may be rounded to less than nothing.
+    least = -eps(widest.dtype, 8) * widest
+    is_solid = has_square(widest) & (jnp.minimum(at_low, at_high) >= least)
+    return near, foot, is_solid & (body.low < body.high)
+
+
+def _is_closed(part: Int[Array, "*batch"], body: Tapered) -> Bool[Array, "*batch"]:
+    """Whether a part of the surface is there."""
+    is_there = jnp.ones(part.shape, bool)
+    if not body.caps:
+        is_there &= (part != LOW_CAP) & (part != HIGH_CAP)
+    if not body.cut_faces:
+        is_there &= (part != START_FACE) & (part != END_FACE)
+    return is_there
+
+
+def _bounds(near: Ray, body: Tapered) -> list[tuple[_Bound, _Bound]]:
+    """Where the ray enters and leaves the closed solid, once or, of a sector, twice."""
     a = body.axis
     wall = cone_interval(near, a, body.radius, body.slope)
     slab = plane_interval(near, a, body.low, body.high)
-    solid = wall.overlap(slab)
-    enter, leave = solid.lower, solid.upper
-    meets = enter <= leave
     rises = near.direction.dot(a) > 0
     # An end that is a point, to rounding, has no cap.
     at_low, at_high = body.end_radii
@@ -243,26 +280,25 @@ def _crossings(near: Ray, body: Tapered) -> list[_Crossing]:
     out_of_cap = (slab.upper < wall.upper) & jnp.where(rises, has_high, has_low)
     cap_in = jnp.where(rises, LOW_CAP, HIGH_CAP)
     cap_out = jnp.where(rises, HIGH_CAP, LOW_CAP)
-    enters, leaves = meets, meets
-    if not body.caps:
-        enters, leaves = meets & ~into_cap, meets & ~out_of_cap
-    found = [
-        _Crossing(enter, jnp.where(into_cap, cap_in, WALL), enters),
-        _Crossing(leave, jnp.where(out_of_cap, cap_out, WALL), leaves),
-    ]
+    solid = wall.overlap(slab)
+    enter = _Bound(solid.lower, jnp.where(into_cap, cap_in, WALL))
+    leave = _Bound(solid.upper, jnp.where(out_of_cap, cap_out, WALL))
     if body.sector is None:
-        return found
+        return [(enter, leave)]
     cut = body.sector.cut(near, a)
-    found = [c._replace(is_there=c.is_there & cut.holds(c.at)) for c in found]
-    if body.cut_faces:
-        for at, is_start in (
-            (cut.stretch.lower, cut.begins_at_start),
-            (cut.stretch.upper, cut.finishes_at_start),
-        ):
-            through = meets & cut.crosses & (enter < at) & (at < leave)
-            part = jnp.where(is_start, START_FACE, END_FACE)
-            found.append(_Crossing(at, part, through))
-    return found
+    low, high = cut.stretch.lower, cut.stretch.upper
+    begins = jnp.where(cut.begins_at_start, START_FACE, END_FACE)
+    finishes = jnp.where(cut.finishes_at_start, START_FACE, END_FACE)
+    # Of less than half a turn what lies between the faces, or else all but that.
+    low = jnp.where(cut.is_convex | cut.crosses, low, jnp.inf)
+    high = jnp.where(cut.is_convex | cut.crosses, high, jnp.inf)
+    into = _Bound(low, begins).where(cut.is_convex & (low > enter.at), enter)
+    last = jnp.where(cut.is_convex, high, low)
+    part = jnp.where(cut.is_convex, finishes, begins)
+    first = into, _Bound(last, part).where(last < leave.at, leave)
+    again = _Bound(high, finishes).where(high > enter.at, enter)
+    again = again._replace(at=jnp.where(cut.is_convex, jnp.inf, again.at))
+    return [first, (again, leave)]
 
 
 @_first_hit.defjvp

@@ -36,7 +36,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 from typing_extensions import override
 
 from impostor_jax.arguments import (
@@ -60,6 +60,7 @@ from impostor_jax.numerics import (
     smallest_slope,
 )
 from impostor_jax.primitives.base import AbstractPrimitive
+from impostor_jax.primitives.stretch import End, Stretch
 from impostor_jax.primitives.surface import facing, implicit_hit
 
 
@@ -144,6 +145,10 @@ class Torus(AbstractPrimitive):
         out = q - a * q.dot(a)
         n = q - out.normalize() * major
         return facing(n.normalize(), ray.direction, hit.mask)
+
+    @override
+    def stretches(self, ray: Ray) -> tuple[Stretch, Stretch]:
+        return _stretches(ray, self._ring())
 
     @override
     def implicit(self, point: Vec3) -> Float[Array, "*batch"]:
@@ -269,33 +274,107 @@ def _trace(ray: Ray, ring: _Ring) -> tuple[Numbers, None]:
     """Ray parameter of the first hit, `+inf` on a miss."""
 
     def trace() -> Numbers:
-        center, a, major, minor = ring
-        near, foot = ray.brought_near(center, center, major + minor)
-        speed = ray.direction.norm()
-        o, d = near.origin * (1 / major), ray.direction * (1 / speed)
-        per_t = speed / major
-        u = _first_crossing(o, d, a, minor / major, -foot * per_t)
+        path, foot, per_t = _path(ray, ring)
+        u = _first_crossing(path, -foot * per_t)
         # One that starts on the surface, to rounding, meets it at once.
         t = jnp.maximum(foot + u / per_t, float(np.finfo(foot.dtype).tiny))
-        is_ring = has_square(minor) & (minor < major) & has_square(major)
-        return jnp.where(is_ring, t, jnp.inf)
+        return jnp.where(_is_ring(ring), t, jnp.inf)
 
     return computed_apart(trace, ring.major), None
 
 
-def _first_crossing(
-    o: Vec3, d: Vec3, a: Vec3, r: Float[Array, "*#batch"], start: Numbers
-) -> Numbers:
-    """How far along a ray it first crosses a torus of major radius 1; or `+inf`.
+def _is_ring(ring: _Ring) -> Bool[Array, "*#batch"]:
+    """Whether it has a hole; what is traced may have none."""
+    _, _, major, minor = ring
+    return has_square(minor) & (minor < major) & has_square(major)
 
-    Args:
+
+class _Path(NamedTuple):
+    """A ray past a torus of major radius 1, by its length u from its origin on.
+
+    Attributes:
         o: Origin relative to the center.
         d: Unit direction.
         a: Unit axis.
         r: Minor radius.
-        start: How far from the origin the ray starts, at most 0. Before 0 it starts
-            outside.
+        near: Where it passes the center line nearest, the first time.
+        middle: Where it is farthest from it after that.
+        far: Where it passes it nearest again; like the one before the first place, if
+            there is no other.
+        distances: From the center line, at the three places.
+        curvatures: Of the squared distance, at the first and the last.
+        begin: Before it crosses the surface.
+        end: After it has.
     """
+
+    o: Vec3
+    d: Vec3
+    a: Vec3
+    r: Float[Array, "*#batch"]
+    near: Numbers
+    middle: Numbers
+    far: Numbers
+    distances: tuple[Numbers, Numbers, Numbers]
+    curvatures: tuple[Numbers, Numbers]
+    begin: Numbers
+    end: Numbers
+
+    def gap(self, u: Numbers) -> tuple[Numbers, Numbers]:
+        """Distance from the surface, and its slope along the ray."""
+        q = self.o + self.d * u
+        along = q.dot(self.a)
+        out = q - self.a * along
+        rho = out.norm()
+        beside = rho - 1
+        off = safe_sqrt(beside * beside + along * along)
+        slope = beside * safe_divide(out.dot(self.d), rho)
+        slope = slope + along * self.d.dot(self.a)
+        return off - self.r, safe_divide(slope, off)
+
+    def half(self, by_near: Bool[Array, "*batch"] | bool) -> Numbers:
+        """From the nearest place to where the squared distance's parabola crosses."""
+        least = jnp.where(by_near, self.distances[0], self.distances[2])
+        curvature = jnp.where(by_near, *self.curvatures)
+        square = (self.r - least) * (self.r + least)
+        return safe_sqrt(safe_divide(square, curvature))
+
+    def crossing(
+        self, at: Numbers, low: Numbers, high: Numbers, leaves: Bool[Array, "*batch"]
+    ) -> Numbers:
+        """Where the ray crosses the surface between two places.
+
+        Args:
+            at: About where.
+            low: Where it has not.
+            high: Where it has.
+            leaves: Whether it leaves the solid there.
+        """
+
+        def closer(_: Any, state: tuple[Numbers, ...]) -> tuple[Numbers, ...]:
+            u, low, high = state
+            value, slope = self.gap(u)
+            is_before = (value > 0) != leaves
+            low, high = jnp.where(is_before, u, low), jnp.where(is_before, high, u)
+            ahead = u - safe_divide(value, slope)
+            is_between = (low <= ahead) & (ahead <= high)
+            return jnp.where(is_between, ahead, (low + high) / 2), low, high
+
+        state = jnp.clip(at, low, high), low, high
+        u, _, _ = jax.lax.fori_loop(0, _steps(self.r), closer, state)
+        return u
+
+
+def _path(ray: Ray, ring: _Ring) -> tuple[_Path, Numbers, Numbers]:
+    """A ray in major radii, the parameter that it starts from, and lengths per t."""
+    center, a, major, minor = ring
+    near, foot = ray.brought_near(center, center, major + minor)
+    speed = ray.direction.norm()
+    o, d = near.origin * (1 / major), ray.direction * (1 / speed)
+    return _passage(o, d, a, minor / major), foot, speed / major
+
+
+def _passage(o: Vec3, d: Vec3, a: Vec3, r: Float[Array, "*#batch"]) -> _Path:
+    """The path of a ray; the arguments are its first attributes."""
     foot = -o.dot(d)
     p, rise = o + d * foot, d.dot(a)
     height = p.dot(a)
@@ -311,55 +390,73 @@ def _first_crossing(
     line = _Line(sine, lag * sign, apart, height, rise * sign)
     first, largest, second = line.extremes()
     near, far = (jnp.where(lag < 0, *x) for x in ((second, first), (first, second)))
-    distances = [line.distance(x) for x in (near, largest, far)]
-    curvatures = [line.past(x)[1] for x in (near, far)]
-    near, middle, far = (foot + sign * x for x in (near, largest, far))
+    at_near, at_middle, at_far = (line.distance(x) for x in (near, largest, far))
+    reach = safe_sqrt((1 + r) ** 2 - p.dot(p)) * (1 + eps(r.dtype, 8))
+    return _Path(
+        o, d, a, r,
+        near=foot + sign * near,
+        middle=foot + sign * largest,
+        far=foot + sign * far,
+        distances=(at_near, at_middle, at_far),
+        curvatures=(line.past(near)[1], line.past(far)[1]),
+        begin=foot - reach,
+        end=foot + reach,
+    )  # fmt: skip
 
-    def gap(u: Numbers) -> tuple[Numbers, Numbers]:
-        """Distance from the surface, and its slope along the ray."""
-        q = o + d * u
-        along = q.dot(a)
-        out = q - a * along
-        rho = out.norm()
-        beside = rho - 1
-        off = safe_sqrt(beside * beside + along * along)
-        slope = beside * safe_divide(out.dot(d), rho) + along * rise
-        return off - r, safe_divide(slope, off)
 
-    is_inside = (start == 0) & (gap(jnp.zeros_like(start))[0] < 0)
+def _first_crossing(path: _Path, start: Numbers) -> Numbers:
+    """How far along a ray it first crosses the surface; or `+inf`.
+
+    Args:
+        path: Of the ray.
+        start: How far from the origin the ray starts, at most 0. Before 0 it starts
+            outside.
+    """
+    near, middle, far = path.near, path.middle, path.far
+    distances, r = path.distances, path.r
+    is_inside = (start == 0) & (path.gap(jnp.zeros_like(start))[0] < 0)
     enters_near = ~is_inside & (near > start) & (distances[0] <= r)
     enters_far = ~is_inside & (far > start) & (distances[2] <= r)
     leaves_near = is_inside & (middle > start) & (distances[1] > r)
-    reach = safe_sqrt((1 + r) ** 2 - p.dot(p)) * (1 + eps(r.dtype, 8))
     by_near = enters_near | leaves_near
     # Between which places the crossing is.
     low = jnp.where(
         by_near,
-        jnp.where(is_inside, near, foot - reach),
+        jnp.where(is_inside, near, path.begin),
         jnp.where(is_inside, far, middle),
     )
     high = jnp.where(
         by_near,
         jnp.where(is_inside, middle, near),
-        jnp.where(is_inside, foot + reach, far),
+        jnp.where(is_inside, path.end, far),
     )
     low = jnp.maximum(low, start)
-    # Where the parabola of the squared distance crosses.
-    least = jnp.where(by_near, distances[0], distances[2])
-    curvature = jnp.where(by_near, curvatures[0], curvatures[1])
-    half = safe_sqrt(safe_divide((r - least) * (r + least), curvature))
-    place = jnp.where(by_near, near, far)
+    place, half = jnp.where(by_near, near, far), path.half(by_near)
     at = jnp.where(is_inside, place + half, place - half)
-
-    def closer(_: Any, state: tuple[Numbers, ...]) -> tuple[Numbers, ...]:
-        u, low, high = state
-        value, slope = gap(u)
-        is_before = (value > 0) != is_inside
-        low, high = jnp.where(is_before, u, low), jnp.where(is_before, high, u)
-        ahead = u - safe_divide(value, slope)
-        is_between = (low <= ahead) & (ahead <= high)
-        return jnp.where(is_between, ahead, (low + high) / 2), low, high
-
-    state = jnp.clip(at, low, high), low, high
-    u, _, _ = jax.lax.fori_loop(0, _steps(r), closer, state)
+    u = path.crossing(at, low, high, is_inside)
     return jnp.where(is_inside | enters_near | enters_far, u, jnp.inf)
+
+
+def _stretches(ray: Ray, ring: _Ring) -> tuple[Stretch, Stretch]:
+    """Stretches of the ray in the solid, of which one or both may be empty."""
+    path, foot, per_t = _path(ray, ring)
+    near, middle, far = path.near, path.middle, path.far
+    in_near, in_middle, in_far = (distance <= path.r for distance in path.distances)
+
+    def end(by_near: bool, leaves: bool, low: Numbers, high: Numbers) -> End:
+        place, half = near if by_near else far, path.half(by_near)
+        at = place + half if leaves else place - half
+        u = path.crossing(at, low, high, jnp.full(at.shape, leaves))
+        piece = jnp.zeros(u.shape, int), jnp.zeros(u.shape, bool)
+        slope = jnp.abs(path.gap(u)[1]) * ray.direction.norm()
+        return End(foot + u / per_t, *piece, slope)
+
+    out = end(False, True, far, path.end)
+    # Where it does not come out between, the first stretch is all.
+    first = Stretch(
+        end(True, False, path.begin, near),
+        out.where(in_middle, end(True, True, near, middle)),
+    )
+    second = Stretch(end(False, False, middle, far), out)
+    is_ring = _is_ring(ring)
+    return first.where(in_near & is_ring), second.where(in_far & ~in_middle & is_ring)

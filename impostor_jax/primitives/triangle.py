@@ -149,6 +149,10 @@ class Triangle(AbstractPrimitive):
         return facing(_plane(self._corners()).normal, ray.direction, hit.mask)
 
     @override
+    def stretches(self, ray: Ray) -> None:
+        return None
+
+    @override
     def implicit(self, point: Vec3) -> Float[Array, "*batch"]:
         corners = self._corners()
         n = _plane(corners).normal
