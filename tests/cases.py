@@ -155,15 +155,17 @@ def rays_at(primitive) -> Ray:
 def is_decided(primitive, rays: Ray) -> np.ndarray:
     """Rays whose hit or miss is no matter of rounding, as it is of one in a flat face.
 
-    The fifth ray lies in a face of a box; many lie in a plane, start on it or run along
-    it.
+    The fifth ray lies in a face of a box, the tenth meets the rim of a bored can; many
+    lie in a plane, start on it or run along it.
     """
     if isinstance(primitive, Plane):
         along = rays.direction.dot(Vec3.from_array(primitive.unit_normal))
         start = primitive.implicit(rays.origin)
         return np.asarray((jnp.abs(along) > 1e-6) & (jnp.abs(start) > 1e-6))
-    fifth = np.arange(rays.origin.x.size) == 4
-    return ~(fifth & isinstance(primitive, Box))
+    number = np.arange(rays.origin.x.size)
+    if isinstance(primitive, Solid):
+        return number != 9
+    return ~((number == 4) & isinstance(primitive, Box))
 
 
 def holder(primitive):

@@ -461,9 +461,10 @@ def _first_hit(
                 room = room / end.slope
                 changes = is_inside(t - room) != is_inside(t + room)
                 nearer = is_end & changes & (foot + t > 0) & (t < best)
-                own = 2 * (first[number] + end.part) + end.on_cap
+                part = first[number] + end.part.astype(jnp.int32)
+                own = 2 * part + end.on_cap.astype(jnp.int32)
                 best = jnp.where(nearer, t, best)
-                code = jnp.where(nearer, own.astype(jnp.int32), code)
+                code = jnp.where(nearer, own, code)
         return foot + best, code
 
     return computed_apart(trace, foot)
