@@ -29,8 +29,7 @@ __all__ = ["Expression", "Solid", "difference", "intersection", "union"]
 
 import functools
 import operator
-from collections.abc import Sequence
-from typing import Any, NamedTuple, TypeVar
+from collections.abc import Iterator, Sequence
 
 import equinox as eqx
 import jax
@@ -41,27 +40,25 @@ from jaxtyping import Array, Bool, Float, Int
 from typing_extensions import override
 
 from impostor_jax.arguments import is_concrete
-from impostor_jax.compiling import computed_apart
 from impostor_jax.geometry.frames import RigidTransform
-from impostor_jax.geometry.hull import AbstractHull, JoinedHull, OverlapHull
+from impostor_jax.geometry.hull import AbstractHull
 from impostor_jax.geometry.rays import Hit, Ray
 from impostor_jax.geometry.vec3 import Vec3
-from impostor_jax.numerics import Numbers, eps
+from impostor_jax.numerics import Numbers
 from impostor_jax.primitives.base import AbstractPrimitive, combines
+from impostor_jax.primitives.expression import (
+    Ball,
+    Expression,
+    ball_of,
+    counted_from,
+    evaluated,
+    hull_of,
+    is_bounded,
+    is_endless_function,
+)
 from impostor_jax.primitives.heightfield import Heightfield
-from impostor_jax.primitives.plane import Plane
-from impostor_jax.primitives.stretch import Stretch
+from impostor_jax.primitives.solid_search import Search, alike, chosen, first_change
 from impostor_jax.primitives.surface import facing
-
-Values = TypeVar("Values")
-
-Expression = int | tuple[str, tuple[Any, ...]]
-"""Number of a shape, or the name of an operation and the expressions it joins."""
-
-OPERATIONS = ("union", "intersection", "difference")
-
-ROUNDING = 4
-"""Of an end, in eps of the lengths it is made of: K."""
 
 
 class Solid(AbstractPrimitive):
@@ -110,12 +107,12 @@ class Solid(AbstractPrimitive):
     @property
     @override
     def is_bounded(self) -> bool:
-        return _is_bounded(self.expression, self.shapes)
+        return is_bounded(self.expression, self.shapes)
 
     @property
     @override
     def hull(self) -> AbstractHull | None:
-        hull = _hull_of(self.expression, self.shapes)
+        hull = hull_of(self.expression, self.shapes)
         return None if hull is None else hull.moved(self.rotation, self.translation)
 
     @override
@@ -150,7 +147,7 @@ class Solid(AbstractPrimitive):
         """
         q = point - Vec3.from_array(self.translation)
         own = Vec3(*(q.dot(edge) for edge in self._edges()))
-        return _evaluated(
+        return evaluated(
             self.expression,
             [shape.implicit(own) for shape in self.shapes],
             {"union": jnp.minimum, "intersection": jnp.maximum},
@@ -184,28 +181,49 @@ class Solid(AbstractPrimitive):
         edges = self._edges()
         o, d = ray.origin - Vec3.from_array(self.translation), ray.direction
         own = Ray(*(Vec3(*(v.dot(edge) for edge in edges)) for v in (o, d)))
-        hull = jax.lax.stop_gradient(_hull_of(self.expression, self.shapes))
-        if hull is None:
+        ball = self._ball()
+        if ball is None:
             return own, jnp.zeros_like(d.x)
-        center, radius = hull.ball()
+        center, radius = ball
         nowhere = Vec3.from_array(jnp.zeros_like(center))
         return own.brought_near(nowhere, Vec3.from_array(center), radius)
 
+    def _ball(self) -> Ball | None:
+        """Ball around all that is there, or else around where its shapes are."""
+        shapes = jax.lax.stop_gradient(self.shapes)
+        hull = hull_of(self.expression, shapes)
+        if hull is not None:
+            return hull.ball()
+        if any(is_endless_function(shape) for shape in shapes):
+            return None
+        center, radius = zip(*map(ball_of, shapes), strict=True)
+        middle = functools.reduce(operator.add, center) / len(center)
+        off = [Vec3.from_array(x - middle).norm() for x in center]
+        reach = map(operator.add, off, radius)
+        return middle, functools.reduce(jnp.maximum, reach)
+
     def _reach(self, near: Ray) -> Numbers:
         """Lengths from which the places of all shapes on a ray are computed."""
-        reach = [_reach_of(shape) for shape in self.shapes]
+        balls = map(ball_of, jax.lax.stop_gradient(self.shapes))
+        reach = [Vec3.from_array(center).norm() + radius for center, radius in balls]
         return near.origin.norm() + functools.reduce(jnp.maximum, reach)
 
     def _seen(
         self, part: Int[Array, "*batch"], mask: Bool[Array, "*batch"]
-    ) -> list[tuple[AbstractPrimitive, Bool[Array, "*batch"], Int[Array, "*batch"]]]:
-        """Each shape, where it is seen, and which part of it."""
-        found = []
-        for shape, first in zip(self.shapes, self.first_parts, strict=True):
-            own = part - first
-            mine = mask & (own >= 0) & (own < shape.num_parts)
-            found.append((shape, mine, jnp.where(mine, own, 0)))
-        return found
+    ) -> Iterator[
+        tuple[AbstractPrimitive, Bool[Array, "*batch"], Int[Array, "*batch"]]
+    ]:
+        """Of each type: the shapes ray by ray, where they are seen, and which part."""
+        number = jnp.zeros(part.shape, jnp.int32)
+        begin = jnp.zeros_like(part)
+        for k, first in enumerate(self.first_parts):
+            number = jnp.where(part >= first, k, number)
+            begin = jnp.where(part >= first, first, begin)
+        for numbers in alike(self.shapes):
+            is_any = [number == k for k in numbers]
+            mine = mask & functools.reduce(operator.or_, is_any)
+            shape = chosen(self.shapes, numbers, number)
+            yield shape, mine, jnp.where(mine, part - begin, 0)
 
 
 def union(*shapes: AbstractPrimitive) -> Solid:
@@ -293,7 +311,7 @@ def _taken_apart(
     first = len(leaves)
     if isinstance(shape, Solid):
         leaves += _in_the_world(shape)
-        return _counted_from(first, shape.expression)
+        return counted_from(first, shape.expression)
     if isinstance(shape, Heightfield):
         if shape.batch_shape:
             raise ValueError(
@@ -340,95 +358,6 @@ def _in_the_world(solid: Solid) -> Sequence[AbstractPrimitive]:
     return moved(solid.shapes, *pose)
 
 
-def _counted_from(first: int, expression: Expression) -> Expression:
-    if isinstance(expression, int):
-        return first + expression
-    name, terms = expression
-    return name, tuple(_counted_from(first, term) for term in terms)
-
-
-def _evaluated(
-    expression: Expression,
-    values: Sequence[Any],
-    joins: dict[str, Any],
-    complement: Any,
-) -> Any:
-    """Value of an expression from those of the shapes."""
-    if isinstance(expression, int):
-        return values[expression]
-    name, terms = expression
-    found = [_evaluated(term, values, joins, complement) for term in terms]
-    if name == "difference":
-        found[1:] = map(complement, found[1:])
-        name = "intersection"
-    return functools.reduce(joins[name], found)
-
-
-def _is_bounded(expression: Expression, shapes: Sequence[AbstractPrimitive]) -> bool:
-    if isinstance(expression, int):
-        shape = shapes[expression]
-        # The ground goes down without end.
-        return shape.is_bounded and not isinstance(shape, Heightfield)
-    name, terms = expression
-    found = [_is_bounded(term, shapes) for term in terms]
-    return {"union": all, "intersection": any, "difference": lambda x: x[0]}[name](
-        found
-    )
-
-
-def _hull_of(
-    expression: Expression, shapes: Sequence[AbstractPrimitive]
-) -> AbstractHull | None:
-    """Hull of what is bounded."""
-    if not _is_bounded(expression, shapes):
-        return None
-    if isinstance(expression, int):
-        return shapes[expression].hull
-    name, terms = expression
-    if name == "difference":
-        return _hull_of(terms[0], shapes)
-    found = [_hull_of(term, shapes) for term in terms]
-    hulls = tuple(hull for hull in found if hull is not None)
-    if len(hulls) == 1:
-        return hulls[0]
-    return JoinedHull(hulls) if name == "union" else OverlapHull(hulls)
-
-
-def _reach_of(shape: AbstractPrimitive) -> Numbers:
-    """How far from its frame's origin a shape reaches; a plane, its point."""
-    shape = jax.lax.stop_gradient(shape)
-    if isinstance(shape, Plane):
-        return Vec3.from_array(shape.point).norm()
-    if isinstance(shape, Heightfield):
-        reach = jnp.max(jnp.abs(shape.extent))
-        pose = shape.world_from_field
-        return reach if pose is None else reach + jnp.max(jnp.abs(pose.translation))
-    assert shape.hull is not None
-    center, radius = shape.hull.ball()
-    return Vec3.from_array(center).norm() + radius
-
-
-class _Found(NamedTuple):
-    """A stretch of a ray in one of the shapes.
-
-    Attributes:
-        shape: Number of the shape.
-        stretch: Of the ray.
-    """
-
-    shape: int
-    stretch: Stretch
-
-
-def _stretches(solid: Solid, near: Ray) -> list[_Found]:
-    found = []
-    for number, shape in enumerate(solid.shapes):
-        stretches = shape.stretches(near)
-        assert stretches is not None
-        found += [_Found(number, stretch) for stretch in stretches]
-    return found
-
-
 @jax.custom_jvp
 def _first_hit(
     ray: Ray, solid: Solid
@@ -439,35 +368,16 @@ def _first_hit(
     """
     near, foot = solid._near(ray)
 
-    def trace() -> tuple[Float[Array, "*batch"], Int[Array, "*batch"]]:
-        found = _stretches(solid, near)
-        reach, speed = solid._reach(near), near.direction.norm()
-        first = solid.first_parts
-
-        def is_inside(t: Numbers) -> Bool[Array, "*batch"]:
-            inside = [jnp.zeros(t.shape, bool)] * len(solid.shapes)
-            for number, stretch in found:
-                inside[number] = inside[number] | stretch.holds(t)
-            joins = {"union": operator.or_, "intersection": operator.and_}
-            return _evaluated(solid.expression, inside, joins, operator.invert)
-
-        best = jnp.full(foot.shape, jnp.inf, foot.dtype)
-        code = jnp.zeros(foot.shape, jnp.int32)
-        for number, stretch in found:
-            for end in (stretch.enter, stretch.leave):
-                is_end = stretch.crosses & jnp.isfinite(end.t)
-                t = jnp.where(is_end, end.t, 0)
-                room = eps(t.dtype, ROUNDING) * (reach + jnp.abs(t) * speed)
-                room = room / end.slope
-                changes = is_inside(t - room) != is_inside(t + room)
-                nearer = is_end & changes & (foot + t > 0) & (t < best)
-                part = first[number] + end.part.astype(jnp.int32)
-                own = 2 * part + end.on_cap.astype(jnp.int32)
-                best = jnp.where(nearer, t, best)
-                code = jnp.where(nearer, own, code)
-        return foot + best, code
-
-    return computed_apart(trace, foot)
+    hull = hull_of(solid.expression, solid.shapes)
+    search = Search(
+        near=jax.tree.map(lambda x: jnp.broadcast_to(x, foot.shape), near),
+        least=-foot,
+        reach=solid._reach(near),
+        shapes=solid.shapes,
+        ball=None if hull is None else hull.ball(),
+    )
+    t, code = first_change(search, solid.expression)
+    return foot + t, code
 
 
 @_first_hit.defjvp
