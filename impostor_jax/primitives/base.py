@@ -11,7 +11,7 @@ __all__ = [
 import abc
 import math
 from collections.abc import Callable, Sequence
-from typing import Protocol, TypeVar, runtime_checkable
+from typing import Any, Protocol, TypeVar, runtime_checkable
 
 import equinox as eqx
 import numpy as np
@@ -154,7 +154,7 @@ class AbstractPrimitive(eqx.Module):
         return repr(self) if self.batch_shape else described(self, UNITS)
 
 
-Operator = Callable[[str, Sequence[AbstractPrimitive]], AbstractPrimitive]
+Operator = Callable[[str, Sequence[Any]], AbstractPrimitive]
 
 _operator: list[Operator] = []
 

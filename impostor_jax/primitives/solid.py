@@ -30,6 +30,7 @@ __all__ = ["Expression", "Solid", "difference", "intersection", "union"]
 import functools
 import operator
 from collections.abc import Iterator, Sequence
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -226,7 +227,7 @@ class Solid(AbstractPrimitive):
             yield shape, mine, jnp.where(mine, part - begin, 0)
 
 
-def union(*shapes: AbstractPrimitive) -> Solid:
+def union(*shapes: Any) -> Solid:
     """What is in any of some solids; also written `a | b`.
 
     Args:
@@ -241,7 +242,7 @@ def union(*shapes: AbstractPrimitive) -> Solid:
     return _combined("union", shapes)
 
 
-def intersection(*shapes: AbstractPrimitive) -> Solid:
+def intersection(*shapes: Any) -> Solid:
     """What is in all of some solids; also written `a & b`.
 
     Args:
@@ -253,7 +254,7 @@ def intersection(*shapes: AbstractPrimitive) -> Solid:
     return _combined("intersection", shapes)
 
 
-def difference(shape: AbstractPrimitive, *others: AbstractPrimitive) -> Solid:
+def difference(shape: Any, *others: Any) -> Solid:
     """What is in a solid and in none of some others; also written `a - b`.
 
     Args:
@@ -267,7 +268,7 @@ def difference(shape: AbstractPrimitive, *others: AbstractPrimitive) -> Solid:
 
 
 @combines
-def _combined(name: str, shapes: Sequence[AbstractPrimitive]) -> Solid:
+def _combined(name: str, shapes: Sequence[Any]) -> Solid:
     for shape in shapes:
         if not isinstance(shape, AbstractPrimitive) or len(shape.batch_shape) > 1:
             raise ValueError(
