@@ -71,7 +71,7 @@ def is_searched(shapes: AbstractPrimitive) -> bool:
 
 
 def lies_alone(shapes: AbstractPrimitive) -> bool:
-    """Whether shapes like these are no batch that rays of several members can be cast at.
+    """Whether shapes like these are cast at rays one by one, and are no batch of many.
 
     A heightfield has a grid or a function of its own, and so has what is made of one.
     """
