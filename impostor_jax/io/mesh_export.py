@@ -77,8 +77,12 @@ def _meshes_of(shape: AbstractPrimitive, tolerance: float) -> list[Triangles]:
         )
     if isinstance(shape, Triangle):
         return [surface_of(shape, tolerance)]
-    make = solid_surface if isinstance(shape, Solid) else surface_of
-    return [make(one, tolerance) for one in members(shape, shape.batch_shape)]
+    return [
+        solid_surface(one, tolerance)
+        if isinstance(one, Solid)
+        else surface_of(one, tolerance)
+        for one in members(shape, shape.batch_shape)
+    ]
 
 
 def check_mesh_file(path: Path, name: str = "output") -> None:
@@ -104,6 +108,6 @@ def write_mesh(path: Path, mesh: "trimesh.Trimesh", scale: Any = 1.0) -> None:
     scale = real_number("scale", scale, positive=True)
     scaled = mesh.copy()
     scaled.apply_scale(1 / scale)
-    data = scaled.export(file_type=path.suffix.lower().lstrip("."))
+    data: Any = scaled.export(file_type=path.suffix.lower().lstrip("."))
     data = data.encode() if isinstance(data, str) else data
     write_atomically(path, lambda partial: partial.write_bytes(data))

@@ -112,7 +112,8 @@ def _box_around(solid: Solid) -> Box:
         (jnp.eye(3, dtype=solid.dtype), jnp.zeros(3, solid.dtype)),
     )
     if own.hull is not None:
-        return _grown(*own.hull.box(), ROOM)
+        low, high = own.hull.box()
+        return _grown(low, high, ROOM)
     boxes = [
         (shape.point, shape.point) if isinstance(shape, Plane) else shape.hull.box()
         for shape in own.shapes

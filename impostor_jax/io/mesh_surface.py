@@ -128,7 +128,7 @@ def _tapered(
     x = _across(axis, shape.zero)
     start, sweep = 0.0, 2 * math.pi
     is_whole = shape.start_angle is None or shape.end_angle is None
-    if not is_whole:
+    if shape.start_angle is not None and shape.end_angle is not None:
         start = float(shape.start_angle)
         sweep = (float(shape.end_angle) - start) % sweep
     count = _sides(max(radii), tolerance, sweep)
@@ -141,11 +141,11 @@ def _tapered(
     along = profile[:, 1, None] * (ends[1] - ends[0])
     shown = shape.caps | ~is_cap
     corners = _revolved(axis, x, profile[:, 0], ends[0] + along, turn)
-    faces = [_woven(corners.index, is_whole, False)[shown].reshape(-1, 3)]
+    faces = [_woven(corners.grid, is_whole, False)[shown].reshape(-1, 3)]
     if not is_whole and shape.cut_faces:
-        last = corners.index[:, -1]
+        last = corners.grid[:, -1]
         for k in range(1, len(profile) - 1):
-            first = corners.index[[0, k, k + 1], 0]
+            first = corners.grid[[0, k, k + 1], 0]
             faces += [first[None], last[[k + 1, k, 0]][None]]
     return _compact(corners.points, np.concatenate(faces))
 
@@ -163,7 +163,7 @@ def _of_torus(shape: Torus, tolerance: float) -> Triangles:
     level = center + minor * np.sin(around)[:, None] * axis
     out = major + minor * np.cos(around)
     corners = _revolved(axis, _across(axis, None), out, level, turn)
-    faces = _woven(corners.index, True, True).reshape(-1, 3)
+    faces = _woven(corners.grid, True, True).reshape(-1, 3)
     return Triangles(corners.points, faces)
 
 
@@ -171,7 +171,7 @@ class _Corners(NamedTuple):
     """Points of a surface of revolution, and which one is where, (profile, turn)."""
 
     points: Points
-    index: Int[np.ndarray, "k n"]
+    grid: Int[np.ndarray, "k n"]
 
 
 def _revolved(

@@ -475,7 +475,7 @@ def test_a_solid_of_a_scene_file_is_rendered(tmp_path, call, capfd):
     depth = cv2.imread(str(tmp_path / "maps" / "depth.tiff"), cv2.IMREAD_UNCHANGED)
     # The bottom of the bore, the rim, and what is cut away.
     np.testing.assert_allclose(depth[7, [11, 7]], (0.5, 0.4), rtol=1e-6)
-    assert not 0 < depth[7, 14] < 0.6
+    assert not 0 < depth[7, 15] < 0.7
     picture = np.load(tmp_path / "maps" / "picture.npy")
     np.testing.assert_allclose(picture[7, 7], (0.5, 0.125, 0.0), atol=1e-6)
 
