@@ -117,7 +117,10 @@ FIELDS = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("name", FIELDS)
+SOME_FIELDS = [pytest.param("bilinear", marks=RELEASE), *list(FIELDS)[1:]]
+
+
+@pytest.mark.parametrize("name", SOME_FIELDS)
 def test_a_heightfield_is_an_open_sheet(name):
     field = FIELDS[name]()
     mesh = to_mesh(field, TOLERANCE)

@@ -170,6 +170,7 @@ def test_a_solid_of_one_shape_is_traced_as_that():
     assert np.mean(np.abs(of_solid - plain).max(axis=-1) > 0.05) > 0.05
 
 
+@RELEASE
 def test_glass_with_a_hole_that_bends_nothing_is_not_seen():
     # A ray that lost count of the surfaces, or met one twice, would show its color.
     clear = ij.Material((1, 0, 0), transmit=1.0, ior=1.0)
@@ -206,6 +207,7 @@ def test_a_projector_lights_through_the_hole_of_a_solid():
         assert found[7, 11] == (shape is bored or depth[7, 11] < 2.95)
 
 
+@RELEASE
 def test_tiles_and_silhouettes_of_solids():
     two = rings([(-0.5, -0.1, 2.0), (0.3, 0.2, 2.2)])
     found = ij.silhouettes(two, CAMERA)
