@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Any
 from impostor_jax.arguments import is_concrete, real_number
 from impostor_jax.io.atomic import write_atomically
 from impostor_jax.io.mesh_solid import solid_surface
-from impostor_jax.io.mesh_surface import Triangles, joined, surface_of
+from impostor_jax.io.mesh_surface import surface_of
 from impostor_jax.io.parts import members
+from impostor_jax.io.triangles import Triangles, joined
 from impostor_jax.primitives.base import AbstractPrimitive
 from impostor_jax.primitives.plane import Plane
 from impostor_jax.primitives.solid import Solid

@@ -16,8 +16,10 @@ import numpy as np
 from jaxtyping import Float
 
 from impostor_jax.geometry.frames import RigidTransform
-from impostor_jax.io.mesh_surface import Triangles, ground_of, moved, surface_of
+from impostor_jax.io.mesh_sheet import ground_of
+from impostor_jax.io.mesh_surface import surface_of
 from impostor_jax.io.parts import Tree, tree_of
+from impostor_jax.io.triangles import Triangles, moved
 from impostor_jax.primitives.base import AbstractPrimitive
 from impostor_jax.primitives.heightfield import Heightfield
 from impostor_jax.primitives.plane import Plane
