@@ -28,6 +28,7 @@ from .fits.single import fit_cylinder, fit_frustum, fit_sphere
 from .geometry.frames import RigidTransform
 from .io.dataset import read_dataset
 from .io.dataset_shard import LabeledImage
+from .io.mesh_export import to_mesh
 from .io.mesh_file import read_mesh
 from .primitives.base import AbstractPrimitive
 from .primitives.box import Box
@@ -140,6 +141,7 @@ __all__ = [
     "signed_distance",
     "silhouettes",
     "test_taper",
+    "to_mesh",
     "trace",
     "union",
 ]

@@ -16,6 +16,7 @@ import tyro
 from impostor_jax.cli.calibrate_command import CalibrateCommand
 from impostor_jax.cli.demo_command import DemoCommand
 from impostor_jax.cli.evaluate_command import EvaluateCommand
+from impostor_jax.cli.export_command import ExportCommand
 from impostor_jax.cli.find_command import FindCommand
 from impostor_jax.cli.fit_command import FitCommand
 from impostor_jax.cli.parity_command import ParityCommand
@@ -26,6 +27,7 @@ Command = (
     | Annotated[FindCommand, tyro.conf.subcommand("find")]
     | Annotated[CalibrateCommand, tyro.conf.subcommand("calibrate")]
     | Annotated[RenderCommand, tyro.conf.subcommand("render")]
+    | Annotated[ExportCommand, tyro.conf.subcommand("export")]
     | Annotated[DemoCommand, tyro.conf.subcommand("demo")]
     | Annotated[EvaluateCommand, tyro.conf.subcommand("evaluate")]
     | Annotated[ParityCommand, tyro.conf.subcommand("parity")]

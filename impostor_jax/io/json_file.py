@@ -2,6 +2,7 @@
 
 __all__ = [
     "arguments_of",
+    "check_depth",
     "check_keys",
     "json_value",
     "read_json_object",
@@ -17,7 +18,8 @@ from typing import Any
 from impostor_jax.io.input_file import opened
 
 MAX_DEPTH = 100
-"""Deepest nesting of lists and objects; files of this package need seven."""
+"""Deepest nesting of lists and objects; files of this package need seven, and two more
+for each solid in a solid."""
 
 
 def read_json_object(path: Path, what: str) -> dict[str, Any]:
@@ -45,11 +47,17 @@ def json_value(data: bytes, what: str) -> Any:
         raise ValueError(_too_deep(what)) from error
     except ValueError as error:
         raise ValueError(f"{what} is not readable JSON") from error
+    check_depth(record, what)
+    return record
+
+
+def check_depth(record: Any, what: str) -> None:
+    """Raise a `ValueError` where a record is nested deeper than is read."""
     # Who reads the record may go through it by recursion.
     level: list[Any] = [record] if isinstance(record, dict | list) else []
     for _ in range(MAX_DEPTH + 1):
         if not level:
-            return record
+            return
         level = [
             child
             for node in level

@@ -1,6 +1,6 @@
 """The records of a fit of any shape, and of a search, as JSON."""
 
-__all__ = ["fit_record", "found_record", "numbers"]
+__all__ = ["fit_record", "found_record", "numbers", "shape_of_fit"]
 
 from typing import Any
 
@@ -11,6 +11,9 @@ from impostor_jax.camera.base import AbstractCamera
 from impostor_jax.find.found import Found
 from impostor_jax.fit.result import Fit, TaperTest
 from impostor_jax.geometry.so3 import tangent_basis
+from impostor_jax.io.json_file import arguments_of, check_keys
+from impostor_jax.primitives import PRIMITIVES
+from impostor_jax.primitives.base import AbstractPrimitive
 from impostor_jax.primitives.cylinder import Cylinder
 
 
@@ -48,6 +51,37 @@ def fit_record(
         "taper": None if taper is None else _taper(taper),
         "seconds": seconds,
     }
+
+
+def shape_of_fit(record: dict[str, Any], what: str) -> AbstractPrimitive:
+    """Make the shape of a fit's record.
+
+    Args:
+        record: As `fit_record` makes it.
+        what: Names it in errors.
+
+    Raises:
+        ValueError: The fit failed, or something is missing or no number.
+    """
+    name = record["shape"]
+    if not isinstance(name, str) or name not in PRIMITIVES:
+        raise ValueError(
+            f"shape of {what} must be one of {', '.join(PRIMITIVES)}; got {name!r}"
+        )
+    if record.get("success") is not True:
+        raise ValueError(
+            f"{what} must have succeeded, got the status {record.get('status')!r}"
+        )
+    keys = {
+        argument: argument if argument == "axis" else f"{argument}_m"
+        for argument, parameter in arguments_of(PRIMITIVES[name]).items()
+        if parameter.default is parameter.empty
+    }
+    check_keys(record, keys.values(), record, what)
+    try:
+        return PRIMITIVES[name](**{key: record[keys[key]] for key in keys})
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"{what}: {error}") from error
 
 
 def found_record(

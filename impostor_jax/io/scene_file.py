@@ -8,7 +8,12 @@
         {"type": "sphere", "center": [0, 0, 1], "radius": 0.1,
          "material": {"transmit": 0.9, "fresnel": true}},
         {"type": "plane", "point": [0, 0.2, 1], "normal": [0, -1, 0]},
-        {"type": "mesh", "path": "cup.ply", "scale": 0.001}
+        {"type": "mesh", "path": "cup.ply", "scale": 0.001},
+        {"type": "difference", "shapes": [
+          {"type": "cylinder", "center": [0, 0, 1], "axis": [0, 1, 0],
+           "radius": 0.05, "height": 0.2},
+          {"type": "union", "shapes": [...]}
+        ], "material": {"reflect": 0.1}}
       ],
       "lights": [
         {"type": "ambient", "intensity": 0.2},
@@ -23,19 +28,24 @@ has the arguments of `Material`, and is that of all triangles of a mesh. A light
 those of its class; its type is ambient, point or directional. Colors are linear. The
 camera has the keys of a camera file and, where it has a pose, `camera_from_world`, four
 rows of four numbers. Lengths are in meters, angles in radians.
+
+A solid is a union, an intersection or a difference: of its `shapes`, which may be
+solids, too, in any order and depth; a difference is the first without the others. In it
+a plane stands for the half-space that its normal points away from, a heightfield for
+the ground below it. The material is that of the outermost. A solid that was moved has
+its pose, `world_from_shapes`, four rows of four numbers: moved one by one, its shapes
+would be rounded each in its own way, and faces that are flush would be no longer.
 """
 
-__all__ = ["VERSION", "SceneFile", "read_scene", "write_scene"]
+__all__ = ["VERSION", "SceneFile", "read_scene", "scene_from_record", "write_scene"]
 
-import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import numpy as np
 
 from impostor_jax.camera.pinhole import PinholeCamera
 from impostor_jax.geometry.frames import RigidTransform
@@ -49,13 +59,12 @@ from impostor_jax.io.appearance_record import (
 from impostor_jax.io.atomic import write_json
 from impostor_jax.io.camera_file import camera_from_record, camera_record
 from impostor_jax.io.json_file import (
-    arguments_of,
+    check_depth,
     check_keys,
     read_json_object,
-    typed_record,
 )
-from impostor_jax.io.mesh_file import read_mesh
-from impostor_jax.primitives import PRIMITIVES
+from impostor_jax.io.parts import members
+from impostor_jax.io.shape_record import pose_rows, shape_from_record, shape_record
 from impostor_jax.primitives.base import AbstractPrimitive
 from impostor_jax.rendering.lights import AbstractLight
 from impostor_jax.rendering.material import Material
@@ -66,12 +75,6 @@ REQUIRED = ("version", "shapes")
 ALLOWED = (*REQUIRED, "camera", "lights", "background")
 
 BLACK = (0.0, 0.0, 0.0)
-
-KINDS: dict[str, Callable[..., AbstractPrimitive]] = {**PRIMITIVES, "mesh": read_mesh}
-"""What a shape may be made by."""
-
-STORED_AS = {("plane", "normal"): "unit_normal"}
-"""Arguments that a class keeps under another name."""
 
 
 class SceneFile(NamedTuple):
@@ -102,7 +105,20 @@ def read_scene(path: Path) -> SceneFile:
             or a value that is not understood; the message names it.
     """
     what = f"scene file {str(path)!r}"
-    record = read_json_object(path, what)
+    return scene_from_record(read_json_object(path, what), what, path.parent)
+
+
+def scene_from_record(record: dict[str, Any], what: str, folder: Path) -> SceneFile:
+    """What the record of a scene file holds.
+
+    Args:
+        record: As it was read.
+        what: Names the file in errors.
+        folder: That paths of meshes start from.
+
+    Raises:
+        ValueError: As of `read_scene`.
+    """
     check_keys(record, REQUIRED, ALLOWED, what)
     if record["version"] != VERSION:
         raise ValueError(
@@ -115,7 +131,7 @@ def read_scene(path: Path) -> SceneFile:
         raise ValueError(f"lights of {what} must be a list, got {lights!r}")
     try:
         read = [
-            _read_entry(entry, f"shapes[{k}]", path.parent)
+            _read_entry(entry, f"shapes[{k}]", folder)
             for k, entry in enumerate(entries)
         ]
         lights = [
@@ -155,16 +171,16 @@ def write_scene(
         background: Linear red, green and blue; black is left out.
 
     Raises:
-        ValueError: A heightfield is of a function, which no file can hold, or there are
-            not as many materials as shapes.
+        ValueError: A heightfield is of a function, which no file can hold, solids are
+            nested deeper than is read, or there are not as many materials as shapes.
     """
     record: dict[str, Any] = {"version": VERSION}
     if camera is not None:
         record["camera"] = camera_record(camera)
         if camera.camera_from_world is not None:
-            record["camera"]["camera_from_world"] = _matrix(camera.camera_from_world)
+            record["camera"]["camera_from_world"] = pose_rows(camera.camera_from_world)
     singles = [single for shape in shapes for single in _singles(shape)]
-    record["shapes"] = [_shape_record(shape) for shape in singles]
+    record["shapes"] = [shape_record(shape) for shape in singles]
     if materials is not None:
         given = [materials] if isinstance(materials, Material) else materials
         made = [single for material in given for single in _singles(material)]
@@ -182,6 +198,7 @@ def write_scene(
     color = color_from_record(background, "background")
     if color != BLACK:
         record["background"] = list(color)
+    check_depth(record, "shapes")
     write_json(path, record)
 
 
@@ -204,10 +221,10 @@ def _read_entry(
 ) -> tuple[AbstractPrimitive, Material | None]:
     """A shape, and its material if it has one."""
     if not isinstance(entry, dict) or "material" not in entry:
-        return _read_shape(entry, where, folder), None
+        return shape_from_record(entry, where, folder), None
     values = dict(entry)
     material = material_from_record(values.pop("material"), f"material of {where}")
-    return _read_shape(values, where, folder), material
+    return shape_from_record(values, where, folder), material
 
 
 def _materials_of(
@@ -225,56 +242,7 @@ def _materials_of(
     ]
 
 
-def _read_shape(entry: Any, where: str, folder: Path) -> AbstractPrimitive:
-    name, values = typed_record(KINDS, entry, where)
-    where = f"{where} ({name})"
-    for flag in ("caps", "cut_faces"):
-        if not isinstance(values.get(flag, True), bool):
-            raise ValueError(f"{flag} of {where} must be true or false")
-    if name == "mesh":
-        if not isinstance(values["path"], str):
-            raise ValueError(f"path of {where} must be a file name")
-        values["path"] = folder / values["path"]
-    try:
-        shape = KINDS[name](**values)
-    except (TypeError, ValueError) as error:
-        raise ValueError(f"{where}: {error}") from error
-    if shape.batch_shape and name != "mesh":
-        raise ValueError(f"{where} must be one shape, got {shape.batch_shape} of them")
-    return shape
-
-
 def _singles(given: Any) -> list[Any]:
     """Shapes, or materials, of a batch (n,); or the only one."""
     is_material = isinstance(given, Material)
-    batch = given.color.shape[:-1] if is_material else given.batch_shape
-    return [
-        jax.tree.map(lambda x, k=k: x.reshape(-1, *x.shape[len(batch) :])[k], given)
-        for k in range(math.prod(batch))
-    ]
-
-
-def _shape_record(shape: AbstractPrimitive) -> dict[str, Any]:
-    name = next(name for name, kind in PRIMITIVES.items() if kind is type(shape))
-    record: dict[str, Any] = {"type": name}
-    for argument, parameter in arguments_of(type(shape)).items():
-        value = getattr(shape, STORED_AS.get((name, argument), argument))
-        if isinstance(value, RigidTransform):
-            value = _matrix(value)
-        elif isinstance(value, jax.Array | np.ndarray):
-            value = np.asarray(value).tolist()
-        elif not isinstance(value, bool | str | None):
-            raise ValueError(
-                f"{argument} of a {name} must be numbers to be written, got "
-                f"{type(value).__name__}"
-            )
-        if value is not None and value != parameter.default:
-            record[argument] = value
-    return record
-
-
-def _matrix(transform: RigidTransform) -> list[list[float]]:
-    matrix = np.eye(4)
-    matrix[:3, :3] = np.asarray(transform.rotation)
-    matrix[:3, 3] = np.asarray(transform.translation)
-    return matrix.tolist()
+    return members(given, given.color.shape[:-1] if is_material else given.batch_shape)

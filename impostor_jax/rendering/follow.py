@@ -28,8 +28,7 @@ from jaxtyping import Array, Bool, Float, Int
 from impostor_jax.geometry.rays import Hit, Ray
 from impostor_jax.geometry.vec3 import Vec3
 from impostor_jax.primitives.base import AbstractPrimitive
-from impostor_jax.primitives.heightfield import Heightfield
-from impostor_jax.rendering.group import Group
+from impostor_jax.rendering.group import Group, lies_alone
 
 FEW = 16
 """Shapes of a type that are chosen one by one."""
@@ -141,9 +140,9 @@ def placed(
 def shape_of(group: Group, member: Int[Array, "*batch"]) -> AbstractPrimitive:
     """The shape that each member of a group is, (*batch,).
 
-    A heightfield lies alone in its group, and stays the single one that can be cast.
+    What lies alone in its group stays the single one that can be cast.
     """
-    if isinstance(group.primitives, Heightfield):
+    if lies_alone(group.primitives):
         return jax.tree.map(lambda x: x[0], group.primitives)
     return member_of(group.primitives, member)
 

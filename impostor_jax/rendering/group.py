@@ -5,9 +5,9 @@ one that moves, runs the program that is there. Planes, heightfields, and what e
 be seen anywhere, fill no bucket.
 """
 
-__all__ = ["Group", "grouped", "is_searched", "padded_size"]
+__all__ = ["Group", "grouped", "is_searched", "lies_alone", "padded_size"]
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import equinox as eqx
@@ -18,6 +18,7 @@ from jaxtyping import Array, Int
 
 from impostor_jax.primitives.base import AbstractPrimitive
 from impostor_jax.primitives.heightfield import Heightfield
+from impostor_jax.primitives.solid import Solid
 
 GROWTH = 4
 """Sizes of buckets are its powers."""
@@ -46,8 +47,7 @@ def grouped(shapes: Sequence[AbstractPrimitive]) -> tuple[Group, ...]:
     dtype = jnp.result_type(*(shape.dtype for shape in shapes))
     alike: dict[Any, list[tuple[AbstractPrimitive, np.ndarray]]] = {}
     first = 0
-    for shape in shapes:
-        batch = _as_batch(shape, dtype)
+    for batch in _batches(shapes, dtype):
         index = first + np.arange(batch.batch_shape[0])
         first += len(index)
         alike.setdefault(_structure(batch, first), []).append((batch, index))
@@ -65,10 +65,32 @@ def padded_size(count: int) -> int:
 def is_searched(shapes: AbstractPrimitive) -> bool:
     """Whether shapes like these are searched side by side, for the pixels they cover.
 
-    Others are each cast at every ray: what may be seen anywhere, and a heightfield,
-    which has a grid or a function of its own.
+    Others are each cast at every ray: what may be seen anywhere, and what lies alone.
     """
-    return shapes.is_bounded and not isinstance(shapes, Heightfield)
+    return shapes.is_bounded and not lies_alone(shapes)
+
+
+def lies_alone(shapes: AbstractPrimitive) -> bool:
+    """Whether shapes like these are cast at rays one by one, and are no batch of many.
+
+    A heightfield has a grid or a function of its own, and so has what is made of one.
+    """
+    if isinstance(shapes, Solid):
+        return any(lies_alone(shape) for shape in shapes.shapes)
+    return isinstance(shapes, Heightfield)
+
+
+def _batches(
+    shapes: Sequence[AbstractPrimitive], dtype: np.dtype
+) -> Iterator[AbstractPrimitive]:
+    """The shapes as batches (n,), of one each where they lie alone."""
+    for shape in shapes:
+        batch = _as_batch(shape, dtype)
+        if lies_alone(batch):
+            for k in range(batch.batch_shape[0]):
+                yield jax.tree.map(lambda x, k=k: x[k : k + 1], batch)
+        else:
+            yield batch
 
 
 def _as_batch(shape: AbstractPrimitive, dtype: np.dtype) -> AbstractPrimitive:
@@ -83,11 +105,8 @@ def _as_batch(shape: AbstractPrimitive, dtype: np.dtype) -> AbstractPrimitive:
 
 
 def _structure(batch: AbstractPrimitive, first: int) -> tuple[str, ...]:
-    """What shapes must have in common to lie side by side.
-
-    A heightfield has a grid or a function of its own and lies alone.
-    """
-    alone = f"{first:09d}" if isinstance(batch, Heightfield) else ""
+    """What shapes must have in common to lie side by side."""
+    alone = f"{first:09d}" if lies_alone(batch) else ""
     leaves = [str(leaf.shape[1:]) for leaf in jax.tree.leaves(batch)]
     return type(batch).__name__, str(jax.tree.structure(batch)), *leaves, alone
 

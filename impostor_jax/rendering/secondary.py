@@ -14,6 +14,7 @@ met its own surface (experiments/ray_tracing).
 
 __all__ = ["anchors", "clearance", "mirrored", "refracted"]
 
+import functools
 from collections.abc import Sequence
 
 import jax
@@ -25,6 +26,7 @@ from impostor_jax.geometry.vec3 import Vec3
 from impostor_jax.numerics import Numbers, eps, safe_divide, safe_sqrt
 from impostor_jax.primitives.base import AbstractPrimitive
 from impostor_jax.primitives.plane import Plane
+from impostor_jax.primitives.solid import Solid
 from impostor_jax.rendering.group import Group
 
 
@@ -36,7 +38,9 @@ def anchors(groups: Sequence[Group]) -> list[Float[Array, "n 4"]]:
 def _anchors(shapes: AbstractPrimitive) -> Float[Array, "n 4"]:
     shapes = jax.lax.stop_gradient(shapes)
     hull = shapes.hull
-    if hull is not None:
+    if isinstance(shapes, Solid):
+        center, size = shapes.translation, _reach(shapes)
+    elif hull is not None:
         center, size = hull.ball()
     elif isinstance(shapes, Plane):
         center, size = shapes.point, jnp.zeros(shapes.batch_shape, shapes.dtype)
@@ -45,6 +49,18 @@ def _anchors(shapes: AbstractPrimitive) -> Float[Array, "n 4"]:
         center = jnp.zeros((*shapes.batch_shape, 3), shapes.dtype)
         size = center[..., 0]
     return jnp.concatenate([center, size[..., None]], axis=-1)
+
+
+def _reach(solid: Solid) -> Float[Array, " n"]:
+    """How far the shapes of solids reach from the origin of their own frame.
+
+    All of them count, also what is taken away: where it is large or far off, so is the
+    rounding of the hole that it leaves. A frame turns rays, which spreads their
+    rounding to all directions.
+    """
+    own = [_anchors(shape) for shape in solid.shapes]
+    reach = [jnp.linalg.norm(x[..., :3], axis=-1) + x[..., 3] for x in own]
+    return functools.reduce(jnp.maximum, reach)
 
 
 def clearance(ray: Ray, t: Numbers, n: Vec3, anchor: tuple[Vec3, Numbers]) -> Numbers:

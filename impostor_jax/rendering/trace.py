@@ -78,8 +78,8 @@ def trace(
         In shapes, materials, lights, background and camera, exact for every pixel that
         keeps seeing the same. What moves across a pixel has none with hard edges. With
         edges="area" outlines, creases, cuts of two shapes and edges of shadows have
-        their derivative, of first order; not those of a torus, a heightfield, and a
-        cylinder or frustum that is open or a sector, which stay hard.
+        their derivative, of first order; not those of a torus, a heightfield, a solid,
+        and a cylinder or frustum that is open or a sector, which stay hard.
 
     Raises:
         ValueError: A value is out of range, there are not as many materials as shapes,

@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import subprocess
 import sys
 
@@ -449,3 +450,97 @@ def test_help_is_printed_without_starting_jax():
     )
     assert (found.returncode, found.stderr) == (0, "")
     assert "--sigma" in found.stdout
+
+
+CUP = {
+    "type": "difference",
+    "shapes": [
+        {"type": "cylinder", "center": [0, 0, 0.5], "axis": [0, 0, 1],
+         "radius": 0.1, "height": 0.2},
+        {"type": "union", "shapes": [
+            {"type": "cylinder", "center": [0, 0, 0.4], "axis": [0, 0, 1],
+             "radius": 0.05, "height": 0.2},
+            {"type": "plane", "point": [0.05, 0, 0], "normal": [-1, 0, 0]},
+        ]},
+    ],
+    "material": {"color": [0.5, 0.25, 0.0]},
+}  # fmt: skip
+
+
+def test_a_solid_of_a_scene_file_is_rendered(tmp_path, call, capfd):
+    record = LIT | {"shapes": [CUP, LIT["shapes"][1]], "lights": []}
+    (tmp_path / "scene.json").write_text(json.dumps(record))
+    assert call("render", tmp_path / "scene.json", "--output", tmp_path / "maps") == 0
+    assert "see 2 of 2 shapes" in capfd.readouterr().out
+    depth = cv2.imread(str(tmp_path / "maps" / "depth.tiff"), cv2.IMREAD_UNCHANGED)
+    # The bottom of the bore, the rim, and what is cut away.
+    np.testing.assert_allclose(depth[7, [11, 7]], (0.5, 0.4), rtol=1e-6)
+    assert not 0 < depth[7, 15] < 0.7
+
+
+def test_a_scene_is_exported_as_a_mesh(tmp_path, call, capfd):
+    trimesh = pytest.importorskip("trimesh")
+    pytest.importorskip("manifold3d")
+    ball = {"type": "sphere", "center": [0, 0, 2], "radius": 0.1}
+    (tmp_path / "scene.json").write_text(
+        json.dumps({"version": 1, "shapes": [CUP, ball]})
+    )
+    for name in ("out.stl", "out.glb"):
+        code = call(
+            "export", tmp_path / "scene.json", "--output", tmp_path / name,
+            "--tolerance", 0.0005, "--scale", 0.001,
+        )  # fmt: skip
+        found = capfd.readouterr()
+        assert (code, found.err) == (0, "")
+        assert "triangles of 2 shapes" in found.out
+        mesh = trimesh.load_mesh(tmp_path / name)
+        assert mesh.is_watertight
+        np.testing.assert_allclose(mesh.bounds[:, 2], (400, 2100), rtol=1e-5)
+
+
+def test_a_fit_is_exported_as_a_mesh(tmp_path, call, capfd):
+    trimesh = pytest.importorskip("trimesh")
+    fit = {"shape": "cylinder", "success": True, "center_m": [0, 0, 1],
+           "axis": [0, 0, 1], "radius_m": 0.1, "height_m": 0.4}  # fmt: skip
+    given, out = tmp_path / "fit.json", tmp_path / "out.ply"
+    given.write_text(json.dumps(fit))
+    assert call("export", given, "--output", out) == 0
+    assert trimesh.load_mesh(out).volume == pytest.approx(np.pi * 0.004, rel=0.01)
+    for change, message in (
+        ({"success": False}, "must have succeeded"),
+        ({"shape": "knot"}, "shape of fit .* must be one of"),
+        ({"radius_m": None}, "radius must be"),
+        ({"height_n": 1, "height_m": "tall"}, "height must"),
+    ):
+        given.write_text(json.dumps(fit | change))
+        assert call("export", given, "--output", out) == 2
+        (line,) = capfd.readouterr().err.splitlines()
+        assert re.search(message, line)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("none.json", "--output", "out.ply"), "does not exist"),
+        (("plane.json", "--output", "out.ply"), "a plane must be cut by a solid"),
+        (("plane.json", "--output", "out.step"), "output must end in one of .glb"),
+        (("plane.json", "--output", "-"), "output must end in one of .glb"),
+        (("plane.json", "--output", "none/out.ply"), "a folder that is there"),
+        (("ball.json", "--output", "out.ply", "--tolerance", "0"), "tolerance must be"),
+        (("ball.json", "--output", "out.ply", "--scale", "-1"), "scale must be"),
+        (("ball.json", "--output", "out.ply", "--tolerance", "1e-15"), "be larger"),
+    ],
+)  # fmt: skip
+def test_what_cannot_be_exported_is_told_on_a_line(
+    arguments, message, tmp_path, call, capfd, monkeypatch
+):
+    plane = {"type": "plane", "point": [0, 0, 1], "normal": [0, 0, 1]}
+    ball = {"type": "sphere", "center": [0, 0, 1], "radius": 0.5}
+    for name, shape in (("plane", plane), ("ball", ball)):
+        record = {"version": 1, "shapes": [shape]}
+        (tmp_path / f"{name}.json").write_text(json.dumps(record))
+    monkeypatch.chdir(tmp_path)
+    assert call("export", *arguments) == 2
+    (line,) = capfd.readouterr().err.splitlines()
+    assert message in line
+    assert {entry.name for entry in tmp_path.iterdir()} == {"plane.json", "ball.json"}

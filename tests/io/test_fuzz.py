@@ -58,6 +58,14 @@ def folder(tmp_path_factory):
     scene = {"version": 1, "camera": camera, "shapes": [shape], "lights": [light]}
     scene["background"] = [0, 0, 0.5]
     (folder / "scene.json").write_text(json.dumps(scene))
+    ball = {"type": "sphere", "center": [0, 0, 1], "radius": 0.5}
+    plane = {"type": "plane", "point": [0, 0, 1], "normal": [0, 0, 1]}
+    ground = {"type": "heightfield", "height": [[0, 1], [2, 1]]}
+    ground["extent"] = [[0, 1], [0, 1]]
+    both = {"type": "union", "shapes": [ball, plane, ground]}
+    pose = [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 3], [0, 0, 0, 1]]
+    cut = {"type": "difference", "shapes": [ball, both], "world_from_shapes": pose}
+    (folder / "solid.json").write_text(json.dumps({"version": 1, "shapes": [cut]}))
     (folder / "preset.json").write_text(json.dumps(PRESETS["hard"].record()))
     return folder
 
@@ -88,6 +96,7 @@ def test_changed_images_are_read_or_refused(folder, name, capfd):
     [
         ("camera.json", read_camera),
         ("scene.json", read_scene),
+        ("solid.json", read_scene),
         ("preset.json", lambda path: preset_named(str(path))),
     ],
 )
@@ -115,6 +124,7 @@ JSON = st.recursive(
     [
         ("camera.json", read_camera),
         ("scene.json", read_scene),
+        ("solid.json", read_scene),
         ("preset.json", lambda path: preset_named(str(path))),
     ],
 )

@@ -1,5 +1,6 @@
 import json
 
+import equinox as eqx
 import jax
 import numpy as np
 import pytest
@@ -15,7 +16,7 @@ CAMERA = ij.PinholeCamera(60.0, 62.0, 31.5, 23.0, 64, 48, camera_from_world=pose
 def test_every_shape_is_read_as_it_was_written(tmp_path):
     shapes = [make() for make in PRIMITIVES.values()]
     shapes.append(ij.Cylinder((0, 0, 1), (0, 1, 0), 1, 2, 0.5, 2.0, caps=False))
-    assert {type(shape) for shape in shapes} == set(CLASSES.values())
+    assert {type(shape) for shape in shapes} == {*CLASSES.values(), ij.Solid}
     write_scene(tmp_path / "scene.json", shapes, CAMERA)
     found = read_scene(tmp_path / "scene.json")
     for shape, again in zip(shapes, found.shapes, strict=True):
@@ -99,6 +100,84 @@ def test_function_is_not_written(tmp_path):
     assert not (tmp_path / "scene.json").exists()
 
 
+def solids():
+    """Solids in solids, one with a pose, one with a ground and a plane, and a batch."""
+    can = ij.Cylinder((0.1, 0.2, 3), (0.3, 0.8, 0.52), 0.5, 1.4)
+    ball = ij.Sphere((0.3, 0.2, 3), 0.4)
+    ground = ij.Heightfield(
+        [[0.0, 0.3], [0.4, -0.3], [0.1, 0.2]],
+        ((-1, 1), (-1, 2)),
+        world_from_field=ij.RigidTransform(pose().rotation, (0.1, 0.2, 3)),
+    )
+    table = ij.Plane((0, 0.5, 0), (0, -1, 0))
+    box = ij.Box((0, 0, 3), np.eye(3), (1, 2, 3))
+    tiles = ij.Box([(0, 0, 3), (0, 0, 4)], [np.eye(3)] * 2, [(1, 1, 1), (1, 2, 1)])
+    return [
+        (can - (ball | box)).transformed(pose()),
+        ij.union(ij.intersection(box - ground, table), ball, ij.union(can)),
+        tiles - ball,
+    ]
+
+
+def test_solids_are_read_as_they_were_written(tmp_path):
+    path = tmp_path / "scene.json"
+    turned, ground, tiles = solids()
+    write_scene(path, [turned, ground, tiles], materials=GLASS)
+    found = read_scene(path)
+    check_same([turned, ground], found.shapes[:2])
+    check_same([GLASS] * 4, found.materials)
+    for k, tile in enumerate(found.shapes[2:]):
+        check_same(jax.tree.map(lambda x, k=k: x[k], tiles), tile)
+    first, second, *_ = json.loads(path.read_text())["shapes"]
+    assert first["type"] == "difference"
+    assert [part["type"] for part in first["shapes"]] == ["cylinder", "union"]
+    assert set(first["shapes"][1]) == {"type", "shapes"}
+    assert first["world_from_shapes"][3] == [0, 0, 0, 1]
+    # The ground is a heightfield as it was given, without the sides that it got.
+    assert "world_from_shapes" not in second
+    cut = second["shapes"][0]
+    assert [part["type"] for part in cut["shapes"]] == ["difference", "plane"]
+    assert [part["type"] for part in cut["shapes"][0]["shapes"]] == [
+        "box",
+        "heightfield",
+    ]
+
+
+def test_a_ground_that_was_moved_with_a_solid_keeps_its_sides(tmp_path):
+    # Its sides are rounded apart from it by the pose, and are new where it is read.
+    _, ground, _ = solids()
+    both = ij.union(ground.transformed(pose()), ij.Sphere((0, 0, 9), 1))
+    write_scene(tmp_path / "scene.json", [both])
+    (found,) = read_scene(tmp_path / "scene.json").shapes
+    assert jax.tree.structure(found) == jax.tree.structure(both)
+    for x, y in zip(jax.tree.leaves(both), jax.tree.leaves(found), strict=True):
+        np.testing.assert_allclose(x, y, atol=3e-6)
+
+
+def test_a_ground_whose_sides_were_moved_away_is_not_written(tmp_path):
+    _, ground, _ = solids()
+    side = ground.shapes[2]
+    moved = eqx.tree_at(lambda s: s.shapes[2].point, ground, side.point + 0.1)
+    with pytest.raises(ValueError, match="must have the sides of its extent"):
+        write_scene(tmp_path / "scene.json", [moved])
+
+
+def nested(depth):
+    found = ij.Sphere((0, 0, 1), 0.1)
+    for _ in range(depth):
+        found = ij.union(found)
+    return found
+
+
+def test_solids_are_written_as_deep_as_they_are_read(tmp_path):
+    path = tmp_path / "scene.json"
+    write_scene(path, [nested(48)])
+    check_same([nested(48)], read_scene(path).shapes)
+    with pytest.raises(ValueError, match="must not be nested more than 100 deep"):
+        write_scene(path, [nested(60)])
+    check_same([nested(48)], read_scene(path).shapes)
+
+
 SPHERE = {"type": "sphere", "center": [0, 0, 1], "radius": 0.1}
 TWO = {"type": "sphere", "center": [[0, 0, 1], [0, 0, 2]], "radius": [1, 2]}
 
@@ -109,6 +188,14 @@ SUN = {"type": "directional", "direction": [0, 0, -1], "intensity": 1}
 
 def made_of(material):
     return {"version": 1, "shapes": [SPHERE, SPHERE | {"material": material}]}
+
+
+TRIANGLE = {"type": "triangle", "vertices": [[0, 0, 1], [0, 1, 1], [1, 0, 1]]}
+
+
+def joined(*shapes, **more):
+    solid = {"type": "union", "shapes": list(shapes), **more}
+    return {"version": 1, "shapes": [solid]}
 
 
 def lit_by(lights, **more):
@@ -132,6 +219,20 @@ def lit_by(lights, **more):
         ),
         ({"version": 1, "shapes": [TWO]}, "must be one shape"),
         ({"version": 1, "shapes": [SPHERE], "camera": {}}, "camera of .* lacks fx"),
+        (joined(), r"shapes of shapes\[0\] must be a list that is not empty"),
+        (joined(SPHERE, shapes={}), r"shapes of shapes\[0\] must be a list"),
+        (joined(SPHERE, size=1), r"shapes\[0\] \(union\) holds unknown keys: size"),
+        (joined(SPHERE, {"type": "knot"}), r"type of shapes\[0\]\.shapes\[1\] must"),
+        (
+            joined(joined(SPHERE, SPHERE | {"radius": -1})["shapes"][0]),
+            r"shapes\[0\]\.shapes\[0\]\.shapes\[1\] \(sphere\): radius must be pos",
+        ),
+        (joined(SPHERE, TRIANGLE), r"shapes\[0\]\.shapes\[1\]: shapes must be closed"),
+        (
+            joined(SPHERE, SPHERE | {"material": {}}),
+            r"material of shapes\[0\]\.shapes\[1\] must be that of the outermost",
+        ),
+        (joined(SPHERE, world_from_shapes=[1]), r"\(union\): matrix must be numbers"),
         (made_of(3), r"material of shapes\[1\] must be a JSON object, got 3"),
         (made_of({"shine": 1}), r"shapes\[1\] holds unknown keys: shine"),
         (made_of({"color": [1, 2]}), r"material of shapes\[1\]: color must be"),
