@@ -56,7 +56,7 @@ class Appearance:
         whole_number("bounces", self.bounces, 0, MOST_BOUNCES)
         whole_number("samples", self.samples, 1, MOST_SAMPLES)
         for name in ("mirrors", "glasses"):
-            bounded_number(name, getattr(self, name), "a fraction from 0 to 1", 1)
+            bounded_number(name, getattr(self, name), "a fraction from 0 to 1", 1.0)
         if self.mirrors + self.glasses > 1:
             raise ValueError(
                 "mirrors and glasses must be at most 1 together, got "

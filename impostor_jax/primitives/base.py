@@ -154,9 +154,9 @@ class AbstractPrimitive(eqx.Module):
         return repr(self) if self.batch_shape else described(self, UNITS)
 
 
-Operator = Callable[[str, Sequence[Any]], AbstractPrimitive]
+Operator = TypeVar("Operator", bound=Callable[[str, Sequence[Any]], AbstractPrimitive])
 
-_operator: list[Operator] = []
+_operator: list[Callable[[str, Sequence[Any]], AbstractPrimitive]] = []
 
 
 def combines(operator: Operator) -> Operator:

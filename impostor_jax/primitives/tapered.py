@@ -244,7 +244,7 @@ def _first_hit(
 
 def _near_solid(
     ray: Ray, body: Tapered
-) -> tuple[Ray, Float[Array, "*batch"], Bool[Array, "*batch"]]:
+) -> tuple[Ray, Float[Array, "*batch"], Bool[Array, "*#batch"]]:
     """The ray from near the body, and whether that has a size."""
     at_low, at_high = body.end_radii
     widest = jnp.maximum(at_low, at_high)
