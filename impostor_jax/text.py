@@ -31,7 +31,8 @@ def described(
 ) -> str:
     """Name of a class and its fields, with their units, on one line.
 
-    Left out is what is None, and a flag that is True, as it is by default.
+    Left out is what is None, and a flag that is True, as it is by default. Several
+    modules have a line each, after that, with their numbers.
 
     Args:
         module: A dataclass of arrays, strings and flags, or the class of `values`.
@@ -41,16 +42,17 @@ def described(
     if values is None:
         names = [field.name for field in dataclasses.fields(module)]
         values = {name: getattr(module, name) for name in names}
-    parts = [
-        f"{name} {_value(value, units.get(name, 'm'))}"
-        for name, value in values.items()
-        if value is not None and value is not True
-    ]
-    return f"{type(module).__name__}: {', '.join(parts)}"
+    parts, lines = [], []
+    for name, value in values.items():
+        if isinstance(value, tuple) and all(isinstance(x, eqx.Module) for x in value):
+            lines += [f"\n  {k} {described(x, units)}" for k, x in enumerate(value)]
+        elif value is not None and value is not True:
+            parts.append(f"{name} {_value(value, units.get(name, 'm'))}")
+    return f"{type(module).__name__}: {', '.join(parts)}{''.join(lines)}"
 
 
 def _value(value: Any, unit: str) -> str:
-    if isinstance(value, bool | str):
+    if isinstance(value, bool | str | tuple):
         return str(value)
     if not isinstance(value, jax.Array | np.ndarray | np.number | float):
         return type(value).__name__

@@ -279,3 +279,26 @@ def test_an_endless_solid_has_no_hull():
     assert (can(1) | ij.Plane((0, 0, 0), (0, 0, 1))).hull is None
     assert (ij.Plane((0, 0, 0), (0, 0, 1)) - can(1)).hull is None
     assert (ij.Plane((0, 0, 0), (0, 0, 1)) & can(1)).is_bounded
+
+
+def test_a_solid_prints_what_it_is_made_of():
+    assert str(can(1) - can(0.5)) == (
+        "Solid: expression ('difference', (0, 1)), "
+        "rotation ((1, 0, 0), (0, 1, 0), (0, 0, 1)), translation (0, 0, 0) m\n"
+        "  0 Cylinder: center (0, 0, 0) m, axis (0, 0, 1), radius 1 m, height 2 m\n"
+        "  1 Cylinder: center (0, 0, 0) m, axis (0, 0, 1), radius 0.5 m, height 2 m"
+    )
+
+
+def test_scenes_without_solids_hold_nothing_of_them(monkeypatch):
+    def refuse(*_):
+        raise AssertionError("a search for solids is traced")
+
+    monkeypatch.setattr("impostor_jax.primitives.solid.first_change", refuse)
+    scene = ij.Scene([can(0.5, 1.0, (0, 0, 4)), ij.Sphere((0, 0, 5), 0.2)])
+    sight = ray((0, 0, 0), (0, 0, 1))
+    jax.eval_shape(lambda scene: scene.intersect(sight), scene)
+    with pytest.raises(AssertionError, match="traced"):
+        jax.eval_shape(
+            lambda scene: scene.intersect(sight), ij.Scene([can(1) - can(0.5)])
+        )
