@@ -23,6 +23,7 @@ NAMES = (
     "blocks",
     "inside",
     "ends",
+    "NUM_ENDS",
     "cross_all",
     "is_in",
 )
