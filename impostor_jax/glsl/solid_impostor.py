@@ -130,6 +130,6 @@ def _ball(structure: Structure, solids: Solid) -> Ball:
             s.transformed(RigidTransform(*pose)) for s in shapes
         )
     )(*jax.tree.map(jnp.asarray, (solids.shapes, solids.rotation, solids.translation)))
-    pairs = zip(structure.leaves, moved, strict=True)
+    pairs = zip(structure.leaves, jax.tree.map(np.asarray, moved), strict=True)
     center, radius = zip(*(leaf.impostor.ball(s) for leaf, s in pairs), strict=True)
     return np.concatenate(center), np.concatenate(radius)

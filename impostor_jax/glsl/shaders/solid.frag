@@ -9,12 +9,12 @@
 // farthest, how far they reach there.
 
 Surface intersect(vec3 origin, vec3 direction) {
-    // v * rotation: v in the frame of the shapes.
-    vec3 d = direction * rotation;
+    // v * rotation: v in the frame of the shapes. What is turned is near already.
     float foot;
-    vec3 near = brought_near(
-        (origin - translation) * rotation, d, vec3(0.0), middle, radius, foot
-    );
+    vec3 target = translation + rotation * middle;
+    vec3 near = brought_near(origin, direction, translation, target, radius, foot);
+    vec3 d = direction * rotation;
+    near = near * rotation;
     cross_all(near, d);
     float speed = length(d), lengths = length(near) + farthest, t = INFINITE;
     int part = 0;
