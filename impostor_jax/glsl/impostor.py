@@ -1,6 +1,6 @@
 """What a shader is told of the primitives that it draws."""
 
-__all__ = ["Ball", "Impostor", "Leaf", "Structure", "hull_ball"]
+__all__ = ["Ball", "Impostor", "Leaf", "Structure", "hull_ball", "own_values"]
 
 import dataclasses
 from collections.abc import Callable

@@ -195,7 +195,7 @@ float first_crossing(ivec2 cell, vec2 from, vec2 to, vec2 y, float side) {
 
 // Unit normal that points upwards, at a place in a patch.
 vec3 upward(ivec2 cell, vec2 at) {
-    vec2 rise = surface(cell, at).yz * patches / size.xz;
+    vec2 rise = surface(cell, at).yz * (patches / size.xz);
     return rotation * normalize(vec3(-rise.x, 1.0, -rise.y));
 }
 
