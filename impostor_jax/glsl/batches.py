@@ -12,9 +12,11 @@ import numpy as np
 from impostor_jax.arguments import is_concrete
 from impostor_jax.camera.orthographic import OrthographicCamera
 from impostor_jax.camera.pinhole import PinholeCamera
-from impostor_jax.glsl.impostors import IMPOSTORS, Impostor, impostor_of
+from impostor_jax.glsl.impostor import Impostor
+from impostor_jax.glsl.impostors import IMPOSTORS, impostor_of
 from impostor_jax.primitives.base import AbstractPrimitive, in_camera_frame
 from impostor_jax.primitives.heightfield import Heightfield
+from impostor_jax.primitives.solid import Solid
 
 
 @dataclasses.dataclass(frozen=True)
@@ -72,23 +74,24 @@ def _batch(
     primitive: Any, camera: PinholeCamera | OrthographicCamera
 ) -> AbstractPrimitive:
     """The primitive as a batch in the camera frame."""
-    if type(primitive) not in IMPOSTORS or len(primitive.batch_shape) > 1:
-        names = ", ".join(known.__name__ for known in IMPOSTORS)
+    known = (*IMPOSTORS, Solid)
+    if type(primitive) not in known or len(primitive.batch_shape) > 1:
+        names = ", ".join(one.__name__ for one in known)
         raise ValueError(
             f"primitives must be one primitive of {names}, a batch (n,) of one of "
             f"them, or a sequence of these, got {type(primitive).__name__}"
         )
-    if isinstance(primitive, Heightfield):
-        if callable(primitive.height):
+    for shape in primitive.shapes if isinstance(primitive, Solid) else (primitive,):
+        if isinstance(shape, Heightfield) and callable(shape.height):
             raise ValueError(
                 "height must be an array where a shader draws it, got a function; "
                 "sample it on a grid"
             )
-        if primitive.batch_shape:
-            raise ValueError(
-                "a heightfield must be a single one, got a batch of shape "
-                f"{primitive.batch_shape}; give several as a sequence"
-            )
+    if isinstance(primitive, Heightfield) and primitive.batch_shape:
+        raise ValueError(
+            "a heightfield must be a single one, got a batch of shape "
+            f"{primitive.batch_shape}; give several as a sequence"
+        )
     # Before it is a batch: the pose of a heightfield is that of one.
     placed = in_camera_frame(primitive, camera)
     if not primitive.batch_shape:

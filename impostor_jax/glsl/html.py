@@ -1,6 +1,6 @@
 """Self-contained pages: a template, the script that pages share, and what is drawn."""
 
-__all__ = ["html_page", "texture_message", "traced_message"]
+__all__ = ["html_page", "textures_message", "traced_message"]
 
 import base64
 import json
@@ -43,16 +43,21 @@ def traced_message(
         "sources": trace_sources(told.key, "300 es", shaders, for_screen),
         "uniforms": told.uniforms,
         "places": told.places,
-        "textures": {name: texture_message(x) for name, x in told.textures.items()},
+        "textures": textures_message(told.textures),
     }
 
 
-def texture_message(texels: Float[np.ndarray, "rows cols ..."]) -> dict[str, Any]:
-    """What the script's `sampleTexture` takes: as short as it can be, and exact."""
-    height, width, *each = texels.shape
-    data = np.ascontiguousarray(texels, "<f4").tobytes()
-    return {
-        "size": [width, height],
-        "each": each[0] if each else 1,
-        "base64": base64.b64encode(data).decode(),
-    }
+def textures_message(
+    textures: dict[str, Float[np.ndarray, "..."]],
+) -> dict[str, dict[str, Any]]:
+    """What the script's `bindTextures` takes: as short as it can be, and exact."""
+    found = {}
+    for name, texels in textures.items():
+        height, width, *each = texels.shape
+        data = np.ascontiguousarray(texels, "<f4").tobytes()
+        found[name] = {
+            "size": [width, height],
+            "each": each[0] if each else 1,
+            "base64": base64.b64encode(data).decode(),
+        }
+    return found

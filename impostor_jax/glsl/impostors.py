@@ -12,12 +12,14 @@ of which a primitive without a `.vert` takes the whole image or another's. Both 
 fields listed below, which are the primitive's own or computed from them; numbers of
 which one has more than another come in a texture, `sample_at(k)` in the fragment
 shader. All else is common to the primitives.
+
+A solid made of others is drawn by a shader of its own (`solid_program`), which asks its
+shapes where a ray is in them: `shaders/<name>_stretches.glsl` tells it.
 """
 
-__all__ = ["IMPOSTORS", "Ball", "Impostor", "impostor_of"]
+__all__ = ["IMPOSTORS", "impostor_of"]
 
 import dataclasses
-from collections.abc import Callable
 from typing import Any
 
 import jax
@@ -26,6 +28,8 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from impostor_jax.geometry.vec3 import Vec3, unit
+from impostor_jax.glsl.impostor import Ball, Impostor, own_values
+from impostor_jax.glsl.solid_impostor import solid_impostor
 from impostor_jax.primitives.base import AbstractPrimitive
 from impostor_jax.primitives.box import Box
 from impostor_jax.primitives.cylinder import Cylinder
@@ -34,55 +38,16 @@ from impostor_jax.primitives.heightfield import Heightfield
 from impostor_jax.primitives.heightfield_grid import relief
 from impostor_jax.primitives.plane import Plane
 from impostor_jax.primitives.sector import sector
+from impostor_jax.primitives.solid import Solid
 from impostor_jax.primitives.sphere import Sphere
 from impostor_jax.primitives.torus import Torus
 from impostor_jax.primitives.triangle import Triangle
 
-Ball = tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, " n"]]
-"""Centers and radii, in meters; `+inf` around a point of something without end."""
-
-
-def _hull_ball(primitives: AbstractPrimitive) -> Ball:
-    hull = jax.tree.map(jnp.asarray, primitives).hull
-    assert hull is not None
-    center, radius = hull.ball()
-    return np.asarray(center), np.asarray(radius)
-
-
-def _values(primitives: AbstractPrimitive) -> dict[str, Any]:
-    """Fields of primitives by name, directions of unit length."""
-    return {
-        name: unit(jnp.asarray(value)) if name in ("axis", "unit_normal") else value
-        for name, value in vars(primitives).items()
-    }
-
-
-@dataclasses.dataclass(frozen=True, eq=False)
-class Impostor:
-    """How a primitive is drawn.
-
-    Attributes:
-        name: Stem of its shaders' file names.
-        fields: What the shaders read, each with its number of components: 1 to 4, or 9
-            for a matrix.
-        values: The fields' values of a batch (n,) by their names; those of the
-            primitive itself, directions of unit length, if not given.
-        samples: Numbers of each primitive of a batch (n,) that come in a texture.
-        billboard: Stem of the rectangle's file name, where it is not the primitive's.
-        ball: Balls that hold the primitives of a batch (n,); around their hulls, if not
-            given.
-    """
-
-    name: str
-    fields: dict[str, int]
-    values: Callable[[Any], dict[str, Any]] = _values
-    samples: Callable[[Any], Float[np.ndarray, "n k"]] | None = None
-    billboard: str = ""
-    ball: Callable[[Any], Ball] = _hull_ball
-
 
 def impostor_of(primitive: AbstractPrimitive) -> Impostor:
     """How a primitive is drawn: a cylinder that is not whole as a frustum."""
+    if isinstance(primitive, Solid):
+        return solid_impostor(primitive, tuple(map(impostor_of, primitive.shapes)))
     if isinstance(primitive, Cylinder) and not primitive.is_whole:
         return _OPEN_CYLINDER
     return IMPOSTORS[type(primitive)]
@@ -98,7 +63,7 @@ def _plane_ball(planes: Plane) -> Ball:
 def _torus_values(tori: Torus) -> dict[str, Any]:
     """Its own, and those of the cylinder around it."""
     return {
-        **_values(tori),
+        **own_values(tori),
         "radius": tori.major_radius + tori.minor_radius,
         "height": 2 * tori.minor_radius,
     }

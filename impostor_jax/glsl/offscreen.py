@@ -21,7 +21,7 @@ from impostor_jax.camera.orthographic import OrthographicCamera
 from impostor_jax.camera.pinhole import PinholeCamera
 from impostor_jax.glsl.conventions import DrawnMaps, maps_from_targets
 from impostor_jax.glsl.draw_list import CLEAR_COLOR, draw_list_of
-from impostor_jax.glsl.impostors import Impostor
+from impostor_jax.glsl.impostor import Impostor
 from impostor_jax.glsl.program import attributes, shader_sources
 from impostor_jax.glsl.trace_list import Traceable, trace_list_of
 from impostor_jax.glsl.trace_program import trace_sources
@@ -119,8 +119,7 @@ class OffscreenRenderer:
                         program[name].value = value
                 buffer = held(context.buffer(call.rows.tobytes()))
                 layout, names = _layout(call.impostor, program)
-                if call.samples.size:
-                    held(_texture(context, call.samples)).use(0)
+                _bind(context, program, call.textures, held)
                 array = held(context.vertex_array(program, [(buffer, layout, *names)]))
                 array.render(
                     context.TRIANGLE_STRIP, vertices=4, instances=len(call.rows)
@@ -178,10 +177,7 @@ class OffscreenRenderer:
                 # A driver drops what a variant of the shader does not use.
                 if name in program:
                     program[name].value = value
-            for unit, (name, texels) in enumerate(told.textures.items()):
-                if name in program:
-                    held(_texture(context, texels)).use(unit)
-                    program[name].value = unit
+            _bind(context, program, told.textures, held)
             array = held(context.vertex_array(program, []))
             array.render(context.TRIANGLE_STRIP, vertices=4)
             drawn = np.frombuffer(target.read(), np.float32)
@@ -222,6 +218,19 @@ class OffscreenRenderer:
                 vertex_shader=vertex, fragment_shader=fragment
             )
         return self._programs[key]
+
+
+def _bind(
+    context: Any,
+    program: Any,
+    textures: dict[str, Float[np.ndarray, "..."]],
+    held: Callable[[Any], Any],
+) -> None:
+    """Bind textures to a program that reads them."""
+    for unit, (name, texels) in enumerate(textures.items()):
+        if name in program:
+            held(_texture(context, texels)).use(unit)
+            program[name].value = unit
 
 
 def _texture(context: Any, texels: Float[np.ndarray, "..."]) -> Any:

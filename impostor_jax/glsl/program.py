@@ -2,7 +2,7 @@
 
 __all__ = [
     "SAMPLES_PER_ROW",
-    "TYPES",
+    "TEXELS_PER_ROW",
     "attributes",
     "head_of",
     "shader_sources",
@@ -16,7 +16,9 @@ from pathlib import Path
 import numpy as np
 
 from impostor_jax.glsl.conventions import GLSL
-from impostor_jax.glsl.impostors import Impostor
+from impostor_jax.glsl.impostor import Impostor
+from impostor_jax.glsl.own_names import TYPES, named_apart
+from impostor_jax.glsl.solid_program import kind_files, solid_text
 from impostor_jax.numerics import eps, smallest_slope
 
 HEADERS = {
@@ -28,8 +30,8 @@ HEADERS = {
 SAMPLES_PER_ROW = 1024
 """Width of the texture that holds samples."""
 
-TYPES = {1: "float", 2: "vec2", 3: "vec3", 4: "vec4", 9: "mat3"}
-"""GLSL's types by their numbers of components."""
+TEXELS_PER_ROW = 1024
+"""Width of the texture that holds numbers, four together."""
 
 
 def attributes(impostor: Impostor) -> list[tuple[str, int]]:
@@ -44,7 +46,7 @@ def attributes(impostor: Impostor) -> list[tuple[str, int]]:
 
 def _counters(impostor: Impostor) -> tuple[str, ...]:
     """What each instance is told of its place among those that are drawn."""
-    return ("first_sample", "index") if impostor.samples else ("index",)
+    return (*impostor.counters, "index")
 
 
 def shader_sources(
@@ -67,20 +69,30 @@ def shader_sources(
     text, head = texts_of(shaders), head_of(dialect, orthographic)
     billboard = text(f"{impostor.billboard or impostor.name}.vert", "whole_image.vert")
     vertex = text("billboard.glsl") + billboard + text("main.vert")
-    fragment = text("rays.glsl") + text(f"{impostor.name}.frag") + text("main.frag")
-    if impostor.samples:
-        head += f"#define SAMPLES_PER_ROW {SAMPLES_PER_ROW}\n"
-        fragment = text("samples.glsl") + fragment
+    fragment = text("rays.glsl") + _drawn(impostor, text) + text("main.frag")
     return (
         head + _handed_over(impostor) + vertex,
         head + _declared(impostor, "in") + fragment,
     )
 
 
+def _drawn(impostor: Impostor, text: Callable[..., str]) -> str:
+    """The source that meets a ray with a primitive."""
+    structure = impostor.structure
+    if structure is None:
+        return "".join(map(text, kind_files(impostor)))
+    parts = [text("numbers.glsl"), text("stretch.glsl")]
+    for kind in structure.impostors.values():
+        parts += named_apart(kind, map(text, kind_files(kind, in_solids=True)))
+    return "".join([*parts, solid_text(structure, text)])
+
+
 def head_of(dialect: str, orthographic: bool) -> str:
     """What every shader begins with: dialect, constants and the camera's uniforms."""
     head = f"#define SMALLEST_SLOPE {smallest_slope(np.float32):.9e}\n"
     head += f"#define EPS {eps(np.float32):.9e}\n"
+    head += f"#define SAMPLES_PER_ROW {SAMPLES_PER_ROW}\n"
+    head += f"#define TEXELS_PER_ROW {TEXELS_PER_ROW}\n"
     if orthographic:
         head += "#define ORTHOGRAPHIC\n"
     return HEADERS[dialect] + head + GLSL

@@ -17,8 +17,15 @@ from impostor_jax.camera.pinhole import PinholeCamera
 from impostor_jax.geometry.vec3 import unit
 from impostor_jax.glsl.batches import Batch, batches_in_camera
 from impostor_jax.glsl.conventions import DepthRange, uniforms
-from impostor_jax.glsl.draw_list import calls_of
-from impostor_jax.glsl.trace_program import TEXELS_PER_ROW, TraceKey, texels_of
+from impostor_jax.glsl.draw_list import (
+    MOST_SAMPLES,
+    MOST_TEXELS,
+    DrawCall,
+    calls_of,
+    textured,
+)
+from impostor_jax.glsl.program import TEXELS_PER_ROW
+from impostor_jax.glsl.trace_program import TraceKey
 from impostor_jax.primitives.base import AbstractPrimitive
 from impostor_jax.primitives.heightfield import Heightfield
 from impostor_jax.rendering.group import Group
@@ -32,9 +39,6 @@ from impostor_jax.rendering.material import Material, stacked
 from impostor_jax.rendering.scene import Scene
 from impostor_jax.rendering.secondary import anchors
 from impostor_jax.rendering.trace import MOST_BOUNCES
-
-MOST_TEXELS = 2048 * TEXELS_PER_ROW
-"""Rows of a texture that every implementation of WebGL2 has, times its width."""
 
 AMBIENT, POINT, INVERSE_SQUARE, DIRECTIONAL = range(4)
 """Kinds of lights, as `trace.frag` numbers them."""
@@ -103,25 +107,30 @@ def trace_list_of(
     mirrors, glass = made[:, 8].any(), made[:, 9].any()
 
     calls = calls_of(batches)
-    parts, places, first = [], {}, 0
+    parts, places, first, first_sample = [], {}, 0, 0
     for call in calls:
-        fields = call.rows[:, :-1]
-        spare = 4 * texels_of(call.impostor) - fields.shape[1]
-        fields = np.pad(fields, ((0, 0), (0, spare)))
+        parts.append(call.numbers.ravel())
+        began = {"first_sample": first_sample, "first_number": first}
+        first += call.numbers.size // 4
+        first_sample += call.samples.size
         # The last column counts the primitives.
-        rows = np.concatenate([made[call.rows[:, -1].astype(int)], fields], axis=-1)
+        rows = np.concatenate(
+            [made[call.rows[:, -1].astype(int)], _fields(call, began)], axis=-1
+        )
         parts.append(rows.ravel())
         places[f"{call.impostor.name}_listed"] = (first, len(rows))
         first += rows.size // 4
     parts.append(_lights(lights, camera).ravel())
     places["lights"] = (first, len(lights))
-    numbers = np.concatenate(parts).astype(np.float32)
-    if numbers.size > 4 * MOST_TEXELS:
-        raise ValueError(
-            f"scene and lights must fill at most {MOST_TEXELS} texels, got "
-            f"{numbers.size // 4}"
-        )
-    numbers = np.pad(numbers, (0, -numbers.size % (4 * TEXELS_PER_ROW)))
+    numbers = np.concatenate(parts).reshape(-1, 4)
+    for many, most, what in (
+        (len(numbers), MOST_TEXELS, "texels"),
+        (first_sample, MOST_SAMPLES, "samples"),
+    ):
+        if many > most:
+            raise ValueError(
+                f"scene and lights must fill at most {most} {what}, got {many}"
+            )
     key = TraceKey(
         tuple(call.impostor for call in calls),
         isinstance(camera, OrthographicCamera),
@@ -139,15 +148,22 @@ def trace_list_of(
         "turn": tuple(np.eye(3).ravel().tolist()),
         "eye": (0.0, 0.0, 0.0),
     }
-    samples = [call.samples for call in calls if call.samples.size]
     return TraceList(
         key,
-        numbers.reshape(-1, TEXELS_PER_ROW, 4),
-        samples[0] if samples else np.zeros((0, 0), np.float32),
+        textured(numbers, TEXELS_PER_ROW),
+        np.concatenate([call.samples for call in calls]),
         values,
         places,
         batches,
     )
+
+
+def _fields(call: DrawCall, began: dict[str, int]) -> Float[np.ndarray, "n k"]:
+    """What fills the texels of each shape, by whose numbers those of the call began."""
+    fields, counters = call.rows[:, :-1].astype(float), call.impostor.counters
+    fields[:, fields.shape[1] - len(counters) :] += [began[name] for name in counters]
+    spare = 4 * call.impostor.texels - fields.shape[1]
+    return np.pad(fields, ((0, 0), (0, spare)))
 
 
 def _shapes_of(scene: Traceable) -> tuple[Any, Int[np.ndarray, " n"] | None]:

@@ -1,26 +1,24 @@
 """The shader that traces a scene, put together of the shapes that the scene holds.
 
-Each shape's `intersect`, the one that draws it, stands in the source once, with all its
-names of one scene's meaning (`intersect`, the fields) replaced by the shape's own, and
-so do what all shapes have (`each.glsl`) and, where something lets light through, its
-`<name>_inside.glsl`. The fields are variables, `take`n from a texture before a ray is
-cast at a shape.
+Each shape's `intersect`, the one that draws it, stands in the source once, under names
+of its own (`own_names`), and so do what all shapes have (`each.glsl`) and, where
+something lets light through, its `<name>_inside.glsl`. The shapes that solids are made
+of share them.
 
 Inside a shape is where `AbstractPrimitive.implicit` is negative: within a solid, capped
 or not; on the side of a plane or triangle that its normal points away from; below a
 heightfield. As in `rendering.paths`, it is asked of the middle of the way to the hit.
 """
 
-__all__ = ["TEXELS_PER_ROW", "TraceKey", "texels_of", "trace_sources"]
+__all__ = ["TraceKey", "trace_sources"]
 
 import dataclasses
 from pathlib import Path
 
-from impostor_jax.glsl.impostors import Impostor
-from impostor_jax.glsl.program import SAMPLES_PER_ROW, TYPES, head_of, texts_of
-
-TEXELS_PER_ROW = 1024
-"""Width of the texture that holds shapes, materials and lights."""
+from impostor_jax.glsl.impostor import Impostor
+from impostor_jax.glsl.own_names import named_apart
+from impostor_jax.glsl.program import head_of, texts_of
+from impostor_jax.glsl.solid_program import kind_files, solid_text
 
 
 @dataclasses.dataclass(frozen=True)
@@ -38,11 +36,6 @@ class TraceKey:
     orthographic: bool
     bounces: int
     glass: bool
-
-
-def texels_of(impostor: Impostor) -> int:
-    """How many texels a shape's fields fill."""
-    return -(-sum(_fields(impostor).values()) // 4)
 
 
 def trace_sources(
@@ -65,60 +58,30 @@ def trace_sources(
     """
     text = texts_of(shaders)
     head = head_of(dialect, key.orthographic)
-    head += f"#define TEXELS_PER_ROW {TEXELS_PER_ROW}\n"
-    head += f"#define SAMPLES_PER_ROW {SAMPLES_PER_ROW}\n"
     head += f"#define BOUNCES {key.bounces}\n"
     head += "#define GLASS\n" if key.glass else ""
     head += "#define SCREEN\n" if for_screen else ""
-    parts = [text("rays.glsl"), text("traced.glsl")]
-    for kind, impostor in enumerate(key.impostors):
-        files = [f"{impostor.name}.frag", "each.glsl"]
-        if impostor.samples:
-            files.insert(0, "samples.glsl")
-        if key.glass:
-            files.append(f"{impostor.name}_inside.glsl")
-        own = {name: f"{impostor.name}_{name}" for name in _names(impostor)}
-        own |= {"KIND": str(kind), "TEXELS": str(texels_of(impostor))}
-        parts += [f"#define {name} {mine}\n" for name, mine in own.items()]
-        parts += [_taken(impostor), *map(text, files)]
-        parts += [f"#undef {name}\n" for name in own]
+    parts = [text("rays.glsl"), text("numbers.glsl"), text("traced.glsl")]
+    solids = [kind.structure for kind in key.impostors if kind.structure]
+    leaves = {k: v for solid in solids for k, v in solid.impostors.items()}
+    parts += [text("stretch.glsl")] if solids else []
+    # Shapes before the solids that are made of them.
+    number_of = {impostor.name: k for k, impostor in enumerate(key.impostors)}
+    shapes = leaves | {i.name: i for i in key.impostors if not i.structure}
+    for kind in (*shapes.values(), *(i for i in key.impostors if i.structure)):
+        if kind.structure:
+            texts = [solid_text(kind.structure, text, key.glass)]
+        else:
+            files = kind_files(kind, kind.name in leaves, key.glass)
+            texts = list(map(text, files))
+        constants = {}
+        if kind.name in number_of:
+            texts.append(text("each.glsl"))
+            constants = {"KIND": number_of[kind.name], "TEXELS": kind.texels}
+        parts += named_apart(kind, texts, **constants)
     names = [impostor.name for impostor in key.impostors]
     parts += [_asked(names, key.glass), text("trace.frag")]
     return head + text("trace.vert"), head + "".join(parts)
-
-
-def _names(impostor: Impostor) -> tuple[str, ...]:
-    """Names that each kind of shape has of its own."""
-    return (
-        *_fields(impostor),
-        "take",
-        "intersect",
-        "listed",
-        "meet",
-        "blocks",
-        "inside",
-    )
-
-
-def _fields(impostor: Impostor) -> dict[str, int]:
-    """What a shape is told, in the order of the columns of `DrawCall.rows`."""
-    counter = {"first_sample": 1} if impostor.samples else {}
-    return {**impostor.fields, **counter}
-
-
-def _taken(impostor: Impostor) -> str:
-    """The fields as variables, and the function that reads those of a shape."""
-    declared, body, first = "", "", 0
-    for k in range(texels_of(impostor)):
-        body += f"    vec4 v{k} = number_at(place + {k});\n"
-    for name, count in _fields(impostor).items():
-        declared += f"{TYPES[count]} {name};\n"
-        given = [f"v{k // 4}.{'xyzw'[k % 4]}" for k in range(first, first + count)]
-        value = f"{TYPES[count]}({', '.join(given)})"
-        # The numbers of a matrix come row by row.
-        body += f"    {name} = {f'transpose({value})' if count == 9 else value};\n"
-        first += count
-    return f"{declared}\nvoid take(int place) {{\n{body}}}\n\n"
 
 
 def _asked(names: list[str], glass: bool) -> str:

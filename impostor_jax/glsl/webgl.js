@@ -47,8 +47,17 @@ function setFloats(gl, used, uniforms) {
   }
 }
 
+// Textures {name: {size, each, base64}}, each bound to the unit of its number.
+function bindTextures(gl, used, textures) {
+  return Object.entries(textures).map(([name, texels], unit) => {
+    gl.activeTexture(gl.TEXTURE0 + unit);
+    gl.uniform1i(gl.getUniformLocation(used, name), unit);
+    return sampleTexture(gl, texels);
+  });
+}
+
 // Makes the program of a scene {sources, uniforms, places, textures} the one that draws, and
-// returns it with the textures, each bound to the unit of its number.
+// returns it with the textures.
 function useTraced(gl, scene) {
   gl.disable(gl.BLEND);
   gl.disable(gl.DEPTH_TEST);
@@ -58,10 +67,5 @@ function useTraced(gl, scene) {
   for (const [name, value] of Object.entries(scene.places)) {
     gl.uniform2iv(gl.getUniformLocation(used, name), value);
   }
-  const textures = Object.entries(scene.textures).map(([name, texels], unit) => {
-    gl.activeTexture(gl.TEXTURE0 + unit);
-    gl.uniform1i(gl.getUniformLocation(used, name), unit);
-    return sampleTexture(gl, texels);
-  });
-  return { used, textures };
+  return { used, textures: bindTextures(gl, used, scene.textures) };
 }

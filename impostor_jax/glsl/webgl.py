@@ -15,7 +15,7 @@ from impostor_jax.camera.orthographic import OrthographicCamera
 from impostor_jax.camera.pinhole import PinholeCamera
 from impostor_jax.glsl.conventions import DrawnMaps, maps_from_targets
 from impostor_jax.glsl.draw_list import CLEAR_COLOR, DrawList, draw_list_of
-from impostor_jax.glsl.html import html_page, texture_message, traced_message
+from impostor_jax.glsl.html import html_page, textures_message, traced_message
 from impostor_jax.glsl.offscreen import DriverError
 from impostor_jax.glsl.program import attributes, shader_sources
 from impostor_jax.glsl.trace_list import Traceable, trace_list_of
@@ -153,14 +153,14 @@ def _message(draws: DrawList, shaders: Path | None) -> dict[str, Any]:
     """What the page's `drawScene` takes."""
     calls = [
         {
-            "name": call.impostor.name,
+            "name": call.impostor.name.partition("_")[0],
             "sources": shader_sources(
                 call.impostor, "300 es", draws.orthographic, shaders
             ),
             "attributes": attributes(call.impostor),
             "instances": call.rows.ravel().tolist(),
             "count": len(call.rows),
-            "samples": texture_message(call.samples),
+            "textures": textures_message(call.textures),
         }
         for call in draws.calls
     ]

@@ -23,6 +23,7 @@ from impostor_jax.parity.round_cases import (
     single_spheres,
     single_tori,
 )
+from impostor_jax.parity.solid_cases import many_solids, single_solids
 from impostor_jax.parity.traced import TracedCase
 from impostor_jax.parity.traced_cases import traced
 
@@ -41,6 +42,8 @@ FAMILIES = (
     triangles,
     single_heightfields,
     all_shapes,
+    single_solids,
+    many_solids,
     traced,
 )
 """What makes the cases of one kind of camera."""

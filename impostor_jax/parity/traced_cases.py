@@ -5,7 +5,11 @@ __all__ = ["traced"]
 import math
 from collections.abc import Sequence
 
+import numpy as np
+
 from impostor_jax.parity.case import camera_of_kind
+from impostor_jax.parity.flat_cases import seen_pose
+from impostor_jax.parity.solid_cases import bored_can
 from impostor_jax.parity.traced import TracedCase
 from impostor_jax.primitives.base import AbstractPrimitive
 from impostor_jax.primitives.box import Box
@@ -49,6 +53,7 @@ def traced(kind: str) -> list[TracedCase]:
         "cans, balls and a mirror": _mirrors(),
         "glass ball and box": _glass(),
         "shapes of glass": _all_of_glass(),
+        "solids of solids": _solids(),
     }
     bounds = {
         # The floor is 5000 of the others' radii in size: JAX itself is 4.5e-5 from
@@ -56,6 +61,8 @@ def traced(kind: str) -> list[TracedCase]:
         "published scene": (6e-5, 3e-4),
         # A curved mirror magnifies rounding: JAX is 1.5e-6 from double precision.
         "cans, balls and a mirror": (2e-6, 1e-4),
+        # As does a lens: JAX is 1.4e-6 from it.
+        "solids of solids": (2e-6, 1e-4),
     }
     return [
         TracedCase(
@@ -138,6 +145,29 @@ def _all_of_glass() -> _Traced:
     ]
     glass = Material((0.9, 1.0, 0.9), 60.0, 0.1, 0.7, 1.4)
     materials = [Material((0.8, 0.7, 0.6)), *[glass] * (len(shapes) - 1)]
+    return shapes, materials, LIGHTS, SKY
+
+
+def _solids() -> _Traced:
+    """A mirror, a lens, and what throws a shadow on its own inside."""
+    pose = seen_pose(50.0, 20.0, np.array((-0.5, 0.1, 2.2)))
+    can = bored_can(0.6).transformed(pose)
+    block = Box((0.55, 0.2, 2.3), _turned(0.5), (0.5, 0.6, 0.5))
+    ends = Sphere((0.0, 0.0, 1.7), 0.4), Sphere((0.05, 0.0, 2.2), 0.4)
+    shapes = [
+        FLOOR,
+        can,
+        block - Sphere((0.45, 0.0, 2.0), 0.3),
+        ends[0] & ends[1],
+        Sphere((0.1, -0.35, 2.6), 0.2),
+    ]
+    materials = [
+        Material((0.8, 0.8, 0.7)),
+        Material((0.9, 0.3, 0.2), 30.0, 0.2),
+        Material((0.9, 0.9, 0.9), 60.0, 0.6),
+        Material((0.9, 1.0, 0.9), 60.0, None, 0.9, 1.4),
+        Material((0.2, 0.4, 0.9), 20.0),
+    ]
     return shapes, materials, LIGHTS, SKY
 
 

@@ -34,7 +34,19 @@ bool holds(bool is_convex, Interval stretch, float t) {
                      : !(stretch.lower < t && t < stretch.upper);
 }
 
-Surface intersect(vec3 o, vec3 d) {
+// A ray and the whole body, counted from a point of the axis.
+struct Passage {
+    vec3 anchor;
+    float slope;
+    vec3 near;
+    float foot;  // less the parameter that comes first
+    float enter;
+    float leave;
+    int into;
+    int out_of;
+};
+
+Passage passage(vec3 o, vec3 d) {
     // Counted from the end that is nearer to the camera, with the radius of that end.
     vec3 a = axis;
     float span = dot(p2 - p1, a), slope = (radius2 - radius1) / span;
@@ -49,41 +61,43 @@ Surface intersect(vec3 o, vec3 d) {
 
     Interval wall = cone_interval(near, d, a, radius, slope);
     Interval slab = plane_interval(near, d, a, low, high);
-    float enter = max(wall.lower, slab.lower), leave = min(wall.upper, slab.upper);
-    if (!(enter <= leave)) return MISS;
     bool rises = dot(d, a) > 0.0;
     // An end that is a point, to rounding, has no cap.
     float least = 4.0 * EPS * widest;
     bool has_low = at_low > least, has_high = at_high > least;
     bool into_cap = slab.lower > wall.lower && (rises ? has_low : has_high);
     bool out_of_cap = slab.upper < wall.upper && (rises ? has_high : has_low);
-    int cap_in = rises ? LOW_CAP : HIGH_CAP, cap_out = rises ? HIGH_CAP : LOW_CAP;
-    bool enters = caps > 0.5 || !into_cap, leaves = caps > 0.5 || !out_of_cap;
+    return Passage(
+        anchor, slope, near, foot,
+        max(wall.lower, slab.lower), min(wall.upper, slab.upper),
+        into_cap ? (rises ? LOW_CAP : HIGH_CAP) : WALL,
+        out_of_cap ? (rises ? HIGH_CAP : LOW_CAP) : WALL
+    );
+}
 
-    float t = INFINITE;
-    int part = WALL;
-    Interval first = WHOLE, after = WHOLE, stretch = WHOLE;
-    if (is_sector > 0.5) {
-        bool is_convex = dot(cross(start, end), a) >= 0.0;
-        first = half_space(near, d, is_convex ? start : -start);
-        after = half_space(near, d, is_convex ? -end : end);
-        stretch = Interval(max(first.lower, after.lower), min(first.upper, after.upper));
-        enters = enters && holds(is_convex, stretch, enter);
-        leaves = leaves && holds(is_convex, stretch, leave);
-    }
-    keep(foot + enter, into_cap ? cap_in : WALL, enters, t, part);
-    keep(foot + leave, out_of_cap ? cap_out : WALL, leaves, t, part);
-    if (is_sector * cut_faces > 0.5 && stretch.lower <= stretch.upper) {
-        float at = stretch.lower;
-        int face = first.lower > after.lower ? START_FACE : END_FACE;
-        keep(foot + at, face, enter < at && at < leave, t, part);
-        at = stretch.upper;
-        face = first.upper < after.upper ? START_FACE : END_FACE;
-        keep(foot + at, face, enter < at && at < leave, t, part);
-    }
-    if (t >= INFINITE) return MISS;
+// A ray and the sector.
+struct Cut {
+    bool is_convex;
+    Interval stretch;  // in the smaller of the sector and the rest of the turn
+    int begins;
+    int finishes;
+};
 
-    vec3 q = o + d * t - anchor;
+Cut cut_of(vec3 near, vec3 d) {
+    bool is_convex = dot(cross(start, end), axis) >= 0.0;
+    Interval first = half_space(near, d, is_convex ? start : -start);
+    Interval after = half_space(near, d, is_convex ? -end : end);
+    return Cut(
+        is_convex,
+        Interval(max(first.lower, after.lower), min(first.upper, after.upper)),
+        first.lower > after.lower ? START_FACE : END_FACE,
+        first.upper < after.upper ? START_FACE : END_FACE
+    );
+}
+
+// Of a part of the surface at a point relative to one of the axis.
+vec3 normal_of(vec3 q, int part, float slope) {
+    vec3 a = axis;
     vec3 n = part == LOW_CAP ? -a : part == HIGH_CAP ? a
            : part == START_FACE ? -start : end;
     if (part == WALL) {
@@ -92,5 +106,33 @@ Surface intersect(vec3 o, vec3 d) {
         // The point of a cone has no direction from the axis.
         n = (out_of_axis > 0.0 ? radial / out_of_axis : vec3(0.0)) - a * slope;
     }
-    return Surface(t, facing(normalize(n), d), part);
+    return normalize(n);
+}
+
+Surface intersect(vec3 o, vec3 d) {
+    Passage whole = passage(o, d);
+    float enter = whole.enter, leave = whole.leave, foot = whole.foot;
+    if (!(enter <= leave)) return MISS;
+    bool enters = caps > 0.5 || whole.into == WALL;
+    bool leaves = caps > 0.5 || whole.out_of == WALL;
+
+    float t = INFINITE;
+    int part = WALL;
+    Cut cut = Cut(true, WHOLE, END_FACE, END_FACE);
+    if (is_sector > 0.5) {
+        cut = cut_of(whole.near, d);
+        enters = enters && holds(cut.is_convex, cut.stretch, enter);
+        leaves = leaves && holds(cut.is_convex, cut.stretch, leave);
+    }
+    keep(foot + enter, whole.into, enters, t, part);
+    keep(foot + leave, whole.out_of, leaves, t, part);
+    if (is_sector * cut_faces > 0.5 && cut.stretch.lower <= cut.stretch.upper) {
+        float at = cut.stretch.lower;
+        keep(foot + at, cut.begins, enter < at && at < leave, t, part);
+        at = cut.stretch.upper;
+        keep(foot + at, cut.finishes, enter < at && at < leave, t, part);
+    }
+    if (t >= INFINITE) return MISS;
+    vec3 n = normal_of(o + d * t - whole.anchor, part, whole.slope);
+    return Surface(t, facing(n, d), part);
 }

@@ -193,6 +193,12 @@ float first_crossing(ivec2 cell, vec2 from, vec2 to, vec2 y, float side) {
     return first_root(b);
 }
 
+// Unit normal that points upwards, at a place in a patch.
+vec3 upward(ivec2 cell, vec2 at) {
+    vec2 rise = surface(cell, at).yz * (patches / size.xz);
+    return rotation * normalize(vec3(-rise.x, 1.0, -rise.y));
+}
+
 Surface intersect(vec3 o, vec3 d) {
     float radius = length(size.xz) / 2.0, foot;
     vec3 near = brought_near(o, d, center, center, radius, foot);
@@ -240,8 +246,5 @@ Surface intersect(vec3 o, vec3 d) {
         if (leave >= end || cell != clamp(cell, ivec2(0), last)) return MISS;
         t = leave;
     }
-    below = surface(cell, start + t * pace - vec2(cell));
-    vec2 rise = below.yz * per_meter;
-    vec3 n = rotation * normalize(vec3(-rise.x, 1.0, -rise.y));
-    return Surface(foot + t, facing(n, d), 0);
+    return Surface(foot + t, facing(upward(cell, start + t * pace - vec2(cell)), d), 0);
 }

@@ -2,6 +2,10 @@
 //
 // Formulas and names are those of primitives/plane.py. Fields: point, unit_normal.
 
+vec3 normal_at(vec3 p, int part) {
+    return unit_normal;
+}
+
 Surface intersect(vec3 o, vec3 d) {
     float height = dot(unit_normal, point - o), n_d = dot(unit_normal, d);
     if (abs(n_d) <= SMALLEST_SLOPE) return MISS;

@@ -52,14 +52,28 @@ vec2 gap(vec3 o, vec3 d, vec3 a, float r, float u) {
     return vec2(off - r, off > 0.0 ? slope / off : 0.0);
 }
 
-Surface intersect(vec3 origin, vec3 direction) {
+// A ray past a torus of major radius 1, by its length from its origin on.
+struct Past {
+    vec3 o;
+    vec3 d;
+    float r;           // minor radius
+    vec3 at;           // nearest to the center line, farthest after it, nearest again
+    vec3 off;          // distances from the center line there
+    vec2 curvature;    // of the squared distance, at the first and the last
+    float begin;       // before it crosses the surface
+    float finish;      // after it has
+    float first_t;     // parameter that comes first
+    float per_t;
+};
+
+Past past_of(vec3 origin, vec3 direction) {
     float first_t;
     vec3 near_origin = brought_near(
         origin, direction, center, center, major_radius + minor_radius, first_t
     );
     float speed = length(direction), per_t = speed / major_radius;
     vec3 o = near_origin / major_radius, d = direction / speed, a = axis;
-    float r = minor_radius / major_radius, start = -first_t * per_t;
+    float r = minor_radius / major_radius;
 
     float foot = -dot(o, d), rise = dot(d, a);
     vec3 p = o + d * foot;
@@ -83,33 +97,56 @@ Surface intersect(vec3 origin, vec3 direction) {
     vec3 off = vec3(
         distance_at(line, near), distance_at(line, largest), distance_at(line, far)
     );
-    vec3 at = foot + turn * vec3(near, largest, far);
+    vec2 curvature = vec2(past(line, near).y, past(line, far).y);
+    float reach = sqrt(max((1.0 + r) * (1.0 + r) - dot(p, p), 0.0)) * 1.000001;
+    return Past(
+        o, d, r, foot + turn * vec3(near, largest, far), off, curvature,
+        foot - reach, foot + reach, first_t, per_t
+    );
+}
 
-    bool is_inside = start == 0.0 && gap(o, d, a, r, 0.0).x < 0.0;
+// From the nearest place to where the parabola of the squared distance crosses.
+float half_chord(Past path, bool by_near) {
+    float least = by_near ? path.off.x : path.off.z;
+    float curvature = by_near ? path.curvature.x : path.curvature.y;
+    return sqrt(max((path.r - least) * (path.r + least) / max(curvature, 1e-30), 0.0));
+}
+
+// Where the ray crosses the surface, from about there, by Newton's steps; between a place
+// where it has not and one where it has.
+float crossing(Past path, float u, float low, float high, bool leaves) {
+    u = clamp(u, low, high);
+    for (int k = 0; k < STEPS; k++) {
+        vec2 now = gap(path.o, path.d, axis, path.r, u);
+        if ((now.x > 0.0) != leaves) low = u; else high = u;
+        float ahead = now.y != 0.0 ? u - now.x / now.y : u;
+        u = low <= ahead && ahead <= high ? ahead : (low + high) / 2.0;
+    }
+    return u;
+}
+
+vec3 normal_at(vec3 p, int part) {
+    vec3 q = p - center;
+    vec3 aside = q - axis * dot(q, axis);
+    return normalize(q - normalize(aside) * major_radius);
+}
+
+Surface intersect(vec3 origin, vec3 direction) {
+    Past path = past_of(origin, direction);
+    vec3 at = path.at, off = path.off;
+    float r = path.r, start = -path.first_t * path.per_t;
+    bool is_inside = start == 0.0 && gap(path.o, path.d, axis, r, 0.0).x < 0.0;
     bool enters_near = !is_inside && at.x > start && off.x <= r;
     bool enters_far = !is_inside && at.z > start && off.z <= r;
     bool leaves_near = is_inside && at.y > start && off.y > r;
     if (!(is_inside || enters_near || enters_far)) return MISS;
     bool by_near = enters_near || leaves_near;
-    float reach = sqrt(max((1.0 + r) * (1.0 + r) - dot(p, p), 0.0)) * 1.000001;
-    float low = by_near ? (is_inside ? at.x : foot - reach) : (is_inside ? at.z : at.y);
-    float high = by_near ? (is_inside ? at.y : at.x) : (is_inside ? foot + reach : at.z);
+    float low = by_near ? (is_inside ? at.x : path.begin) : (is_inside ? at.z : at.y);
+    float high = by_near ? (is_inside ? at.y : at.x) : (is_inside ? path.finish : at.z);
     low = max(low, start);
-
-    // Where the parabola of the squared distance crosses; then by Newton's steps.
-    float least = by_near ? off.x : off.z, curvature = past(line, by_near ? near : far).y;
-    float half_chord = sqrt(max((r - least) * (r + least) / max(curvature, 1e-30), 0.0));
-    float u = (by_near ? at.x : at.z) + (is_inside ? half_chord : -half_chord);
-    u = clamp(u, low, high);
-    for (int k = 0; k < STEPS; k++) {
-        vec2 now = gap(o, d, a, r, u);
-        if ((now.x > 0.0) != is_inside) low = u; else high = u;
-        float ahead = now.y != 0.0 ? u - now.x / now.y : u;
-        u = low <= ahead && ahead <= high ? ahead : (low + high) / 2.0;
-    }
-    float t = max(first_t + u / per_t, 1e-37);
-    vec3 q = origin + direction * t - center;
-    vec3 aside = q - axis * dot(q, axis);
-    return Surface(t, facing(normalize(q - normalize(aside) * major_radius), direction),
-                   0);
+    float aside = half_chord(path, by_near);
+    float u = (by_near ? at.x : at.z) + (is_inside ? aside : -aside);
+    u = crossing(path, u, low, high, is_inside);
+    float t = max(path.first_t + u / path.per_t, 1e-37);
+    return Surface(t, facing(normal_at(origin + direction * t, 0), direction), 0);
 }

@@ -1,10 +1,4 @@
-// What rays meet, and where the numbers of shapes and lights are read.
-
-uniform highp sampler2D numbers;
-
-vec4 number_at(int place) {
-    return texelFetch(numbers, ivec2(place % TEXELS_PER_ROW, place / TEXELS_PER_ROW), 0);
-}
+// What rays meet.
 
 struct Met {
     Surface surface;
