@@ -16,9 +16,10 @@ from impostor_jax.geometry.frames import RigidTransform
 from impostor_jax.glsl.impostor import Ball, Impostor, Leaf, Structure, hull_ball
 from impostor_jax.primitives.base import AbstractPrimitive
 from impostor_jax.primitives.cylinder import Cylinder
+from impostor_jax.primitives.expression import Expression, reach_of
 from impostor_jax.primitives.frustum import Frustum
 from impostor_jax.primitives.heightfield import Heightfield
-from impostor_jax.primitives.solid import Expression, Solid, _reach_of
+from impostor_jax.primitives.solid import Solid
 from impostor_jax.primitives.torus import Torus
 
 FIELDS = {
@@ -32,7 +33,7 @@ FIELDS = {
 }
 
 ENDLESS = 1e30
-"""Size of the box, and radius of the ball, around what has no end."""
+"""Size of the box around what has no end."""
 
 
 def solid_impostor(solid: Solid, impostors: tuple[Impostor, ...]) -> Impostor:
@@ -82,19 +83,22 @@ def _values(solids: Solid) -> dict[str, Any]:
     held = eqx.tree_at(lambda s: (s.rotation, s.translation), solids, still).hull
     if held is None:
         low, high = (jnp.full_like(translation, end / 2) for end in (-ENDLESS, ENDLESS))
-        middle, radius = jnp.zeros_like(low), jnp.full_like(low[..., 0], ENDLESS)
     else:
-        (low, high), (middle, radius) = held.box(), held.ball()
+        low, high = held.box()
+    # Grids know where they are.
+    assert solids.ball is not None
+    middle, radius = solids.ball
     center = jnp.einsum("nij,nj->ni", rotation, (low + high) / 2) + translation
-    reach = functools.reduce(jnp.maximum, map(_reach_of, solids.shapes))
+    reach = functools.reduce(jnp.maximum, map(reach_of, solids.shapes))
+    reach = jnp.broadcast_to(reach, solids.batch_shape)
     return {
         "center": center,
         "rotation": rotation,
         "size": high - low,
         "translation": translation,
         "middle": middle,
-        "radius": radius,
-        "farthest": jnp.broadcast_to(reach, radius.shape),
+        "radius": jnp.broadcast_to(radius, reach.shape),
+        "farthest": reach,
     }
 
 

@@ -9,6 +9,7 @@ __all__ = [
     "hull_of",
     "is_bounded",
     "is_endless_function",
+    "reach_of",
 ]
 
 import functools
@@ -19,6 +20,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from impostor_jax.geometry.hull import AbstractHull, JoinedHull, OverlapHull
+from impostor_jax.geometry.vec3 import Vec3
 from impostor_jax.numerics import Numbers
 from impostor_jax.primitives.base import AbstractPrimitive
 from impostor_jax.primitives.heightfield import Heightfield
@@ -98,6 +100,12 @@ def ball_of(shape: AbstractPrimitive) -> Ball:
         return jnp.zeros(3, shape.dtype), jnp.max(jnp.abs(shape.extent))
     assert shape.hull is not None
     return shape.hull.ball()
+
+
+def reach_of(shape: AbstractPrimitive) -> Numbers:
+    """How far from its frame's origin a shape reaches, as far as that is known."""
+    center, radius = ball_of(shape)
+    return Vec3.from_array(center).norm() + radius
 
 
 def is_endless_function(shape: AbstractPrimitive) -> bool:

@@ -16,7 +16,7 @@ it.
 __all__ = ["Heightfield"]
 
 import itertools
-from typing import Any
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -195,11 +195,11 @@ class Heightfield(AbstractPrimitive):
 
     @override
     def stretches(self, ray: Ray) -> tuple[Stretch, Stretch]:
-        """Stretches in the ground, which goes down without end, ahead of the origin.
+        """Stretches in the ground, which goes down without end.
 
         It ends beside the extent, which is no surface of its own: there a stretch goes
-        on without an end (`sides` are the planes that cut it). At most four crossings
-        are found; after the fourth a ray counts as above the ground.
+        on without an end (`sides` are the planes that cut it). Four crossings are found
+        at most; after the last a ray counts as above the ground.
         """
         check_single(self, "heightfield")
         return _ground_stretches(ray, self)
@@ -312,8 +312,12 @@ def _hit_tangent(t: Numbers, primals: Any, tangents: Any) -> Numbers:
 @jax.jit
 def _ground_stretches(ray: Ray, field: Heightfield) -> tuple[Stretch, Stretch]:
     own = field._own_ray(ray)
+    center, half_x, half_z, relief, radius = _bounds(field)
+    # Before all of it, wherever the origin is.
+    away = (own.origin - center).norm() + relief + half_x + half_z + radius
+    start = -away / own.direction.norm()
     over = _over_extent(own, field)
-    begin = jnp.maximum(over.lower, 0)
+    begin = jnp.maximum(over.lower, start)
     middle = jnp.where(begin < over.upper, (begin + over.upper) / 2, begin)
     middle = jnp.where(jnp.isfinite(middle), middle, 0)
 
@@ -331,23 +335,24 @@ def _ground_stretches(ray: Ray, field: Heightfield) -> tuple[Stretch, Stretch]:
         at = jnp.where(is_open, t + field.intersect(from_here).t, jnp.inf)
         return at, level(jnp.where(jnp.isfinite(at), at, middle))[1]
 
-    t, is_open, found = jnp.zeros_like(middle), jnp.ones(middle.shape, bool), []
+    t, is_open, found = start, jnp.ones(middle.shape, bool), []
     for _ in range(MOST_CROSSINGS):
         at, slope = cross(t, is_open)
         is_open = jnp.isfinite(at)
         found.append((at, slope))
         # Off the surface by its rounding.
-        room = eps(t.dtype, 4) * (own.origin.norm() + at * own.direction.norm())
+        way = jnp.abs(at) * own.direction.norm()
+        room = eps(t.dtype, 4) * (own.origin.norm() + way)
         t = jnp.where(is_open, at + safe_divide(room, jnp.abs(slope)), 0)
     # Whether the ray begins below is told by how it first crosses, or where it never
     # does, by any place.
     first, slope = found[0]
     begins_below = jnp.where(jnp.isfinite(first), slope > 0, level(middle)[0] < 0)
     piece = jnp.zeros(t.shape, int), jnp.zeros(t.shape, bool)
-    start = jnp.full_like(t, -jnp.inf), jnp.zeros_like(t)
+    nowhere = jnp.full_like(t, -jnp.inf), jnp.zeros_like(t)
     ends = [
         jax.tree.map(lambda x, y: jnp.where(begins_below, x, y), *pair)
-        for pair in itertools.pairwise([start, *found])
+        for pair in itertools.pairwise([nowhere, *found])
     ]
     enter, leave, again, out = (End(at, *piece, jnp.abs(n)) for at, n in ends)
     return Stretch(enter, leave), Stretch(again, out)
@@ -363,22 +368,45 @@ def _over_extent(own: Ray, field: Heightfield) -> Interval:
     return plane_interval(own, x, x0, x1).overlap(plane_interval(own, z, z0, z1))
 
 
-@jax.jit
-def _trace(ray: Ray, field: Heightfield) -> Float[Array, "*batch"]:
-    ray = field._own_ray(ray)
+class _Bounds(NamedTuple):
+    """Where a surface is, in its own frame.
+
+    Attributes:
+        center: A point amid it.
+        half_x: Half of its extent along x.
+        half_z: Likewise along z.
+        relief: How far it rises above the point, at most, or falls below.
+        radius: Half the diagonal of the extent.
+    """
+
+    center: Vec3
+    half_x: Float[Array, ""]
+    half_z: Float[Array, ""]
+    relief: Float[Array, ""]
+    radius: Float[Array, ""]
+
+
+def _bounds(field: Heightfield) -> _Bounds:
     x, z = jnp.mean(field.extent, axis=-1)
     half_x, half_z = (field.extent[:, 1] - field.extent[:, 0]) / 2
     radius = jnp.sqrt(half_x * half_x + half_z * half_z)
-    slope, points = field.lipschitz, None
     if callable(field.height):
-        assert slope is not None
-        y = field.surface(x, z)[0]
-        relief = slope * radius
+        assert field.lipschitz is not None
+        y, relief = field.surface(x, z)[0], field.lipschitz * radius
     else:
         points = all_control_points(field.height, field.interpolation)
         low, high = jnp.min(points), jnp.max(points)
         y, relief = (low + high) / 2, (high - low) / 2
-    center = Vec3(x, y, z)
+    return _Bounds(Vec3(x, y, z), half_x, half_z, relief, radius)
+
+
+@jax.jit
+def _trace(ray: Ray, field: Heightfield) -> Float[Array, "*batch"]:
+    ray = field._own_ray(ray)
+    center, half_x, half_z, relief, radius = _bounds(field)
+    slope, points, y = field.lipschitz, None, center.y
+    if not callable(field.height):
+        points = all_control_points(field.height, field.interpolation)
     near, foot = ray.brought_near(center, center, radius)
     span = Interval(lower=-foot, upper=jnp.full_like(foot, jnp.inf))
     # From above the surface by its size, so that a ray begins clearly on one side.

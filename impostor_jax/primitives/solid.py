@@ -56,6 +56,7 @@ from impostor_jax.primitives.expression import (
     hull_of,
     is_bounded,
     is_endless_function,
+    reach_of,
 )
 from impostor_jax.primitives.heightfield import Heightfield
 from impostor_jax.primitives.solid_search import Search, alike, chosen, first_change
@@ -182,15 +183,20 @@ class Solid(AbstractPrimitive):
         edges = self._edges()
         o, d = ray.origin - Vec3.from_array(self.translation), ray.direction
         own = Ray(*(Vec3(*(v.dot(edge) for edge in edges)) for v in (o, d)))
-        ball = self._ball()
+        ball = self.ball
         if ball is None:
             return own, jnp.zeros_like(d.x)
         center, radius = ball
         nowhere = Vec3.from_array(jnp.zeros_like(center))
         return own.brought_near(nowhere, Vec3.from_array(center), radius)
 
-    def _ball(self) -> Ball | None:
-        """Ball around all that is there, or else around where its shapes are."""
+    @property
+    def ball(self) -> Ball | None:
+        """Ball, in the shapes' frame, near which rays begin.
+
+        Around all that is there, or else around where the shapes are; None where nobody
+        knows.
+        """
         shapes = jax.lax.stop_gradient(self.shapes)
         hull = hull_of(self.expression, shapes)
         if hull is not None:
@@ -205,8 +211,7 @@ class Solid(AbstractPrimitive):
 
     def _reach(self, near: Ray) -> Numbers:
         """Lengths from which the places of all shapes on a ray are computed."""
-        balls = map(ball_of, jax.lax.stop_gradient(self.shapes))
-        reach = [Vec3.from_array(center).norm() + radius for center, radius in balls]
+        reach = map(reach_of, jax.lax.stop_gradient(self.shapes))
         return near.origin.norm() + functools.reduce(jnp.maximum, reach)
 
     def _seen(

@@ -209,9 +209,11 @@ def test_ground_counts_as_solid(sign):
     rng = np.random.default_rng(4)
     origin = rng.uniform((-1, 2, -1), (1, 4, 1), (300, 3))
     direction = rng.uniform(-0.7, 0.7, (300, 3)) - origin
+    # Of about unit length, as a camera's, which start near the solid.
+    direction /= 3
     sight = Ray(vectors(origin), vectors(direction))
     hit = jax.jit(lambda solid: solid.intersect(sight))(solid)
-    t = np.linspace(0, 2, 4001)
+    t = np.linspace(0, 6, 12001)
     inside = np.asarray(
         jax.vmap(lambda t: solid.implicit(sight.at(jnp.full(300, t))) < 0)(t)
     )
@@ -221,7 +223,7 @@ def test_ground_counts_as_solid(sign):
     assert both.sum() > 100
     assert np.sum(np.isfinite(first) != np.asarray(hit.mask)) <= 3
     off = np.abs(first - np.where(both, hit.t, 0))[both]
-    assert np.mean(off < 6e-4) > 0.99
+    assert np.mean(off < 1e-3) > 0.99
 
 
 def test_ground_ends_beside_its_extent():

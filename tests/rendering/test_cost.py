@@ -89,8 +89,13 @@ def test_a_lens_that_bends_nothing_costs_nothing():
         (can(), can(start_angle=0.1, end_angle=3.0)),
         (ij.Scene([can()]), ij.Scene([can(), ij.Sphere((0, 0, 2), 0.1)])),
         (ij.Scene([can()]), ij.Scene([can(), ij.Plane((0, 0, 2), (0, 0, -1))])),
+        (can(), can() - ij.Sphere((0, 0, 1), 0.1)),
+        (
+            can() - ij.Sphere((0, 0, 1), 0.1),
+            can() - ij.Torus((0, 0, 1), (0, 0, 1), 0.2, 0.1),
+        ),
     ],
-    ids=["sector", "type of shape", "plane"],
+    ids=["sector", "type of shape", "plane", "solid", "shape of a solid"],
 )
 def test_a_shape_without_a_part_does_not_compute_it(plain, more):
     outputs = ("depth", "normal")

@@ -1,4 +1,4 @@
-// Stretches of a ray in the ground, which goes down without end, ahead of the origin.
+// Stretches of a ray in the ground, which goes down without end.
 //
 // Beside the extent, which is no surface of its own, a stretch goes on without an end: there
 // are planes that cut it. Of more crossings than four the ray sees the first four.
@@ -21,7 +21,9 @@ vec3 normal_at(vec3 p, int part) {
 }
 
 Stretch stretches(vec3 o, vec3 d, out Stretch again) {
-    float speed = length(d), t = 0.0, ts[MOST_CROSSINGS], slopes[MOST_CROSSINGS];
+    float speed = length(d), ts[MOST_CROSSINGS], slopes[MOST_CROSSINGS];
+    // Before all of it, wherever the origin is.
+    float start = -(length(o - center) + length(size)) / speed, t = start;
     bool is_open = true;
     for (int k = 0; k < MOST_CROSSINGS; k++) {
         ts[k] = INFINITE;
@@ -32,7 +34,7 @@ Stretch stretches(vec3 o, vec3 d, out Stretch again) {
             ts[k] = t + ahead;
             slopes[k] = dot(normal_at(o + d * ts[k], 0), d);
             // Off the surface by its rounding.
-            float room = 4.0 * EPS * (length(o) + ts[k] * speed);
+            float room = 4.0 * EPS * (length(o) + abs(ts[k]) * speed);
             t = ts[k] + (slopes[k] == 0.0 ? 0.0 : room / abs(slopes[k]));
         }
     }
@@ -42,7 +44,7 @@ Stretch stretches(vec3 o, vec3 d, out Stretch again) {
     if (ts[0] >= INFINITE) {
         Interval x = slab_interval(o - center, d, rotation[0], size.x / 2.0);
         Interval z = slab_interval(o - center, d, rotation[2], size.z / 2.0);
-        float begin = max(max(x.lower, z.lower), 0.0), finish = min(x.upper, z.upper);
+        float begin = max(max(x.lower, z.lower), start), finish = min(x.upper, z.upper);
         float middle = begin < finish ? (begin + finish) / 2.0 : begin;
         vec3 p = o + d * (abs(middle) < 1e30 ? middle : 0.0);
         vec2 at;
