@@ -180,15 +180,17 @@ class Solid(AbstractPrimitive):
 
     def _near(self, ray: Ray) -> tuple[Ray, Numbers]:
         """The ray in the shapes' frame, from near them; and where it starts."""
-        edges = self._edges()
-        o, d = ray.origin - Vec3.from_array(self.translation), ray.direction
-        own = Ray(*(Vec3(*(v.dot(edge) for edge in edges)) for v in (o, d)))
-        ball = self.ball
+        edges, ball = self._edges(), self.ball
+        place, d = Vec3.from_array(self.translation), ray.direction
         if ball is None:
-            return own, jnp.zeros_like(d.x)
-        center, radius = ball
-        nowhere = Vec3.from_array(jnp.zeros_like(center))
-        return own.brought_near(nowhere, Vec3.from_array(center), radius)
+            near, foot = Ray(ray.origin - place, d), jnp.zeros_like(d.x)
+        else:
+            center, radius = ball
+            x, y, z = (v * center[..., k] for k, v in enumerate(edges))
+            near, foot = ray.brought_near(place, place + x + y + z, radius)
+        # Turned after that: a product with the way from afar would round it aside.
+        turned = (Vec3(*(v.dot(edge) for edge in edges)) for v in (near.origin, d))
+        return Ray(*turned), foot
 
     @property
     def ball(self) -> Ball | None:
