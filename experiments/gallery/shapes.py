@@ -127,6 +127,15 @@ SHAPES: dict[str, tuple[str, ij.AbstractPrimitive, dict[str, float | bool]]] = {
         SHINY,
     ),
     "Torus": ("#dcb83c", ij.Torus((-0.13, 0.035, 0.56), UP, 0.085, 0.035), SHINY),
+    "Solid": (
+        "#4f8fcf",
+        (
+            ij.Cylinder((0.3, 0.075, 0.24), UP, 0.075, 0.15)
+            | ij.Torus((0.375, 0.075, 0.24), (0.0, 0.0, 1.0), 0.045, 0.013)
+        )
+        - ij.Cylinder((0.3, 0.085, 0.24), UP, 0.063, 0.15),
+        SHINY,
+    ),
     "Triangles": ("#c77ba0", icosahedron((-0.2, 0.0635, 0.3), 0.08), SHINY),
 }
 """Color of each shape, the shape, and what else its material has."""

@@ -30,6 +30,7 @@ LONG = (
     "real_images",
     "render_speed",
     "sensor_models",
+    "solids",
     "speed_accuracy",
     "synthetic_benchmark",
 )
