@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from experiments.oracle.solid import answer
-from experiments.solids.trees import Drawn
+from experiments.solids.trees import Drawn, random_rotation
 from impostor_jax.geometry.frames import RigidTransform
 from impostor_jax.geometry.rays import Hit, Ray
 from impostor_jax.geometry.vec3 import Vec3
@@ -56,8 +56,7 @@ def rays_at(
     rng: np.random.Generator, distance: float, count: int
 ) -> tuple[RigidTransform, Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3"]]:
     """A random pose so far away, and rays from the origin through what is there."""
-    turn, _ = np.linalg.qr(rng.normal(size=(3, 3)))
-    turn = turn * np.sign(np.linalg.det(turn))
+    turn = random_rotation(rng)
     shift = np.array([0.0, 0.0, distance])
     target = shift + rng.uniform(-SIZE, SIZE, (count, 3))
     pose = RigidTransform(turn.astype(np.float32), shift.astype(np.float32))

@@ -1,6 +1,6 @@
 """Random solids made of up to eight shapes, with faces that lie flush and without."""
 
-__all__ = ["Drawn", "drawn", "jax_solid", "random_tree"]
+__all__ = ["Drawn", "drawn", "jax_solid", "random_rotation", "random_tree"]
 
 import dataclasses
 from collections.abc import Sequence
@@ -50,10 +50,10 @@ def drawn(rng: np.random.Generator, tree: Tree, kinds: Sequence[str]) -> Drawn:
     faces, and one has shapes anywhere.
     """
     way = rng.integers(3)
-    turn = np.eye(3) if way == 0 else _rotation(rng)
+    turn = np.eye(3) if way == 0 else random_rotation(rng)
     shapes = []
     for kind in kinds:
-        own = turn if way < 2 else _rotation(rng)
+        own = turn if way < 2 else random_rotation(rng)
         # All along one axis in half of the cases, as on a lathe.
         axis = 2 if rng.random() < 0.6 else int(rng.integers(3))
         eighths = np.zeros(3) if rng.random() < 0.5 else rng.integers(-3, 4, 3) / 8

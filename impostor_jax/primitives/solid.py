@@ -293,6 +293,11 @@ def _combined(name: str, shapes: Sequence[Any]) -> Solid:
     dtype = jnp.result_type(*(shape.dtype for shape in shapes))
     leaves: list[AbstractPrimitive] = []
     terms = tuple(_taken_apart(shape, leaves) for shape in shapes)
+    if batch and any(isinstance(leaf, Heightfield) for leaf in leaves):
+        raise ValueError(
+            "shapes must be single ones where one of them is a heightfield, got "
+            f"batches of shape {batch}"
+        )
 
     def converted(shape: AbstractPrimitive) -> AbstractPrimitive:
         has_batch = shape.batch_shape == batch
@@ -321,12 +326,8 @@ def _taken_apart(
         leaves += _in_the_world(shape)
         return counted_from(first, shape.expression)
     if isinstance(shape, Heightfield):
-        if shape.batch_shape:
-            raise ValueError(
-                "shapes must hold no batches of heightfields, got one of shape "
-                f"{shape.batch_shape}"
-            )
-        leaves += [shape, *shape.sides]
+        # Whose sides are of a single one: batches are refused.
+        leaves += [shape] if shape.batch_shape else [shape, *shape.sides]
         return "intersection", tuple(range(first, len(leaves)))
     if _is_open(shape):
         raise ValueError(
@@ -347,10 +348,7 @@ def _in_the_world(solid: Solid) -> Sequence[AbstractPrimitive]:
     pose = solid.rotation, solid.translation
     if is_concrete(pose):
         turn, shift = map(np.asarray, pose)
-        if (
-            np.array_equal(turn, np.broadcast_to(np.eye(3), turn.shape))
-            and not shift.any()
-        ):
+        if np.all(turn == np.eye(3)) and not shift.any():
             return solid.shapes
 
     def moved(
@@ -375,7 +373,6 @@ def _first_hit(
     A miss has the code 0.
     """
     near, foot = solid._near(ray)
-
     hull = hull_of(solid.expression, solid.shapes)
     search = Search(
         near=jax.tree.map(lambda x: jnp.broadcast_to(x, foot.shape), near),

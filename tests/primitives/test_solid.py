@@ -265,6 +265,10 @@ def test_bounds_hold_what_is_seen():
             ),
             "batches of one size",
         ),
+        (
+            lambda: ground() & ij.Sphere(np.zeros((2, 3)), np.ones(2)),
+            "single ones where one of them is a heightfield",
+        ),
     ],
 )
 def test_what_cannot_be_joined_is_refused(make, message):
