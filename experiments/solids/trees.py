@@ -78,7 +78,8 @@ def jax_solid(solid: Drawn) -> Solid:
     return found if isinstance(found, Solid) else union(found)
 
 
-def _rotation(rng: np.random.Generator) -> np.ndarray:
+def random_rotation(rng: np.random.Generator) -> np.ndarray:
+    """A rotation, each as likely as any other."""
     turn, _ = np.linalg.qr(rng.normal(size=(3, 3)))
     return turn * np.sign(np.linalg.det(turn))
 
