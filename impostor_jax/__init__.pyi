@@ -24,7 +24,7 @@ from .fit.status import FitStatus
 from .fit.taper import test_taper
 from .fits.batch import fit_cylinders
 from .fits.labels import fit_labels
-from .fits.single import fit_cylinder, fit_frustum, fit_sphere
+from .fits.single import fit_cylinder, fit_frustum, fit_sphere, fit_tube
 from .geometry.frames import RigidTransform
 from .io.dataset import read_dataset
 from .io.dataset_shard import LabeledImage
@@ -40,6 +40,7 @@ from .primitives.sphere import Sphere
 from .primitives.terrain import Terrain
 from .primitives.torus import Torus
 from .primitives.triangle import Triangle
+from .primitives.tube import Tube, tube
 from .rendering.coverage import coverage
 from .rendering.distance import signed_distance
 from .rendering.lights import AmbientLight, DirectionalLight, PointLight
@@ -118,6 +119,7 @@ __all__ = [
     "TimeOfFlight",
     "Torus",
     "Triangle",
+    "Tube",
     "calibrate_sensor",
     "coverage",
     "depth_loss",
@@ -128,6 +130,7 @@ __all__ = [
     "fit_frustum",
     "fit_labels",
     "fit_sphere",
+    "fit_tube",
     "intersection",
     "lit",
     "outline",
@@ -141,5 +144,6 @@ __all__ = [
     "silhouettes",
     "test_taper",
     "trace",
+    "tube",
     "union",
 ]
