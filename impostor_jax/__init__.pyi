@@ -7,9 +7,11 @@ from .effort import Effort
 from .find.cylinders import find_cylinders
 from .find.found import Found
 from .fit.alternatives import Alternatives
+from .fit.bore import test_bore
 from .fit.depth_loss import depth_loss
 from .fit.options import FitOptions
 from .fit.result import (
+    BoreTest,
     Deviations,
     Directions,
     Fit,
@@ -73,6 +75,7 @@ __all__ = [
     "AbstractPrimitive",
     "Alternatives",
     "AmbientLight",
+    "BoreTest",
     "Box",
     "ConstantNoise",
     "CorrelatedNoise",
@@ -142,6 +145,7 @@ __all__ = [
     "shade",
     "signed_distance",
     "silhouettes",
+    "test_bore",
     "test_taper",
     "trace",
     "tube",

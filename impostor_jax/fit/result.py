@@ -2,8 +2,8 @@
 
 __all__ = [
     "BUDGET",
-    "TOLD",
     "Asked",
+    "BoreTest",
     "Budget",
     "Deviations",
     "Directions",
@@ -256,7 +256,7 @@ class Fit(eqx.Module):
             the others; `inf` where many of them lie elsewhere.
         alternatives: Other solutions that differ by more than five standard deviations.
             They are known where several starts were tried.
-        asked: What `test_taper` needs; the depth image is kept in it.
+        asked: What `test_taper` and `test_bore` need; the depth image is kept in it.
     """
 
     shape: AbstractPrimitive
@@ -465,6 +465,44 @@ class TaperTest(eqx.Module):
             f"  taper   {answer}: radius {radius1} to {radius2} mm along the axis, "
             f"Wald statistic {float(self.statistic):.2f}, p-value "
             f"{float(self.p_value):.2g}"
+        )
+
+
+class BoreTest(eqx.Module):
+    """Test of a cylinder, a tube without a bore, against a tube.
+
+    Attributes:
+        tube: Fit of the tube.
+        statistic: Twice the logarithm of the likelihood's ratio, at least 0.
+        p_value: Probability that a cylinder's noise gives as much; 1 where no reading
+            shows a bore, NaN where the tube's fit failed.
+    """
+
+    tube: Fit
+    statistic: Float[Array, "*batch"]
+    p_value: Float[Array, "*batch"]
+
+    def is_needed(self, level: float = 0.01) -> Bool[Array, "*batch"]:
+        """Whether the readings reject a cylinder.
+
+        Args:
+            level: Share of cylinders that are taken for tubes, at most.
+        """
+        return self.p_value < level
+
+    def __str__(self) -> str:
+        return text_or_repr(self, self._text)
+
+    def _text(self) -> str:
+        found = self.tube
+        if not found.is_shape:
+            return f"  bore    not tested: the tube's fit ended as {found.status}"
+        answer = "needed" if bool(self.is_needed()) else "not needed"
+        return (
+            f"  bore    {answer}: radius {millimeters(found.tube.inner_radius)} mm "
+            f"(std {millimeters(found.std.inner_radius)}) in "
+            f"{millimeters(found.tube.outer_radius)} mm, likelihood ratio "
+            f"{float(self.statistic):.2f}, p-value {float(self.p_value):.2g}"
         )
 
 

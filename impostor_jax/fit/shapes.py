@@ -55,6 +55,10 @@ from impostor_jax.fit.weighing import best_of, likeliest
 from impostor_jax.primitives.base import AbstractPrimitive, in_camera_frame
 from impostor_jax.sensor.base import AbstractDepthNoise
 
+CLOSES = 3.0
+"""Nats by which an image must be likelier without a bore that it does not show, for
+that to be taken away: what one reading of a lid costs, and not what steps leave."""
+
 MOST_FLOORS = 2
 """Times that a floor is looked for: a fit that it spoils may not tell its corner."""
 
@@ -236,7 +240,8 @@ def _without_bore(
     best = likeliest(found)
     if kind.closed is None or np.isfinite(best.fit.std.inner_radius):
         return []
-    return [fitted(_closed(kind.closed, best.body))]
+    other = fitted(_closed(kind.closed, best.body))
+    return [other] if float(other.cost) < float(best.cost) - CLOSES else []
 
 
 def fit_from(
