@@ -1,4 +1,4 @@
-"""A can, cups, tubes, balls and random cylinders before a camera, and noisy images of them."""
+"""Cans, cups, tubes, balls, random cylinders before a camera; noisy images of them."""
 
 __all__ = [
     "CAMERA",

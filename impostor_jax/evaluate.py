@@ -39,8 +39,8 @@ from impostor_jax.fit.fittable import KINDS
 from impostor_jax.fit.options import Options
 from impostor_jax.fit.result import Fit
 from impostor_jax.fit.round_body import RoundBody
-from impostor_jax.fit.tube_body import TubeBody
 from impostor_jax.fit.shapes import fit_shape
+from impostor_jax.fit.tube_body import TubeBody
 from impostor_jax.io.dataset_shard import LabeledImage
 from impostor_jax.matching import Comparison, compare, detection_of, truth_of
 from impostor_jax.primitives.base import AbstractPrimitive

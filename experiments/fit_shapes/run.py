@@ -18,7 +18,14 @@ from experiments.fit_shapes.report import (
 from experiments.fitting import Fits, bias, fit_all, over_bound
 from experiments.recording import Metric
 from experiments.running import RunConfig, main
-from experiments.scenes import CAMERA, View, draw_ball, draw_cup, draw_tube, seen_plainly
+from experiments.scenes import (
+    CAMERA,
+    View,
+    draw_ball,
+    draw_cup,
+    draw_tube,
+    seen_plainly,
+)
 
 FITS = {"sphere": ij.fit_sphere, "frustum": ij.fit_frustum, "tube": ij.fit_tube}
 
@@ -55,7 +62,7 @@ LEVEL = 0.01
 
 @dataclasses.dataclass(frozen=True)
 class Config:
-    """Measure the accuracy of fits of spheres, frusta and tubes, and what tells them."""
+    """Measure the accuracy of fits of spheres, frusta and tubes, and tests of cans."""
 
     run: RunConfig = RunConfig()
     seeds: int = 200

@@ -72,7 +72,9 @@ def test_bore(fit: Fit) -> BoreTest:
             or made anew since.
     """
     if not isinstance(fit.shape, Cylinder):
-        raise ValueError(f"fit must be of a cylinder to test its bore, got a {fit.kind}'s")
+        raise ValueError(
+            f"fit must be of a cylinder to test its bore, got a {fit.kind}'s"
+        )
     held = fit.asked.arguments
     if held is None:
         raise ValueError(

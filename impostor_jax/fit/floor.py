@@ -23,7 +23,7 @@ from impostor_jax.primitives.base import in_camera_frame
 from impostor_jax.sensor.base import AbstractDepthNoise
 
 OFF = 4.0
-"""Standard deviations by which a reading lies in front of the wall that it is not of."""
+"""Standard deviations in front of the wall from which a reading is not of it."""
 
 FEWEST = 20
 """Readings that make a floor, and of the wall above it."""

@@ -65,7 +65,10 @@ def _with_bore(body: RoundBody, samples: Samples) -> TubeBody:
     radial = jnp.sum(normals[:, :2] * places[:, :2], axis=1)
     radial = radial / jnp.maximum(from_axis, jnp.finfo(radial.dtype).tiny)
     is_wall = jnp.abs(normals[:, 2]) < MOST_LENGTHWISE
-    outside, inside = is_wall & (radial > LEAST_RADIAL), is_wall & (radial < -LEAST_RADIAL)
+    outside, inside = (
+        is_wall & (radial > LEAST_RADIAL),
+        is_wall & (radial < -LEAST_RADIAL),
+    )
     fewest = FEWEST_POINTS * jnp.maximum(MAX_POINTS / samples.num_normals, 1)
     has_outer, has_inner = (jnp.sum(w) >= fewest for w in (outside, inside))
     middle, outer, inner = _circles(places[:, :2], outside, inside)
@@ -86,7 +89,10 @@ def _with_bore(body: RoundBody, samples: Samples) -> TubeBody:
     near = jnp.abs(rho - radius) < NEAR * radius
     near |= is_better & (jnp.abs(rho - inner) < NEAR * radius)
     rank = jnp.ceil(STRAY * jnp.sum(near)).astype(jnp.int32)
-    high, low = largest_of(along, near, rank, most), -largest_of(-along, near, rank, most)
+    high, low = (
+        largest_of(along, near, rank, most),
+        -largest_of(-along, near, rank, most),
+    )
     is_long = is_better & (high > low) & jnp.isfinite(high - low)
     half = body.height / 2
     low, high = jnp.where(is_long, low, -half), jnp.where(is_long, high, half)

@@ -87,9 +87,10 @@ class Deviations(eqx.Module):
     Each is in meters, and `axis` in radians; 0 is what was held.
 
     Of any shape there are its own parameters: `center`, `radius`, `height`, or `p1`,
-    `p2`, `radius1` and `radius2`, or `outer_radius` and `inner_radius`. Points are along x, y and z of the world. Where an
-    end is not seen, the place along the axis is free, so every direction that the axis
-    has a part in is undetermined. So there are, too:
+    `p2`, `radius1` and `radius2`, or `outer_radius` and `inner_radius`. Points are
+    along x, y and z of the world. Where an end is not seen, the place along the axis is
+    free, so every direction that the axis has a part in is undetermined. So there are,
+    too:
 
     * `axis`: Along the two vectors of `tangent_basis(axis)`.
     * `across_axis`: Of the center along the same two; determined even where the ends
@@ -368,7 +369,9 @@ class Fit(eqx.Module):
     def told(self) -> dict[str, tuple[Array, Array]]:
         """Value and standard deviation of what a reader is told, by name."""
         values = named_values(self.shape)
-        return {name: (value, getattr(self.std, name)) for name, value in values.items()}
+        return {
+            name: (value, getattr(self.std, name)) for name, value in values.items()
+        }
 
     def summary(self, seconds: float | None = None) -> str:
         """A few lines for a reader; lengths in millimeters, angles in degrees.

@@ -53,6 +53,7 @@ from impostor_jax.fit.status import FitStatus
 from impostor_jax.fit.tube_body import TubeBody
 from impostor_jax.fit.weighing import best_of, likeliest
 from impostor_jax.primitives.base import AbstractPrimitive, in_camera_frame
+from impostor_jax.primitives.solid import Solid
 from impostor_jax.sensor.base import AbstractDepthNoise
 
 CLOSES = 3.0
@@ -154,6 +155,7 @@ def _beside_floor(
     for _ in range(MOST_FLOORS):
         if fit.status in (FitStatus.NO_FIRST_GUESS, FitStatus.NOT_FINITE):
             break
+        assert isinstance(fit.shape, Solid)
         body = TubeBody.of(fit.shape)
         floor = floor_pixels(image, region, body, camera, noise)
         if not floor.any() or np.array_equal(floor, left_out):

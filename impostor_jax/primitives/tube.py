@@ -103,9 +103,10 @@ def is_tube(shape: AbstractPrimitive) -> bool:
     """Whether a shape is made as `tube` makes it, as far as its values are known."""
     if not isinstance(shape, Solid) or shape.expression != CUT:
         return False
-    if not all(isinstance(part, Cylinder) and part.is_whole for part in shape.shapes):
+    parts = [part for part in shape.shapes if isinstance(part, Cylinder)]
+    if len(parts) < 2 or not all(part.is_whole for part in parts):
         return False
-    placed = [(part.center, part.axis, part.height) for part in shape.shapes]
+    placed = [(part.center, part.axis, part.height) for part in parts]
     return not is_concrete(placed) or all(
         np.array_equal(one, other, equal_nan=True)
         for one, other in zip(*placed, strict=True)
