@@ -13,23 +13,16 @@ COORDINATES = {
         *("axis_first", "axis_second", "center_first", "center_second"),
         *("radius", "slope"),
     ),
-    "tube": (
-        *("axis_first", "axis_second", "center_first", "center_second"),
-        *("center_along", "outer_radius", "inner_radius", "height"),
-    ),
 }
 """What is compared: of a frustum the wall, by its radius beside the true center and the
 change of that along the axis."""
-
-SIZES = ("outer_radius", "inner_radius", "height")
-"""Of a tube, whose intervals are counted."""
 
 CHI_SQUARED = {5: 0.0039, 50: 0.455, 95: 3.84, 99: 6.63}
 """Percentiles of one degree of freedom, which a can's statistic should have."""
 
 
 def tables(results: Results) -> str:
-    """Errors over the bound by shape, and the tests of a bore and a taper."""
+    """Errors over the bound by shape, and the test of a taper."""
     values, blocks = results.values, []
     for kind, names in COORDINATES.items():
         cases = results.cases(f"{kind}.", ".failures")
@@ -50,26 +43,7 @@ def tables(results: Results) -> str:
             table([*head, "failures", "ms"], rows),
             f"Largest bias over spread ({kind}): {largest:.2f}.",
         ]
-    if tubes := results.cases("tube.", ".failures"):
-        rows = [
-            [case, *(f"{values[f'{case}.{name}.inside']:.3f}" for name in SIZES)]
-            for case in tubes
-        ]
-        blocks.append(table(["95 % intervals that hold the truth", *SIZES], rows))
-    if bores := results.cases("bore.", ".needed"):
-        rows = [
-            [
-                bore.split(".", 1)[1],
-                f"{values[f'{bore}.needed']:.3f}",
-                f"{values[f'{bore}.failures']}",
-                number(values[f"{bore}.statistic.least"]),
-                number(values[f"{bore}.statistic.most"]),
-            ]
-            for bore in bores
-        ]
-        head = ["bore", "needed", "failures", "least statistic", "largest"]
-        blocks.append(table(head, rows))
-    if tapers := results.cases("taper.", ".needed"):
+    if tapers := results.cases("", ".needed"):
         rows = [
             [
                 taper.split(".", 1)[1],

@@ -67,7 +67,7 @@ def start_of(path: Path | None, shape: str) -> "AbstractPrimitive | None":
 
     if shape not in PRIMITIVES:
         raise ValueError(
-            f"--initial must not be given for a {shape}: no scene holds one"
+            f"--initial must not be given for a {shape}, which no scene file holds"
         )
     shapes = read_scene(path).shapes
     if len(shapes) != 1 or not isinstance(shapes[0], PRIMITIVES[shape]):
