@@ -26,7 +26,7 @@ MOST_LENGTHWISE = 0.5
 LEAST_RADIAL = 0.5
 """Cosine with the direction from the axis from which a wall's normal tells its side."""
 
-LEAST, MOST = 0.05, 0.97
+LEAST, MOST = 0.02, 0.97
 """Inner radius of a guess, in outer ones."""
 
 CLOSED = 0.01

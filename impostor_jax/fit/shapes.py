@@ -58,7 +58,8 @@ from impostor_jax.sensor.base import AbstractDepthNoise
 
 CLOSES = 3.0
 """Nats by which an image must be likelier without a bore that it does not show, for
-that to be taken away: what one reading of a lid costs, and not what steps leave."""
+that to be taken away: less than a reading of a lid costs, more than steps leave. Where
+the fit with it did not converge it may be as much less likely."""
 
 MOST_FLOORS = 2
 """Times that a floor is looked for: a fit that it spoils may not tell its corner."""
@@ -197,7 +198,7 @@ def _fit_pixels(
 
     if initial is not None:
         found = [fitted(_placed(kind.body, initial, camera))]
-        return best_of([*found, *_without_bore(kind, found, fitted)])
+        return best_of(_with_closed(kind, found, fitted))
     guesses = kind.guesses(image, region, camera, typical_sigma(image, region, noise))
     if not guesses:
         return no_guess(kind, region)
@@ -210,7 +211,7 @@ def _fit_pixels(
         # Noise may hide which of two tilts is the true one.
         if effort.starts > 1 and any(bool(one.hides_tilt) for one in found):
             found += [fitted(_mirrored(start)) for start in starts]
-    found += _without_bore(kind, found, fitted)
+    found = _with_closed(kind, found, fitted)
     best, is_alone = likeliest(found), len(found) == 1
     if is_alone and not (bool(best.hides_turn) or bool(best.ends_early)):
         return best.fit
@@ -230,20 +231,24 @@ def _fit_pixels(
     return best_of(found)
 
 
-def _without_bore(
+def _with_closed(
     kind: Fittable,
     found: list[Assessment],
     fitted: Callable[[AbstractBody], Assessment],
 ) -> list[Assessment]:
-    """A fit without a bore, where the best of a shape that may have one shows none.
+    """What was found, and a fit without a bore where the best of a tube shows none.
 
-    Readings of a lid would be outliers in it.
+    Readings of a lid are outliers in a bore; and where few are, an estimate may go to
+    and fro between them for ever. It takes the place of all that explain no more.
     """
     best = likeliest(found)
     if kind.closed is None or np.isfinite(best.fit.std.inner_radius):
-        return []
+        return found
     other = fitted(_closed(kind.closed, best.body))
-    return [other] if float(other.cost) < float(best.cost) - CLOSES else []
+    more = CLOSES if bool(other.fit.success) and not bool(best.fit.success) else -CLOSES
+    if float(other.cost) > float(best.cost) + more:
+        return found
+    return [one for one in found if float(one.cost) > float(other.cost)] + [other]
 
 
 def fit_from(
