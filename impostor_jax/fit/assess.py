@@ -326,7 +326,8 @@ def _is_filled(
     seen = readings.passing
     within = readings.used & seen.within
     off = (seen.depth - depth) * readings.terms.weight > 4 * spread
-    return jnp.sum(within & off) > MOST_FILLED * jnp.sum(within)
+    count, total = (jnp.sum(x, dtype=depth.dtype) for x in (within & off, within))
+    return count > MOST_FILLED * total
 
 
 def _status_code(

@@ -70,7 +70,8 @@ def _with_bore(body: RoundBody, samples: Samples) -> TubeBody:
         is_wall & (radial < -LEAST_RADIAL),
     )
     fewest = FEWEST_POINTS * jnp.maximum(MAX_POINTS / samples.num_normals, 1)
-    has_outer, has_inner = (jnp.sum(w) >= fewest for w in (outside, inside))
+    sums = (jnp.sum(wall, dtype=fewest.dtype) for wall in (outside, inside))
+    has_outer, has_inner = (count >= fewest for count in sums)
     middle, outer, inner = _circles(places[:, :2], outside, inside)
     # A cylinder's guess may be a circle through both walls.
     is_better = has_inner & jnp.all(jnp.isfinite(middle)) & (outer > 0) & (inner > 0)
@@ -79,7 +80,7 @@ def _with_bore(body: RoundBody, samples: Samples) -> TubeBody:
     rho = jnp.sqrt(jnp.sum((points[:, :2] - middle[None]) ** 2, axis=1))
     inner = jnp.where(is_better, inner, 0)
     # Without an outer wall the ring around the bore tells how thick it is.
-    count = jnp.sum(rho > inner)
+    count = jnp.sum(rho > inner, dtype=rho.dtype)
     rank = jnp.ceil(STRAY * count).astype(jnp.int32)
     most = int(np.ceil(STRAY * MAX_POINTS)) + 1
     widest = largest_of(rho, rho > inner, rank, most)
@@ -88,7 +89,7 @@ def _with_bore(body: RoundBody, samples: Samples) -> TubeBody:
     along = points[:, 2]
     near = jnp.abs(rho - radius) < NEAR * radius
     near |= is_better & (jnp.abs(rho - inner) < NEAR * radius)
-    rank = jnp.ceil(STRAY * jnp.sum(near)).astype(jnp.int32)
+    rank = jnp.ceil(STRAY * jnp.sum(near, dtype=rho.dtype)).astype(jnp.int32)
     high, low = (
         largest_of(along, near, rank, most),
         -largest_of(-along, near, rank, most),
@@ -128,7 +129,7 @@ def _circles(
     def fitted(outside: Array, inside: Array) -> tuple[Array, Array, Array]:
         of_each = jnp.stack([outside, inside], axis=1).astype(x.dtype)
         rows = jnp.concatenate([2 * x, of_each], axis=1)
-        rows = rows * (outside | inside)[:, None]
+        rows = jnp.where((outside | inside)[:, None], rows, 0)
         equations = rows.T @ rows
         equations += eps(x.dtype, 4) * len(x) * jnp.eye(4, dtype=x.dtype)
         solution = jax.scipy.linalg.solve(equations, rows.T @ squares, assume_a="pos")

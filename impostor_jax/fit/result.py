@@ -398,7 +398,7 @@ class Fit(eqx.Module):
             lines += [
                 f"  std of {name}: {_made_of(self.std_budget.of(name))} mm"
                 for name in self.told
-                if "radius" in name
+                if "radius" in name and np.isfinite(getattr(self.std, name))
             ]
         if not self.height_observed:
             across = millimeters(self.std.across_axis)
