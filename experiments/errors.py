@@ -14,6 +14,7 @@ from experiments.scenes import CAMERA, Shape, View
 from impostor_jax.evaluate import difference
 from impostor_jax.fit.fittable import KINDS
 from impostor_jax.geometry.so3 import tangent_basis
+from impostor_jax.primitives.tube import as_tube
 
 
 def error(estimate: Shape, truth: Shape) -> Float[np.ndarray, " k"]:
@@ -126,9 +127,22 @@ def _moved_frustum(cup: ij.Frustum, move: Float[Array, "8"]) -> ij.Frustum:
     return ij.Frustum(*ends, radius + slope * low, radius + slope * high)
 
 
+def _moved_tube(tube: ij.Solid, move: Float[Array, "8"]) -> ij.Solid:
+    own = as_tube(tube)
+    basis = tangent_basis(own.axis)
+    return ij.tube(
+        own.center + basis.T @ move[2:4] + own.axis * move[4],
+        own.axis + basis.T @ move[:2],
+        own.outer_radius + move[5],
+        own.inner_radius + move[6],
+        own.height + move[7],
+    )
+
+
 COORDINATES: dict[type[Shape], tuple[int, Callable[..., Shape]]] = {
     ij.Cylinder: (7, _moved_cylinder),
     ij.Sphere: (4, _moved_sphere),
     ij.Frustum: (8, _moved_frustum),
+    ij.Solid: (8, _moved_tube),
 }
 """Number of a shape's coordinates, and the shape that they move it to."""

@@ -1,4 +1,4 @@
-"""A can, cups, balls and random cylinders before a camera, and noisy images of them."""
+"""Cans, cups, tubes, balls, random cylinders before a camera; noisy images of them."""
 
 __all__ = [
     "CAMERA",
@@ -14,8 +14,10 @@ __all__ = [
     "draw_can",
     "draw_cup",
     "draw_scene",
+    "draw_tube",
     "make_can",
     "make_view",
+    "seen_plainly",
     "with_noise",
 ]
 
@@ -55,7 +57,7 @@ MOVED = 0.1
 LEAST_SEEN = 0.6
 """Part of a random cylinder's pixels that must be in the frame and not occluded."""
 
-Shape: TypeAlias = ij.Cylinder | ij.Frustum | ij.Sphere
+Shape: TypeAlias = ij.Cylinder | ij.Frustum | ij.Sphere | ij.Solid
 Image: TypeAlias = Float[np.ndarray, "h w"]
 Mask: TypeAlias = Bool[np.ndarray, "h w"]
 
@@ -160,6 +162,27 @@ def draw_cup(
     return _view(ij.Frustum(center - half, center + half, narrow, RADIUS), sigma, rng)
 
 
+def draw_tube(
+    inner_radius: float,
+    degrees: tuple[float, float],
+    sigma: float,
+    rng: np.random.Generator,
+) -> View:
+    """A tube as large as the can whose axis makes an angle with the view.
+
+    Args:
+        inner_radius: Of the bore, in meters; 0 of the can.
+        degrees: Least and largest angle.
+        sigma: Deviation of a reading, in meters.
+        rng: Source of all that is drawn.
+    """
+    axis = _axis(degrees, (0, 2 * np.pi), rng)
+    center = np.array([0.0, 0.0, DISTANCE]) + rng.uniform(-0.05, 0.05, 3)
+    if inner_radius == 0:
+        return _view(ij.Cylinder(center, axis, RADIUS, HEIGHT), sigma, rng)
+    return _view(ij.tube(center, axis, RADIUS, inner_radius, HEIGHT), sigma, rng)
+
+
 def _axis(
     degrees: tuple[float, float], turns: tuple[float, float], rng: np.random.Generator
 ) -> Float[np.ndarray, "3"]:
@@ -177,6 +200,11 @@ def _seen(shape: Shape) -> tuple[Image, Mask]:
 def _view(shape: Shape, sigma: float, rng: np.random.Generator) -> View:
     depth, mask = _seen(shape)
     return View(shape, with_noise(depth, sigma, rng), mask, sigma)
+
+
+def seen_plainly(view: View) -> Image:
+    """Depth of a view without noise, the wall behind included."""
+    return np.minimum(_seen(view.shape)[0], WALL).astype(np.float32)
 
 
 def _errors(correlation: float, rng: np.random.Generator) -> Image:

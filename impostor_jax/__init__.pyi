@@ -7,9 +7,11 @@ from .effort import Effort
 from .find.cylinders import find_cylinders
 from .find.found import Found
 from .fit.alternatives import Alternatives
+from .fit.bore import test_bore
 from .fit.depth_loss import depth_loss
 from .fit.options import FitOptions
 from .fit.result import (
+    BoreTest,
     Deviations,
     Directions,
     Fit,
@@ -24,7 +26,7 @@ from .fit.status import FitStatus
 from .fit.taper import test_taper
 from .fits.batch import fit_cylinders
 from .fits.labels import fit_labels
-from .fits.single import fit_cylinder, fit_frustum, fit_sphere
+from .fits.single import fit_cylinder, fit_frustum, fit_sphere, fit_tube
 from .geometry.frames import RigidTransform
 from .io.dataset import read_dataset
 from .io.dataset_shard import LabeledImage
@@ -41,6 +43,7 @@ from .primitives.sphere import Sphere
 from .primitives.terrain import Terrain
 from .primitives.torus import Torus
 from .primitives.triangle import Triangle
+from .primitives.tube import Tube, tube
 from .rendering.coverage import coverage
 from .rendering.distance import signed_distance
 from .rendering.lights import AmbientLight, DirectionalLight, PointLight
@@ -73,6 +76,7 @@ __all__ = [
     "AbstractPrimitive",
     "Alternatives",
     "AmbientLight",
+    "BoreTest",
     "Box",
     "ConstantNoise",
     "CorrelatedNoise",
@@ -119,6 +123,7 @@ __all__ = [
     "TimeOfFlight",
     "Torus",
     "Triangle",
+    "Tube",
     "calibrate_sensor",
     "coverage",
     "depth_loss",
@@ -129,6 +134,7 @@ __all__ = [
     "fit_frustum",
     "fit_labels",
     "fit_sphere",
+    "fit_tube",
     "intersection",
     "lit",
     "outline",
@@ -140,8 +146,10 @@ __all__ = [
     "shade",
     "signed_distance",
     "silhouettes",
+    "test_bore",
     "test_taper",
     "to_mesh",
     "trace",
+    "tube",
     "union",
 ]

@@ -40,6 +40,7 @@ from impostor_jax.fit.options import Options
 from impostor_jax.fit.result import Fit
 from impostor_jax.fit.round_body import RoundBody
 from impostor_jax.fit.shapes import fit_shape
+from impostor_jax.fit.tube_body import TubeBody
 from impostor_jax.io.dataset_shard import LabeledImage
 from impostor_jax.matching import Comparison, compare, detection_of, truth_of
 from impostor_jax.primitives.base import AbstractPrimitive
@@ -240,7 +241,7 @@ def _less(
     about_found: bool,
     ends_seen: Bool[Array, " e"],
 ) -> Float[Array, " m"]:
-    if isinstance(found, RoundBody) and isinstance(true, RoundBody):
+    if isinstance(found, RoundBody | TubeBody) and isinstance(true, type(found)):
         opposed = jnp.sum(found.axis * true.axis) < 0
         turn = jnp.where(opposed, -1, 1).astype(found.axis.dtype)
         if about_found:

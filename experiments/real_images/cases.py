@@ -7,6 +7,9 @@ import json
 from pathlib import Path
 from typing import Any
 
+import cv2
+import numpy as np
+
 import impostor_jax as ij
 from experiments.scenes import Image, Mask
 from experiments.sensor_models.scenes import SENSORS, draw_image
@@ -38,6 +41,7 @@ class Case:
         sensor: "structured_light" or "stereo".
         native_scale: Pixels of the image for one of the sensor's.
         reference: Where the radius is from.
+        mouth: Corners (u, v) of pixels that show the bore of a mug; none of a can.
     """
 
     name: str
@@ -48,12 +52,19 @@ class Case:
     sensor: str
     native_scale: float = 1.0
     reference: str = ""
+    mouth: tuple[tuple[int, int], ...] = ()
 
     def read(self, folder: Path) -> tuple[Image, Mask, ij.PinholeCamera]:
         """Depth in meters, mask and camera."""
         camera, scale = read_camera(folder / self.camera)
         depth = read_depth(folder / self.depth, scale)
         return depth, read_mask(folder / self.mask), camera
+
+    def with_mouth(self, mask: Mask) -> Mask:
+        """A mask and the pixels that show the bore."""
+        filled = mask.astype(np.uint8)
+        cv2.fillPoly(filled, [np.array(self.mouth, np.int32)], [1])
+        return filled > 0
 
     def sensors(
         self, camera: ij.PinholeCamera
@@ -87,6 +98,10 @@ CASES = (
         radius=0.0396,
         sensor="stereo",
         reference="printed by a tutorial of PCL",
+        mouth=(
+            *((356, 272), (358, 256), (370, 245), (388, 241), (410, 241), (428, 248)),
+            *((438, 262), (430, 280), (415, 288), (390, 291), (370, 287), (358, 280)),
+        ),
     ),
 )
 """Of images that others have published: demo image 000002 of PoseCNN (MIT) and PCL's

@@ -9,6 +9,7 @@ from matplotlib.figure import Figure
 from experiments.markdown import number, table
 from experiments.recording import Results
 
+RADII = {"outer_radius": "outer radius, mm", "inner_radius": "inner radius, mm"}
 MODELS = {"whole": "whole camera", "noise": "noise of readings alone"}
 
 
@@ -35,7 +36,24 @@ def tables(results: Results) -> str:
         budget.append([case, made_of])
     head = ["error of the radius, mm", *MODELS.values(), *peers]
     made = ["standard deviation of the radius, whole camera", "is made of, mm"]
-    return f"{table(head, rows)}\n\n{table(made, budget)}"
+    blocks = [table(head, rows), table(made, budget)]
+    mugs = [
+        [
+            case,
+            *(_value(results, f"{case}.tube.{name}") for name in RADII),
+            number(values[f"{case}.tube.statistic"]),
+        ]
+        for case in results.cases("", ".tube.statistic")
+    ]
+    if mugs:
+        head = ["with its mouth, whole camera", *RADII.values(), "likelihood ratio"]
+        blocks.append(table(head, mugs))
+    return "\n\n".join(blocks)
+
+
+def _value(results: Results, name: str) -> str:
+    value, half = results.pair(name)
+    return "failed" if value is None else f"{value:.2f} +- {half:.2f}"
 
 
 def _interval(results: Results, name: str) -> str:

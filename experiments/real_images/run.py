@@ -52,6 +52,8 @@ def _of_folder(folder: Path) -> Iterator[Metric]:
         }
         for name, fit in fits.items():
             yield from _of_fit(f"{case.name}.{name}", case, fit)
+        if case.mouth:
+            yield from _of_tube(case, depth, case.with_mouth(mask), camera)
         yield from _of_peers(case, depth, mask & (depth > 0), camera, fits["whole"])
 
 
@@ -66,6 +68,22 @@ def _of_fit(label: str, case: Case, fit: ij.Fit) -> Iterator[Metric]:
         for part in filter(parts.__contains__, BUDGET):
             std = 1e3 * float(parts[part])
             yield Metric(f"{label}.std.{part}", std, None, "mm", "lower", n)
+
+
+def _of_tube(
+    case: Case, depth: np.ndarray, mask: np.ndarray, camera: ij.PinholeCamera
+) -> Iterator[Metric]:
+    """What the fit of a tube says of a mug, and whether its bore is needed."""
+    whole, _ = case.sensors(camera)
+    test = ij.test_bore(ij.fit_cylinder(depth, camera, mask, whole))
+    fit, n = test.tube, int(test.tube.num_pixels)
+    is_right = bool(fit.success)
+    for name in ("outer_radius", "inner_radius"):
+        value = 1e3 * float(getattr(fit.tube, name)) if is_right else None
+        half = 1e3 * NORMAL_95 * float(getattr(fit.std, name)) if is_right else None
+        yield Metric(f"{case.name}.tube.{name}", value, half, "mm", "lower", n)
+    statistic = float(test.statistic) if is_right else None
+    yield Metric(f"{case.name}.tube.statistic", statistic, None, "1", "lower", n)
 
 
 def _of_peers(

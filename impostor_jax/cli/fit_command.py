@@ -22,7 +22,7 @@ from impostor_jax.cli.given import (
 
 if TYPE_CHECKING:
     from impostor_jax.camera.pinhole import PinholeCamera
-    from impostor_jax.fit.result import Fit, TaperTest
+    from impostor_jax.fit.result import BoreTest, Fit, TaperTest
 
 
 @dataclasses.dataclass(frozen=True)
@@ -44,7 +44,7 @@ class FitCommand:
     labels: tyro.conf.UseAppendAction[tuple[Path, ...]] = ()
     """Label image instead of a mask: 0 where there is no object, otherwise its number;
     each object is fitted. Of several depth images as masks are given."""
-    shape: Literal["cylinder", "sphere", "frustum"] = "cylinder"
+    shape: Literal["cylinder", "sphere", "frustum", "tube"] = "cylinder"
     """What is fitted."""
     sigma: float | None = None
     """Standard deviation of a depth reading, in meters. If neither this nor a sensor is
@@ -68,6 +68,8 @@ class FitCommand:
     default correlated if the sensor has a matching window."""
     test_taper: bool = False
     """Whether to test if a frustum, a cup, is needed instead of a cylinder."""
+    test_bore: bool = False
+    """Whether to test if a tube, a pipe or a mug, is needed instead of a cylinder."""
     output: Path = Path(".")
     """Folder that the files are written to."""
     json: Path | None = None
@@ -117,18 +119,19 @@ class FitCommand:
                 tell(f"{self.depth[index]}:")
             given = (labels or masks or [None] * len(places))[index]
             fits, tests, seconds = self._fits(given, depth, camera, asked)
-            for (name, fit), taper in zip(fits.items(), tests, strict=True):
+            for (name, fit), (taper, bore) in zip(fits.items(), tests, strict=True):
                 if labels:
                     tell(f"{name.replace('_', ' ')}:")
                 elif not masks:
                     tell(_region_taken(fit))
                 tell(fit.summary(seconds))
-                if taper is not None:
-                    tell(taper)
+                for test in (taper, bore):
+                    if test is not None:
+                        tell(test)
                 folder = place / name
                 write_json(
                     folder / "fit.json" if self.json is None else self.json,
-                    fit_record(fit, seconds, taper),
+                    fit_record(fit, seconds, taper, bore),
                 )
                 write_overlay(folder / "overlay.png", fit, depth, camera)
                 succeeded.append(bool(fit.success))
@@ -136,8 +139,10 @@ class FitCommand:
 
     def _asked(self, camera: "PinholeCamera") -> dict[str, Any]:
         """What a fit takes by name, but the mask and the effort."""
-        if self.test_taper and self.shape != "cylinder":
-            raise ValueError(f"--test-taper must not be given for a {self.shape}")
+        tests = {"--test-taper": self.test_taper, "--test-bore": self.test_bore}
+        for name, is_asked in tests.items():
+            if is_asked and self.shape != "cylinder":
+                raise ValueError(f"{name} must not be given for a {self.shape}")
         return {
             "sigma": chosen_noise(self.sigma, self.sensor, float(camera.fx)),
             "initial": start_of(self.initial, self.shape),
@@ -153,7 +158,7 @@ class FitCommand:
         depth: Any,
         camera: "PinholeCamera",
         asked: dict[str, Any],
-    ) -> "tuple[dict[str, Fit], list[TaperTest | None], float]":
+    ) -> "tuple[dict[str, Fit], list[tuple[TaperTest | None, BoreTest | None]], float]":
         """Fits of an image's objects, by their folders; tests of them; the seconds.
 
         Args:
@@ -177,17 +182,25 @@ class FitCommand:
                 fits = {f"label_{label}": fit for label, fit in found.items()}
             else:
                 fits = {"": function(depth, camera, mask=pixels, **asked)}
-            tests = [self._taper(fit) for fit in fits.values()]
+            tests = [(self._taper(fit), self._bore(fit)) for fit in fits.values()]
         jax.block_until_ready([fit.rms for fit in fits.values()])
         return fits, tests, time.perf_counter() - start
 
     def _function(self) -> Any:
         """What fits the shape."""
-        from impostor_jax.fits.single import fit_cylinder, fit_frustum, fit_sphere
+        from impostor_jax.fits.single import (
+            fit_cylinder,
+            fit_frustum,
+            fit_sphere,
+            fit_tube,
+        )
 
         return {
-            "cylinder": fit_cylinder, "sphere": fit_sphere, "frustum": fit_frustum,
-        }[self.shape]  # fmt: skip
+            "cylinder": fit_cylinder,
+            "sphere": fit_sphere,
+            "frustum": fit_frustum,
+            "tube": fit_tube,
+        }[self.shape]
 
     def _taper(self, fit: "Fit") -> "TaperTest | None":
         """Whether a frustum is needed, where that is asked and an object was seen."""
@@ -195,6 +208,13 @@ class FitCommand:
 
         is_tested = self.test_taper and fit.asked.arguments is not None
         return test_taper(fit) if is_tested else None
+
+    def _bore(self, fit: "Fit") -> "BoreTest | None":
+        """Whether a tube is needed, likewise."""
+        from impostor_jax.fit.bore import test_bore
+
+        is_tested = self.test_bore and fit.asked.arguments is not None
+        return test_bore(fit) if is_tested else None
 
 
 def _region_taken(fit: "Fit") -> str:

@@ -65,6 +65,10 @@ def start_of(path: Path | None, shape: str) -> "AbstractPrimitive | None":
     from impostor_jax.io.scene_file import read_scene
     from impostor_jax.primitives import PRIMITIVES
 
+    if shape not in PRIMITIVES:
+        raise ValueError(
+            f"--initial must not be given for a {shape}, which no scene file holds"
+        )
     shapes = read_scene(path).shapes
     if len(shapes) != 1 or not isinstance(shapes[0], PRIMITIVES[shape]):
         found = ", ".join(type(one).__name__.lower() for one in shapes)

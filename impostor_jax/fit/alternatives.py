@@ -2,7 +2,7 @@
 
 __all__ = ["MOST_ALTERNATIVES", "Alternatives", "no_alternatives"]
 
-from collections.abc import Sequence
+from collections.abc import Callable
 from typing import Any
 
 import equinox as eqx
@@ -31,14 +31,17 @@ class Alternatives(eqx.Module):
     shape: AbstractPrimitive
     weight: Float[Array, "*batch k"]
 
-    def told(self, names: Sequence[str]) -> list[tuple[float, dict[str, Array]]]:
-        """Weight and named values of those that there are; needs those of one fit."""
-        weights = np.asarray(self.weight)
+    def told(
+        self, named: Callable[[AbstractPrimitive], dict[str, Array]]
+    ) -> list[tuple[float, dict[str, Array]]]:
+        """Weight and named values of those that there are; needs those of one fit.
+
+        Args:
+            named: Values of shapes by name.
+        """
+        weights, values = np.asarray(self.weight), named(self.shape)
         return [
-            (
-                float(weights[k]),
-                {name: getattr(self.shape, name)[k] for name in names},
-            )
+            (float(weights[k]), {name: value[k] for name, value in values.items()})
             for k in np.flatnonzero(weights)
         ]
 

@@ -41,7 +41,12 @@ MOST_UNMET = 0.02
 """Share of the inliers whose rays may miss the shape."""
 
 MIN_END_TERMS = 5
-"""Fewest inlying readings of a cap, or crossings, that show an end."""
+"""Fewest inlying readings of a cap, or crossings, that show an end; and fewest of
+either that tell of any other coordinate."""
+
+MOST_FILLED = 0.25
+"""Share of the readings through the mouth of a bore that may lie in front of its wall:
+of outliers, and not of a floor or a filling, beside which the wall's would be wrong."""
 
 UNLIKELY = 0.05
 """Probability of the readings below which a fit is repeated where noise is deep or an
@@ -139,8 +144,10 @@ def assess(problem: Problem, solution: Solution, correlated: bool) -> Assessment
 
     basis = body.free_basis(settings.free, problem.unit, problem.unit)
     # An end that is not seen is free, though some readings beyond it may lean on it.
-    # The ends are the last coordinates.
-    others = jnp.ones(basis.shape[0] - ends_seen.size, bool)
+    # The ends are the last coordinates. A few readings do not show a bore, either.
+    depends = jnp.sum(inlier[None] & (terms.gradient != 0), axis=1)
+    depends += jnp.sum(crossing[None] & (edges.gradient != 0), axis=1)
+    others = depends[: basis.shape[0] - ends_seen.size] >= MIN_END_TERMS
     leans = jnp.where(jnp.concatenate([others, ends_seen]), 1, 0).astype(basis.dtype)
     into = product(basis.T * leans[None], carried)
     num_moves, bias = len(into), problem.noise.bias
@@ -228,6 +235,7 @@ def assess(problem: Problem, solution: Solution, correlated: bool) -> Assessment
     agrees = 2 * num_inliers >= count.astype(meters.dtype)
     agrees &= num_missed <= MOST_UNMET * num_inliers
     agrees &= jnp.where(settings.trusts_sigma, chi2 < MOST_CHI2, is_small)
+    agrees &= ~_is_filled(readings, pixels.depth, spread)
     # A fit that is not traced goes on with what agrees, and takes errors that do not
     # for correlated.
     agrees &= (statistic < (DISAGREEING if correlated else np.inf)) | ~jnp.asarray(
@@ -314,6 +322,17 @@ def _cap_shown(
     is_wall = jnp.abs(wall - depth) * terms.weight <= 3 * spread
     on_cap = seen.on_cap & (seen.rim < seen.cap_radius) & ~is_wall
     return jnp.where(on_cap, seen.sign * jnp.sign(seen.local.direction.z), 0)
+
+
+def _is_filled(
+    readings: Readings, depth: Float[Array, " n"], spread: Float[Array, ""]
+) -> Bool[Array, ""]:
+    """Whether something else than its wall is seen in a bore."""
+    seen = readings.passing
+    within = readings.used & seen.within
+    off = (seen.depth - depth) * readings.terms.weight > 4 * spread
+    count, total = (jnp.sum(x, dtype=depth.dtype) for x in (within & off, within))
+    return count > MOST_FILLED * total
 
 
 def _status_code(

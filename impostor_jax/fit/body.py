@@ -60,6 +60,7 @@ class Passing(eqx.Module):
             nappe.
         half_slope: Derivative of the half-chord in its square.
         outside: Whether the ray starts outside the solid, and sees what it enters.
+        within: Whether the wall that it sees is that of a bore, which it leaves.
         cos_incidence: Cosine between the normal of the surface that it sees and it.
         cap: Ray parameter of the cap that it would see.
         on_cap: Whether it sees that, or would if that went on past its rim.
@@ -83,6 +84,7 @@ class Passing(eqx.Module):
     half: Numbers
     half_slope: Numbers
     outside: Bool[Array, "*batch"]
+    within: Bool[Array, "*batch"]
     cos_incidence: Numbers
     cap: Numbers
     on_cap: Bool[Array, "*batch"]
@@ -97,7 +99,8 @@ class Passing(eqx.Module):
     @property
     def sign(self) -> Numbers:
         """-1 where the ray sees the wall that it enters, 1 where it leaves it."""
-        return jnp.where(self.outside, -1.0, 1.0).astype(self.half.dtype)
+        enters = self.outside & ~self.within
+        return jnp.where(enters, -1.0, 1.0).astype(self.half.dtype)
 
     @property
     def depth(self) -> Numbers:
@@ -261,6 +264,12 @@ class AbstractBody(eqx.Module):
         """Margins of which one passes 0 at the outline, positive outside.
 
         That of the wall first, then those of the ends that face away and the camera.
+        Of a body with a bore two more, of the same ends as they are seen in it; beside
+        any other place these do not change.
+
+        Args:
+            passing: How rays pass the body: the first along the first axis through a
+                pixel of the object, the others through its neighbors.
         """
 
     @abc.abstractmethod
@@ -273,7 +282,8 @@ class AbstractBody(eqx.Module):
             passing: How the rays pass the body.
             end: -1 at the end `center - axis * height / 2`, 1 at the other.
             side: -1 where a ray enters the wall (an end that faces away), 1 where it
-                leaves it.
+                leaves it. In a bore the other way round: 1 at the end that faces away,
+                -1 at the rim of the one that faces the camera.
         """
 
     @abc.abstractmethod

@@ -24,8 +24,9 @@ MOST_OF_RADIUS = 1 / 7
 tell, standard deviations were 14 % of it and more and errors up to five of them; of 10
 degrees 11 % and 1.5."""
 
-OF_ENDS = ("along_axis", "height")
-"""What only the ends determine; a shape is known without."""
+MAY_BE_OPEN = ("along_axis", "height", "inner_radius")
+"""What only the ends, or a bore that may be out of sight, determine; a shape is known
+without."""
 
 
 def deviations_of(
@@ -69,11 +70,13 @@ def deviations_of(
     # Of a scene with another scale all that is seen is known as well.
     of_scale = jnp.where(is_observed, share["scale"] ** 2, 0)
     apart_from_scale = by_name(jnp.sqrt(jnp.maximum(variance - of_scale, 0)))
-    known = [
-        jnp.all(apart_from_scale[name] < _most_deviation(name, body.radius))
+    known = {
+        name: jnp.all(apart_from_scale[name] < _most_deviation(name, body.radius))
         for name in body.coordinates
-        if name not in OF_ENDS
-    ]
+    }
+    if "inner_radius" in known:
+        # A pipe may be seen from inside alone.
+        known["outer_radius"] |= known["inner_radius"]
     own = np.concatenate([np.flatnonzero(names == name) for name in body.coordinates])
     full, is_observed = full[np.ix_(own, own)], is_observed[own]
     # Motions of the surface: an angle moves the ends by half the size.
@@ -92,7 +95,8 @@ def deviations_of(
         deviation=jnp.where(is_free | (deviation > 500 * size), jnp.inf, deviation),
     )
     public = jnp.where(np.eye(len(own), dtype=bool), variance[own][:, None], full)
-    determined = jnp.stack(known).all()
+    needed = [is_known for name, is_known in known.items() if name not in MAY_BE_OPEN]
+    determined = jnp.stack(needed).all()
     return (
         Deviations(by_name(std)), Budget(budget), public, observed, determined,
     )  # fmt: skip
@@ -102,4 +106,4 @@ def _most_deviation(name: str, radius: Float[Array, ""]) -> float | Float[Array,
     """Standard deviation up to which something is known."""
     if name == "axis":
         return MOST_TILT
-    return radius * (MOST_OF_RADIUS if name.startswith("radius") else MOST_ASIDE)
+    return radius * (MOST_OF_RADIUS if "radius" in name else MOST_ASIDE)

@@ -247,7 +247,9 @@ def crossing_terms(
     """One term for each pixel at the edge where the image shows that the object stops.
 
     The outline is where one of a body's margins passes 0: a ray misses the wall, the
-    end that faces away, or the end that faces the camera. Each is positive outside, so
+    end that faces away, or the end that faces the camera; or, within a bore, the wall
+    where it ends far away, or the rim beside which it is seen through. Each is positive
+    outside, so
     the largest, in pixels, is the signed distance from the outline and tells what a
     pixel of the region and its neighbor outside have between them. They are compared
     along the image direction that crosses it more steeply.
@@ -305,8 +307,10 @@ def crossing_terms(
     valid &= jnp.abs(off) < FARTHEST_CROSSING
     # Beside the wall's edge its two points have no place along the axis.
     central = (seen.square > 0.2 * (r * r)) & seen.outside
-    is_end = (np.arange(kinds) > 0)[:, None, None]
-    valid &= ~is_end | (central[:1] & central[1:])[None]
+    kind = np.arange(kinds)[:, None, None]
+    is_end = kind > 0
+    # Of those of a bore the body knows that itself.
+    valid &= ~is_end | (kind > 2) | (central[:1] & central[1:])[None]
     score = jnp.where(valid, off, -jnp.inf).reshape(4 * kinds, -1)
     # The first of the best, counted in floating point, since XLA does not vectorize
     # minima of whole numbers: in 15 us where `argmax` takes 40.
@@ -321,10 +325,11 @@ def crossing_terms(
 
     crosses = jnp.any(jnp.isfinite(score), axis=0)
     step = jnp.where(crosses, pick(gap), 1)
-    # Four neighbors of each margin, of which the first is the wall's.
-    is_wall = best < 4
-    side = jnp.where(best < 8, -1.0, 1.0).astype(r.dtype)
-    end = jnp.where(is_wall, 0, side * near)
+    # Four neighbors of each margin, of which the first is the wall's; in a bore an end
+    # is on the other side.
+    is_wall, in_bore = best < 4, best >= 12
+    side = jnp.where((best < 8) | (best >= 16), -1.0, 1.0).astype(r.dtype)
+    end = jnp.where(is_wall, 0, jnp.where(in_bore, -side, side) * near)
     shows = pick(jnp.where(shown, 1, 0).astype(r.dtype)[None, 1:])
     # Where most neighbors beyond an end are no background, the object goes on, and the
     # few that are err. A neighbor on the body itself says so by more than a majority:
@@ -332,10 +337,13 @@ def crossing_terms(
     says = jnp.where(is_own, OWN_VOTES, jnp.where(has, 1.0, 0.0)).astype(r.dtype)
     reads = pick(says[None, 1:])
     votes = jnp.where(shows > 0, shows, -reads)
-    same = end[None] == jnp.array([-1, 0, 1], r.dtype)[:, None]
+    group = jnp.where(in_bore, 2 - side / 2, end)
+    groups = [-1, 0, 1] if kinds <= 3 else [-1, 0, 1, 1.5, 2.5]
+    same = group[None] == jnp.array(groups, r.dtype)[:, None]
 
     def of_all(values: Float[Array, " m"]) -> Float[Array, " m"]:
-        # Their sum over all crossings of the same end, or of the wall.
+        # Their sum over all crossings of the same end, or of the wall. What a mask
+        # leaves out of a bore says nothing of the ends outside.
         totals = jnp.sum(jnp.where(same, values[None], 0), axis=1)
         return jnp.sum(jnp.where(same, totals[:, None], 0), axis=0)
 

@@ -1,6 +1,6 @@
 """Shapes that can be fitted: what the way that is the same for all needs of each."""
 
-__all__ = ["CYLINDER", "FRUSTUM", "KINDS", "SPHERE", "Fittable", "no_guess"]
+__all__ = ["CYLINDER", "FRUSTUM", "KINDS", "SPHERE", "TUBE", "Fittable", "no_guess"]
 
 import dataclasses
 from collections import OrderedDict
@@ -18,15 +18,18 @@ from impostor_jax.fit.alternatives import no_alternatives
 from impostor_jax.fit.body import AbstractBody, coordinates_of
 from impostor_jax.fit.guess_round import guess_cylinders, guess_frusta
 from impostor_jax.fit.guess_sphere import guess_spheres
+from impostor_jax.fit.guess_tube import closed, guess_tubes
 from impostor_jax.fit.result import BUDGET, Budget, Deviations, Directions, Fit
 from impostor_jax.fit.round_body import RoundBody
 from impostor_jax.fit.solve import STAGE_TOLERANCE
 from impostor_jax.fit.sphere_body import SphereBody
 from impostor_jax.fit.status import STATUSES, FitStatus
 from impostor_jax.fit.surface import Samples, samples_of
+from impostor_jax.fit.tube_body import TubeBody
 from impostor_jax.primitives.base import AbstractPrimitive
 from impostor_jax.primitives.cylinder import Cylinder
 from impostor_jax.primitives.frustum import Frustum
+from impostor_jax.primitives.solid import Solid
 from impostor_jax.primitives.sphere import Sphere
 
 
@@ -42,6 +45,7 @@ class Fittable:
         parameters: Names of what a caller may hold or expect.
         nothing: Fields of a body without a size.
         most_tolerance: Largest tolerance of an `Effort` that ends its fits.
+        closed: Of a shape with a bore, what it is without, where none is seen.
     """
 
     shape: type[AbstractPrimitive]
@@ -50,6 +54,7 @@ class Fittable:
     parameters: tuple[str, ...]
     nothing: dict[str, Any]
     most_tolerance: float = np.inf
+    closed: Callable[[Any], Any] | None = None
 
     @property
     def coordinates(self) -> tuple[str, ...]:
@@ -114,7 +119,15 @@ SPHERE = Fittable(
     parameters=("center", "radius"),
     nothing={"center": (0, 0, 0), "radius": 0},
 )
-KINDS = {kind.shape: kind for kind in (CYLINDER, FRUSTUM, SPHERE)}
+TUBE = Fittable(
+    shape=Solid,
+    body=TubeBody,
+    guess=guess_tubes,
+    parameters=("center", "axis", "outer_radius", "inner_radius", "height"),
+    nothing=CYLINDER.nothing | {"inner_radius": 0},
+    closed=closed,
+)
+KINDS = {kind.shape: kind for kind in (CYLINDER, FRUSTUM, SPHERE, TUBE)}
 """What can be fitted, by its primitive."""
 
 

@@ -18,8 +18,8 @@ class FitOptions(TypedDict, total=False):
     fixed: Sequence[str]
     """Names of the parameters that keep the value they have in `initial`; none if not
     given. A cylinder has center, axis, radius and height; a frustum radius1 and radius2
-    in place of radius, and its center is the midpoint of the axis; a sphere has center
-    and radius."""
+    in place of radius, and its center is the midpoint of the axis; a tube outer_radius
+    and inner_radius; a sphere has center and radius."""
     prior: Mapping[str, Any] | None
     """For any of these names, expected value and standard deviation in the world frame,
     in meters and (for the axis) radians, as in `{"radius": (0.04, 0.001)}`; for radius1

@@ -28,6 +28,8 @@ class Prior(eqx.Module):
         radius: Of a cylinder or a sphere, in meters.
         radius1: Of a frustum at p1, in meters.
         radius2: Of a frustum at p2, in meters.
+        outer_radius: Of a tube, in meters.
+        inner_radius: Of its bore, in meters.
         height: In meters.
     """
 
@@ -36,6 +38,8 @@ class Prior(eqx.Module):
     radius: Belief | None = None
     radius1: Belief | None = None
     radius2: Belief | None = None
+    outer_radius: Belief | None = None
+    inner_radius: Belief | None = None
     height: Belief | None = None
 
     def in_camera_frame(self, camera: AbstractCamera) -> "Prior":

@@ -45,6 +45,8 @@ from impostor_jax.numerics import safe_normalize
 from impostor_jax.primitives.base import AbstractPrimitive
 from impostor_jax.primitives.cylinder import Cylinder
 from impostor_jax.primitives.frustum import Frustum
+from impostor_jax.primitives.solid import Solid
+from impostor_jax.primitives.tube import is_tube
 from impostor_jax.sensor.base import AbstractDepthNoise
 from impostor_jax.sensor.gaussian import ConstantNoise
 from impostor_jax.sensor.lateral import LateralNoise
@@ -229,8 +231,9 @@ def check_types(
     if initial is None:
         return
     batch = () if count is None else (count,)
-    if not isinstance(initial, shape) or initial.batch_shape != batch:
-        name = shape.__name__
+    is_right = is_tube(initial) if shape is Solid else isinstance(initial, shape)
+    if not is_right or initial.batch_shape != batch:
+        name = "tube, as ij.tube makes it" if shape is Solid else shape.__name__
         need = f"one {name}" if count is None else f"a batch of {count} {name.lower()}s"
         raise ValueError(f"initial must be {need}, got {initial!r}")
     if isinstance(initial, Cylinder | Frustum):

@@ -2,8 +2,8 @@
 
 __all__ = [
     "BUDGET",
-    "TOLD",
     "Asked",
+    "BoreTest",
     "Budget",
     "Deviations",
     "Directions",
@@ -14,6 +14,7 @@ __all__ = [
     "SphereDeviations",
     "SphereFit",
     "TaperTest",
+    "named_values",
 ]
 
 import dataclasses
@@ -32,7 +33,9 @@ from impostor_jax.fit.text import line, millimeters, plain
 from impostor_jax.primitives.base import AbstractPrimitive
 from impostor_jax.primitives.cylinder import Cylinder
 from impostor_jax.primitives.frustum import Frustum
+from impostor_jax.primitives.solid import Solid
 from impostor_jax.primitives.sphere import Sphere
+from impostor_jax.primitives.tube import Tube, as_tube
 from impostor_jax.text import described, text_or_repr
 
 Shape = TypeVar("Shape", bound=AbstractPrimitive)
@@ -41,11 +44,14 @@ TOLD = {
     Cylinder: ("center", "axis", "radius", "height"),
     Frustum: ("p1", "p2", "axis", "radius1", "radius2"),
     Sphere: ("center", "radius"),
+    Solid: ("center", "axis", "outer_radius", "inner_radius", "height"),
 }
-"""What a reader is told of each shape."""
+"""What a reader is told of each shape; a solid that is fitted is a tube."""
 
 UNSEEN = {
     Cylinder: "height is the visible extent, center its middle; across the axis the "
+    "center's",
+    Solid: "height is the visible extent, center its middle; across the axis the "
     "center's",
     Frustum: "it is put where the wall was last seen; across the axis the middle's",
 }
@@ -65,15 +71,26 @@ has been found to: by chance one in 200 is larger, and costs no more than some r
 """
 
 
+def named_values(shape: AbstractPrimitive) -> dict[str, Array]:
+    """What a reader is told of a shape, or a batch of them, by name."""
+    held = as_tube(shape) if isinstance(shape, Solid) else shape
+    return {name: getattr(held, name) for name in TOLD[type(shape)]}
+
+
+def _name_of(kind: type[AbstractPrimitive]) -> str:
+    return "tube" if kind is Solid else kind.__name__.lower()
+
+
 class Deviations(eqx.Module):
     """Standard deviations by name, as in `std.radius`; `inf` where undetermined.
 
     Each is in meters, and `axis` in radians; 0 is what was held.
 
     Of any shape there are its own parameters: `center`, `radius`, `height`, or `p1`,
-    `p2`, `radius1` and `radius2`. Points are along x, y and z of the world. Where an
-    end is not seen, the place along the axis is free, so every direction that the axis
-    has a part in is undetermined. So there are, too:
+    `p2`, `radius1` and `radius2`, or `outer_radius` and `inner_radius`. Points are
+    along x, y and z of the world. Where an end is not seen, the place along the axis is
+    free, so every direction that the axis has a part in is undetermined. So there are,
+    too:
 
     * `axis`: Along the two vectors of `tangent_basis(axis)`.
     * `across_axis`: Of the center along the same two; determined even where the ends
@@ -198,7 +215,8 @@ class Fit(eqx.Module):
 
     Attributes:
         shape: The estimate, in the world frame: a cylinder, a frustum or a sphere, and
-            `cylinder`, `frustum` and `sphere` are names of it. The axis is signed so
+            `cylinder`, `frustum` and `sphere` are names of it; or a tube, which is a
+            solid, and `tube` has its values. The axis is signed so
             that its largest component is positive, and so is that of a frustum from p1
             to p2, if its p1 is not that of `initial`. Where an end is not seen, it is
             put where the wall was last seen; a frustum's radius is the wall's there.
@@ -239,7 +257,7 @@ class Fit(eqx.Module):
             the others; `inf` where many of them lie elsewhere.
         alternatives: Other solutions that differ by more than five standard deviations.
             They are known where several starts were tried.
-        asked: What `test_taper` needs; the depth image is kept in it.
+        asked: What `test_taper` and `test_bore` need; the depth image is kept in it.
     """
 
     shape: AbstractPrimitive
@@ -280,10 +298,20 @@ class Fit(eqx.Module):
         """The estimate, where it is a sphere."""
         return self._shape_of(Sphere)
 
+    @property
+    def tube(self) -> Tube:
+        """What the estimate is given by, where it is a tube."""
+        return as_tube(self._shape_of(Solid))
+
+    @property
+    def kind(self) -> str:
+        """What was fitted: a cylinder, a frustum, a sphere or a tube."""
+        return _name_of(type(self.shape))
+
     def _shape_of(self, kind: type[Shape]) -> Shape:
         if isinstance(self.shape, kind):
             return self.shape
-        wanted, found = kind.__name__.lower(), type(self.shape).__name__.lower()
+        wanted, found = _name_of(kind), self.kind
         # What looks for attributes, as `inspect` does, goes on.
         raise AttributeError(
             f"fit.{wanted} needs the fit of a {wanted}, got that of a {found}: it is "
@@ -340,9 +368,9 @@ class Fit(eqx.Module):
     @property
     def told(self) -> dict[str, tuple[Array, Array]]:
         """Value and standard deviation of what a reader is told, by name."""
-        names = TOLD[type(self.shape)]
+        values = named_values(self.shape)
         return {
-            name: (getattr(self.shape, name), getattr(self.std, name)) for name in names
+            name: (value, getattr(self.std, name)) for name, value in values.items()
         }
 
     def summary(self, seconds: float | None = None) -> str:
@@ -370,7 +398,7 @@ class Fit(eqx.Module):
             lines += [
                 f"  std of {name}: {_made_of(self.std_budget.of(name))} mm"
                 for name in self.told
-                if name.startswith("radius")
+                if "radius" in name and np.isfinite(getattr(self.std, name))
             ]
         if not self.height_observed:
             across = millimeters(self.std.across_axis)
@@ -384,7 +412,7 @@ class Fit(eqx.Module):
         return [
             f"  or with {100 * weight:.1f} %: "
             + ", ".join(plain(name, value) for name, value in values.items())
-            for weight, values in self.alternatives.told(TOLD[type(self.shape)])
+            for weight, values in self.alternatives.told(named_values)
         ]
 
     def __str__(self) -> str:
@@ -440,6 +468,44 @@ class TaperTest(eqx.Module):
             f"  taper   {answer}: radius {radius1} to {radius2} mm along the axis, "
             f"Wald statistic {float(self.statistic):.2f}, p-value "
             f"{float(self.p_value):.2g}"
+        )
+
+
+class BoreTest(eqx.Module):
+    """Test of a cylinder, a tube without a bore, against a tube.
+
+    Attributes:
+        tube: Fit of the tube.
+        statistic: Twice the logarithm of the likelihood's ratio, at least 0.
+        p_value: Probability that a cylinder's noise gives as much; 1 where no reading
+            shows a bore, NaN where the tube's fit failed.
+    """
+
+    tube: Fit
+    statistic: Float[Array, "*batch"]
+    p_value: Float[Array, "*batch"]
+
+    def is_needed(self, level: float = 0.01) -> Bool[Array, "*batch"]:
+        """Whether the readings reject a cylinder.
+
+        Args:
+            level: Share of cylinders that are taken for tubes, at most.
+        """
+        return self.p_value < level
+
+    def __str__(self) -> str:
+        return text_or_repr(self, self._text)
+
+    def _text(self) -> str:
+        found = self.tube
+        if not found.is_shape:
+            return f"  bore    not tested: the tube's fit ended as {found.status}"
+        answer = "needed" if bool(self.is_needed()) else "not needed"
+        return (
+            f"  bore    {answer}: radius {millimeters(found.tube.inner_radius)} mm "
+            f"(std {millimeters(found.std.inner_radius)}) in "
+            f"{millimeters(found.tube.outer_radius)} mm, likelihood ratio "
+            f"{float(self.statistic):.2f}, p-value {float(self.p_value):.2g}"
         )
 
 

@@ -223,6 +223,7 @@ class RoundBody(AbstractBody):
             half=half,
             half_slope=half_slope,
             outside=outside,
+            within=jnp.zeros(outside.shape, bool),
             cos_incidence=jnp.minimum(facing, 1),
             cap=cap,
             on_cap=on_cap,

@@ -9,6 +9,7 @@ is not, or where the caller asks for it, the others are tried, too.
 __all__ = ["fit_from", "fit_shape", "pixels_shown"]
 
 import dataclasses
+from collections.abc import Callable
 from functools import partial
 from typing import Any
 
@@ -20,11 +21,12 @@ from jaxtyping import Array, Bool, Float, Int
 from impostor_jax.arguments import is_concrete, working_precision
 from impostor_jax.camera.pinhole import PinholeCamera
 from impostor_jax.compiling import quickly_compiled
-from impostor_jax.effort import Effort
+from impostor_jax.effort import MIN_READINGS, Effort
 from impostor_jax.fit.assess import Assessment, assess
 from impostor_jax.fit.body import AbstractBody
 from impostor_jax.fit.border import fit_of_one_surface
-from impostor_jax.fit.fittable import Fittable, no_guess
+from impostor_jax.fit.fittable import TUBE, Fittable, no_guess
+from impostor_jax.fit.floor import floor_pixels
 from impostor_jax.fit.options import Options
 from impostor_jax.fit.prior import Prior
 from impostor_jax.fit.problem import Settings, posed
@@ -47,9 +49,20 @@ from impostor_jax.fit.request import (
 )
 from impostor_jax.fit.result import Fit
 from impostor_jax.fit.solve import solve
+from impostor_jax.fit.status import FitStatus
+from impostor_jax.fit.tube_body import TubeBody
 from impostor_jax.fit.weighing import best_of, likeliest
 from impostor_jax.primitives.base import AbstractPrimitive, in_camera_frame
+from impostor_jax.primitives.solid import Solid
 from impostor_jax.sensor.base import AbstractDepthNoise
+
+CLOSES = 3.0
+"""Nats by which an image must be likelier without a bore that it does not show, for
+that to be taken away: less than a reading of a lid costs, more than steps leave. Where
+the fit with it did not converge it may be as much less likely."""
+
+MOST_FLOORS = 2
+"""Times that a floor is looked for: a fit that it spoils may not tell its corner."""
 
 
 def fit_shape(
@@ -91,7 +104,7 @@ def fit_shape(
         warn_of_units(image, region, noise)
 
         # Without types of arrays, which would be looked up at each call, in 20 us.
-        def fitted(part: np.ndarray, correlated: bool) -> Fit:
+        def fitted(image: np.ndarray, part: np.ndarray, correlated: bool) -> Fit:
             shown = pixels_shown(image, part, camera, noise, effort.readings)
             asked = settings
             if part is not region:
@@ -100,13 +113,59 @@ def fit_shape(
             return _fit_pixels(kind, shown, initial, beliefs, asked, effort, correlated)
 
         correlated = options.correlated(noise)
-        fit = fit_of_one_surface(
-            fitted, kind.body, image, region, camera, noise, correlated
-        )
+
+        def fitted_to(image: np.ndarray) -> Fit:
+            return fit_of_one_surface(
+                partial(fitted, image),
+                kind.body,
+                image,
+                region,
+                camera,
+                noise,
+                correlated,
+            )
+
+        fit = fitted_to(image)
+        if kind is TUBE:
+            fit = _beside_floor(fit, fitted_to, image, region, camera, noise)
         # A caller may write other pixels to a mask, and the depth is a copy.
         known = {"depth": image, "sigma": sigma, "mask": np.array(region)}
         fit.asked.arguments = about | known
         return fit
+
+
+def _beside_floor(
+    fit: Fit,
+    fitted_to: Callable[[np.ndarray], Fit],
+    image: Float[np.ndarray, "h w"],
+    region: Bool[np.ndarray, "h w"],
+    camera: PinholeCamera,
+    noise: AbstractDepthNoise,
+) -> Fit:
+    """The fit of a tube without the readings of its floor, where it has one.
+
+    Args:
+        fit: To all readings.
+        fitted_to: How to fit an image.
+        image: In meters; 0 where there is no reading.
+        region: Pixels of the object.
+        camera: The camera.
+        noise: Of its readings.
+    """
+    left_out = np.zeros_like(region)
+    for _ in range(MOST_FLOORS):
+        if fit.status in (FitStatus.NO_FIRST_GUESS, FitStatus.NOT_FINITE):
+            break
+        assert isinstance(fit.shape, Solid)
+        body = TubeBody.of(fit.shape)
+        floor = floor_pixels(image, region, body, camera, noise)
+        if not floor.any() or np.array_equal(floor, left_out):
+            break
+        kept = np.where(floor, 0, image).astype(image.dtype)
+        if np.count_nonzero(kept[region]) < MIN_READINGS:
+            break
+        left_out, fit = floor, fitted_to(kept)
+    return fit
 
 
 def _fit_pixels(
@@ -138,7 +197,8 @@ def _fit_pixels(
         )
 
     if initial is not None:
-        return fitted(_placed(kind.body, initial, camera)).fit
+        found = [fitted(_placed(kind.body, initial, camera))]
+        return best_of(_with_closed(kind, found, fitted))
     guesses = kind.guesses(image, region, camera, typical_sigma(image, region, noise))
     if not guesses:
         return no_guess(kind, region)
@@ -151,6 +211,7 @@ def _fit_pixels(
         # Noise may hide which of two tilts is the true one.
         if effort.starts > 1 and any(bool(one.hides_tilt) for one in found):
             found += [fitted(_mirrored(start)) for start in starts]
+    found = _with_closed(kind, found, fitted)
     best, is_alone = likeliest(found), len(found) == 1
     if is_alone and not (bool(best.hides_turn) or bool(best.ends_early)):
         return best.fit
@@ -168,6 +229,26 @@ def _fit_pixels(
     if not is_alone or any(bool(one.ends_early) for one in found):
         found.append(fitted(likeliest(found).body))
     return best_of(found)
+
+
+def _with_closed(
+    kind: Fittable,
+    found: list[Assessment],
+    fitted: Callable[[AbstractBody], Assessment],
+) -> list[Assessment]:
+    """What was found, and a fit without a bore where the best of a tube shows none.
+
+    Readings of a lid are outliers in a bore; and where few are, an estimate may go to
+    and fro between them for ever. It takes the place of all that explain no more.
+    """
+    best = likeliest(found)
+    if kind.closed is None or np.isfinite(best.fit.std.inner_radius):
+        return found
+    other = fitted(_closed(kind.closed, best.body))
+    more = CLOSES if bool(other.fit.success) and not bool(best.fit.success) else -CLOSES
+    if float(other.cost) > float(best.cost) + more:
+        return found
+    return [one for one in found if float(one.cost) > float(other.cost)] + [other]
 
 
 def fit_from(
@@ -196,6 +277,7 @@ def _placed(
     return in_camera_frame(body.of(shape), camera)
 
 
+_closed = partial(jax.jit, static_argnums=0)(lambda close, body: close(body))
 _mirrored = jax.jit(lambda body: body.mirrored())
 _turned = jax.jit(lambda body: body.turned())
 

@@ -101,6 +101,7 @@ class SphereBody(AbstractBody):
             half_slope=half_slope,
             outside=nearest - half + foot > 0,
             cos_incidence=jnp.minimum(facing, 1),
+            within=jnp.zeros(zero.shape, bool),
             on_cap=jnp.zeros(zero.shape, bool),
             **dict.fromkeys(
                 ("cap", "rim", "cap_radius", "overshoot", "plane_weight", "along",

@@ -35,9 +35,8 @@ def test_taper(fit: Fit) -> TaperTest:
             made anew since; or its radius was fixed or expected.
     """
     if not isinstance(fit.shape, Cylinder):
-        found = type(fit.shape).__name__.lower()
         raise ValueError(
-            f"fit must be of a cylinder to test its taper, got a {found}'s"
+            f"fit must be of a cylinder to test its taper, got a {fit.kind}'s"
         )
     held = fit.asked.arguments
     if held is None:

@@ -24,7 +24,7 @@ def line(name: str, values: Any, deviations: Any) -> str:
     if name == "axis":
         tilt = _numbers(np.degrees(np.asarray(deviations)))
         return f"  axis    {_numbers(values, digits=5)}  (std {tilt} degrees)"
-    return f"  {name:<8}{millimeters(values)} mm  (std {millimeters(deviations)})"
+    return f"  {name:<7} {millimeters(values)} mm  (std {millimeters(deviations)})"
 
 
 def _numbers(values: Any, factor: float = 1.0, digits: int = 3) -> str:

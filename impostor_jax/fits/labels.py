@@ -10,14 +10,19 @@ import numpy as np
 from impostor_jax.arguments import is_concrete
 from impostor_jax.camera.pinhole import PinholeCamera
 from impostor_jax.fit.batch import side_by_side
-from impostor_jax.fit.fittable import CYLINDER, FRUSTUM, SPHERE
+from impostor_jax.fit.fittable import CYLINDER, FRUSTUM, SPHERE, TUBE
 from impostor_jax.fit.options import FitOptions, Options
 from impostor_jax.fit.result import Fit
 from impostor_jax.fits.shown import fit_or_failure
-from impostor_jax.fits.single import fit_cylinder, fit_frustum, fit_sphere
+from impostor_jax.fits.single import fit_cylinder, fit_frustum, fit_sphere, fit_tube
 from impostor_jax.primitives.base import AbstractPrimitive
 
-KIND_OF = {fit_cylinder: CYLINDER, fit_frustum: FRUSTUM, fit_sphere: SPHERE}
+KIND_OF = {
+    fit_cylinder: CYLINDER,
+    fit_frustum: FRUSTUM,
+    fit_sphere: SPHERE,
+    fit_tube: TUBE,
+}
 
 
 def fit_labels(
@@ -41,7 +46,7 @@ def fit_labels(
         depth: (H, W), as in `fit_cylinder`.
         camera: The camera that took it.
         labels: (H, W), integers: 0 where there is no object, otherwise its number.
-        fit: `fit_cylinder`, `fit_sphere` or `fit_frustum`.
+        fit: `fit_cylinder`, `fit_sphere`, `fit_frustum` or `fit_tube`.
         sigma: Of all objects, as in `fit_cylinder`.
         initial: Start of all fits, as in `fit_cylinder`.
         options: What `FitOptions` lists.

@@ -1,16 +1,17 @@
-"""Fit one shape to one depth image: a cylinder, a frustum or a sphere."""
+"""Fit one shape to one depth image: a cylinder, a frustum, a sphere or a tube."""
 
-__all__ = ["fit_cylinder", "fit_frustum", "fit_sphere"]
+__all__ = ["fit_cylinder", "fit_frustum", "fit_sphere", "fit_tube"]
 
 from typing import Any, Unpack
 
 from impostor_jax.camera.pinhole import PinholeCamera
-from impostor_jax.fit.fittable import CYLINDER, FRUSTUM, SPHERE
+from impostor_jax.fit.fittable import CYLINDER, FRUSTUM, SPHERE, TUBE
 from impostor_jax.fit.options import FitOptions, Options
 from impostor_jax.fit.result import Fit
 from impostor_jax.fits.shown import fit_shown
 from impostor_jax.primitives.cylinder import Cylinder
 from impostor_jax.primitives.frustum import Frustum
+from impostor_jax.primitives.solid import Solid
 from impostor_jax.primitives.sphere import Sphere
 
 
@@ -136,3 +137,56 @@ def fit_sphere(
     """
     asked = Options.of(options)
     return fit_shown(SPHERE, depth, camera, mask, sigma, initial, asked)
+
+
+def fit_tube(
+    depth: Any,
+    camera: PinholeCamera,
+    mask: Any = None,
+    sigma: Any = None,
+    initial: Solid | None = None,
+    **options: Unpack[FitOptions],
+) -> Fit:
+    """Fit a tube, of outer and inner radius, to a depth image: a pipe, or a mug.
+
+        fit = ij.fit_tube(depth, camera, mask=mask, sigma=0.001)
+        print(fit.tube.inner_radius, fit.std.inner_radius)
+
+    The likelihood, the starts and the covariance are those of `fit_cylinder`, and so is
+    what may be traced and differentiated. Without a mask a tube is found as a frustum
+    is in `fit_frustum`. `test_bore` tells whether a bore is there at all.
+
+    The bore goes through. Where at least 20 readings in it, and half of those that are
+    not its wall's, lie at one place along the axis, they are taken for the floor of a
+    mug, or for what the tube stands on: these, all that is deeper and the wall up to a
+    fifth of the inner radius above, where the corner may be round, are left out, and no
+    part of `region`; `height` is that of the outer wall. Of what else fills a bore up
+    to a quarter of the readings in it count as outliers; more are a `poor_fit`. A
+    traced fit looks for no floor, and fails where it is a quarter.
+
+    Where no five readings, or places of a rim before background, tell of the bore,
+    `std.inner_radius` is infinite and the inner radius that of the start: half the
+    outer one, or one that the readings leave room for; a hundredth of it where they
+    show that the end is closed. That is no failure. Of a pipe that is seen from inside
+    alone the outer radius is as open.
+
+    Args:
+        depth: (H, W), planar depth in meters; 0, NaN and infinity mean no reading.
+        camera: The camera that took it.
+        mask: (H, W), as in `fit_cylinder`: outside and inside together. Of what is seen
+            through the bore it may hold the pixels or not.
+        sigma: As in `fit_cylinder`.
+        initial: Start of the fit, as `ij.tube` makes it, in the world frame; found from
+            the image if None.
+        options: What `FitOptions` lists.
+
+    Returns:
+        The fit; its values are `fit.tube`. A fit that failed says so in `status`, with
+        infinite standard deviations.
+
+    Raises:
+        TypeError: As in `fit_cylinder`, like the next.
+        ValueError: Likewise; or `initial` is another solid than a tube.
+    """
+    asked = Options.of(options)
+    return fit_shown(TUBE, depth, camera, mask, sigma, initial, asked)

@@ -9,7 +9,7 @@ import numpy as np
 
 from impostor_jax.camera.base import AbstractCamera
 from impostor_jax.find.found import Found
-from impostor_jax.fit.result import Fit, TaperTest
+from impostor_jax.fit.result import BoreTest, Fit, TaperTest, named_values
 from impostor_jax.geometry.so3 import tangent_basis
 from impostor_jax.io.json_file import arguments_of, check_keys
 from impostor_jax.primitives import PRIMITIVES
@@ -18,7 +18,10 @@ from impostor_jax.primitives.cylinder import Cylinder
 
 
 def fit_record(
-    fit: Fit, seconds: float, taper: TaperTest | None = None
+    fit: Fit,
+    seconds: float,
+    taper: TaperTest | None = None,
+    bore: BoreTest | None = None,
 ) -> dict[str, Any]:
     """Turn a fit into what JSON can hold; infinite standard deviations become null.
 
@@ -26,12 +29,13 @@ def fit_record(
         fit: A single, concrete result.
         seconds: Time that the fit took.
         taper: Whether a frustum is needed, if that was tested.
+        bore: Whether a tube is needed, if that was tested.
     """
     return {
         "success": bool(fit.success),
         "status": str(fit.status),
         "reason": fit.reason,
-        "shape": type(fit.shape).__name__.lower(),
+        "shape": fit.kind,
         **_estimate(fit),
         "ends_seen": [bool(seen) for seen in fit.ends_seen],
         "height_observed": fit.height_observed,
@@ -43,12 +47,13 @@ def fit_record(
         "num_agreeing": int(fit.num_agreeing),
         "alternatives": [
             {"weight": weight, **_named(values)}
-            for weight, values in fit.alternatives.told(list(fit.told))
+            for weight, values in fit.alternatives.told(named_values)
         ],
         "num_pixels": int(fit.num_pixels),
         "rms_m": numbers(fit.rms),
         "chi2": numbers(fit.chi2),
         "taper": None if taper is None else _taper(taper),
+        "bore": None if bore is None else _bore(bore),
         "seconds": seconds,
     }
 
@@ -145,6 +150,16 @@ def _taper(taper: TaperTest) -> dict[str, Any]:
         "p_value": numbers(taper.p_value),
         "frustum_status": str(taper.frustum.status),
         **_estimate(taper.frustum),
+    }
+
+
+def _bore(bore: BoreTest) -> dict[str, Any]:
+    return {
+        "needed": bool(bore.is_needed()),
+        "statistic": numbers(bore.statistic),
+        "p_value": numbers(bore.p_value),
+        "tube_status": str(bore.tube.status),
+        **_estimate(bore.tube),
     }
 
 

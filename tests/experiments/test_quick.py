@@ -23,6 +23,7 @@ LONG = (
     "extremes",
     "find_accuracy",
     "fit_shapes",
+    "fit_tubes",
     "mask_errors",
     "published_faults",
     "random_scenes",

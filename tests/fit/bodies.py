@@ -30,6 +30,11 @@ BODIES = {
     "cone within its opening": lambda: ij.Frustum(
         (0.0, 0.02, 0.5), (0.05, 0.03, 0.7), 0.001, 0.3
     ),
+    "tube": lambda: ij.tube((0.02, 0.01, 0.8), (0.3, 0.4, 0.87), 0.1, 0.07, 0.3),
+    "tube along the view": lambda: ij.tube((0, 0, 0.8), (0, 0, 1), 0.1, 0.09, 0.3),
+    "tube around the camera": lambda: ij.tube(
+        (0.02, 0.01, 0.1), (0.3, 0.2, 0.9), 0.25, 0.2, 0.6
+    ),
     "sphere": lambda: ij.Sphere((0.05, 0.0, 0.8), 0.15),
     "sphere around the camera": lambda: ij.Sphere((0.05, 0.0, 0.2), 0.5),
 }
@@ -43,6 +48,7 @@ FAR = {
     "frustum at 100 m": lambda: ij.Frustum(
         (4, -3.1, 99.95), (4.05, -2.9, 100.05), 0.12, 0.05
     ),
+    "tube at 100 m": lambda: ij.tube((4, -3, 100), (0.3, 0.4, 0.87), 0.1, 0.07, 0.3),
     "sphere at 100 m": lambda: ij.Sphere((4, -3, 100), 0.15),
     "pipe with its center behind": lambda: ij.Cylinder(
         (0.02, 0.01, -0.4), (0.1, 0.05, 0.99), 0.2, 2.0
@@ -64,8 +70,7 @@ def rays(shape, dtype, count: int = 1000) -> Vec3:
 
     Of what is near, the one along the view is among them.
     """
-    ends = [shape.p1, shape.p2] if isinstance(shape, ij.Frustum) else [shape.center]
-    center = np.mean(np.array(ends, float), axis=0)
+    center = np.array(body_of(shape).center, float)
     is_far = center[2] > 2
     middle = np.round(center[:2] / center[2], 4) if is_far else np.zeros(2)
     width = 0.25 / center[2] if is_far else 0.4

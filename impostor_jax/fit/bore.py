@@ -1,0 +1,172 @@
+"""Whether the readings of a cylinder need a bore: a test by the likelihood ratio.
+
+A cylinder is the tube without a bore. The tube is fitted, and twice the logarithm of
+the ratio of the likelihoods is the statistic: of each reading that is normal about the
+surface or an outlier, and of pixels beside that see through what a cylinder would hide.
+Errors that readings share, and residuals larger than the noise, divide it.
+
+No bore is the end of what an inner radius may be, not a place within. So the statistic
+is not chi-squared with one degree of freedom there but 0 in half of the cases and that
+in the others (Self and Liang), and the p-value is half as large. In truth it is 0 far
+more often: a bore must be a pixel wide to be seen, and a reading of a lid in it 30 or
+more half-chords of its wall off. Of full cans fewer than the level are taken for tubes.
+
+References:
+    Self and Liang, Asymptotic properties of maximum likelihood estimators and
+    likelihood ratio tests under nonstandard conditions, JASA 1987.
+"""
+
+__all__ = ["test_bore"]
+
+import dataclasses
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int
+
+from impostor_jax.arguments import working_precision
+from impostor_jax.camera.pinhole import PinholeCamera
+from impostor_jax.compiling import quickly_compiled
+from impostor_jax.fit.body import AbstractBody
+from impostor_jax.fit.evidence import reading_terms
+from impostor_jax.fit.fittable import CYLINDER, TUBE, Fittable
+from impostor_jax.fit.options import Options
+from impostor_jax.fit.posterior import cost_of, hidden_pixels
+from impostor_jax.fit.prior import Prior
+from impostor_jax.fit.problem import Settings, posed
+from impostor_jax.fit.request import checked_noise, checked_prior, checked_settings
+from impostor_jax.fit.result import BoreTest, Fit
+from impostor_jax.fit.shapes import fit_shape, pixels_shown
+from impostor_jax.primitives.base import in_camera_frame
+from impostor_jax.primitives.cylinder import Cylinder
+from impostor_jax.primitives.tube import Tube
+from impostor_jax.sensor.base import AbstractDepthNoise
+
+NAMES = {"radius": "outer_radius"}
+"""Of a cylinder's parameters, what a tube calls otherwise."""
+
+STARTS = (0.9, 0.7, 0.5, 0.3)
+"""Inner radii, in outer ones, that a fit begins with where the cylinder has a start."""
+
+
+def test_bore(fit: Fit) -> BoreTest:
+    """Fit a tube where a cylinder was fitted, and compare the two.
+
+        fit = ij.fit_cylinder(depth, camera, mask=mask)
+        if ij.test_bore(fit).is_needed(): ...
+
+    The readings are those of the mask. That a cylinder's fit failed, as it may where a
+    bore is seen, does not matter.
+
+    Args:
+        fit: As `fit_cylinder` returned it.
+
+    Returns:
+        The test. Where no reading shows a bore, as in a view from the side, the
+        p-value is 1: none is needed, and one may be there.
+
+    Raises:
+        ValueError: The fit is of another shape, or of a traced call, or it was stacked
+            or made anew since.
+    """
+    if not isinstance(fit.shape, Cylinder):
+        raise ValueError(
+            f"fit must be of a cylinder to test its bore, got a {fit.kind}'s"
+        )
+    held = fit.asked.arguments
+    if held is None:
+        raise ValueError(
+            "fit must be as fit_cylinder returned it to test its bore: one that was "
+            "traced or stacked does not hold its image, nor one of too few readings"
+        )
+    options: Options = held["options"]
+    prior = {NAMES.get(name, name): x for name, x in (options.prior or {}).items()}
+    asked: dict[str, Any] = held | {
+        "options": dataclasses.replace(
+            options,
+            fixed=tuple(NAMES.get(name, name) for name in options.fixed),
+            prior=prior or None,
+        )
+    }
+    cost = _costs(held)
+    found = [fit_shape(TUBE, **asked | {"initial": start}) for start in _starts(held)]
+    tubes = sorted(found, key=lambda tube: (not tube.is_shape, cost(TUBE, tube.shape)))
+    tube = tubes[0]
+    values = tube.tube
+    outer = Cylinder(values.center, values.axis, values.outer_radius, values.height)
+    solid = min(cost(CYLINDER, shape) for shape in (fit.cylinder, outer))
+    ratio = 2 * (solid - cost(TUBE, tube.shape)) / _repeats(tube)
+    is_seen = np.isfinite(float(tube.std.inner_radius))
+    statistic = jnp.asarray(max(ratio, 0.0) if is_seen else 0.0, tube.rms.dtype)
+    above = jax.scipy.special.erfc(jnp.sqrt(statistic / 2)) / 2
+    p_value = jnp.where(statistic > 0, above, 1)
+    is_told = jnp.asarray(tube.is_shape)
+    return BoreTest(
+        tube=tube,
+        statistic=jnp.where(is_told, statistic, jnp.nan),
+        p_value=jnp.where(is_told, p_value, jnp.nan),
+    )
+
+
+def _starts(held: dict[str, Any]) -> list[Any]:
+    """Tubes about the start that the cylinder had; None, to look for one, without."""
+    begin: Cylinder | None = held["initial"]
+    if begin is None:
+        return [None]
+    return [
+        Tube(
+            begin.center, begin.axis, begin.radius, part * begin.radius, begin.height
+        ).solid
+        for part in STARTS
+    ]
+
+
+def _repeats(fit: Fit) -> float:
+    """Readings that tell as much as one whose error is its own and as `sigma` says."""
+    std, noise = fit.std.inner_radius, fit.std_budget["noise"].inner_radius
+    shared = float(std) / max(float(noise), np.finfo(float).tiny)
+    wider = shared**2 if np.isfinite(shared) else 1.0
+    return max(float(fit.chi2), 1.0) * max(wider, 1.0)
+
+
+def _costs(held: dict[str, Any]) -> Any:
+    """How badly shapes of the world explain the readings of a fit, as a function."""
+    options, sigma = held["options"], held["sigma"]
+    image, region, camera = held["depth"], held["mask"], held["camera"]
+    plain = dataclasses.replace(options, fixed=(), prior=None)
+    effort = options.effort
+    given = (image, camera, sigma)
+
+    def cost(kind: Fittable, shape: Any) -> float:
+        with working_precision(effort.precision, given) as converted:
+            noise = checked_noise(sigma)
+            seen_by, noise, shape = converted((camera, noise, shape))
+            shown = pixels_shown(image, region, seen_by, noise, effort.readings)
+            settings = checked_settings(kind, plain, None, sigma)
+            known = checked_prior(None, kind.parameters, None)
+            compiled = quickly_compiled(_cost, static_argnames="kernel")
+            body = kind.body.of(shape)
+            found = compiled(*shown, known, settings, body, kernel=effort.kernel)
+            return float(found)
+
+    return cost
+
+
+def _cost(
+    depth: Float[Array, "h w"],
+    mask: Bool[Array, "h w"],
+    row: Int[Array, " n"],
+    col: Int[Array, " n"],
+    camera: PinholeCamera,
+    noise: AbstractDepthNoise,
+    prior: Prior,
+    settings: Settings,
+    body: AbstractBody,
+    kernel: str,
+) -> Float[Array, ""]:
+    problem = posed(depth, mask, row, col, camera, noise, prior, settings, kernel)
+    body = in_camera_frame(body, camera)
+    readings = reading_terms(problem.pixels, body, noise, pixel=problem.pixel)
+    return cost_of(problem, body, readings, hidden_pixels(problem, body))

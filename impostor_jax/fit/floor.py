@@ -1,0 +1,127 @@
+"""Floors of bores: what closes a mug, and what a tube stands on.
+
+A through bore has no floor, and its readings lie in front of the wall that a tube has
+there: by little beside the corner, where no robust loss knows them. A floor is a place
+along the axis where many of the readings lie that are off the wall, and above which the
+wall is seen. Readings at it, below it, and of the wall just above it are left out.
+"""
+
+__all__ = ["floor_pixels"]
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int
+
+from impostor_jax.camera.pinhole import PinholeCamera
+from impostor_jax.fit.problem import gather_pixels, sigma_of
+from impostor_jax.fit.regions import pixel_indices
+from impostor_jax.fit.tube_body import TubeBody
+from impostor_jax.primitives.base import in_camera_frame
+from impostor_jax.sensor.base import AbstractDepthNoise
+
+OFF = 4.0
+"""Standard deviations in front of the wall from which a reading is not of it."""
+
+FEWEST = 20
+"""Readings that make a floor, and of the wall above it."""
+
+MOST_STRAY = 0.5
+"""Share of the readings off the wall that may lie elsewhere than on a floor."""
+
+THICKNESS = 6.0
+"""Standard deviations within which a floor's readings lie along the axis."""
+
+CORNER = 0.2
+"""Part of the inner radius above a floor in which its corner may be round: a mug's is,
+by 5 mm and more."""
+
+
+class _Within(NamedTuple):
+    """Readings through the mouth of a bore.
+
+    Attributes:
+        within: Which they are.
+        front: How far in front of the wall they lie, in standard deviations.
+        deep: How far beyond the mouth they lie along the axis.
+        wall: How far the wall's point does.
+        sigma: Standard deviations of their places along the axis.
+    """
+
+    within: Bool[Array, " n"]
+    front: Float[Array, " n"]
+    deep: Float[Array, " n"]
+    wall: Float[Array, " n"]
+    sigma: Float[Array, " n"]
+
+
+def floor_pixels(
+    image: Float[np.ndarray, "h w"],
+    region: Bool[np.ndarray, "h w"],
+    body: TubeBody,
+    camera: PinholeCamera,
+    noise: AbstractDepthNoise,
+) -> Bool[np.ndarray, "h w"]:
+    """Pixels of a region that show a floor, or the wall beside it; none without one.
+
+    Args:
+        image: In meters; 0 where there is no reading.
+        region: Pixels of the object.
+        body: A tube's estimate, in the world frame.
+        camera: The camera.
+        noise: Of the readings.
+    """
+    row, col = pixel_indices(region)
+    found = _readings_within(image, row, col, body, camera, noise)
+    within, front, deep, wall, sigma = map(np.asarray, found)
+    none = np.zeros_like(region)
+    off = within & (front > OFF) & (deep > 0)
+    if np.count_nonzero(off) < FEWEST:
+        return none
+    thick = THICKNESS * float(np.median(sigma[off]))
+    places = np.sort(deep[off])
+    # The fullest stretch of the axis.
+    counts = np.searchsorted(places, places + thick, side="right")
+    counts -= np.arange(len(places))
+    first = int(np.argmax(counts))
+    count = int(counts[first])
+    if count < max(FEWEST, (1 - MOST_STRAY) * len(places)):
+        return none
+    floor = float(np.median(places[first : first + count]))
+    margin = max(thick, CORNER * float(body.inner_radius))
+    is_wall = within & (np.abs(front) < OFF) & (wall < floor - margin)
+    if np.count_nonzero(is_wall) < FEWEST:
+        return none
+    beside = within & ((wall > floor - margin) | (off & (deep > floor - thick)))
+    found = none.copy()
+    found[row[beside], col[beside]] = True
+    return found
+
+
+@jax.jit
+def _readings_within(
+    image: Float[Array, "h w"],
+    row: Int[Array, " n"],
+    col: Int[Array, " n"],
+    body: TubeBody,
+    camera: PinholeCamera,
+    noise: AbstractDepthNoise,
+) -> _Within:
+    pixels = gather_pixels(image, camera, row, col)
+    body = in_camera_frame(body, camera)
+    seen = body.passing(pixels.direction, body.radius / 100)
+    read = (pixels.depth > 0) & pixels.exists
+    sigma = sigma_of(noise, jnp.where(read, pixels.depth, 1), seen.cos_incidence)
+    ahead = seen.local.direction.z
+    # From the plane of the end that faces the camera.
+    along = seen.local.origin.z + (pixels.depth - seen.foot) * ahead
+    sign, half = jnp.sign(ahead), body.height / 2
+    return _Within(
+        within=seen.within & read,
+        front=(seen.depth - pixels.depth) / sigma,
+        deep=sign * along + half,
+        wall=sign * seen.along + half,
+        sigma=sigma * jnp.abs(ahead),
+    )
