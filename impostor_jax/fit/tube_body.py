@@ -105,17 +105,20 @@ class TubeBody(AbstractBody):
     @property
     @override
     def coordinates(self) -> dict[str, tuple[str, ...]]:
-        """Those of the outer cylinder, and the inner radius."""
-        names = self.outer.coordinates
-        del names["radius"]
-        height = names.pop("height")
-        radii = {name: (name,) for name in ("outer_radius", "inner_radius")}
-        return {**names, **radii, "height": height}
+        """First and second are along the two vectors of `tangent_basis(axis)`."""
+        return {
+            "axis": ("axis_first", "axis_second"),
+            "across_axis": ("center_first", "center_second"),
+            "along_axis": ("center_along",),
+            "outer_radius": ("outer_radius",),
+            "inner_radius": ("inner_radius",),
+            "height": ("height",),
+        }
 
     @property
     @override
     def ends(self) -> tuple[int, ...]:
-        return self.outer.ends
+        return -1, 1
 
     @property
     @override

@@ -105,6 +105,25 @@ def test_a_sphere_is_fitted_with_a_prior(fit, folder):
     assert (folder / "out" / "overlay.png").is_file()
 
 
+def test_a_tube_is_fitted_and_a_can_tested_for_a_bore(fit, folder):
+    can_ = can(40.0)
+    pipe = ij.tube(can_.center, can_.axis, 0.04, 0.034, 0.12)
+    depth, mask = image_of(pipe)
+    np.save(folder / "pipe.npy", depth)
+    cv2.imwrite(str(folder / "pipe.png"), np.asarray(mask, np.uint8))
+    code, out, err = fit("pipe.npy", "--mask", "pipe.png", "--shape", "tube")
+    assert (code, err) == (0, "")
+    assert "inner_radius 3" in out
+    record = record_of(folder)
+    assert record["shape"] == "tube"
+    assert record["inner_radius_m"] == pytest.approx(0.034, abs=2e-4)
+    assert (folder / "out" / "overlay.png").is_file()
+    _, out, err = fit("pipe.npy", "--mask", "pipe.png", "--test-bore")
+    assert err == ""
+    assert "bore    needed" in out
+    assert record_of(folder)["bore"]["needed"] is True
+
+
 def test_a_frustum_is_fitted_from_a_start(fit, folder):
     truth, half = can(), 0.06
     ends = (np.asarray(truth.center + sign * half * truth.axis) for sign in (-1, 1))
@@ -176,6 +195,8 @@ def test_depth_in_millimeters_gets_a_hint_on_one_line(fit, folder):
         (("can.npy", "--fixed", "radius"), "initial must be given with fixed"),
         (("can.npy", "--prior-radius", "0.04", "0"), "deviation of prior['radius']"),
         (("ball.npy", "--shape", "sphere", "--test-taper"), "--test-taper must not be"),
+        (("ball.npy", "--shape", "sphere", "--test-bore"), "--test-bore must not be"),
+        (("can.npy", "--shape", "tube", "--initial", "start.json"), "no scene file"),
         (("ball.npy", "--shape", "sphere", "--prior-height", "1", "1"),
          "prior must be one of center, radius"),
         (("can.npy", "--shape", "box"), "--shape"),

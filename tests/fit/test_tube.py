@@ -8,7 +8,7 @@ import pytest
 import impostor_jax as ij
 from impostor_jax.primitives.tube import as_tube
 from tests.fit.scenes import CAMERA, SIGMA, can, image, image_of
-from tests.groups import FULL, SMALL_IMAGES
+from tests.groups import FULL, RELEASE, SMALL_IMAGES
 
 pytestmark = SMALL_IMAGES
 
@@ -110,6 +110,7 @@ def test_an_inner_wall_that_is_not_seen_is_open_and_no_failure():
     assert float(begun.tube.inner_radius) < 0.002
 
 
+@FULL
 def test_a_pipe_that_is_seen_from_inside_has_no_outside():
     around = ij.tube((0.0, 0.01, 0.1), (0.05, 0.0, 1.0), 0.25, 0.2, 1.4)
     depth, mask = image_of(around, wall=None)
@@ -156,7 +157,7 @@ def test_outliers_and_wrong_masks_do_not_move_the_walls():
         assert np.abs(scores_of(fit)).max() < 4.5
 
 
-@FULL
+@RELEASE
 def test_what_is_no_tube_is_no_success():
     ball = ij.Sphere((0.01, 0.0, 0.35), 0.05)
     assert not fit_of(ball).success
