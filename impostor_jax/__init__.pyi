@@ -26,6 +26,7 @@ from .fits.batch import fit_cylinders
 from .fits.labels import fit_labels
 from .fits.single import fit_cylinder, fit_frustum, fit_sphere
 from .geometry.frames import RigidTransform
+from .io.camera_from import camera_from
 from .io.dataset import read_dataset
 from .io.dataset_shard import LabeledImage
 from .io.mesh_export import to_mesh
@@ -120,6 +121,7 @@ __all__ = [
     "Torus",
     "Triangle",
     "calibrate_sensor",
+    "camera_from",
     "coverage",
     "depth_loss",
     "difference",
