@@ -14,9 +14,10 @@ __all__ = [
 ]
 
 import math
-import numbers
 from collections.abc import Iterable
 from typing import Any
+
+import numpy as np
 
 MAX_PIXELS = 2**28
 """Most pixels of an image: a map of them takes a gigabyte in single precision."""
@@ -74,7 +75,7 @@ def whole_number(
     name: str, value: Any, low: int, high: int | None = None, unit: str = ""
 ) -> int:
     """Return a whole number of a range, both ends included; None is no end."""
-    is_whole = isinstance(value, numbers.Integral) and not isinstance(value, bool)
+    is_whole = isinstance(value, int | np.integer) and not isinstance(value, bool)
     if not is_whole or value < low or (high is not None and value > high):
         need = f"of at least {low}" if high is None else f"from {low} to {high}"
         need += unit and f" {unit}"

@@ -10,7 +10,7 @@ from typing import Any
 
 from impostor_jax.io.foreign_camera import camera_arguments
 from impostor_jax.io.input_file import opened
-from impostor_jax.io.json_file import check_depth, check_keys, read_json_object
+from impostor_jax.io.json_file import check_keys, read_json_object
 from impostor_jax.plain_arguments import image_size
 
 REQUIRED = ("fx", "fy", "cx", "cy", "width", "height")
@@ -19,8 +19,11 @@ OPTIONAL = ("depth_scale_m", "distortion", "fisheye")
 LARGEST_SCALE_M = 1e6
 """Meters a unit: a thousand kilometers."""
 
-MOST_BYTES = 2**20
-"""Of a YAML or a text file, whose readers take much longer than that of JSON."""
+MOST_BYTES = 2**18
+"""Of a YAML or a text file: a YAML of a megabyte takes seconds."""
+
+MAX_YAML_DEPTH = 10
+"""Deepest nesting; CameraInfo needs three."""
 
 
 def read_camera_record(path: Path) -> dict[str, Any]:
@@ -102,13 +105,26 @@ def _read_yaml(path: Path, what: str) -> Any:
             f"{what} needs PyYAML: pip install 'impostor-jax[yaml]'"
         ) from error
     try:
+        _check_events(yaml, text, what)
         record = next(iter(yaml.safe_load_all(text)), None)
-    except (yaml.YAMLError, RecursionError, ValueError) as error:
+    except yaml.YAMLError as error:
         raise ValueError(f"{what} is not readable YAML") from error
-    check_depth(record, what)
     if not isinstance(record, dict):
         raise ValueError(f"{what} must hold ROS's CameraInfo")
     return record
+
+
+def _check_events(yaml: Any, text: str, what: str) -> None:
+    """Raise where a document is nested too deep, or grows by names for its parts."""
+    depth = 0
+    for event in yaml.parse(text, Loader=yaml.SafeLoader):
+        if isinstance(event, yaml.DocumentEndEvent):
+            return
+        depth += isinstance(event, yaml.CollectionStartEvent)
+        depth -= isinstance(event, yaml.CollectionEndEvent)
+        # Read by recursion; and of a few names, each of the next, grow gigabytes.
+        if depth > MAX_YAML_DEPTH or isinstance(event, yaml.AliasEvent):
+            raise ValueError(f"{what} must hold ROS's CameraInfo")
 
 
 def _only_line(path: Path, what: str) -> str:
