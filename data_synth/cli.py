@@ -82,6 +82,8 @@ class Generate:
 
     def run(self) -> int:
         """Run the command; returns the exit code."""
+        self._check_given()
+        # These start JAX.
         from data_synth.generate import generate
         from impostor_jax.io.sensor_record import read_sensor
 
@@ -105,6 +107,18 @@ class Generate:
         print(_summary(reports, start, self.output, "nothing was missing"))
         return 0
 
+    def _check_given(self) -> None:
+        """Raise where files or flags are seen to be bad without JAX."""
+        from impostor_jax.io.dataset_manifest import MAX_IMAGES, MAX_SHARDS
+        from impostor_jax.io.json_file import read_json_object
+        from impostor_jax.plain_arguments import whole_number
+
+        whole_number("count", self.count, 1, MAX_IMAGES)
+        whole_number("shard_size", self.shard_size, 1, MAX_SHARDS)
+        _check_preset(self.preset)
+        if self.sensor is not None:
+            read_json_object(self.sensor, f"sensor file {str(self.sensor)!r}")
+
 
 @dataclasses.dataclass(frozen=True)
 class Resume:
@@ -122,6 +136,8 @@ class Resume:
 
     def run(self) -> int:
         """Run the command; returns the exit code."""
+        _check_dataset(self.folder)
+        # These start JAX.
         from data_synth.generate import resume
         from data_synth.manifest import Manifest
 
@@ -156,6 +172,9 @@ class Describe:
 
     def run(self) -> int:
         """Run the command; returns the exit code."""
+        if self.preset is not None:
+            _check_preset(self.preset)
+        # These start JAX.
         import json
 
         from data_synth.describe import describe
@@ -182,6 +201,8 @@ class Validate:
 
     def run(self) -> int:
         """Run the command; returns the exit code."""
+        _check_dataset(self.folder)
+        # These start JAX.
         from data_synth.manifest import Manifest
         from data_synth.validate import validate
 
@@ -204,6 +225,14 @@ class Preview:
 
     def run(self) -> int:
         """Run the command; returns the exit code."""
+        from impostor_jax.io.atomic import check_output_file
+        from impostor_jax.plain_arguments import whole_number
+
+        whole_number("count", self.count, 1)
+        if not self.folder.is_file():
+            _check_dataset(self.folder)
+        check_output_file(self.output)
+        # This starts JAX.
         from data_synth.preview import preview
 
         preview(self.folder, self.output, self.count)
@@ -224,6 +253,21 @@ def parse(arguments: Sequence[str]) -> Command:
     """Parse the arguments; a mistake ends the program with one line and exit code 2."""
     description = "Make labeled depth images of cylinders."
     return parse_with(Command, "impostor-synth", description, arguments)
+
+
+def _check_dataset(folder: Path) -> None:
+    """Raise unless a folder has a manifest, which is seen without JAX."""
+    from impostor_jax.io.dataset_manifest import read_manifest
+
+    read_manifest(folder)
+
+
+def _check_preset(name: str) -> None:
+    """Raise where a preset's file is not readable, which is seen without JAX."""
+    from impostor_jax.io.json_file import read_json_object
+
+    if name.endswith(".json"):
+        read_json_object(Path(name), f"preset {name!r}")
 
 
 @contextlib.contextmanager

@@ -28,6 +28,7 @@ from .fits.batch import fit_cylinders
 from .fits.labels import fit_labels
 from .fits.single import fit_cylinder, fit_frustum, fit_sphere, fit_tube
 from .geometry.frames import RigidTransform
+from .io.camera_from import camera_from
 from .io.dataset import read_dataset
 from .io.dataset_shard import LabeledImage
 from .io.mesh_export import to_mesh
@@ -125,6 +126,7 @@ __all__ = [
     "Triangle",
     "Tube",
     "calibrate_sensor",
+    "camera_from",
     "coverage",
     "depth_loss",
     "difference",

@@ -22,7 +22,7 @@ __all__ = [
 
 import contextlib
 import math
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any, TypeVar
 
 import equinox as eqx
@@ -32,13 +32,15 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from impostor_jax.plain_arguments import (
+    image_size,
+    number_in_range,
+    number_needed,
+    one_of,
+    whole_number,
+)
+
 Values = TypeVar("Values")
-
-MAX_PIXELS = 2**28
-"""Most pixels of an image: a map of them takes a gigabyte in single precision."""
-
-SMALLEST, LARGEST = 1.1e-19, 1.8e19
-"""Ends of the numbers whose squares single precision holds, as `has_square` has it."""
 
 
 @contextlib.contextmanager
@@ -105,23 +107,13 @@ def real_number(
     A Python float takes the precision of whatever it meets, so one camera serves
     single and double precision; its square must be in the range of both.
     """
-    need = "a positive number" if positive else "a finite number"
-    if unit is not None:
-        need += f" in {unit}"
+    need = number_needed(positive=positive, unit=unit)
     array = _as_array(name, value)
     if array.shape != () or not _is_real(array):
         raise ValueError(f"{name} must be {need}, got {value!r}")
     if not is_concrete(value):
         return value
-    number = float(array)
-    if not np.isfinite(number) or (positive and number <= 0):
-        raise ValueError(f"{name} must be {need}, got {number}")
-    if abs(number) > LARGEST or (positive and number < SMALLEST):
-        low = SMALLEST if positive else -LARGEST
-        raise ValueError(
-            f"{name} must be {need}, from {low:.3g} to {LARGEST:.3g}, got {number}"
-        )
-    return number
+    return number_in_range(name, float(array), need, positive=positive)
 
 
 def bounded_number(name: str, value: Any, need: str, high: float = math.inf) -> Any:
@@ -147,30 +139,6 @@ def angle_below_grazing(name: str, value: Any) -> Any:
     """
     need = "an angle from 0 to 1.562 radians (89.5 degrees)"
     return bounded_number(name, value, need, math.radians(89.5))
-
-
-def image_size(width: Any, height: Any) -> tuple[int, int]:
-    """Return the columns and rows of an image that can be held in memory."""
-    width = whole_number("width", width, 1, unit="pixels")
-    height = whole_number("height", height, 1, unit="pixels")
-    if width * height > MAX_PIXELS:
-        raise ValueError(
-            f"width and height must be at most {MAX_PIXELS} pixels together, got "
-            f"{width} x {height}"
-        )
-    return width, height
-
-
-def whole_number(
-    name: str, value: Any, low: int, high: int | None = None, unit: str = ""
-) -> int:
-    """Return a whole number of a range, both ends included; None is no end."""
-    is_whole = isinstance(value, int | np.integer) and not isinstance(value, bool)
-    if not is_whole or value < low or (high is not None and value > high):
-        need = f"of at least {low}" if high is None else f"from {low} to {high}"
-        need += unit and f" {unit}"
-        raise ValueError(f"{name} must be a whole number {need}, got {value!r}")
-    return int(value)
 
 
 def float_array(
@@ -258,10 +226,3 @@ def check_rotation(name: str, value: Float[Array, "*batch 3 3"]) -> None:
         raise ValueError(
             f"{name} must be orthogonal with determinant 1, got {matrix.tolist()}"
         )
-
-
-def one_of(name: str, value: Any, allowed: Iterable[str]) -> None:
-    """Raise unless `value` is one of the `allowed` names."""
-    names = tuple(allowed)
-    if value not in names:
-        raise ValueError(f"{name} must be one of {', '.join(names)}; got {value!r}")

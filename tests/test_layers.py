@@ -14,6 +14,7 @@ LAYERS = (
     "program_store",
     "compiling",
     "effort",
+    "plain_arguments",
     "arguments",
     "text",
     "geometry",

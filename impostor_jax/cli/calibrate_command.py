@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Literal
 import tyro
 
 from impostor_jax.cli.given import files_of, hints_on_stderr, images_of
+from impostor_jax.cli.inputs import check_images
 
 if TYPE_CHECKING:
     import numpy as np
@@ -52,14 +53,8 @@ class CalibrateCommand:
 
     def run(self) -> int:
         """Run the command; returns the exit code."""
-        import numpy as np
-
-        from impostor_jax.calibrate.calibration import calibration_of
         from impostor_jax.cli.ending import stream_beside
         from impostor_jax.io.atomic import check_output_file, write_json
-        from impostor_jax.io.camera_file import read_camera
-        from impostor_jax.io.depth_image import read_depth
-        from impostor_jax.io.sensor_record import sensor_record
 
         images = images_of(self.depth)
         if not images:
@@ -68,8 +63,17 @@ class CalibrateCommand:
         objects = files_of("--objects", self.objects, images)
         if bool(objects) != (self.radius is not None):
             raise ValueError("--objects and --radius must be given together")
-        camera, depth_scale_m = read_camera(self.camera)
+        check_images(self.camera, images, {"mask": [*masks, *objects]})
         check_output_file(self.output)
+        # These start JAX.
+        import numpy as np
+
+        from impostor_jax.calibrate.calibration import calibration_of
+        from impostor_jax.io.camera_file import read_camera
+        from impostor_jax.io.depth_image import read_depth
+        from impostor_jax.io.sensor_record import sensor_record
+
+        camera, depth_scale_m = read_camera(self.camera)
         size = camera.height, camera.width
         depths = np.stack([read_depth(image, depth_scale_m, size) for image in images])
         with hints_on_stderr():

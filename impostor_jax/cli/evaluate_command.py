@@ -43,12 +43,10 @@ class EvaluateCommand:
 
         from tqdm import tqdm
 
-        from impostor_jax.arguments import whole_number
         from impostor_jax.cli.ending import stream_beside
-        from impostor_jax.evaluate import evaluate, evaluate_found, table
         from impostor_jax.io.atomic import check_output_file, write_json
-        from impostor_jax.io.dataset import read_dataset, read_manifest, sensor_of
-        from impostor_jax.matching import score_of, score_record, score_table
+        from impostor_jax.io.dataset_manifest import read_manifest, shards_there
+        from impostor_jax.plain_arguments import whole_number
 
         effort = chosen_effort(self.effort, self.dials)
         if self.limit is not None:
@@ -59,6 +57,12 @@ class EvaluateCommand:
         if self.json is not None:
             check_output_file(self.json, "json")
         manifest = read_manifest(self.dataset)
+        shards_there(self.dataset, manifest, allow_partial=False)
+        # These start JAX.
+        from impostor_jax.evaluate import evaluate, evaluate_found, table
+        from impostor_jax.io.dataset import read_dataset, sensor_of
+        from impostor_jax.matching import score_of, score_record, score_table
+
         sensor = sensor_of(manifest)
         images = itertools.islice(read_dataset(self.dataset), self.limit)
         shown = partial(

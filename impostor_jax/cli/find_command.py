@@ -21,6 +21,7 @@ from impostor_jax.cli.given import (
     places_of,
     priors_of,
 )
+from impostor_jax.cli.inputs import check_images, check_noise
 
 if TYPE_CHECKING:
     import numpy as np
@@ -80,7 +81,6 @@ class FindCommand:
 
         from impostor_jax.cli.ending import stream_beside
         from impostor_jax.io.atomic import check_output_file, check_output_folder
-        from impostor_jax.io.camera_file import read_camera
 
         images = images_of(self.depth)
         places = places_of(images, self.output)
@@ -90,6 +90,11 @@ class FindCommand:
                 "--json must not be given with several images: each has a found.json "
                 "of its own"
             )
+        check_noise(self.sigma, self.sensor)
+        check_images(self.camera, images, {})
+        # This starts JAX.
+        from impostor_jax.io.camera_file import read_camera
+
         file = read_camera(self.camera)
         asked = self._asked(float(file.camera.fx))
         for place in places:

@@ -19,6 +19,7 @@ from impostor_jax.cli.given import (
     priors_of,
     start_of,
 )
+from impostor_jax.cli.inputs import check_images, check_noise
 
 if TYPE_CHECKING:
     from impostor_jax.camera.pinhole import PinholeCamera
@@ -87,10 +88,6 @@ class FitCommand:
             check_output_folder,
             write_json,
         )
-        from impostor_jax.io.camera_file import read_camera
-        from impostor_jax.io.depth_image import read_depth
-        from impostor_jax.io.record import fit_record
-        from impostor_jax.viewer.figure import write_overlay
 
         places = places_of(self.depth, self.output)
         masks = files_of("--mask", self.mask, self.depth)
@@ -103,6 +100,13 @@ class FitCommand:
                 "has a fit.json of its own"
             )
         effort = chosen_effort(self.effort, self.dials)
+        self._check_files(masks, labels)
+        # These start JAX.
+        from impostor_jax.io.camera_file import read_camera
+        from impostor_jax.io.depth_image import read_depth
+        from impostor_jax.io.record import fit_record
+        from impostor_jax.viewer.figure import write_overlay
+
         camera, depth_scale_m = read_camera(self.camera)
         asked = self._asked(camera) | {"effort": effort}
         for place in places:
@@ -136,6 +140,16 @@ class FitCommand:
                 write_overlay(folder / "overlay.png", fit, depth, camera)
                 succeeded.append(bool(fit.success))
         return 0 if all(succeeded) else 1
+
+    def _check_files(self, masks: list[Path], labels: list[Path]) -> None:
+        """Raise where files or flags are seen to be bad without JAX."""
+        from impostor_jax.io.scene_record import read_scene_record
+
+        check_noise(self.sigma, self.sensor)
+        beside = {"mask": masks, "label image": labels}
+        check_images(self.camera, self.depth, beside)
+        if self.initial is not None:
+            read_scene_record(self.initial)
 
     def _asked(self, camera: "PinholeCamera") -> dict[str, Any]:
         """What a fit takes by name, but the mask and the effort."""

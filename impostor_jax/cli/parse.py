@@ -15,6 +15,7 @@ import tyro
 
 from impostor_jax.cli.calibrate_command import CalibrateCommand
 from impostor_jax.cli.demo_command import DemoCommand
+from impostor_jax.cli.doctor_command import DoctorCommand
 from impostor_jax.cli.evaluate_command import EvaluateCommand
 from impostor_jax.cli.export_command import ExportCommand
 from impostor_jax.cli.find_command import FindCommand
@@ -31,6 +32,7 @@ Command = (
     | Annotated[DemoCommand, tyro.conf.subcommand("demo")]
     | Annotated[EvaluateCommand, tyro.conf.subcommand("evaluate")]
     | Annotated[ParityCommand, tyro.conf.subcommand("parity")]
+    | Annotated[DoctorCommand, tyro.conf.subcommand("doctor")]
 )
 
 

@@ -6,7 +6,7 @@ import dataclasses
 import math
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import tyro
 
@@ -68,23 +68,23 @@ class RenderCommand:
 
     def run(self) -> int:
         """Run the command; returns the exit code."""
-        from impostor_jax.arguments import whole_number
         from impostor_jax.io.atomic import write_text
-        from impostor_jax.io.camera_file import read_camera
-        from impostor_jax.rendering.trace import MOST_BOUNCES
+        from impostor_jax.plain_arguments import whole_number
 
         if self.output is None and self.page is None:
             raise ValueError("--output or --page must be given")
         effort = chosen_effort(self.effort, self.dials)
+        self._check_given()
+        # These start JAX.
+        from impostor_jax.io.camera_file import read_camera
+        from impostor_jax.rendering.trace import MOST_BOUNCES
+
         whole_number("bounces", self.bounces, 0, MOST_BOUNCES)
         scene = self._scene()
         camera, given_scale = scene.camera, None
         if self.camera is not None:
             camera, given_scale = read_camera(self.camera)
-        if camera is None:
-            raise ValueError(
-                "camera must be given: a camera file, or in the scene file"
-            )
+        assert camera is not None
         self._check_outputs(scene)
         tell = partial(print, file=stream_beside(self.page))
         # What no page can show is found before anything is written.
@@ -165,26 +165,45 @@ class RenderCommand:
     def _shown(self, count: str | int) -> str:
         return "the cylinder" if self.scene is None else f"{count} shapes"
 
-    def _scene(self):
-        """What the scene file holds, or the cylinder alone."""
-        from impostor_jax.io.scene_file import SceneFile, read_scene
-        from impostor_jax.primitives.cylinder import Cylinder
+    def _check_given(self) -> None:
+        """Raise where files or flags are seen to be bad without JAX."""
+        from impostor_jax.io.camera_formats import read_camera_record
+        from impostor_jax.io.scene_record import read_scene_record
 
-        fields = {
-            name: getattr(self, name) for name in ("center", "axis", "radius", "height")
-        }
+        fields = self._fields()
         given = [name for name, value in fields.items() if value is not None]
+        has_camera = self.camera is not None
         if self.scene is not None:
             if given:
                 raise ValueError(
                     "a scene file must not be given together with "
                     f"--{', --'.join(given)}"
                 )
-            return read_scene(self.scene)
-        if len(given) < len(fields):
+            record = read_scene_record(self.scene)
+            has_camera |= record.get("camera") is not None
+        elif len(given) < len(fields):
             missing = [f"--{name}" for name in fields if name not in given]
             raise ValueError(f"a scene file or {', '.join(missing)} must be given")
-        return SceneFile([Cylinder(**fields)])
+        if not has_camera:
+            raise ValueError(
+                "camera must be given: a camera file, or in the scene file"
+            )
+        if self.camera is not None:
+            read_camera_record(self.camera)
+
+    def _fields(self) -> dict[str, Any]:
+        """Of the cylinder; None where they are not given."""
+        names = ("center", "axis", "radius", "height")
+        return {name: getattr(self, name) for name in names}
+
+    def _scene(self) -> "SceneFile":
+        """What the scene file holds, or the cylinder alone."""
+        from impostor_jax.io.scene_file import SceneFile, read_scene
+        from impostor_jax.primitives.cylinder import Cylinder
+
+        if self.scene is not None:
+            return read_scene(self.scene)
+        return SceneFile([Cylinder(**self._fields())])
 
 
 def _shapes_of(scene: "SceneFile") -> "AbstractPrimitive | Scene":

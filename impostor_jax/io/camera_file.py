@@ -15,13 +15,11 @@ import numpy as np
 
 from impostor_jax.camera.pinhole import PinholeCamera
 from impostor_jax.io.atomic import write_json
-from impostor_jax.io.json_file import check_keys, read_json_object
-
-REQUIRED = ("fx", "fy", "cx", "cy", "width", "height")
-LARGEST_SCALE_M = 1e6
-"""Meters a unit: a thousand kilometers."""
-
-OPTIONAL = ("depth_scale_m", "distortion", "fisheye")
+from impostor_jax.io.camera_formats import (
+    REQUIRED,
+    check_camera_record,
+    read_camera_record,
+)
 
 
 class CameraFile(NamedTuple):
@@ -37,17 +35,18 @@ class CameraFile(NamedTuple):
 
 
 def read_camera(path: Path) -> CameraFile:
-    """Read a camera from JSON.
+    """Read a camera from JSON, ROS's YAML or COLMAP's `cameras.txt`, by the ending.
 
-    The keys are fx, fy, cx, cy, width, height, and optionally depth_scale_m,
-    distortion (OpenCV's order) and fisheye (true for OpenCV's fisheye model).
+    The keys of JSON are fx, fy, cx, cy, width, height, and optionally depth_scale_m,
+    distortion (OpenCV's order) and fisheye (true for OpenCV's fisheye model). The other
+    formats hold no scale, and are converted as by `camera_from`.
 
     Raises:
         ValueError: The file is missing or broken, a key is missing or unknown, or a
             value is out of range.
     """
     what = f"camera file {str(path)!r}"
-    return camera_from_record(read_json_object(path, what), what)
+    return camera_from_record(read_camera_record(path), what)
 
 
 def camera_from_record(record: dict[str, Any], what: str) -> CameraFile:
@@ -56,28 +55,13 @@ def camera_from_record(record: dict[str, Any], what: str) -> CameraFile:
     Raises:
         ValueError: A key is missing or unknown, or a value is out of range.
     """
-    check_keys(record, REQUIRED, (*REQUIRED, *OPTIONAL), what)
+    check_camera_record(record, what)
     values = dict(record)
     scale = values.pop("depth_scale_m", None)
     try:
-        if scale is not None and not _is_scale(scale):
-            raise ValueError(
-                "depth_scale_m must be a positive number of meters a unit, got "
-                f"{scale!r}"
-            )
-        fisheye = values.get("fisheye", False)
-        if not isinstance(fisheye, bool):
-            raise ValueError(f"fisheye must be true or false, got {fisheye!r}")
         return CameraFile(PinholeCamera(**values), scale)
     except (TypeError, ValueError) as error:
         raise ValueError(f"{what}: {error}") from error
-
-
-def _is_scale(scale: Any) -> bool:
-    """Whether a value of JSON's is a scale, with which 16 bits stay in range."""
-    # True is a whole number to Python, and a mistake in a file.
-    is_number = isinstance(scale, int | float) and not isinstance(scale, bool)
-    return is_number and 0 < scale <= LARGEST_SCALE_M
 
 
 def write_camera(

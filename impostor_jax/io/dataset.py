@@ -27,51 +27,25 @@ __all__ = [
 
 import bisect
 import itertools
-import os
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple, overload
 
 from typing_extensions import override
 
-from impostor_jax.arguments import one_of, whole_number
+from impostor_jax.io.dataset_manifest import (
+    CHECKSUMS,
+    MANIFEST,
+    MAX_IMAGES,
+    MAX_SHARDS,
+    SPLIT,
+    read_manifest,
+    shard_name,
+    shards_there,
+)
 from impostor_jax.io.dataset_shard import LabeledImage, ShardArchive, ShardFolder
-from impostor_jax.io.json_file import read_json_object
 from impostor_jax.io.sensor_record import sensor_from_record
 from impostor_jax.sensor.base import AbstractDepthNoise
-
-MANIFEST = "manifest.json"
-SPLIT = "train"
-CHECKSUMS = "checksums"
-"""Folder of a file for each shard, as `sha256sum --check` reads them."""
-
-MAX_IMAGES = 10**8
-"""Most images of a dataset, each of which has a line in one file of an archive's."""
-
-MAX_SHARDS = 10**6
-"""Most shards, and images of one: their names have six digits."""
-
-
-def read_manifest(folder: Path) -> dict[str, Any]:
-    """The record that a dataset keeps of how it was made.
-
-    Raises:
-        ValueError: There is none, or it is broken.
-    """
-    what = f"manifest of dataset {str(folder)!r}"
-    record = read_json_object(folder / MANIFEST, what)
-    try:
-        whole_number("count", record.get("count"), 1, MAX_IMAGES)
-        whole_number("shard_size", record.get("shard_size"), 1, MAX_SHARDS)
-        one_of("layout", record.get("layout"), ("bop", "webdataset"))
-    except ValueError as error:
-        raise ValueError(f"{what} is broken: {error}") from error
-    return record
-
-
-def shard_name(layout: str, shard: int) -> str:
-    """Name of a shard's archive or folder."""
-    return f"shard-{shard:06d}.tar" if layout == "webdataset" else f"{shard:06d}"
 
 
 def sensor_of(manifest: dict[str, Any]) -> AbstractDepthNoise:
@@ -104,20 +78,8 @@ def read_dataset(path: str | Path, *, allow_partial: bool = False) -> "Dataset":
     if home.is_file():
         return Dataset([_Part(home, None)])
     manifest = read_manifest(home)
-    count, size = manifest["count"], manifest["shard_size"]
-    split = home / SPLIT
-    # A name that begins with a point is of a shard that is not whole.
-    there = set(os.listdir(split)) if split.is_dir() else set()
-    parts = []
-    for shard in range(-(-count // size)):
-        name = shard_name(manifest["layout"], shard)
-        if name in there:
-            parts.append(_Part(split / name, min(size, count - shard * size)))
-        elif not allow_partial:
-            raise ValueError(
-                f"dataset {str(home)!r} must have {count} images, but "
-                f"{str(split / name)!r} is missing; impostor-synth resume makes it"
-            )
+    shards = shards_there(home, manifest, allow_partial=allow_partial)
+    parts = [_Part(path, num_images) for path, num_images in shards]
     return Dataset(parts)
 
 

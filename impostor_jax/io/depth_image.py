@@ -6,6 +6,7 @@ floating-point numbers. A reading that is missing is written as 0.
 
 __all__ = [
     "MAX_UINT16",
+    "check_depth_file",
     "check_image_name",
     "depth_of_png",
     "fitting_scale",
@@ -31,6 +32,8 @@ from jaxtyping import Bool, Float, UInt8
 from impostor_jax.io.atomic import write_atomically
 from impostor_jax.io.image_file import (
     Size,
+    check_image,
+    check_npy,
     decoded_image,
     read_image,
     read_integers,
@@ -64,14 +67,26 @@ def read_depth(
         ValueError: The file is missing, broken or of another kind or size, or integer
             readings come without a positive scale.
     """
+    is_npy, what = _kind_of(path)
+    read = read_npy if is_npy else read_image
+    return _in_meters(read(path, what, size), depth_scale_m, what)
+
+
+def check_depth_file(path: Path, size: Size | None = None) -> None:
+    """Raise what `read_depth` would, of a file's name and header alone."""
+    is_npy, what = _kind_of(path)
+    check = check_npy if is_npy else check_image
+    check(path, what, size)
+
+
+def _kind_of(path: Path) -> tuple[bool, str]:
+    """Whether a depth image is an NPY file by its suffix, and its name in errors."""
     suffix = path.suffix.lower()
     if suffix not in SUFFIXES:
         raise ValueError(
             f"depth image must be a .png, .tiff or .npy file, got {str(path)!r}"
         )
-    what = f"depth image {str(path)!r}"
-    read = read_npy if suffix == ".npy" else read_image
-    return _in_meters(read(path, what, size), depth_scale_m, what)
+    return suffix == ".npy", f"depth image {str(path)!r}"
 
 
 def depth_of_png(

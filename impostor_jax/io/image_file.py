@@ -4,7 +4,15 @@ What a header promises is checked, with the size that is wanted, before memory o
 size is taken; and no library prints anything.
 """
 
-__all__ = ["Size", "decoded_image", "read_image", "read_integers", "read_npy"]
+__all__ = [
+    "Size",
+    "check_image",
+    "check_npy",
+    "decoded_image",
+    "read_image",
+    "read_integers",
+    "read_npy",
+]
 
 import io
 import math
@@ -14,9 +22,15 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from impostor_jax.arguments import image_size
-from impostor_jax.io.image_header import PNG, TIFF, plain_png, read_header
+from impostor_jax.io.image_header import (
+    PNG,
+    TIFF,
+    ImageHeader,
+    plain_png,
+    read_header,
+)
 from impostor_jax.io.input_file import opened
+from impostor_jax.plain_arguments import image_size
 
 MOST_EXTRA_BYTES = 2**26
 """Of a file beyond twice its pixels: profiles, previews and what else there is."""
@@ -32,24 +46,36 @@ def read_npy(path: Path, what: str, size: Size | None) -> np.ndarray:
         ValueError: The file is missing, broken, or of another kind or size.
     """
     with opened(path, what) as file:
-        try:
-            shape, dtype = _npy_header(file)
-        except Exception as error:
-            # NumPy reads the header as Python, of which anything can go wrong.
-            raise ValueError(f"{what} is not a readable NPY file") from error
-        _check_one_channel(shape, what)
-        _check_size((shape[0], shape[1]), what, size)
-        if dtype.kind not in "fiu":
-            raise ValueError(f"{what} must hold integers or floats, got {dtype}")
-        num_bytes = math.prod(shape) * dtype.itemsize
-        there = path.stat().st_size - file.tell()
-        if there != num_bytes:
-            raise ValueError(
-                f"{what} is not a readable NPY file: it must hold {num_bytes} bytes "
-                f"of numbers, got {there}"
-            )
+        _check_npy(file, path, what, size)
         file.seek(0)
         return np.load(file, allow_pickle=False)
+
+
+def check_npy(path: Path, what: str, size: Size | None) -> None:
+    """Raise what `read_npy` would, of a file's header alone."""
+    with opened(path, what) as file:
+        _check_npy(file, path, what, size)
+
+
+def _check_npy(
+    file: io.BufferedIOBase, path: Path, what: str, size: Size | None
+) -> None:
+    try:
+        shape, dtype = _npy_header(file)
+    except Exception as error:
+        # NumPy reads the header as Python, of which anything can go wrong.
+        raise ValueError(f"{what} is not a readable NPY file") from error
+    _check_one_channel(shape, what)
+    _check_size((shape[0], shape[1]), what, size)
+    if dtype.kind not in "fiu":
+        raise ValueError(f"{what} must hold integers or floats, got {dtype}")
+    num_bytes = math.prod(shape) * dtype.itemsize
+    there = path.stat().st_size - file.tell()
+    if there != num_bytes:
+        raise ValueError(
+            f"{what} is not a readable NPY file: it must hold {num_bytes} bytes "
+            f"of numbers, got {there}"
+        )
 
 
 def read_integers(path: Path, what: str, size: Size | None) -> np.ndarray:
@@ -128,22 +154,7 @@ def decoded_image(
         what: Names it in errors.
         size: Rows and columns that it must have; any if None.
     """
-    try:
-        header = read_header(file)
-        if header.format not in (PNG, TIFF):
-            kind = f"a {header.format} file" if header.format else "something else"
-            raise ValueError(f"it must be a PNG or a TIFF, got {kind}")
-    except ValueError as error:
-        raise ValueError(f"{what} is not a readable image: {error}") from error
-    found = header.height, header.width
-    if header.channels != 1:
-        _check_one_channel((*found, header.channels), what)
-    _check_size(found, what, size)
-    if num_bytes > 2 * header.num_bytes + MOST_EXTRA_BYTES:
-        raise ValueError(
-            f"{what} is not a readable image: it has {num_bytes} bytes, and its header "
-            f"promises {header.num_bytes}"
-        )
+    header = _checked_header(file, num_bytes, what, size)
     file.seek(0)
     data = file.read()
     try:
@@ -164,3 +175,32 @@ def decoded_image(
         raise ValueError(f"{what} is not a readable image")
     _check_one_channel(values.shape, what)
     return values
+
+
+def check_image(path: Path, what: str, size: Size | None) -> None:
+    """Raise what `read_image` would, of a file's header alone."""
+    with opened(path, what) as file:
+        _checked_header(file, path.stat().st_size, what, size)
+
+
+def _checked_header(
+    file: io.BufferedIOBase, num_bytes: int, what: str, size: Size | None
+) -> ImageHeader:
+    """Header of a PNG or a TIFF of one channel; arguments as of `decoded_image`."""
+    try:
+        header = read_header(file)
+        if header.format not in (PNG, TIFF):
+            kind = f"a {header.format} file" if header.format else "something else"
+            raise ValueError(f"it must be a PNG or a TIFF, got {kind}")
+    except ValueError as error:
+        raise ValueError(f"{what} is not a readable image: {error}") from error
+    found = header.height, header.width
+    if header.channels != 1:
+        _check_one_channel((*found, header.channels), what)
+    _check_size(found, what, size)
+    if num_bytes > 2 * header.num_bytes + MOST_EXTRA_BYTES:
+        raise ValueError(
+            f"{what} is not a readable image: it has {num_bytes} bytes, and its header "
+            f"promises {header.num_bytes}"
+        )
+    return header

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from impostor_jax.arguments import is_concrete, real_number
 from impostor_jax.io.atomic import write_atomically
+from impostor_jax.io.mesh_format import FORMATS, check_mesh_file
 from impostor_jax.io.mesh_solid import solid_surface
 from impostor_jax.io.mesh_surface import surface_of
 from impostor_jax.io.parts import members
@@ -19,9 +20,6 @@ from impostor_jax.primitives.triangle import Triangle
 
 if TYPE_CHECKING:
     import trimesh
-
-FORMATS = ("glb", "obj", "ply", "stl")
-"""Of files that are written, by their endings."""
 
 
 def to_mesh(
@@ -84,13 +82,6 @@ def _meshes_of(shape: AbstractPrimitive, tolerance: float) -> list[Triangles]:
         else surface_of(one, tolerance)
         for one in members(shape, shape.batch_shape)
     ]
-
-
-def check_mesh_file(path: Path, name: str = "output") -> None:
-    """Raise a `ValueError` unless a file's ending is that of a format."""
-    if path.suffix.lower().lstrip(".") not in FORMATS:
-        endings = ", ".join(f".{ending}" for ending in FORMATS)
-        raise ValueError(f"{name} must end in one of {endings}, got {str(path)!r}")
 
 
 def write_mesh(path: Path, mesh: "trimesh.Trimesh", scale: Any = 1.0) -> None:

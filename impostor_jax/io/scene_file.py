@@ -60,19 +60,17 @@ from impostor_jax.io.atomic import write_json
 from impostor_jax.io.camera_file import camera_from_record, camera_record
 from impostor_jax.io.json_file import (
     check_depth,
-    check_keys,
-    read_json_object,
 )
 from impostor_jax.io.parts import members
+from impostor_jax.io.scene_record import (
+    VERSION,
+    check_scene_record,
+    read_scene_record,
+)
 from impostor_jax.io.shape_record import pose_rows, shape_from_record, shape_record
 from impostor_jax.primitives.base import AbstractPrimitive
 from impostor_jax.rendering.lights import AbstractLight
 from impostor_jax.rendering.material import Material
-
-VERSION = 1
-
-REQUIRED = ("version", "shapes")
-ALLOWED = (*REQUIRED, "camera", "lights", "background")
 
 BLACK = (0.0, 0.0, 0.0)
 
@@ -105,7 +103,7 @@ def read_scene(path: Path) -> SceneFile:
             or a value that is not understood; the message names it.
     """
     what = f"scene file {str(path)!r}"
-    return scene_from_record(read_json_object(path, what), what, path.parent)
+    return scene_from_record(read_scene_record(path), what, path.parent)
 
 
 def scene_from_record(record: dict[str, Any], what: str, folder: Path) -> SceneFile:
@@ -119,16 +117,8 @@ def scene_from_record(record: dict[str, Any], what: str, folder: Path) -> SceneF
     Raises:
         ValueError: As of `read_scene`.
     """
-    check_keys(record, REQUIRED, ALLOWED, what)
-    if record["version"] != VERSION:
-        raise ValueError(
-            f"version of {what} must be {VERSION}, got {record['version']!r}"
-        )
+    check_scene_record(record, what)
     entries, lights = record["shapes"], record.get("lights", [])
-    if not isinstance(entries, list) or not entries:
-        raise ValueError(f"shapes of {what} must be a list that is not empty")
-    if not isinstance(lights, list):
-        raise ValueError(f"lights of {what} must be a list, got {lights!r}")
     try:
         read = [
             _read_entry(entry, f"shapes[{k}]", folder)

@@ -351,7 +351,7 @@ FIT = ("fit", "{depth}", "--camera", "{camera}")
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ((), "Expected one of {fit, find, calibrate, render, demo, evaluate, parity}"),
+        ((), "Expected one of {fit, find, calibrate, render, export, demo, evaluate"),
         (("mesh",), "mesh"),
         (("fit", "{depth}"), "--camera"),
         ((*FIT, "--speed", "9"), "Unrecognized options: --speed"),

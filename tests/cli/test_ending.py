@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import impostor_jax.fits.single
-import impostor_jax.io.dataset
+import impostor_jax.io.dataset_manifest
 from impostor_jax.__main__ import main
 
 # A shell lets what it runs in the background ignore interrupts.
@@ -146,7 +146,7 @@ def test_an_interrupted_fit_ends_with_one_line(image, call, tmp_path, monkeypatc
 
 
 def test_an_interrupted_evaluation_ends_with_one_line(call, monkeypatch):
-    monkeypatch.setattr(impostor_jax.io.dataset, "read_manifest", interrupt)
+    monkeypatch.setattr(impostor_jax.io.dataset_manifest, "read_manifest", interrupt)
     found = call("evaluate", "cans")
     assert found == (130, "impostor-jax: error: interrupted\n")
 

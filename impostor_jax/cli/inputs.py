@@ -1,0 +1,51 @@
+"""Checks of a command's files before JAX starts, which takes seconds.
+
+What is missing, no image or of the wrong size is refused at once, with the error that
+reading it later would give. Of several images the headers are looked at, of the first
+one the pixels, too.
+"""
+
+__all__ = ["check_images", "check_noise"]
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from impostor_jax.io.camera_formats import read_camera_record
+from impostor_jax.io.json_file import read_json_object
+from impostor_jax.plain_arguments import plain_number
+
+
+def check_images(
+    camera: Path, depths: Sequence[Path], beside: Mapping[str, Sequence[Path]]
+) -> None:
+    """Raise a `ValueError` unless images are of a camera.
+
+    Args:
+        camera: Camera file.
+        depths: Depth images.
+        beside: Masks and label images of them, by what errors call them.
+    """
+    record = read_camera_record(camera)
+    # OpenCV is imported after that file is known to be good.
+    from impostor_jax.io.depth_image import check_depth_file, read_depth
+    from impostor_jax.io.image_file import check_image, read_integers
+
+    size = record["height"], record["width"]
+    for path in depths[:1]:
+        read_depth(path, record.get("depth_scale_m"), size)
+    for path in depths[1:]:
+        check_depth_file(path, size)
+    for what, paths in beside.items():
+        for number, path in enumerate(paths):
+            check = check_image if number else read_integers
+            check(path, f"{what} {str(path)!r}", size)
+
+
+def check_noise(sigma: float | None, sensor: str | None) -> None:
+    """Raise a `ValueError` where `--sigma` or the file of `--sensor` is bad."""
+    if sigma is not None and sensor is not None:
+        raise ValueError("--sigma must not be given together with --sensor")
+    if sigma is not None:
+        plain_number("sigma", sigma, positive=True, unit="meters")
+    if sensor is not None and sensor.endswith(".json"):
+        read_json_object(Path(sensor), f"sensor file {sensor!r}")
