@@ -64,13 +64,13 @@ def start_of(path: Path | None, shape: str) -> "AbstractPrimitive | None":
         return None
     from impostor_jax.io.scene_file import read_scene
     from impostor_jax.primitives import PRIMITIVES
+    from impostor_jax.primitives.tube import is_tube
 
-    if shape not in PRIMITIVES:
-        raise ValueError(
-            f"--initial must not be given for a {shape}, which no scene file holds"
-        )
     shapes = read_scene(path).shapes
-    if len(shapes) != 1 or not isinstance(shapes[0], PRIMITIVES[shape]):
+    is_one = len(shapes) == 1 and (
+        is_tube(shapes[0]) if shape == "tube" else type(shapes[0]) is PRIMITIVES[shape]
+    )
+    if not is_one:
         found = ", ".join(type(one).__name__.lower() for one in shapes)
         raise ValueError(
             f"scene file {str(path)!r} must hold one {shape} to begin with, got {found}"

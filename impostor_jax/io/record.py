@@ -2,6 +2,7 @@
 
 __all__ = ["fit_record", "found_record", "numbers", "shape_of_fit"]
 
+from collections.abc import Callable
 from typing import Any
 
 import jax.numpy as jnp
@@ -15,6 +16,10 @@ from impostor_jax.io.json_file import arguments_of, check_keys
 from impostor_jax.primitives import PRIMITIVES
 from impostor_jax.primitives.base import AbstractPrimitive
 from impostor_jax.primitives.cylinder import Cylinder
+from impostor_jax.primitives.tube import tube
+
+MADE_BY: dict[str, Callable[..., AbstractPrimitive]] = {**PRIMITIVES, "tube": tube}
+"""Shapes that a record may be of, by what makes them."""
 
 
 def fit_record(
@@ -69,9 +74,9 @@ def shape_of_fit(record: dict[str, Any], what: str) -> AbstractPrimitive:
         ValueError: The fit failed, or something is missing or no number.
     """
     name = record["shape"]
-    if not isinstance(name, str) or name not in PRIMITIVES:
+    if not isinstance(name, str) or name not in MADE_BY:
         raise ValueError(
-            f"shape of {what} must be one of {', '.join(PRIMITIVES)}; got {name!r}"
+            f"shape of {what} must be one of {', '.join(MADE_BY)}; got {name!r}"
         )
     if record.get("success") is not True:
         raise ValueError(
@@ -79,12 +84,12 @@ def shape_of_fit(record: dict[str, Any], what: str) -> AbstractPrimitive:
         )
     keys = {
         argument: argument if argument == "axis" else f"{argument}_m"
-        for argument, parameter in arguments_of(PRIMITIVES[name]).items()
+        for argument, parameter in arguments_of(MADE_BY[name]).items()
         if parameter.default is parameter.empty
     }
     check_keys(record, keys.values(), record, what)
     try:
-        return PRIMITIVES[name](**{key: record[keys[key]] for key in keys})
+        return MADE_BY[name](**{key: record[keys[key]] for key in keys})
     except (TypeError, ValueError) as error:
         raise ValueError(f"{what}: {error}") from error
 

@@ -23,11 +23,12 @@
     }
 
 A shape's keys are the arguments of its class; what is left out takes the default. A
-mesh has those of `read_mesh`, its path from the folder of the scene file. A `material`
-has the arguments of `Material`, and is that of all triangles of a mesh. A light has
-those of its class; its type is ambient, point or directional. Colors are linear. The
-camera has the keys of a camera file and, where it has a pose, `camera_from_world`, four
-rows of four numbers. Lengths are in meters, angles in radians.
+mesh has those of `read_mesh`, its path from the folder of the scene file, a `tube`
+those of `tube`; it is written as the difference that it is. A `material` has the
+arguments of `Material`, and is that of all triangles of a mesh. A light has those of
+its class; its type is ambient, point or directional. Colors are linear. The camera has
+the keys of a camera file and, where it has a pose, `camera_from_world`, four rows of
+four numbers. Lengths are in meters, angles in radians.
 
 A solid is a union, an intersection or a difference: of its `shapes`, which may be
 solids, too, in any order and depth; a difference is the first without the others. In it

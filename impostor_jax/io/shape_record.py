@@ -17,6 +17,7 @@ from impostor_jax.io.parts import Tree, tree_of
 from impostor_jax.primitives import PRIMITIVES
 from impostor_jax.primitives.base import AbstractPrimitive
 from impostor_jax.primitives.solid import Solid, difference, intersection, union
+from impostor_jax.primitives.tube import tube
 
 IDENTITY = np.eye(4).tolist()
 
@@ -41,6 +42,7 @@ def _solid(name: str, shapes: Any, world_from_shapes: Any = None) -> Solid:
 KINDS: dict[str, Callable[..., AbstractPrimitive]] = {
     **PRIMITIVES,
     "mesh": read_mesh,
+    "tube": tube,
     **{name: partial(_solid, name) for name in SOLIDS},
 }
 """What a shape may be made by."""

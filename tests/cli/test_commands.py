@@ -506,6 +506,10 @@ def test_a_fit_is_exported_as_a_mesh(tmp_path, call, capfd):
     given.write_text(json.dumps(fit))
     assert call("export", given, "--output", out) == 0
     assert trimesh.load_mesh(out).volume == pytest.approx(np.pi * 0.004, rel=0.01)
+    sizes = {"shape": "tube", "outer_radius_m": 0.1, "inner_radius_m": 0.05}
+    given.write_text(json.dumps(fit | sizes))
+    assert call("export", given, "--output", out) == 0
+    assert trimesh.load_mesh(out).volume == pytest.approx(np.pi * 0.003, rel=0.01)
     for change, message in (
         ({"success": False}, "must have succeeded"),
         ({"shape": "knot"}, "shape of fit .* must be one of"),

@@ -196,7 +196,7 @@ def test_depth_in_millimeters_gets_a_hint_on_one_line(fit, folder):
         (("can.npy", "--prior-radius", "0.04", "0"), "deviation of prior['radius']"),
         (("ball.npy", "--shape", "sphere", "--test-taper"), "--test-taper must not be"),
         (("ball.npy", "--shape", "sphere", "--test-bore"), "--test-bore must not be"),
-        (("can.npy", "--shape", "tube", "--initial", "start.json"), "no scene file"),
+        (("can.npy", "--shape", "tube", "--initial", "start.json"), "hold one tube"),
         (("ball.npy", "--shape", "sphere", "--prior-height", "1", "1"),
          "prior must be one of center, radius"),
         (("can.npy", "--shape", "box"), "--shape"),

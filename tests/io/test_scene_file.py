@@ -8,6 +8,7 @@ import pytest
 import impostor_jax as ij
 from impostor_jax.io.scene_file import read_scene, write_scene
 from impostor_jax.primitives import PRIMITIVES as CLASSES
+from impostor_jax.primitives.tube import as_tube
 from tests.cases import PRIMITIVES, pose
 
 CAMERA = ij.PinholeCamera(60.0, 62.0, 31.5, 23.0, 64, 48, camera_from_world=pose())
@@ -141,6 +142,18 @@ def test_solids_are_read_as_they_were_written(tmp_path):
         "box",
         "heightfield",
     ]
+
+
+def test_a_tube_is_read_by_its_own_numbers(tmp_path):
+    sizes = {"outer_radius": 0.04, "inner_radius": 0.03, "height": 0.1}
+    entry = {"type": "tube", "center": [0, 0, 1], "axis": [0, 0, 1], **sizes}
+    path = tmp_path / "scene.json"
+    path.write_text(json.dumps({"version": 1, "shapes": [entry]}))
+    (read,) = read_scene(path).shapes
+    assert float(as_tube(read).inner_radius) == pytest.approx(0.03)
+    write_scene(path, [read])
+    (again,) = read_scene(path).shapes
+    assert eqx.tree_equal(again, read)
 
 
 def test_a_ground_that_was_moved_with_a_solid_keeps_its_sides(tmp_path):
