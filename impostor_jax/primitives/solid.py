@@ -293,11 +293,6 @@ def _combined(name: str, shapes: Sequence[Any]) -> Solid:
     dtype = jnp.result_type(*(shape.dtype for shape in shapes))
     leaves: list[AbstractPrimitive] = []
     terms = tuple(_taken_apart(shape, leaves) for shape in shapes)
-    if batch and any(isinstance(leaf, Heightfield) for leaf in leaves):
-        raise ValueError(
-            "shapes must be single ones where one of them is a heightfield, got "
-            f"batches of shape {batch}"
-        )
 
     def converted(shape: AbstractPrimitive) -> AbstractPrimitive:
         has_batch = shape.batch_shape == batch
@@ -326,8 +321,12 @@ def _taken_apart(
         leaves += _in_the_world(shape)
         return counted_from(first, shape.expression)
     if isinstance(shape, Heightfield):
-        # Whose sides are of a single one: batches are refused.
-        leaves += [shape] if shape.batch_shape else [shape, *shape.sides]
+        if shape.batch_shape:
+            raise ValueError(
+                "shapes must hold no batch of heightfields, got one of shape "
+                f"{shape.batch_shape}; map over it with jax.vmap"
+            )
+        leaves += [shape, *shape.sides]
         return "intersection", tuple(range(first, len(leaves)))
     if _is_open(shape):
         raise ValueError(

@@ -18,7 +18,8 @@ CAMERA = {"fx": 150.0, "fy": 150.0, "cx": 79.5, "cy": 59.5, "width": 160, "heigh
 RECORD_KEYS = {
     "success", "status", "reason", "shape", "center_m", "axis", "radius_m", "height_m",
     "std", "std_budget", "ends_seen", "height_observed", "covariance", "num_starts",
-    "num_agreeing", "alternatives", "num_pixels", "rms_m", "chi2", "taper", "seconds",
+    "num_agreeing", "alternatives", "num_pixels", "rms_m", "chi2", "taper", "bore",
+    "seconds",
 }  # fmt: skip
 
 

@@ -107,7 +107,7 @@ def test_heightfields_of_a_batch_are_each_cast_alone():
     )
     extent = np.array([[[x, x + 0.8], [2.5, 4.5]] for x in (-1.3, -0.4, 0.5)])
     scene = ij.Scene([ij.Heightfield(relief, extent)])
-    assert scene.groups[0].index.shape == (3,), "they fill no bucket"
+    assert [group.index.shape for group in scene.groups] == [(1,)] * 3
     grounds = [ij.Heightfield(*pair) for pair in zip(relief, extent, strict=True)]
     maps = ij.render(scene, CAMERA)
     depth, normal, _ = nearest_of(grounds, CAMERA)

@@ -21,7 +21,7 @@ from tests.groups import FULL, RELEASE
 
 pytestmark = FULL
 WIDTH, PARTS = 32, 16
-HARD = {"heightfield", "sector", "torus"}
+HARD = {"bored can", "heightfield", "sector", "torus"}
 """Primitives without a formula of their outline's distance."""
 
 
