@@ -12,7 +12,7 @@ from impostor_jax.__main__ import main
 from impostor_jax.io.scene_file import write_scene
 from tests.fit.scenes import can, image, image_of
 from tests.fit.test_labels import RADII, two_cans
-from tests.groups import RELEASE, SMALL_IMAGES
+from tests.groups import FULL, RELEASE, SMALL_IMAGES
 
 pytestmark = SMALL_IMAGES
 
@@ -105,6 +105,7 @@ def test_a_sphere_is_fitted_with_a_prior(fit, folder):
     assert (folder / "out" / "overlay.png").is_file()
 
 
+@FULL
 def test_a_tube_is_fitted_and_a_can_tested_for_a_bore(fit, folder):
     can_ = can(40.0)
     pipe = ij.tube(can_.center, can_.axis, 0.04, 0.034, 0.12)
