@@ -36,7 +36,12 @@ from impostor_jax.fit.options import Options
 from impostor_jax.fit.posterior import cost_of, hidden_pixels
 from impostor_jax.fit.prior import Prior
 from impostor_jax.fit.problem import Settings, posed
-from impostor_jax.fit.request import checked_noise, checked_prior, checked_settings
+from impostor_jax.fit.request import (
+    arguments_of_cylinder,
+    checked_noise,
+    checked_prior,
+    checked_settings,
+)
 from impostor_jax.fit.result import BoreTest, Fit
 from impostor_jax.fit.shapes import fit_shape, pixels_shown
 from impostor_jax.primitives.base import in_camera_frame
@@ -71,16 +76,7 @@ def test_bore(fit: Fit) -> BoreTest:
         ValueError: The fit is of another shape, or of a traced call, or it was stacked
             or made anew since.
     """
-    if not isinstance(fit.shape, Cylinder):
-        raise ValueError(
-            f"fit must be of a cylinder to test its bore, got a {fit.kind}'s"
-        )
-    held = fit.asked.arguments
-    if held is None:
-        raise ValueError(
-            "fit must be as fit_cylinder returned it to test its bore: one that was "
-            "traced or stacked does not hold its image, nor one of too few readings"
-        )
+    held = arguments_of_cylinder(fit, "bore")
     options: Options = held["options"]
     prior = {NAMES.get(name, name): x for name, x in (options.prior or {}).items()}
     asked: dict[str, Any] = held | {

@@ -16,6 +16,7 @@ from impostor_jax.camera.pinhole import PinholeCamera
 from impostor_jax.compiling import quickly_compiled
 from impostor_jax.fit.alternatives import no_alternatives
 from impostor_jax.fit.body import AbstractBody, coordinates_of
+from impostor_jax.fit.floor import floor_pixels
 from impostor_jax.fit.guess_round import guess_cylinders, guess_frusta
 from impostor_jax.fit.guess_sphere import guess_spheres
 from impostor_jax.fit.guess_tube import closed, guess_tubes
@@ -46,6 +47,8 @@ class Fittable:
         nothing: Fields of a body without a size.
         most_tolerance: Largest tolerance of an `Effort` that ends its fits.
         closed: Of a shape with a bore, what it is without, where none is seen.
+        foreign: Which pixels of a region are not of the shape, by its estimate, as
+            those of a floor; None where it looks for none.
     """
 
     shape: type[AbstractPrimitive]
@@ -55,6 +58,7 @@ class Fittable:
     nothing: dict[str, Any]
     most_tolerance: float = np.inf
     closed: Callable[[Any], Any] | None = None
+    foreign: Callable[..., Bool[np.ndarray, "h w"]] | None = None
 
     @property
     def coordinates(self) -> tuple[str, ...]:
@@ -126,6 +130,7 @@ TUBE = Fittable(
     parameters=("center", "axis", "outer_radius", "inner_radius", "height"),
     nothing=CYLINDER.nothing | {"inner_radius": 0},
     closed=closed,
+    foreign=floor_pixels,
 )
 KINDS = {kind.shape: kind for kind in (CYLINDER, FRUSTUM, SPHERE, TUBE)}
 """What can be fitted, by its primitive."""

@@ -17,7 +17,6 @@ from jaxtyping import Array, Bool, Float, Int
 
 from impostor_jax.camera.pinhole import PinholeCamera
 from impostor_jax.fit.problem import gather_pixels, sigma_of
-from impostor_jax.fit.regions import pixel_indices
 from impostor_jax.fit.tube_body import TubeBody
 from impostor_jax.primitives.base import in_camera_frame
 from impostor_jax.sensor.base import AbstractDepthNoise
@@ -59,7 +58,8 @@ class _Within(NamedTuple):
 
 def floor_pixels(
     image: Float[np.ndarray, "h w"],
-    region: Bool[np.ndarray, "h w"],
+    row: Int[np.ndarray, " n"],
+    col: Int[np.ndarray, " n"],
     body: TubeBody,
     camera: PinholeCamera,
     noise: AbstractDepthNoise,
@@ -68,15 +68,15 @@ def floor_pixels(
 
     Args:
         image: In meters; 0 where there is no reading.
-        region: Pixels of the object.
+        row: Rows of the region's pixels, as `pixel_indices` has them.
+        col: Their columns.
         body: A tube's estimate, in the world frame.
         camera: The camera.
         noise: Of the readings.
     """
-    row, col = pixel_indices(region)
     found = _readings_within(image, row, col, body, camera, noise)
     within, front, deep, wall, sigma = map(np.asarray, found)
-    none = np.zeros_like(region)
+    none = np.zeros(image.shape, bool)
     off = within & (front > OFF) & (deep > 0)
     if np.count_nonzero(off) < FEWEST:
         return none

@@ -4,6 +4,7 @@ __all__ = [
     "DepthImage",
     "Mask",
     "TooFewReadingsError",
+    "arguments_of_cylinder",
     "check_one_object",
     "check_readings",
     "check_types",
@@ -41,6 +42,7 @@ from impostor_jax.fit.fittable import Fittable
 from impostor_jax.fit.options import Options
 from impostor_jax.fit.prior import Prior
 from impostor_jax.fit.problem import Settings
+from impostor_jax.fit.result import Fit
 from impostor_jax.numerics import safe_normalize
 from impostor_jax.primitives.base import AbstractPrimitive
 from impostor_jax.primitives.cylinder import Cylinder
@@ -332,6 +334,29 @@ def check_one_object(mask: Integer[np.ndarray, "h w"], what: str, cure: str) -> 
             f"to {largest}: is it a label image? {cure}, mask == {largest} is one of "
             "them"
         )
+
+
+def arguments_of_cylinder(fit: Fit, what: str) -> dict[str, Any]:
+    """What `fit_shape` was asked for a cylinder, by name, to test it anew.
+
+    Args:
+        fit: As `fit_cylinder` returned it.
+        what: Of the cylinder, that is tested.
+
+    Raises:
+        ValueError: It is of another shape, or of a traced call, or it was stacked or
+            made anew since.
+    """
+    if not isinstance(fit.shape, Cylinder):
+        raise ValueError(
+            f"fit must be of a cylinder to test its {what}, got a {fit.kind}'s"
+        )
+    if fit.asked.arguments is None:
+        raise ValueError(
+            f"fit must be as fit_cylinder returned it to test its {what}: one that was "
+            "traced or stacked does not hold its image, nor one of too few readings"
+        )
+    return fit.asked.arguments
 
 
 def check_readings(

@@ -25,8 +25,7 @@ from impostor_jax.effort import MIN_READINGS, Effort
 from impostor_jax.fit.assess import Assessment, assess
 from impostor_jax.fit.body import AbstractBody
 from impostor_jax.fit.border import fit_of_one_surface
-from impostor_jax.fit.fittable import TUBE, Fittable, no_guess
-from impostor_jax.fit.floor import floor_pixels
+from impostor_jax.fit.fittable import Fittable, no_guess
 from impostor_jax.fit.options import Options
 from impostor_jax.fit.prior import Prior
 from impostor_jax.fit.problem import Settings, posed
@@ -50,10 +49,8 @@ from impostor_jax.fit.request import (
 from impostor_jax.fit.result import Fit
 from impostor_jax.fit.solve import solve
 from impostor_jax.fit.status import FitStatus
-from impostor_jax.fit.tube_body import TubeBody
 from impostor_jax.fit.weighing import best_of, likeliest
 from impostor_jax.primitives.base import AbstractPrimitive, in_camera_frame
-from impostor_jax.primitives.solid import Solid
 from impostor_jax.sensor.base import AbstractDepthNoise
 
 CLOSES = 3.0
@@ -61,8 +58,9 @@ CLOSES = 3.0
 that to be taken away: less than a reading of a lid costs, more than steps leave. Where
 the fit with it did not converge it may be as much less likely."""
 
-MOST_FLOORS = 2
-"""Times that a floor is looked for: a fit that it spoils may not tell its corner."""
+MOST_LOOKS = 2
+"""Times that foreign readings are looked for: a fit that a floor spoils may not tell
+its corner."""
 
 
 def fit_shape(
@@ -126,15 +124,16 @@ def fit_shape(
             )
 
         fit = fitted_to(image)
-        if kind is TUBE:
-            fit = _beside_floor(fit, fitted_to, image, region, camera, noise)
+        if kind.foreign is not None:
+            fit = _without_foreign(kind, fit, fitted_to, image, region, camera, noise)
         # A caller may write other pixels to a mask, and the depth is a copy.
         known = {"depth": image, "sigma": sigma, "mask": np.array(region)}
         fit.asked.arguments = about | known
         return fit
 
 
-def _beside_floor(
+def _without_foreign(
+    kind: Fittable,
     fit: Fit,
     fitted_to: Callable[[np.ndarray], Fit],
     image: Float[np.ndarray, "h w"],
@@ -142,9 +141,10 @@ def _beside_floor(
     camera: PinholeCamera,
     noise: AbstractDepthNoise,
 ) -> Fit:
-    """The fit of a tube without the readings of its floor, where it has one.
+    """The fit without readings of the region that are not of the shape, if there are.
 
     Args:
+        kind: What is fitted; it tells which they are.
         fit: To all readings.
         fitted_to: How to fit an image.
         image: In meters; 0 where there is no reading.
@@ -152,19 +152,20 @@ def _beside_floor(
         camera: The camera.
         noise: Of its readings.
     """
+    assert kind.foreign is not None
+    row, col = pixel_indices(region)
     left_out = np.zeros_like(region)
-    for _ in range(MOST_FLOORS):
+    for _ in range(MOST_LOOKS):
         if fit.status in (FitStatus.NO_FIRST_GUESS, FitStatus.NOT_FINITE):
             break
-        assert isinstance(fit.shape, Solid)
-        body = TubeBody.of(fit.shape)
-        floor = floor_pixels(image, region, body, camera, noise)
-        if not floor.any() or np.array_equal(floor, left_out):
+        body = kind.body.of(fit.shape)
+        foreign = kind.foreign(image, row, col, body, camera, noise)
+        if not foreign.any() or np.array_equal(foreign, left_out):
             break
-        kept = np.where(floor, 0, image).astype(image.dtype)
+        kept = np.where(foreign, 0, image).astype(image.dtype)
         if np.count_nonzero(kept[region]) < MIN_READINGS:
             break
-        left_out, fit = floor, fitted_to(kept)
+        left_out, fit = foreign, fitted_to(kept)
     return fit
 
 
@@ -198,7 +199,8 @@ def _fit_pixels(
 
     if initial is not None:
         found = [fitted(_placed(kind.body, initial, camera))]
-        return best_of(_with_closed(kind, found, fitted))
+        found = _with_closed(kind, found, fitted)
+        return found[0].fit if len(found) == 1 else best_of(found)
     guesses = kind.guesses(image, region, camera, typical_sigma(image, region, noise))
     if not guesses:
         return no_guess(kind, region)

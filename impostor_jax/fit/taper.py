@@ -14,10 +14,10 @@ import jax.numpy as jnp
 
 from impostor_jax.fit.fittable import FRUSTUM
 from impostor_jax.fit.options import Options
+from impostor_jax.fit.request import arguments_of_cylinder
 from impostor_jax.fit.result import Fit, TaperTest
 from impostor_jax.fit.shapes import fit_shape
 from impostor_jax.geometry.vec3 import unit
-from impostor_jax.primitives.cylinder import Cylinder
 from impostor_jax.primitives.frustum import Frustum
 
 
@@ -34,16 +34,7 @@ def test_taper(fit: Fit) -> TaperTest:
         ValueError: It is of another shape, or of a traced call, or it was stacked or
             made anew since; or its radius was fixed or expected.
     """
-    if not isinstance(fit.shape, Cylinder):
-        raise ValueError(
-            f"fit must be of a cylinder to test its taper, got a {fit.kind}'s"
-        )
-    held = fit.asked.arguments
-    if held is None:
-        raise ValueError(
-            "fit must be as fit_cylinder returned it to test its taper: one that was "
-            "traced or stacked does not hold its image, nor one of too few readings"
-        )
+    held = arguments_of_cylinder(fit, "taper")
     options: Options = held["options"]
     if "radius" in {*options.fixed, *(options.prior or {})}:
         raise ValueError(

@@ -16,7 +16,7 @@ from impostor_jax.geometry.frames import RigidTransform
 from impostor_jax.glsl.impostor import Ball, Impostor, Leaf, Structure, hull_ball
 from impostor_jax.primitives.base import AbstractPrimitive
 from impostor_jax.primitives.cylinder import Cylinder
-from impostor_jax.primitives.expression import Expression, reach_of
+from impostor_jax.primitives.expression import Expression
 from impostor_jax.primitives.frustum import Frustum
 from impostor_jax.primitives.heightfield import Heightfield
 from impostor_jax.primitives.solid import Solid
@@ -89,16 +89,14 @@ def _values(solids: Solid) -> dict[str, Any]:
     assert solids.ball is not None
     middle, radius = solids.ball
     center = jnp.einsum("nij,nj->ni", rotation, (low + high) / 2) + translation
-    reach = functools.reduce(jnp.maximum, map(reach_of, solids.shapes))
-    reach = jnp.broadcast_to(reach, solids.batch_shape)
     return {
         "center": center,
         "rotation": rotation,
         "size": high - low,
         "translation": translation,
         "middle": middle,
-        "radius": jnp.broadcast_to(radius, reach.shape),
-        "farthest": reach,
+        "radius": jnp.broadcast_to(radius, solids.batch_shape),
+        "farthest": solids.reach,
     }
 
 

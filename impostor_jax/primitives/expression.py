@@ -13,7 +13,7 @@ __all__ = [
 ]
 
 import functools
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, TypeVar
 
 import jax.numpy as jnp
@@ -45,10 +45,10 @@ def counted_from(first: int, expression: Expression) -> Expression:
 
 def evaluated(
     expression: Expression,
-    values: Sequence[Any],
-    joins: dict[str, Any],
-    complement: Any,
-) -> Any:
+    values: Sequence[Values],
+    joins: Mapping[str, Callable[[Values, Values], Values]],
+    complement: Callable[[Values], Values],
+) -> Values:
     """Value of an expression from those of the shapes."""
     if isinstance(expression, int):
         return values[expression]
@@ -68,9 +68,9 @@ def is_bounded(expression: Expression, shapes: Sequence[AbstractPrimitive]) -> b
         return shape.is_bounded and not isinstance(shape, Heightfield)
     name, terms = expression
     found = [is_bounded(term, shapes) for term in terms]
-    return {"union": all, "intersection": any, "difference": lambda x: x[0]}[name](
-        found
-    )
+    if name == "difference":
+        return found[0]
+    return all(found) if name == "union" else any(found)
 
 
 def hull_of(

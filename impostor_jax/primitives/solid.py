@@ -211,10 +211,20 @@ class Solid(AbstractPrimitive):
         reach = map(operator.add, off, radius)
         return middle, functools.reduce(jnp.maximum, reach)
 
+    @property
+    def reach(self) -> Numbers:
+        """How far the shapes reach from the origin of their own frame.
+
+        All of them count, also what is taken away: where it is large or far off, so is
+        the rounding of the hole that it leaves.
+        """
+        reach = map(reach_of, jax.lax.stop_gradient(self.shapes))
+        farthest = functools.reduce(jnp.maximum, reach)
+        return jnp.broadcast_to(farthest, self.batch_shape)
+
     def _reach(self, near: Ray) -> Numbers:
         """Lengths from which the places of all shapes on a ray are computed."""
-        reach = map(reach_of, jax.lax.stop_gradient(self.shapes))
-        return near.origin.norm() + functools.reduce(jnp.maximum, reach)
+        return near.origin.norm() + self.reach
 
     def _seen(
         self, part: Int[Array, "*batch"], mask: Bool[Array, "*batch"]
@@ -372,13 +382,12 @@ def _first_hit(
     A miss has the code 0.
     """
     near, foot = solid._near(ray)
-    hull = hull_of(solid.expression, solid.shapes)
     search = Search(
         near=jax.tree.map(lambda x: jnp.broadcast_to(x, foot.shape), near),
         least=-foot,
         reach=solid._reach(near),
         shapes=solid.shapes,
-        ball=None if hull is None else hull.ball(),
+        ball=solid.ball if solid.is_bounded else None,
     )
     t, code = first_change(search, solid.expression)
     return foot + t, code

@@ -14,7 +14,6 @@ met its own surface (experiments/ray_tracing).
 
 __all__ = ["anchors", "clearance", "mirrored", "refracted"]
 
-import functools
 from collections.abc import Sequence
 
 import jax
@@ -39,7 +38,8 @@ def _anchors(shapes: AbstractPrimitive) -> Float[Array, "n 4"]:
     shapes = jax.lax.stop_gradient(shapes)
     hull = shapes.hull
     if isinstance(shapes, Solid):
-        center, size = shapes.translation, _reach(shapes)
+        # A frame turns rays, which spreads their rounding to all directions.
+        center, size = shapes.translation, shapes.reach
     elif hull is not None:
         center, size = hull.ball()
     elif isinstance(shapes, Plane):
@@ -49,18 +49,6 @@ def _anchors(shapes: AbstractPrimitive) -> Float[Array, "n 4"]:
         center = jnp.zeros((*shapes.batch_shape, 3), shapes.dtype)
         size = center[..., 0]
     return jnp.concatenate([center, size[..., None]], axis=-1)
-
-
-def _reach(solid: Solid) -> Float[Array, " n"]:
-    """How far the shapes of solids reach from the origin of their own frame.
-
-    All of them count, also what is taken away: where it is large or far off, so is the
-    rounding of the hole that it leaves. A frame turns rays, which spreads their
-    rounding to all directions.
-    """
-    own = [_anchors(shape) for shape in solid.shapes]
-    reach = [jnp.linalg.norm(x[..., :3], axis=-1) + x[..., 3] for x in own]
-    return functools.reduce(jnp.maximum, reach)
 
 
 def clearance(ray: Ray, t: Numbers, n: Vec3, anchor: tuple[Vec3, Numbers]) -> Numbers:
