@@ -26,6 +26,7 @@ from .fit.status import FitStatus
 from .fit.taper import test_taper
 from .fits.batch import fit_cylinders
 from .fits.labels import fit_labels
+from .fits.points import fit_cylinder_to_points
 from .fits.single import fit_cylinder, fit_frustum, fit_sphere, fit_tube
 from .geometry.frames import RigidTransform
 from .io.camera_from import camera_from
@@ -132,6 +133,7 @@ __all__ = [
     "difference",
     "find_cylinders",
     "fit_cylinder",
+    "fit_cylinder_to_points",
     "fit_cylinders",
     "fit_frustum",
     "fit_labels",

@@ -1,6 +1,6 @@
 """What every camera promises."""
 
-__all__ = ["AbstractCamera", "check_central"]
+__all__ = ["AbstractCamera", "AbstractRays", "check_central"]
 
 import abc
 
@@ -13,8 +13,8 @@ from impostor_jax.geometry.frames import RigidTransform
 from impostor_jax.geometry.rays import Ray
 
 
-class AbstractCamera(eqx.Module):
-    """A camera looks along +z of its own frame: x right, y down, z forward.
+class AbstractRays(eqx.Module):
+    """What casts a ray through each pixel of an image.
 
     Attributes:
         width: Number of columns of the image.
@@ -52,6 +52,14 @@ class AbstractCamera(eqx.Module):
         """
 
     @abc.abstractmethod
+    def sees(self, row: Pixels, col: Pixels) -> Bool[Array, "*batch"] | None:
+        """Whether light reaches the pixels; None where it reaches all of them."""
+
+
+class AbstractCamera(AbstractRays):
+    """A camera looks along +z of its own frame: x right, y down, z forward."""
+
+    @abc.abstractmethod
     def shifted(
         self, cols: Float[Array, ""], rows: Float[Array, ""]
     ) -> "AbstractCamera":
@@ -71,10 +79,6 @@ class AbstractCamera(eqx.Module):
 
         Its images are those that `render` makes with this stride of an `Effort`.
         """
-
-    @abc.abstractmethod
-    def sees(self, row: Pixels, col: Pixels) -> Bool[Array, "*batch"] | None:
-        """Whether light reaches the pixels; None where it reaches all of them."""
 
     @abc.abstractmethod
     def pixel_box(self, low: Float[Array, "2"], high: Float[Array, "2"]) -> PixelBox:

@@ -125,6 +125,14 @@ class PinholeCamera(AbstractCamera):
     def is_central(self) -> bool:
         return True
 
+    @property
+    def spacing(self) -> Scalar:
+        """Distance of neighboring rays at a depth of 1, the larger of rows and columns.
+
+        Without a lens.
+        """
+        return 1 / jnp.minimum(self.fx, self.fy)
+
     @override
     def rays(self, row: Pixels, col: Pixels, dtype: DTypeLike) -> Ray:
         x = (col.astype(dtype) - self.cx) / self.fx
