@@ -1,8 +1,15 @@
 """What every camera promises."""
 
-__all__ = ["AbstractCamera", "check_central"]
+__all__ = [
+    "AbstractCamera",
+    "Projection",
+    "check_central",
+    "check_depth_along_z",
+    "check_planar",
+]
 
 import abc
+from typing import Literal
 
 import equinox as eqx
 from jax.typing import DTypeLike
@@ -11,6 +18,15 @@ from jaxtyping import Array, Bool, Float
 from impostor_jax.camera.pixels import PixelBox, Pixels, Tile
 from impostor_jax.geometry.frames import RigidTransform
 from impostor_jax.geometry.rays import Ray
+
+Projection = Literal["planar", "parallel", "spherical"]
+"""By which two coordinates rays lie in an image, (first, second):
+
+- planar: (x, y) where one from the origin meets the plane z = 1;
+- parallel: (x, y) where one along z starts;
+- spherical: azimuth, from +z towards +x, in [-pi, pi], and elevation, above the plane
+  y = 0, in [-pi/2, pi/2], of one from the origin in any direction.
+"""
 
 
 class AbstractCamera(eqx.Module):
@@ -28,8 +44,13 @@ class AbstractCamera(eqx.Module):
 
     @property
     @abc.abstractmethod
+    def projection(self) -> Projection:
+        """By which coordinates the rays lie in the image."""
+
+    @property
     def is_central(self) -> bool:
         """Whether all rays start in one point, the origin of the camera frame."""
+        return self.projection != "parallel"
 
     @property
     def frame(self) -> Tile:
@@ -40,7 +61,8 @@ class AbstractCamera(eqx.Module):
     def rays(self, row: Pixels, col: Pixels, dtype: DTypeLike) -> Ray:
         """Rays through pixel centers, in the camera frame.
 
-        Directions have z = 1, so the ray parameter of a point is its depth.
+        Directions have z = 1, so the ray parameter of a point is its depth; those of a
+        spherical projection have length 1, and the parameter is the range.
 
         Args:
             row: Rows of the pixels, which must lie in the image.
@@ -62,7 +84,8 @@ class AbstractCamera(eqx.Module):
             rows: By how much of a row.
 
         Raises:
-            ValueError: It has a lens, whose rays are solved for at the centers alone.
+            ValueError: Its rays are known at the centers alone, as those of a lens,
+                which are solved for, or of a scanner.
         """
 
     @abc.abstractmethod
@@ -78,16 +101,20 @@ class AbstractCamera(eqx.Module):
 
     @abc.abstractmethod
     def pixel_box(self, low: Float[Array, "2"], high: Float[Array, "2"]) -> PixelBox:
-        """Smallest block of pixels that holds every ray through (x, y, 1) of a box.
+        """Smallest block of pixels that holds every ray of a box of the projection.
 
         Args:
-            low: Smallest x and y of the box in the plane z = 1.
-            high: Largest x and y.
+            low: Smallest of both coordinates of the `projection`.
+            high: Largest of both.
         """
 
     @abc.abstractmethod
     def project(self, points: Float[Array, "*batch 3"]) -> Float[Array, "*batch 2"]:
-        """Image coordinates (u, v), in pixels, of points of the camera frame, z > 0."""
+        """Image coordinates (u, v), in pixels, of points of the camera frame.
+
+        Of a planar projection those with z > 0 have some, of a spherical one all but
+        the origin.
+        """
 
 
 def check_central(camera: AbstractCamera) -> None:
@@ -96,4 +123,22 @@ def check_central(camera: AbstractCamera) -> None:
         raise ValueError(
             "camera must have a center where its rays start, as a PinholeCamera has, "
             f"got {type(camera).__name__}"
+        )
+
+
+def check_planar(camera: AbstractCamera) -> None:
+    """Raise a `ValueError` unless the camera sees the plane z = 1 from the origin."""
+    if camera.projection != "planar":
+        raise ValueError(
+            "camera must see the plane z = 1 from a center, as a PinholeCamera does, "
+            f"got {type(camera).__name__}"
+        )
+
+
+def check_depth_along_z(camera: AbstractCamera) -> None:
+    """Raise a `ValueError` where the depth of the camera's images is the range."""
+    if camera.projection == "spherical":
+        raise ValueError(
+            "camera must measure depth along z, as a PinholeCamera does, got "
+            f"{type(camera).__name__}, whose depth is the range along the ray"
         )
