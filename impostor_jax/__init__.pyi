@@ -3,6 +3,7 @@ from .camera.base import AbstractCamera
 from .camera.orthographic import OrthographicCamera
 from .camera.pinhole import PinholeCamera
 from .camera.pixels import Tile
+from .camera.spherical import SphericalCamera
 from .effort import Effort
 from .find.cylinders import find_cylinders
 from .find.found import Found
@@ -117,6 +118,7 @@ __all__ = [
     "SphereDeviations",
     "SphereFit",
     "SphereOutline",
+    "SphericalCamera",
     "StereoDisparity",
     "StructuredLight",
     "TaperTest",

@@ -147,7 +147,10 @@ POINTS = np.random.default_rng(0).normal((0, 0, 1), 0.1, (60, 3))
         (((POINTS, POINTS[3]), {}), "off the origin"),
         (((POINTS, (0, 0, 0)), {"mask_meaning": "outline"}), "no outline"),
         (((POINTS, (0, 0, 0)), {"errors": "correlated"}), "no neighbors"),
-        (((POINTS, (0, 0, 0)), {"sigma": ij.FlyingPixels(0.001)}), "sigma must be"),
+        (
+            ((POINTS, (0, 0, 0)), {"sigma": ij.FlyingPixels(ij.ConstantNoise(0.001))}),
+            "sigma must be",
+        ),
         (((POINTS, (0, 0, 0)), {"initial": "can"}), "initial must be one Cylinder"),
     ],
     ids=lambda value: value if isinstance(value, str) else "",
