@@ -17,7 +17,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, Int
 
-from impostor_jax.arguments import is_concrete
+from impostor_jax.arguments import is_concrete, working_precision
 from impostor_jax.camera.ray_table import RayTable, turned_to
 from impostor_jax.effort import MIN_READINGS
 from impostor_jax.fit.fittable import CYLINDER
@@ -84,9 +84,8 @@ def fit_cylinder_to_points(
             "points, origin, sigma and initial must be concrete, got traced ones"
         )
     ends, starts = _checked_points(points, origin)
-    noise = _checked_noise(sigma)
-    _check_rounding(ends, starts, noise, asked)
-    with jax.enable_x64(asked.effort.precision == "float64"):
+    with working_precision(asked.effort.precision, ()):
+        _check_rounding(ends, starts, _checked_noise(sigma))
         views = _views_of(ends, starts)
     for view in views:
         check_types(Cylinder, view.camera, initial)
@@ -193,10 +192,9 @@ def _check_rounding(
     ends: Float[np.ndarray, "n 3"],
     starts: Float[np.ndarray, "n 3"],
     noise: AbstractDepthNoise,
-    options: Options,
 ) -> None:
     """Raise where coordinates, rounded, would err as much as the sensor."""
-    dtype = np.dtype(options.effort.precision or jnp.result_type(float))
+    dtype = np.dtype(jnp.result_type(float))
     largest = max(np.abs(ends).max(), np.abs(starts).max())
     reach = np.median(np.linalg.norm(ends - starts, axis=1))
     sigma = float(noise.sigma(jnp.asarray(reach, dtype), jnp.ones((), dtype)))
@@ -237,7 +235,7 @@ def _view_of(
     rays: Float[np.ndarray, "n 3"],
     starts: Float[np.ndarray, "n 3"],
     middle: Float[np.ndarray, "3"],
-    index: Int[np.ndarray, " n"],
+    index: Int[np.ndarray, " m"],
     rotation: Float[np.ndarray, "3 3"],
 ) -> _View:
     """Some of the rays, filled up to one of a few sizes."""

@@ -99,7 +99,7 @@ def test_views_without_a_mask_are_found_by_those_that_have_one(two, both):
     # The start tells, too.
     fit = fitted(depths, cameras, None, initial=both.cylinder)
     assert fit.success
-    assert np.sum(fit.region[1]) > 0.9 * np.sum(masks[1])
+    assert int(np.sum(fit.region[1])) > 0.9 * masks[1].sum()
 
 
 def test_views_without_any_mask_are_searched(two):
@@ -129,17 +129,22 @@ def test_each_view_has_its_own_noise(two):
 @FULL
 def test_an_error_of_scale_is_of_one_sensor_or_of_each(two):
     depths, cameras, masks = two
-    sensors = [ij.ScaleError(ij.ConstantNoise(SIGMA), 0.001) for _ in range(2)]
-    shared = fitted(depths, cameras, masks, sensors[0])
-    apart = fitted(depths, cameras, masks, sensors)
-    larger = [
-        fitted([d * np.float32(1 + s * 0.001) for d, s in zip(depths, by, strict=True)],
-               cameras, masks, sensors[0]).cylinder.radius - shared.cylinder.radius
+    # So small that readings of both sides still agree.
+    finely, error = ij.Effort(tolerance=0.01), 2e-4
+    sensors = [ij.ScaleError(ij.ConstantNoise(SIGMA), error) for _ in range(2)]
+
+    def with_scale(sensor, first=0.0, second=0.0):
+        pairs = zip(depths, (first, second), strict=True)
+        images = [d * np.float32(1 + scale * error) for d, scale in pairs]
+        return fitted(images, cameras, masks, sensor, effort=finely)
+
+    shared, apart = with_scale(sensors[0]), with_scale(sensors)
+    both, *each = (
+        float(with_scale(sensors[0], *by).cylinder.radius - shared.cylinder.radius)
         for by in ((1, 1), (1, 0), (0, 1))
-    ]  # fmt: skip
-    together, *each = (abs(float(change)) for change in larger)
+    )
     of_scale = [float(fit.std_budget["scale"].radius) for fit in (shared, apart)]
-    np.testing.assert_allclose(of_scale, [together, np.hypot(*each)], rtol=0.1)
+    np.testing.assert_allclose(of_scale, [abs(both), np.hypot(*each)], rtol=0.15)
 
 
 @FULL
