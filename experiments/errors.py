@@ -1,8 +1,8 @@
 """How far an estimate is from the truth, and the Cramér-Rao bound of that."""
 
-__all__ = ["bound", "error"]
+__all__ = ["bound", "error", "joint_bound"]
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import jax
 import jax.numpy as jnp
@@ -14,6 +14,7 @@ from experiments.scenes import CAMERA, Shape, View
 from impostor_jax.evaluate import difference
 from impostor_jax.fit.fittable import KINDS
 from impostor_jax.geometry.so3 import tangent_basis
+from impostor_jax.primitives.base import in_camera_frame
 from impostor_jax.primitives.tube import as_tube
 
 
@@ -47,17 +48,41 @@ def bound(
         reachable: Whether a reading counts for what its square tells of h^2, with the
             variance 4 h^2 sigma^2 + 2 sigma^4 that this has.
     """
-    with jax.enable_x64(True):
-        exact = jax.tree.map(lambda x: np.asarray(x, np.float64), view.shape)
-        columns, cosine, half = (np.asarray(x) for x in _derivatives(exact))
-    used = view.mask & (cosine >= least_cosine)
-    sigma = np.broadcast_to(np.asarray(view.sigma, float), used.shape)[used][:, None]
-    columns, half = columns[used] / sigma, half[used][:, None]
-    if reachable:
-        columns = columns * half / np.sqrt(half**2 + sigma**2 / 2)
+    return joint_bound([view], [CAMERA], least_cosine, reachable)
+
+
+def joint_bound(
+    views: Sequence[View],
+    cameras: Sequence[ij.PinholeCamera],
+    least_cosine: float = 0.0,
+    reachable: bool = False,
+) -> Float[np.ndarray, " k"]:
+    """The same of several images of one shape, which is in the world frame.
+
+    Args:
+        views: The images.
+        cameras: Of each.
+        least_cosine: As of `bound`, like the next.
+        reachable: Likewise.
+    """
+    found = []
+    for view, camera in zip(views, cameras, strict=True):
+        with jax.enable_x64(True):
+            exact, by = jax.tree.map(
+                lambda x: np.asarray(x, np.float64), (view.shape, camera)
+            )
+            columns, cosine, half = (np.asarray(x) for x in _derivatives(exact, by))
+        used = view.mask & (cosine >= least_cosine)
+        sigma = np.broadcast_to(np.asarray(view.sigma, float), used.shape)
+        sigma = sigma[used][:, None]
+        columns, half = columns[used] / sigma, half[used][:, None]
+        if reachable:
+            columns = columns * half / np.sqrt(half**2 + sigma**2 / 2)
+        found.append(columns)
+    jacobian = np.concatenate(found)
     # A frustum's ends are unknown, too, and not compared.
-    count = 6 if isinstance(view.shape, ij.Frustum) else columns.shape[1]
-    return _least_deviation(columns)[:count]
+    count = 6 if isinstance(views[0].shape, ij.Frustum) else jacobian.shape[1]
+    return _least_deviation(jacobian)[:count]
 
 
 def _least_deviation(jacobian: Float[np.ndarray, "n k"]) -> Float[np.ndarray, " k"]:
@@ -76,7 +101,7 @@ def _least_deviation(jacobian: Float[np.ndarray, "n k"]) -> Float[np.ndarray, " 
 
 
 @jax.jit
-def _derivatives(shape: Shape):
+def _derivatives(shape: Shape, camera: ij.PinholeCamera):
     """Of the depths, in the shape's coordinates; cosines of incidence; half-chords.
 
     A half-chord is half the stretch of a ray within the wall, in depth; very long on
@@ -85,15 +110,15 @@ def _derivatives(shape: Shape):
     count, moved = COORDINATES[type(shape)]
 
     def depth(move: Float[Array, " k"]) -> Float[Array, "h w"]:
-        maps = ij.render(moved(shape, move), CAMERA, outputs=("depth",))
+        maps = ij.render(moved(shape, move), camera, outputs=("depth",))
         assert maps.depth is not None
         return maps.depth
 
     columns = jax.jacfwd(depth)(jnp.zeros(count))
-    maps = ij.render(shape, CAMERA)
+    maps = ij.render(shape, camera)
     assert maps.normal is not None
-    body = KINDS[type(shape)].body.of(shape)
-    rays = CAMERA.rays(*CAMERA.frame.pixels(), maps.normal.dtype).direction
+    body = in_camera_frame(KINDS[type(shape)].body.of(shape), camera)
+    rays = camera.rays(*camera.frame.pixels(), maps.normal.dtype).direction
     d, seen = rays.stack(), body.passing(rays)
     cosine = jnp.abs(jnp.sum(maps.normal * d, axis=-1)) / jnp.linalg.norm(d, axis=-1)
     half = jnp.where(seen.on_cap, 1e9, jnp.sqrt(jnp.maximum(seen.square, 0)))

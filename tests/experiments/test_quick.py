@@ -24,6 +24,7 @@ LONG = (
     "find_accuracy",
     "fit_shapes",
     "fit_tubes",
+    "fit_views",
     "mask_errors",
     "published_faults",
     "random_scenes",
