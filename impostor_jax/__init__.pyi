@@ -32,6 +32,7 @@ from .geometry.frames import RigidTransform
 from .io.camera_from import camera_from
 from .io.dataset import read_dataset
 from .io.dataset_shard import LabeledImage
+from .io.depth_folder import DepthFolder, DepthFrame, read_depth_folder
 from .io.mesh_export import to_mesh
 from .io.mesh_file import read_mesh
 from .io.point_cloud import PointCloud
@@ -85,6 +86,8 @@ __all__ = [
     "ConstantNoise",
     "CorrelatedNoise",
     "Cylinder",
+    "DepthFolder",
+    "DepthFrame",
     "Deviations",
     "DirectionalLight",
     "Directions",
@@ -148,6 +151,7 @@ __all__ = [
     "outline_box",
     "outline_tile",
     "read_dataset",
+    "read_depth_folder",
     "read_mesh",
     "read_points",
     "render",
