@@ -13,9 +13,12 @@ from hypothesis import strategies as st
 
 from data_synth.presets import PRESETS, preset_named
 from impostor_jax.io.camera_file import read_camera
+from impostor_jax.io.depth_folder import DepthFolder
 from impostor_jax.io.depth_image import read_depth, read_mask
+from impostor_jax.io.depth_layouts import LAYOUTS
 from impostor_jax.io.points_file import read_points
 from impostor_jax.io.scene_file import read_scene
+from tests.io.test_depth_folder import MAKERS, SMALL
 
 EXAMPLES = settings(max_examples=150, deadline=None)
 
@@ -111,6 +114,33 @@ def test_changed_points_are_read_or_refused(folder, name, capfd):
     def check(changes):
         read_or_refuse(read_points, folder, name, changes)
         assert capfd.readouterr() == ("", "")
+
+    check()
+
+
+@pytest.mark.parametrize(
+    ("kind", "name"),
+    [
+        ("tum", "depth.txt"),
+        ("tum", "groundtruth.txt"),
+        ("bop", "scene_camera.json"),
+        ("bop", "scene_gt.json"),
+        ("scannet", "pose/9.txt"),
+        ("redwood", "trajectory.log"),
+    ],
+)
+def test_changed_folders_are_read_or_refused(tmp_path, kind, name):
+    path = MAKERS[kind](tmp_path / "freiburg1") / name
+    data = path.read_bytes()
+
+    @EXAMPLES
+    @given(CHANGES)
+    def check(changes):
+        path.write_bytes(changed(data, changes))
+        with contextlib.suppress(ValueError):
+            # A checker of types would look into what `read_depth_folder` returns, and
+            # wrap what is raised there.
+            list(DepthFolder(LAYOUTS[kind](path.parents[name.count("/")]), SMALL))
 
     check()
 
