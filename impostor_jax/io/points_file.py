@@ -23,8 +23,8 @@ Found = tuple[Float[np.ndarray, "n 3"], Any]
 """Points and where the sensor stood, in the file's unit."""
 
 MOST_PACKED = 1000
-"""Points that a byte of a LAZ file may stand for; equal ones take a hundredth of one.
-"""
+"""Points that a byte of a LAZ file may stand for; of a million equal ones there are
+140."""
 
 CHUNK = 2**17
 """Points of a LAS or LAZ file that are read at a time."""

@@ -52,7 +52,7 @@ def _read_lines(text: io.TextIOWrapper, what: str) -> Float[np.ndarray, "n 3"]:
         found = _columns(line[comment.end() :] if comment else line)
         if found is not None:
             columns = found
-        elif not comment and _is_point(line):
+        elif not comment and _is_point(line, columns):
             break
         elif not comment and not re.fullmatch(r"\s*\d*\s*", line):
             raise ValueError(
@@ -71,14 +71,13 @@ def _columns(line: str) -> list[int] | None:
     return [names.index(n) for n in "xyz"] if {"x", "y", "z"} <= set(names) else None
 
 
-def _is_point(line: str) -> bool:
-    """Whether a line has three columns, and a number in the first."""
-    parts = re.split(r"[,;]|\s+", line.strip())
+def _is_point(line: str, columns: list[int]) -> bool:
+    """Whether a line has numbers in three columns."""
+    parts = re.split(r"\s*[,;]\s*|\s+", line.strip())
     try:
-        float(parts[0])
-    except ValueError:
+        return all(isinstance(float(parts[k]), float) for k in columns)
+    except (IndexError, ValueError):
         return False
-    return len(parts) >= 3
 
 
 def number_rows(

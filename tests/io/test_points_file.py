@@ -110,12 +110,13 @@ def test_missing_points_and_their_origins_are_left_out(tmp_path):
         "//X,Y,Z,R,G,B\n1,2,3,0,0,0\n4,5,6,0,0,0\n",
         '"id","z","X","y"\n7,3,1,2\n8,6,4,5\n',
         "x y z\n1 2 3\n4 5 6\n",
+        "name;x;y;z\nfirst;1;2;3\nsecond;4;5;6\n",
         "2\n1 2 3 -5 0 0 0\n4 5 6 -5 0 0 0\n",
         "\ufeff1 2 3\n4 5 6 # and so on\nnan nan nan\n",
     ],
     ids=[
         "spaces", "tabs and colors", "commas", "text beside", "semicolons",
-        "CloudCompare", "by names", "a line of names", "with a count", "with a mark",
+        "CloudCompare", "by names", "a line of names", "names of points", "with a count", "with a mark",
     ],
 )  # fmt: skip
 @pytest.mark.parametrize("suffix", [".xyz", ".TXT"])
@@ -319,6 +320,7 @@ MOST = struct.pack("<Q", 10**12)
         ("a.asc", b"ncols 4\nnrows 4\n", "names x, y and z, got 'ncols 4'"),
         ("a.txt", b"\xff\xfe\0\1" * 100, "names x, y and z, got"),
         ("a.xyz", b"x y z\n", "must hold points, got none"),
+        ("a.xyz", b"1 2 three\n", "names x, y and z, got '1 2 three'"),
         ("a.npy", b"", "is not a readable NPY file"),
         ("a.npy", npy(np.zeros(3))[:-1], "must hold 24 bytes of numbers, got 23"),
         ("a.npy", npy(np.zeros((2, 4))), r"got float64 of shape \(2, 4\)"),
