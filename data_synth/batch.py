@@ -14,7 +14,7 @@ from data_synth.capture import BATCH, SceneBatch, ShownLook
 from data_synth.draw import Drawn
 from data_synth.look import Look
 from data_synth.preset import Preset
-from impostor_jax.camera.pinhole import PinholeCamera
+from impostor_jax.io.camera_file import FiledCamera
 from impostor_jax.primitives.base import AbstractPrimitive
 from impostor_jax.primitives.box import Box
 from impostor_jax.primitives.cylinder import Cylinder
@@ -23,13 +23,14 @@ from impostor_jax.primitives.plane import Plane
 from impostor_jax.primitives.sphere import Sphere
 from impostor_jax.rendering.material import Material
 
-AWAY = (0.0, 0.0, -10.0)
-"""Where shapes are that only fill up a batch: behind the camera, in meters."""
+AWAY = (0.0, 1e4, -10.0)
+"""Where shapes are that only fill up a batch, in meters: behind a camera, and deeper
+below a scanner than it looks down."""
 
 FILLERS: dict[type[AbstractPrimitive], dict[str, Any]] = {
     Box: {"center": AWAY, "rotation": np.eye(3), "size": (0.01, 0.01, 0.01)},
     Cylinder: {"center": AWAY, "axis": (0, 0, 1), "radius": 0.01, "height": 0.01},
-    Frustum: {"p1": AWAY, "p2": (0, 0, -11.0), "radius1": 0.01, "radius2": 0.01},
+    Frustum: {"p1": AWAY, "p2": (0, 1e4, -11.0), "radius1": 0.01, "radius2": 0.01},
     Plane: {"point": AWAY, "normal": (0, 0, -1)},
     Sphere: {"center": AWAY, "radius": 0.01},
 }
@@ -37,7 +38,7 @@ FILLERS: dict[type[AbstractPrimitive], dict[str, Any]] = {
 
 
 def batch_of(
-    preset: Preset, cameras: Sequence[PinholeCamera], scenes: Mapping[int, Drawn]
+    preset: Preset, cameras: Sequence[FiledCamera], scenes: Mapping[int, Drawn]
 ) -> SceneBatch:
     """Arrays of scenes, filled up to as many shapes for each.
 

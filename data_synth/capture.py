@@ -25,10 +25,12 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, Key, PRNGKeyArray, UInt8, UInt16, UInt32
 
 from data_synth.preset import MAX_CYLINDERS
+from data_synth.roughness import roughened
 from impostor_jax.camera.pinhole import PinholeCamera
 from impostor_jax.camera.pixels import PixelBox
 from impostor_jax.effort import Effort
 from impostor_jax.geometry.vec3 import Vec3
+from impostor_jax.io.camera_file import FiledCamera
 from impostor_jax.io.depth_image import MAX_UINT16
 from impostor_jax.numerics import Scalar, eps
 from impostor_jax.primitives.base import AbstractPrimitive
@@ -94,7 +96,7 @@ class SceneBatch(eqx.Module):
         look: Materials and lights; None if no color is wanted.
     """
 
-    camera: PinholeCamera
+    camera: FiledCamera
     cylinders: Cylinder
     others: tuple[AbstractPrimitive, ...]
     num_bound: Int[Array, "*b"]
@@ -119,7 +121,8 @@ class Captured(eqx.Module):
         color: Linear red, green and blue; None if not wanted.
         index: Which cylinder is seen; `NO_CYLINDER` where it is none.
         silhouette: Pixels of each cylinder if nothing hid it.
-        whole_count: Number of all in an image with a margin of its own size.
+        whole_count: Number of all in an image with a margin of its own size, or in a
+            scan.
         box: Smallest block of these.
     """
 
@@ -155,6 +158,7 @@ def capture(
     limits: tuple[Scalar, Scalar],
     sensor: AbstractDepthNoise,
     projector_baseline: Scalar | None,
+    roughness: tuple[Scalar, Scalar] | None,
     depth_scale_m: Scalar,
     with_normal: bool,
     bounces: int = 0,
@@ -168,6 +172,7 @@ def capture(
         limits: Of `RULES`, in their order.
         sensor: What reads.
         projector_baseline: As in a preset.
+        roughness: Deviation and length, as in a preset.
         depth_scale_m: Meters a unit of the readings.
         with_normal: Whether normals are wanted.
         bounces: Of the rays of color images.
@@ -181,10 +186,15 @@ def capture(
     def read(
         key: PRNGKeyArray, batch: SceneBatch, depth: Float[Array, "h w"], normal: Vec3
     ) -> UInt16[Array, "h w"]:
-        reading = sensor.sample(key, depth, normal.stack(), batch.camera)
+        camera, scene = batch.camera, depth
+        if roughness is not None:
+            key, own = jax.random.split(key)
+            scene = roughened(own, depth, normal.stack(), camera, *roughness)
+        reading = sensor.sample(key, scene, normal.stack(), camera)
         if projector_baseline is not None:
             place = jnp.array([projector_baseline, 0.0, 0.0])
-            light = lit(batch.scene(), batch.camera, depth, place)
+            assert isinstance(camera, PinholeCamera)
+            light = lit(batch.scene(), camera, depth, place)
             reading = jnp.where(light, reading, NO_READING)
         return units(reading)
 
@@ -203,7 +213,9 @@ def capture(
         assert maps.depth is not None
         assert maps.normal is not None
         assert maps.index is not None
-        found = silhouettes(batch.cylinders, camera, margin=shape)
+        # Beyond a scan there is what it does not look at.
+        margin = shape if isinstance(camera, PinholeCamera) else (0, 0)
+        found = silhouettes(batch.cylinders, camera, margin=margin)
         (count,) = batch.cylinders.batch_shape
         is_cylinder = (maps.index >= 0) & (maps.index < count)
         index = jnp.where(is_cylinder, maps.index, NO_CYLINDER).astype(jnp.uint8)

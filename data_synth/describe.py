@@ -6,8 +6,13 @@ import dataclasses
 from typing import Any
 
 from data_synth.appearance import Appearance
-from data_synth.preset import CameraDraw, Preset, Rules
+from data_synth.camera_draw import CameraDraw, ScannerDraw
+from data_synth.preset import Preset, Rules
+from data_synth.roughness import Roughness
 from impostor_jax.sensor.base import AbstractDepthNoise
+
+NESTED = (CameraDraw, ScannerDraw, Rules, Appearance, Roughness)
+"""What has lines of its own."""
 
 
 def describe(preset: Preset) -> str:
@@ -26,7 +31,7 @@ def _lines(value: Any, indent: str) -> list[str]:
             for kind in part:
                 lines.append(f"{indent}  {type(kind).__name__}")
                 lines += _lines(kind, indent + "    ")
-        elif isinstance(part, CameraDraw | Rules | Appearance):
+        elif isinstance(part, NESTED):
             lines += [f"{indent}{field.name}", *_lines(part, indent + "  ")]
         else:
             lines.append(f"{indent}{field.name:<20} {_words(part)}")

@@ -4,7 +4,7 @@ Everything is drawn on the host from one key, so any worker draws the same scene
 whatever it did before.
 """
 
-__all__ = ["Drawn", "draw_cameras", "draw_scene", "generator"]
+__all__ = ["Drawn", "draw_scene", "generator"]
 
 import dataclasses
 from collections.abc import Callable
@@ -13,13 +13,13 @@ import numpy as np
 from jaxtyping import UInt32
 
 from data_synth.arrange import Arrangement, Plane, Put
+from data_synth.camera_draw import ScannerDraw
 from data_synth.catalogue import Item
 from data_synth.look import Look, draw_look
 from data_synth.pose import Pose, free_pose, ground_frame, holds_camera, placed, stacked
-from data_synth.preset import CameraDraw, Placement, Preset
-from data_synth.scenery import Corners, Things
+from data_synth.preset import Placement, Preset
+from data_synth.scenery import Corners, Mounds, Things
 from data_synth.solid import Object
-from impostor_jax.camera.pinhole import PinholeCamera
 
 CLUTTER_DEPTH = 0.4, 0.8
 """Where clutter is, as parts of the distance to what the camera looks at."""
@@ -53,30 +53,6 @@ def generator(data: UInt32[np.ndarray, "2"]) -> np.random.Generator:
     return np.random.default_rng(data.tolist())
 
 
-def draw_cameras(
-    draw: CameraDraw, rng: np.random.Generator
-) -> tuple[PinholeCamera, ...]:
-    """Draw the cameras of a dataset."""
-    cameras = []
-    for _ in range(draw.count):
-        focal = draw.focal.draw(rng)
-        shift = [draw.shift.draw(rng) for _ in range(2)]
-        distortion = None
-        if draw.distortion is not None:
-            distortion = [*(part.draw(rng) for part in draw.distortion), 0.0, 0.0, 0.0]
-        camera = PinholeCamera(
-            focal,
-            focal,
-            (draw.width - 1) / 2 + shift[0],
-            (draw.height - 1) / 2 + shift[1],
-            width=draw.width,
-            height=draw.height,
-            distortion=distortion,
-        )
-        cameras.append(camera)
-    return tuple(cameras)
-
-
 def draw_scene(
     preset: Preset, catalogue: tuple[Item, ...], rng: np.random.Generator
 ) -> Drawn:
@@ -87,6 +63,10 @@ def draw_scene(
     angle = np.radians(preset.elevation.draw(rng))
     # The camera looks down on the ground, whose normal points up: towards -y.
     up = np.array([0.0, -np.cos(angle), -np.sin(angle)])
+    if isinstance(preset.camera, ScannerDraw):
+        # It stands upright, and sees what is around its foot.
+        target = np.array([0.0, preset.camera.stand.draw(rng), 0.0])
+        up = np.array([0.0, -1.0, 0.0])
     frame = ground_frame(up)
     if preset.wall is not None:
         far = np.array([0.0, 0.0, preset.wall.draw(rng)])
@@ -99,6 +79,12 @@ def draw_scene(
                 (frame @ point + target, frame @ normal)
                 for point, normal in kind.draw(preset.spread, rng)
             ]
+    far = preset.distance.ends[1]
+    mounds = tuple(
+        kind.draw(far, rng).transformed(frame, target)
+        for kind in kinds
+        if isinstance(kind, Mounds)
+    )
     things = Arrangement(target, up, planes, preset.is_mixed, rng)
     if preset.ground:
         planes.insert(0, (target, up))
@@ -126,7 +112,8 @@ def draw_scene(
         look = draw_look(appearance, planes, poses, things.scenery, target, above, rng)
         if look is None:
             return Drawn(camera, (), 0, (), failure="no_room_for_lamp")
-    return Drawn(camera, poses, num_clutter, tuple(planes), things.scenery, look)
+    scenery = (*mounds, *things.scenery)
+    return Drawn(camera, poses, num_clutter, tuple(planes), scenery, look)
 
 
 def _cylinder(

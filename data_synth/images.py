@@ -28,6 +28,7 @@ from jaxtyping import Array, Bool, Float, Int, Key, PRNGKeyArray, UInt16
 
 from data_synth.appearance import Appearance
 from data_synth.batch import batch_of
+from data_synth.camera_draw import draw_cameras
 from data_synth.capture import (
     BATCH,
     KEPT,
@@ -38,10 +39,10 @@ from data_synth.capture import (
     capture_keys,
 )
 from data_synth.catalogue import Item, draw_catalogue
-from data_synth.draw import Drawn, draw_cameras, draw_scene, generator
+from data_synth.draw import Drawn, draw_scene, generator
 from data_synth.manifest import Manifest
-from impostor_jax.camera.pinhole import PinholeCamera
 from impostor_jax.camera.pixels import PixelBox
+from impostor_jax.io.camera_file import FiledCamera
 
 STAGES = ("drawing", "capturing", "coding", "writing")
 """What the time of a dataset goes into."""
@@ -77,7 +78,7 @@ class Plan:
     manifest: Manifest
     key: PRNGKeyArray
     catalogue: tuple[Item, ...]
-    cameras: tuple[PinholeCamera, ...]
+    cameras: tuple[FiledCamera, ...]
 
     @staticmethod
     def of(manifest: Manifest) -> "Plan":
@@ -111,14 +112,15 @@ class Image:
         color: Linear red, green and blue, if they are written.
         visible: Pixels of each cylinder that nothing hides.
         silhouettes: Pixels of each if nothing hid it.
-        whole_counts: Number of these in the image and a margin of its own size.
+        whole_counts: Number of these in the image and, but for a scanner, a margin of
+            its own size.
         boxes: Of these.
         rejected: How often each rule rejected a scene for this image.
     """
 
     number: int
     scene: Drawn
-    camera: PinholeCamera
+    camera: FiledCamera
     reading: UInt16[np.ndarray, "h w"]
     clean: UInt16[np.ndarray, "h w"]
     normal: Float[np.ndarray, "h w 3"] | None
@@ -187,13 +189,14 @@ def draw_scenes(
 def captured(plan: Plan, keys: Key[Array, " b"], batch: SceneBatch) -> Captured:
     """What there is to see of a batch, as NumPy's arrays: views of JAX's."""
     preset = plan.manifest.preset
-    drawn = preset.appearance or Appearance()
+    drawn, rough = preset.appearance or Appearance(), preset.roughness
     seen = capture(
         keys,
         batch,
         tuple(float(getattr(preset.rules, name)) for name in RULES),
         preset.sensor,
         preset.projector_baseline,
+        None if rough is None else (rough.deviation, rough.length),
         preset.depth_scale_mm / 1e3,
         plan.manifest.normals,
         drawn.bounces,

@@ -11,15 +11,21 @@ from jaxtyping import Bool, Int, UInt16
 from data_synth.draw import Drawn
 from impostor_jax.camera.pinhole import PinholeCamera
 from impostor_jax.camera.pixels import PixelBox
-from impostor_jax.io.camera_file import camera_record
+from impostor_jax.io.camera_file import FiledCamera, camera_record
 
 NO_BOX = [-1, -1, -1, -1]
 """What BOP's toolkit writes for a box of nothing."""
 
 
-def camera_label(camera: PinholeCamera, depth_scale_mm: float) -> dict[str, Any]:
-    """Of `scene_camera.json`: the matrix row by row; the lens is in the cylinders'."""
-    return {"cam_K": camera.matrix().ravel().tolist(), "depth_scale": depth_scale_mm}
+def camera_label(camera: FiledCamera, depth_scale_mm: float) -> dict[str, Any]:
+    """Of `scene_camera.json`: the matrix row by row; the lens is in the cylinders'.
+
+    A scanner has no matrix; its angles are there, too.
+    """
+    label: dict[str, Any] = {"depth_scale": depth_scale_mm}
+    if isinstance(camera, PinholeCamera):
+        label["cam_K"] = camera.matrix().ravel().tolist()
+    return label
 
 
 def pose_labels(scene: Drawn) -> list[dict[str, Any]]:
@@ -68,7 +74,7 @@ def visibility_labels(
 
 
 def cylinders_label(
-    scene: Drawn, camera: PinholeCamera, with_scenery: bool
+    scene: Drawn, camera: FiledCamera, with_scenery: bool
 ) -> dict[str, Any]:
     """Of `scene_cylinders.json`: cylinders, planes and camera in meters and pixels.
 

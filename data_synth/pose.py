@@ -96,6 +96,8 @@ def placed(
     """A pose of one of the ways; "stacked" is where nothing is to stand on."""
     if placement == "around":
         return _around(preset, item, rng)
+    if placement == "surrounding":
+        return _surrounding(preset, item, target, up, rng)
     if placement == "free":
         return free_pose(preset.spread, item, target, rng)
     first, second, _ = ground_frame(up).T
@@ -105,9 +107,7 @@ def placed(
     level = np.cos(turn) * first + np.sin(turn) * second
     if placement == "lying":
         return Pose(item, foot + up * item.radius, _frame(level, rng))
-    lean = np.radians(rng.uniform(0, preset.tilt)) if preset.tilt else 0.0
-    axis = np.cos(lean) * up + np.sin(lean) * level
-    return Pose(item, foot + axis * (item.height / 2), _frame(axis, rng))
+    return _upright(preset, item, foot, up, level, rng)
 
 
 def stacked(item: Item, below: Pose, up: Point, rng: np.random.Generator) -> Pose:
@@ -125,6 +125,33 @@ def free_pose(
     """In any direction, the center in a cube around the target."""
     center = target + rng.uniform(-spread, spread, 3)
     return Pose(item, center, _frame(_direction(rng), rng))
+
+
+def _surrounding(
+    preset: Preset, item: Item, target: Point, up: Point, rng: np.random.Generator
+) -> Pose:
+    """Upright on the ground, in any direction from the target."""
+    first, second, _ = ground_frame(up).T
+    away, lean = rng.uniform(0, 2 * np.pi, 2)
+    foot = target + preset.distance.draw(rng) * (
+        np.cos(away) * first + np.sin(away) * second
+    )
+    level = np.cos(lean) * first + np.sin(lean) * second
+    return _upright(preset, item, foot, up, level, rng)
+
+
+def _upright(
+    preset: Preset,
+    item: Item,
+    foot: Point,
+    up: Point,
+    level: Point,
+    rng: np.random.Generator,
+) -> Pose:
+    """On its foot, leaning in a level direction as far as the preset lets it."""
+    lean = np.radians(rng.uniform(0, preset.tilt)) if preset.tilt else 0.0
+    axis = np.cos(lean) * up + np.sin(lean) * level
+    return Pose(item, foot + axis * (item.height / 2), _frame(axis, rng))
 
 
 def _around(preset: Preset, item: Item, rng: np.random.Generator) -> Pose:

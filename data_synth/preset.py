@@ -1,12 +1,13 @@
 """What a dataset draws: scenes, cameras and the sensor, as one frozen record."""
 
-__all__ = ["MAX_CYLINDERS", "CameraDraw", "Placement", "Preset", "Rules"]
+__all__ = ["MAX_CYLINDERS", "Placement", "Preset", "Rules"]
 
 import collections
 import dataclasses
 from typing import Any, Literal, get_args
 
 from data_synth.appearance import Appearance
+from data_synth.camera_draw import CameraDraw, ScannerDraw
 from data_synth.catalogue import MAX_OBJECTS
 from data_synth.distribution import (
     Choice,
@@ -16,50 +17,22 @@ from data_synth.distribution import (
     Uniform,
     Whole,
 )
-from data_synth.scenery import SCENERY, Scenery
-from impostor_jax.arguments import image_size, whole_number
+from data_synth.roughness import Roughness
+from data_synth.scenery import SCENERY, Corners, Scenery, Things
+from impostor_jax.arguments import whole_number
 from impostor_jax.io.sensor_record import sensor_from_record, sensor_record
 from impostor_jax.primitives.base import AbstractPrimitive
 from impostor_jax.primitives.plane import Plane
 from impostor_jax.sensor.base import AbstractDepthNoise
 from impostor_jax.sensor.gaussian import ConstantNoise
 
-Placement = Literal["free", "standing", "lying", "stacked", "around"]
+Placement = Literal["free", "standing", "lying", "stacked", "around", "surrounding"]
 """How a cylinder is put: anywhere; upright or on its side on the ground; upright on
-another one that is, on the ground where none is; or around the camera, which looks
-along it."""
+another one that is, on the ground where none is; around the camera, which looks along
+it; or upright on the ground on any side of a scanner."""
 
 MAX_CYLINDERS = 255
 """Most cylinders of an image: 8 bits tell which of them, or none, a pixel shows."""
-
-
-MAX_CAMERAS = 10**4
-"""Most cameras of a dataset, all of which are made before the first image."""
-
-
-@dataclasses.dataclass(frozen=True)
-class CameraDraw:
-    """Intrinsics of the dataset's cameras, one of which takes an image.
-
-    Attributes:
-        count: Number of cameras.
-        width: Number of columns.
-        height: Number of rows.
-        focal: In pixels, the same along rows and columns.
-        shift: Of the principal point from the image's middle, along each, in pixels.
-        distortion: Of k1 and k2 of the lens, in OpenCV's order; None for no lens.
-    """
-
-    count: int = 8
-    width: int = 640
-    height: int = 480
-    focal: Distribution = Fixed(525.0)
-    shift: Distribution = Fixed(0.0)
-    distortion: tuple[Distribution, Distribution] | None = None
-
-    def __post_init__(self) -> None:
-        whole_number("count", self.count, 1, MAX_CAMERAS)
-        image_size(self.width, self.height)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -101,17 +74,20 @@ class Preset:
         radius: In meters.
         aspect: Height over radius.
         placement: How cylinders are put, each way as likely; one may stand there twice.
-        distance: From the camera to what it looks at, in meters.
+        distance: From the camera to what it looks at, in meters; from the foot of a
+            scanner to that of each cylinder.
         elevation: Angle at which the camera looks down on the ground, in degrees.
         spread: Of the cylinders around what the camera looks at, in meters.
         tilt: Largest angle of an upright cylinder from upright, and of a pipe around
             the camera from its view, in degrees.
         ground: Whether there is a plane that cylinders stand or lie on.
         wall: Distance of a wall behind, in meters; None for none.
-        camera: The cameras.
+        camera: The cameras, or the scanners.
         sensor: The noise model that reads depths, and weighs them in a fit.
         projector_baseline: Distance in meters, along x of the camera, of the projector
             without whose light there is no reading; None for none.
+        roughness: Of all surfaces as the sensor reads them, and as the clean depth
+            leaves out; None for smooth ones.
         scenery: What is among the cylinders on the ground, and is none.
         touching: Share of cylinders and scenery that are put in contact with another
             thing; those that stand or lean on one come on top.
@@ -134,9 +110,10 @@ class Preset:
     tilt: float = 0.0
     ground: bool = False
     wall: Distribution | None = None
-    camera: CameraDraw = CameraDraw()
+    camera: CameraDraw | ScannerDraw = CameraDraw()
     sensor: AbstractDepthNoise = ConstantNoise(0.001)
     projector_baseline: float | None = None
+    roughness: Roughness | None = None
     scenery: tuple[Scenery, ...] = ()
     touching: float = 0.0
     depth_scale_mm: float = 0.1
@@ -161,18 +138,22 @@ class Preset:
             raise ValueError(
                 f"touching must be a fraction from 0 to 1, got {self.touching}"
             )
-        on_ground = sorted({"standing", "lying", "stacked"} & set(self.placement))
+        on_ground = {"standing", "lying", "stacked", "surrounding"}
+        on_ground = sorted(on_ground & set(self.placement))
         if on_ground and not self.ground:
             raise ValueError(f"ground must be True for cylinders that are {on_ground}")
-        if self.is_mixed and not self.ground:
+        if (self.is_mixed or self.scenery) and not self.ground:
             raise ValueError("ground must be True for scenery and things in contact")
         if self.is_mixed and "around" in self.placement:
             raise ValueError(
                 "placement must not be around where there are scenery and things in "
                 "contact"
             )
+        self._check_scanner()
         samples = 1 if self.appearance is None else self.appearance.samples
-        if samples > 1 and self.camera.distortion is not None:
+        camera = self.camera
+        has_lens = isinstance(camera, CameraDraw) and camera.distortion is not None
+        if samples > 1 and has_lens:
             raise ValueError(
                 f"samples must be 1 for cameras with a lens, got {samples}"
             )
@@ -187,10 +168,30 @@ class Preset:
                 f"together, got up to {most}"
             )
 
+    def _check_scanner(self) -> None:
+        """Raise where a scanner is asked for what it cannot have."""
+        is_scanner = isinstance(self.camera, ScannerDraw)
+        if is_scanner != (self.placement == ("surrounding",)):
+            raise ValueError(
+                "placement must be surrounding, and nothing else, for a scanner and no "
+                f"other camera, got {list(self.placement)}"
+            )
+        if not is_scanner:
+            return
+        for name in ("appearance", "projector_baseline", "wall"):
+            if getattr(self, name) is not None:
+                raise ValueError(f"{name} must be None for a scanner")
+        if self.is_mixed or self.clutter.ends[1]:
+            raise ValueError(
+                "clutter, things in contact and things on a table must be none for a "
+                "scanner"
+            )
+
     @property
     def is_mixed(self) -> bool:
         """Whether things are on one ground, and may touch."""
-        return bool(self.scenery or self.touching or "stacked" in self.placement)
+        things = any(isinstance(kind, Things | Corners) for kind in self.scenery)
+        return bool(things or self.touching or "stacked" in self.placement)
 
     @property
     def most_cylinders(self) -> int:
@@ -253,7 +254,7 @@ def _from_record(record: Any) -> Any:
 RECORD_KINDS = {
     kind.__name__: kind
     for kind in (
-        *(Preset, CameraDraw, Rules, Appearance),
+        *(Preset, CameraDraw, ScannerDraw, Rules, Appearance, Roughness),
         *(Fixed, Uniform, LogUniform, Whole, Choice),
         *SCENERY,
     )

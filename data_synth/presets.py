@@ -6,8 +6,10 @@ from pathlib import Path
 from typing import Any
 
 from data_synth.appearance import Appearance
+from data_synth.camera_draw import CameraDraw, ScannerDraw
 from data_synth.distribution import Choice, Fixed, LogUniform, Uniform, Whole
-from data_synth.preset import CameraDraw, Preset, Rules
+from data_synth.preset import Preset, Rules
+from data_synth.roughness import Roughness
 from data_synth.scenery import (
     Balls,
     Books,
@@ -16,6 +18,7 @@ from data_synth.scenery import (
     Cones,
     Corners,
     Hands,
+    Mounds,
     Pillars,
 )
 from impostor_jax.io.json_file import read_json_object
@@ -25,6 +28,7 @@ from impostor_jax.sensor.gaussian import ConstantNoise
 from impostor_jax.sensor.lateral import LateralNoise
 from impostor_jax.sensor.quantization import StereoDisparity
 from impostor_jax.sensor.structured_light import StructuredLight
+from impostor_jax.sensor.time_of_flight import TimeOfFlight
 
 CUPS = Cones(
     count=Whole(0, 2),
@@ -127,6 +131,30 @@ PRESETS = {
         sensor=FlyingPixels(StereoDisparity(525.0, baseline=0.12)),
         depth_scale_mm=1.0,
         rules=Rules(visible_fraction=0.05),
+    ),
+    "tree_scan": Preset(
+        sentence="Stems 5 to 30 m around a laser scanner, upright to 6 degrees, with "
+        "bark, on rough and rolling ground: ranges of a full turn with noise of 2 mm "
+        "near and 20 mm far, missing readings and mixed ones at edges.",
+        objects=40,
+        count=Whole(12, 24),
+        radius=LogUniform(0.05, 0.25),
+        aspect=Uniform(40.0, 80.0),
+        placement=("surrounding",),
+        distance=Uniform(5.0, 30.0),
+        tilt=6.0,
+        ground=True,
+        camera=ScannerDraw(stand=Uniform(1.5, 2.0)),
+        sensor=Dropout(FlyingPixels(TimeOfFlight(floor=0.002, growth=2e-5)), rate=0.03),
+        # Cracks of some millimeters, and what grows on the ground.
+        roughness=Roughness(deviation=0.003, length=0.04),
+        scenery=(
+            Mounds(
+                count=Whole(4, 10), height=Uniform(0.1, 0.6), width=Uniform(2.0, 8.0)
+            ),
+        ),
+        depth_scale_mm=1.0,
+        rules=Rules(visible_fraction=0.0, smallest_outline=0),
     ),
     "inside_pipe": Preset(
         sentence="The camera in a pipe, looking along it to 20 degrees, with noise of "

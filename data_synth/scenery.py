@@ -9,6 +9,7 @@ __all__ = [
     "Cones",
     "Corners",
     "Hands",
+    "Mounds",
     "Pillars",
     "Scenery",
     "Things",
@@ -217,7 +218,40 @@ class Corners(Scenery):
         return [(edge, turn[:, k]) for k in range(2)]
 
 
-SCENERY = (Boxes, Books, Balls, Cones, Hands, Bumps, Pillars, Corners)
+@dataclasses.dataclass(frozen=True)
+class Mounds(Scenery):
+    """Rolling ground: caps of balls that lie under it, and that other things stand in.
+
+    Attributes:
+        height: Above the level ground, in meters.
+        width: Half the width at the level ground, in meters.
+    """
+
+    height: Distribution
+    width: Distribution
+
+    def __post_init__(self) -> None:
+        for name in ("height", "width"):
+            if getattr(self, name).ends[0] <= 0:
+                raise ValueError(
+                    f"{name} of Mounds must be positive, got {getattr(self, name)}"
+                )
+
+    @property
+    @override
+    def shapes(self) -> tuple[type[AbstractPrimitive], int]:
+        return Sphere, 1
+
+    def draw(self, spread: float, rng: np.random.Generator) -> Cluster:
+        """Draw one, anywhere within `spread` of the target, in the table's frame."""
+        height, width = self.height.draw(rng), self.width.draw(rng)
+        # Of the sagitta of a chord.
+        radius = (width * width / height + height) / 2
+        place = np.array([*rng.uniform(-spread, spread, 2), height - radius])
+        return Cluster("mound", place[None], np.array([radius]))
+
+
+SCENERY = (Boxes, Books, Balls, Cones, Hands, Bumps, Pillars, Corners, Mounds)
 """All kinds."""
 
 

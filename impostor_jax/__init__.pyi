@@ -4,6 +4,7 @@ from .camera.base import AbstractCamera
 from .camera.orthographic import OrthographicCamera
 from .camera.pinhole import PinholeCamera
 from .camera.pixels import Tile
+from .camera.spherical import SphericalCamera
 from .effort import Effort
 from .find.cylinders import find_cylinders
 from .find.found import Found
@@ -27,6 +28,7 @@ from .fit.status import FitStatus
 from .fit.taper import test_taper
 from .fits.batch import fit_cylinders
 from .fits.labels import fit_labels
+from .fits.points import fit_cylinder_to_points
 from .fits.single import fit_cylinder, fit_frustum, fit_sphere, fit_tube
 from .geometry.frames import RigidTransform
 from .io.camera_from import camera_from
@@ -123,6 +125,7 @@ __all__ = [
     "SphereDeviations",
     "SphereFit",
     "SphereOutline",
+    "SphericalCamera",
     "StereoDisparity",
     "StructuredLight",
     "TaperTest",
@@ -139,6 +142,7 @@ __all__ = [
     "difference",
     "find_cylinders",
     "fit_cylinder",
+    "fit_cylinder_to_points",
     "fit_cylinders",
     "fit_frustum",
     "fit_labels",

@@ -116,7 +116,7 @@ def evaluate(
             if num_readings < MIN_READINGS:
                 continue
             fit = fit_shape(
-                kind, image.depth, image.camera, mask, sensor, None, options
+                kind, image.depth, image.pinhole, mask, sensor, None, options
             )
             outcomes.append(_outcome(image, number, num_readings, fit))
         yield outcomes

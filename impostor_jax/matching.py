@@ -43,7 +43,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from impostor_jax.camera.pinhole import PinholeCamera
+from impostor_jax.camera.base import AbstractCamera
 from impostor_jax.fit.record import numbers
 from impostor_jax.fit.result import Fit
 from impostor_jax.io.dataset_shard import LabeledImage
@@ -203,9 +203,9 @@ class Score:
 
 
 def points_of(
-    depth: Float[np.ndarray, "h w"], camera: PinholeCamera
+    depth: Float[np.ndarray, "h w"], camera: AbstractCamera
 ) -> Float[np.ndarray, "h w 3"]:
-    """Readings as points of the camera's frame, the lens taken off; 0 for none."""
+    """Readings of a camera with a center as points of its frame; 0 for none."""
     row, col = camera.frame.pixels()
     ray = camera.rays(row, col, np.float32).direction
     direction = np.stack([np.asarray(ray.x), np.asarray(ray.y), np.asarray(ray.z)], -1)

@@ -5,6 +5,7 @@ import numpy as np
 
 from impostor_jax.camera.orthographic import OrthographicCamera
 from impostor_jax.camera.pinhole import PinholeCamera
+from impostor_jax.camera.spherical import SphericalCamera
 from impostor_jax.geometry.frames import RigidTransform
 from impostor_jax.geometry.rays import Ray
 from impostor_jax.geometry.vec3 import Vec3
@@ -80,6 +81,10 @@ CAMERAS = {
         fisheye=True,
     ),
     "orthographic": lambda: OrthographicCamera(60.0, 62.0, 31.5, 23.0, 64, 48),
+    # Beams that lie closer in the middle, and columns that cross the seam behind.
+    "spherical": lambda: SphericalCamera(
+        np.linspace(1.1, -1.1, 48) ** 3, np.linspace(-2.5, 3.5, 64)
+    ),
     "posed": lambda: PinholeCamera(
         60.0, 62.0, 31.5, 23.0, 64, 48, camera_from_world=pose()
     ),

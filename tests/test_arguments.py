@@ -106,12 +106,12 @@ for call in (
     )
     assert found.stdout.splitlines() == [
         "primitive must be a shape, or an ij.Scene of a list of shapes, got list",
-        "camera must be a PinholeCamera or an OrthographicCamera, got str",
+        "camera must be a camera, such as an ij.PinholeCamera, got str",
         prior + "[('radius', 0.04, 0.001)]",
         prior + "['radius']",
         prior + "'radius'",
         "scene must be an ij.Scene or a shape, got list",
-        "camera must be a PinholeCamera or an OrthographicCamera, got str",
+        "camera must be a camera, such as an ij.PinholeCamera, got str",
         "lights must be a sequence of lights, got AmbientLight",
         "lights must be lights, such as ij.PointLight, got 'lamp'",
         "materials must be ij.Material, got str",

@@ -67,7 +67,7 @@ def fit_true_masks(
     for mask in image.mask:
         detection = Detection(np.full(3, np.nan), np.full(3, np.nan), np.nan, np.nan, 1)
         if np.count_nonzero(image.depth[mask]) >= MIN_READINGS:
-            fit = ij.fit_cylinder(image.depth, image.camera, mask=mask, sigma=sensor)
+            fit = ij.fit_cylinder(image.depth, image.pinhole, mask=mask, sigma=sensor)
             if bool(fit.success):
                 detection = detection_of(fit, 1.0)
         fits.append(detection)

@@ -184,7 +184,7 @@ def _keep(job: Job, dataset: Path, folder: Path, number: int) -> None:
 def _find(
     function: Program, image: ij.LabeledImage, sensor: ij.AbstractDepthNoise
 ) -> Float[np.ndarray, "k 10"]:
-    return _rows(function(image.depth, image.camera, sensor))
+    return _rows(function(image.depth, image.pinhole, sensor))
 
 
 def _fit(
@@ -204,7 +204,7 @@ def _time(
     spent = np.zeros(2)
     for _ in range(2):
         before = _clocks()
-        function(image.depth, image.camera, sensor)
+        function(image.depth, image.pinhole, sensor)
         spent = _clocks() - before
     return spent
 

@@ -33,7 +33,7 @@ from impostor_jax.calibrate.request import (
 )
 from impostor_jax.calibrate.scale import Scale, scale_of
 from impostor_jax.calibrate.warp import Smooth, Warp, warp_of
-from impostor_jax.camera.base import AbstractCamera
+from impostor_jax.camera.base import AbstractCamera, check_depth_along_z
 from impostor_jax.camera.pinhole import PinholeCamera
 from impostor_jax.numerics import Numbers
 from impostor_jax.sensor.base import AbstractDepthNoise, Depths, Normals
@@ -223,6 +223,7 @@ def calibration_of(
                          "traced ones: a calibration runs outside JAX")  # fmt: skip
     if not isinstance(camera, AbstractCamera):
         raise ValueError(f"camera must be a camera, got {type(camera).__name__}")
+    check_depth_along_z(camera)
     one_of("kind", kind, KINDS)
     native_scale = real_number("native_scale", native_scale, positive=True)
     baseline = real_number("baseline", baseline, positive=True, unit="meters")

@@ -1,20 +1,38 @@
 """What every camera promises."""
 
-__all__ = ["AbstractCamera", "check_central"]
+__all__ = [
+    "AbstractCamera",
+    "AbstractRays",
+    "Projection",
+    "check_central",
+    "check_depth_along_z",
+    "check_planar",
+]
 
 import abc
+from typing import Literal
 
 import equinox as eqx
 from jax.typing import DTypeLike
 from jaxtyping import Array, Bool, Float
+from typing_extensions import override
 
 from impostor_jax.camera.pixels import PixelBox, Pixels, Tile
 from impostor_jax.geometry.frames import RigidTransform
 from impostor_jax.geometry.rays import Ray
 
+Projection = Literal["planar", "parallel", "spherical"]
+"""By which two coordinates rays lie in an image, (first, second):
 
-class AbstractCamera(eqx.Module):
-    """A camera looks along +z of its own frame: x right, y down, z forward.
+- planar: (x, y) where one from the origin meets the plane z = 1;
+- parallel: (x, y) where one along z starts;
+- spherical: azimuth, from +z towards +x, in [-pi, pi], and elevation, above the plane
+  y = 0, in [-pi/2, pi/2], of one from the origin in any direction.
+"""
+
+
+class AbstractRays(eqx.Module):
+    """What casts a ray through each pixel of an image.
 
     Attributes:
         width: Number of columns of the image.
@@ -40,7 +58,8 @@ class AbstractCamera(eqx.Module):
     def rays(self, row: Pixels, col: Pixels, dtype: DTypeLike) -> Ray:
         """Rays through pixel centers, in the camera frame.
 
-        Directions have z = 1, so the ray parameter of a point is its depth.
+        Directions have z = 1, so the ray parameter of a point is its depth; those of a
+        spherical projection have length 1, and the parameter is the range.
 
         Args:
             row: Rows of the pixels, which must lie in the image.
@@ -50,6 +69,24 @@ class AbstractCamera(eqx.Module):
         Derivatives:
             In every field of the camera, its lens coefficients included.
         """
+
+    @abc.abstractmethod
+    def sees(self, row: Pixels, col: Pixels) -> Bool[Array, "*batch"] | None:
+        """Whether light reaches the pixels; None where it reaches all of them."""
+
+
+class AbstractCamera(AbstractRays):
+    """A camera looks along +z of its own frame: x right, y down, z forward."""
+
+    @property
+    @abc.abstractmethod
+    def projection(self) -> Projection:
+        """By which coordinates the rays lie in the image."""
+
+    @property
+    @override
+    def is_central(self) -> bool:
+        return self.projection != "parallel"
 
     @abc.abstractmethod
     def shifted(
@@ -62,7 +99,8 @@ class AbstractCamera(eqx.Module):
             rows: By how much of a row.
 
         Raises:
-            ValueError: It has a lens, whose rays are solved for at the centers alone.
+            ValueError: Its rays are known at the centers alone, as those of a lens,
+                which are solved for, or of a scanner.
         """
 
     @abc.abstractmethod
@@ -73,21 +111,21 @@ class AbstractCamera(eqx.Module):
         """
 
     @abc.abstractmethod
-    def sees(self, row: Pixels, col: Pixels) -> Bool[Array, "*batch"] | None:
-        """Whether light reaches the pixels; None where it reaches all of them."""
-
-    @abc.abstractmethod
     def pixel_box(self, low: Float[Array, "2"], high: Float[Array, "2"]) -> PixelBox:
-        """Smallest block of pixels that holds every ray through (x, y, 1) of a box.
+        """Smallest block of pixels that holds every ray of a box of the projection.
 
         Args:
-            low: Smallest x and y of the box in the plane z = 1.
-            high: Largest x and y.
+            low: Smallest of both coordinates of the `projection`.
+            high: Largest of both.
         """
 
     @abc.abstractmethod
     def project(self, points: Float[Array, "*batch 3"]) -> Float[Array, "*batch 2"]:
-        """Image coordinates (u, v), in pixels, of points of the camera frame, z > 0."""
+        """Image coordinates (u, v), in pixels, of points of the camera frame.
+
+        Of a planar projection those with z > 0 have some, of a spherical one all but
+        the origin.
+        """
 
 
 def check_central(camera: AbstractCamera) -> None:
@@ -96,4 +134,22 @@ def check_central(camera: AbstractCamera) -> None:
         raise ValueError(
             "camera must have a center where its rays start, as a PinholeCamera has, "
             f"got {type(camera).__name__}"
+        )
+
+
+def check_planar(camera: AbstractCamera) -> None:
+    """Raise a `ValueError` unless the camera sees the plane z = 1 from the origin."""
+    if camera.projection != "planar":
+        raise ValueError(
+            "camera must see the plane z = 1 from a center, as a PinholeCamera does, "
+            f"got {type(camera).__name__}"
+        )
+
+
+def check_depth_along_z(camera: AbstractCamera) -> None:
+    """Raise a `ValueError` where the depth of the camera's images is the range."""
+    if camera.projection == "spherical":
+        raise ValueError(
+            "camera must measure depth along z, as a PinholeCamera does, got "
+            f"{type(camera).__name__}, whose depth is the range along the ray"
         )

@@ -11,7 +11,7 @@ from jaxtyping import Array, Bool, Float
 from typing_extensions import override
 
 from impostor_jax.arguments import image_size, real_number
-from impostor_jax.camera.base import AbstractCamera
+from impostor_jax.camera.base import AbstractCamera, Projection
 from impostor_jax.camera.pixels import (
     PixelBox,
     Pixels,
@@ -71,8 +71,8 @@ class OrthographicCamera(AbstractCamera):
 
     @property
     @override
-    def is_central(self) -> bool:
-        return False
+    def projection(self) -> Projection:
+        return "parallel"
 
     @override
     def rays(self, row: Pixels, col: Pixels, dtype: DTypeLike) -> Ray:

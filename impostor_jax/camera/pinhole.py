@@ -8,7 +8,7 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jax.typing import DTypeLike
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Bool, Float
 from typing_extensions import override
 
 from impostor_jax.arguments import (
@@ -17,7 +17,7 @@ from impostor_jax.arguments import (
     is_concrete,
     real_number,
 )
-from impostor_jax.camera.base import AbstractCamera
+from impostor_jax.camera.base import AbstractCamera, Projection
 from impostor_jax.camera.lens import (
     RayField,
     distort,
@@ -27,6 +27,7 @@ from impostor_jax.camera.lens import (
 from impostor_jax.camera.pixels import (
     PixelBox,
     Pixels,
+    first_and_last,
     linear_pixel_box,
     strided_intrinsics,
 )
@@ -122,8 +123,16 @@ class PinholeCamera(AbstractCamera):
 
     @property
     @override
-    def is_central(self) -> bool:
-        return True
+    def projection(self) -> Projection:
+        return "planar"
+
+    @property
+    def spacing(self) -> Scalar:
+        """Distance of neighboring rays at a depth of 1, the larger of rows and columns.
+
+        Without a lens.
+        """
+        return 1 / jnp.minimum(self.fx, self.fy)
 
     @override
     def rays(self, row: Pixels, col: Pixels, dtype: DTypeLike) -> Ray:
@@ -183,7 +192,7 @@ class PinholeCamera(AbstractCamera):
             inside &= jnp.isfinite(jnp.asarray(self.ray_field.x))
             inside &= (d.y >= low[1]) & (d.y <= high[1])
             rows, cols = jnp.any(inside, axis=1), jnp.any(inside, axis=0)
-            return PixelBox(*_first_and_last(rows), *_first_and_last(cols))
+            return PixelBox(*first_and_last(rows), *first_and_last(cols))
         return linear_pixel_box(self, low, high)
 
     @override
@@ -192,12 +201,3 @@ class PinholeCamera(AbstractCamera):
         if self.distortion is not None:
             x, y = distort(x, y, self.distortion.astype(points.dtype), self.fisheye)
         return jnp.stack([self.fx * x + self.cx, self.fy * y + self.cy], axis=-1)
-
-
-def _first_and_last(
-    seen: Bool[Array, " n"],
-) -> tuple[Int[Array, ""], Int[Array, ""]]:
-    """First and last index that holds True."""
-    index = jnp.arange(seen.shape[0])
-    first = jnp.min(jnp.where(seen, index, seen.shape[0]))
-    return first, jnp.max(jnp.where(seen, index, -1))

@@ -4,14 +4,21 @@ Arrays are indexed `[row, col]`; the center of pixel `[row, col]` has the image
 coordinates `(u, v) = (col, row)`, as in OpenCV, BOP, TUM and PCL.
 """
 
-__all__ = ["PixelBox", "Pixels", "Tile", "linear_pixel_box", "strided_intrinsics"]
+__all__ = [
+    "PixelBox",
+    "Pixels",
+    "Tile",
+    "first_and_last",
+    "linear_pixel_box",
+    "strided_intrinsics",
+]
 
 from typing import Any
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
 Pixels = Int[Array, "*batch"]
 """Rows, or columns."""
@@ -81,3 +88,12 @@ def linear_pixel_box(
     first = jnp.clip(jnp.ceil(focal * low + principal), 0, size).astype(int)
     last = jnp.clip(jnp.floor(focal * high + principal), -1, size - 1).astype(int)
     return PixelBox(first[1], last[1], first[0], last[0])
+
+
+def first_and_last(
+    seen: Bool[Array, " n"],
+) -> tuple[Int[Array, ""], Int[Array, ""]]:
+    """First and last index that holds True; the number of all and -1 if none does."""
+    index = jnp.arange(seen.shape[0])
+    first = jnp.min(jnp.where(seen, index, seen.shape[0]))
+    return first, jnp.max(jnp.where(seen, index, -1))

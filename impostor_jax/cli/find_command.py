@@ -93,10 +93,11 @@ class FindCommand:
         check_noise(self.sigma, self.sensor)
         check_images(self.camera, images, {})
         # This starts JAX.
-        from impostor_jax.io.camera_file import read_camera
+        from impostor_jax.io.camera_file import CameraFile, read_pinhole_camera
 
-        file = read_camera(self.camera)
-        asked = self._asked(float(file.camera.fx))
+        camera, depth_scale_m = read_pinhole_camera(self.camera)
+        file = CameraFile(camera, depth_scale_m)
+        asked = self._asked(float(camera.fx))
         for place in places:
             check_output_folder(place, (RECORD, *PICTURES))
         if self.json is not None:

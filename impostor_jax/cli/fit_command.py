@@ -102,11 +102,11 @@ class FitCommand:
         effort = chosen_effort(self.effort, self.dials)
         self._check_files(masks, labels)
         # These start JAX.
-        from impostor_jax.io.camera_file import read_camera
+        from impostor_jax.io.camera_file import read_pinhole_camera
         from impostor_jax.io.depth_image import read_depth
         from impostor_jax.viewer.figure import write_overlay
 
-        camera, depth_scale_m = read_camera(self.camera)
+        camera, depth_scale_m = read_pinhole_camera(self.camera)
         asked = self._asked(camera) | {"effort": effort}
         for place in places:
             check_output_folder(place, () if labels else ("fit.json", "overlay.png"))

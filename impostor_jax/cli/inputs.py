@@ -10,7 +10,7 @@ __all__ = ["check_images", "check_noise"]
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from impostor_jax.io.camera_formats import read_camera_record
+from impostor_jax.io.camera_formats import read_camera_record, size_of_record
 from impostor_jax.io.json_file import read_json_object
 from impostor_jax.plain_arguments import plain_number
 
@@ -30,7 +30,8 @@ def check_images(
     from impostor_jax.io.depth_image import check_depth_file, read_depth
     from impostor_jax.io.image_file import check_image, read_integers
 
-    size = record["height"], record["width"]
+    width, height = size_of_record(record)
+    size = height, width
     for path in depths[:1]:
         read_depth(path, record.get("depth_scale_m"), size)
     for path in depths[1:]:

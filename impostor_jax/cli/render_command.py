@@ -14,8 +14,8 @@ from impostor_jax.cli.dials import Dials, EffortName, chosen_effort
 from impostor_jax.cli.ending import stream_beside
 
 if TYPE_CHECKING:
-    from impostor_jax.camera.pinhole import PinholeCamera
     from impostor_jax.effort import Effort
+    from impostor_jax.io.camera_file import FiledCamera
     from impostor_jax.io.scene_file import SceneFile
     from impostor_jax.primitives.base import AbstractPrimitive
     from impostor_jax.rendering.scene import Scene
@@ -112,17 +112,19 @@ class RenderCommand:
             # It may be the folder of the other files, which is not made yet.
             check_output_folder(self.page.parent)
 
-    def _page_of(self, scene: "SceneFile", camera: "PinholeCamera") -> str:
+    def _page_of(self, scene: "SceneFile", camera: "FiledCamera") -> str:
         from impostor_jax.glsl.orbit_page import orbit_page
+        from impostor_jax.io.camera_file import pinhole_of
 
         look = (scene.lights, scene.materials, scene.background)
-        return orbit_page(_shapes_of(scene), camera, *look, self.bounces)
+        seen_by = pinhole_of(camera, "--page")
+        return orbit_page(_shapes_of(scene), seen_by, *look, self.bounces)
 
     def _write_images(
         self,
         output: Path,
         scene: "SceneFile",
-        camera: "PinholeCamera",
+        camera: "FiledCamera",
         given_scale: float | None,
         effort: "Effort",
     ) -> str:

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Bool
 
 from impostor_jax.arguments import is_concrete, real_number, whole_number
-from impostor_jax.camera.base import AbstractCamera
+from impostor_jax.camera.base import AbstractCamera, check_depth_along_z
 from impostor_jax.effort import Effort
 from impostor_jax.find.fitting import Fitter
 from impostor_jax.find.found import Found
@@ -80,6 +80,7 @@ def find_cylinders(
                          "ones: a search runs outside JAX")  # fmt: skip
     if not isinstance(camera, AbstractCamera):
         raise ValueError(f"camera must be a camera, got {type(camera).__name__}")
+    check_depth_along_z(camera)
     options = Options.of({"effort": effort, "prior": prior})
     checked_prior(prior, CYLINDER.parameters, None)
     request = Request(

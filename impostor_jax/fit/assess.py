@@ -2,6 +2,7 @@
 
 __all__ = ["Assessment", "assess"]
 
+from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 import jax
@@ -20,16 +21,22 @@ from impostor_jax.fit.agreement import (
 from impostor_jax.fit.alternatives import no_alternatives
 from impostor_jax.fit.body import AbstractBody, Readout, coordinates_of
 from impostor_jax.fit.deviations import deviations_of
-from impostor_jax.fit.evidence import Readings, Terms, crossing_terms, reading_terms
+from impostor_jax.fit.evidence import (
+    Readings,
+    Terms,
+    crossing_terms,
+    joined_readings,
+    joined_terms,
+    reading_terms,
+)
 from impostor_jax.fit.posterior import cost_of, explains, hidden_pixels
 from impostor_jax.fit.prior import prior_residuals, scale_left
-from impostor_jax.fit.problem import Pixels, Problem
-from impostor_jax.fit.result import DISAGREEING, Fit
+from impostor_jax.fit.problem import Problem, View
+from impostor_jax.fit.result import DISAGREEING, Fit, of_images
 from impostor_jax.fit.solve import STAGES, Solution, in_coordinates, spread_of
 from impostor_jax.fit.status import STATUSES, FitStatus
 from impostor_jax.fit.uncertainty import free_covariance, score_covariance
 from impostor_jax.numerics import product, safe_divide, safe_sqrt
-from impostor_jax.primitives.base import in_world_frame
 
 MOST_CHI2 = 9.0
 """Reduced chi-squared up to which readings may be of the shape, where their noise is
@@ -68,7 +75,7 @@ class Assessment(NamedTuple):
 
     Attributes:
         fit: The result, in the world frame.
-        body: The estimate, in the camera frame.
+        body: The estimate, in the first view's frame.
         cost: How badly it explains the image: the negative logarithm of its posterior
             probability, to be compared with that of others.
         repeats: Readings that tell as much as one whose error is its own and as `sigma`
@@ -99,22 +106,24 @@ def assess(problem: Problem, solution: Solution, correlated: bool) -> Assessment
         solution: The estimate.
         correlated: Whether the covariance allows for correlated residuals.
     """
-    pixels, camera, prior = problem.pixels, problem.camera, problem.prior
-    settings = problem.settings
+    views, prior, settings = problem.views, problem.prior, problem.settings
     # The axis is signed so that its largest component in the world is positive.
-    sign = in_world_frame(solution.body, camera).sign
+    sign = problem.in_world(solution.body).sign
     body = solution.body.reversed(jnp.where(settings.keep_ends, 1, sign))
-    readings = computed_once(
-        lambda: reading_terms(pixels, body, problem.noise, pixel=problem.pixel)
-    )
+    of_views = computed_once(lambda: [_readings_of(view, body) for view in views])
+    readings = joined_readings(of_views, views, body)
     terms, seen = readings.terms, readings.passing
     last = STAGES[-1]
-    edges = crossing_terms(
-        problem.edge, body, problem.noise, settings.is_outline, last.place
-    )
-    used = readings.used
+    edges = [
+        crossing_terms(
+            view.edge, view.own(body), view.noise, settings.is_outline, last.place
+        )
+        for view in views
+    ]
+    edges = joined_terms(edges, views, body)
+    used, depth = readings.used, _of_all([view.pixels.depth for view in views])
     count = jnp.sum(used)
-    meters = jnp.where(used, pixels.depth - seen.depth, 0)
+    meters = jnp.where(used, depth - seen.depth, 0)
     spread = spread_of(terms.residual, used)
 
     def is_near() -> Bool[Array, " n"]:
@@ -125,7 +134,7 @@ def assess(problem: Problem, solution: Solution, correlated: bool) -> Assessment
     inlier = computed_once(is_near)
     crossing = (edges.weight > 0) & (jnp.abs(edges.residual) < 6)
     whitened = jnp.where(inlier, terms.residual, 0)
-    shown = _cap_shown(readings, pixels.depth, spread)
+    shown = _cap_shown(readings, depth, spread)
     ends = jnp.array(body.ends, shown.dtype)[:, None]
     counts = jnp.sum(inlier[None] & (shown[None] == ends), axis=1)
     counts += jnp.sum(crossing[None] & (edges.end[None] == ends), axis=1)
@@ -150,11 +159,13 @@ def assess(problem: Problem, solution: Solution, correlated: bool) -> Assessment
     others = depends[: basis.shape[0] - ends_seen.size] >= MIN_END_TERMS
     leans = jnp.where(jnp.concatenate([others, ends_seen]), 1, 0).astype(basis.dtype)
     into = product(basis.T * leans[None], carried)
-    num_moves, bias = len(into), problem.noise.bias
+    num_moves, bias = len(into), problem.bias
     if bias.scales:
         # What the sensor shows may be larger, and no reading tells.
         into = jnp.pad(into, ((0, 1), (0, 0)))
-    beside = computed_once(lambda: on_border(problem.mask, problem.row, problem.col))
+    beside = computed_once(
+        lambda: _of_all([on_border(view.mask, view.row, view.col) for view in views])
+    )
     # A reading of the wall that grazes it beside a rim may be the cap's as well: one of
     # them, if it counts, tells more of the radius than all others.
     at_rim = jnp.abs(seen.rim - seen.cap_radius) < problem.unit
@@ -173,7 +184,7 @@ def assess(problem: Problem, solution: Solution, correlated: bool) -> Assessment
             if larger is not None:
                 expected += deviation * larger[0]
             body = body.magnified(expected)
-        return in_world_frame(body, camera)
+        return problem.in_world(body)
 
     world = in_world(body)
 
@@ -194,27 +205,31 @@ def assess(problem: Problem, solution: Solution, correlated: bool) -> Assessment
         "prior": product(known.T, known),
         "scale": jnp.diag(jnp.where(np.arange(len(into)) < num_moves, 0.0, 1.0)),
     }
-    independent, directions, free = free_covariance(_sum_of(parts))
+    independent, directions, free = free_covariance(_sum_of(parts.values()))
     pull = product(known.T, prior_residuals(prior, body, bias))
     pull += (of_all[:-1, -1] + of_edges[:-1, -1]) / widening
     statistic = contradiction(of_border / widening, pull, independent)
-    shares_errors = bool(correlated or bias.fields or bias.scales)
+    biases = [view.noise.bias for view in views]
+    shares_errors = bool(correlated or any(b.fields or b.scales for b in biases))
     if shares_errors:
         gradient = jnp.where(tells[None], product(into, terms.gradient), 0) / widening
-        shape = (camera.height, camera.width)
-        at = problem.row, problem.col
-        if correlated:
-            of_readings = score_covariance(gradient.T, whitened, *at, shape)
-            parts["correlation"] = of_readings - parts["noise"]
         score = gradient * (terms.weight * readings.follows)[None]
-        middle = body.center[2]
-        parts["warp"] = bias.score_covariance(score, seen.depth, *at, middle)
+        if correlated:
+            slopes, rests = problem.apart(gradient), problem.apart(whitened)
+            of_readings = [
+                score_covariance(slope.T, rest, view.row, view.col, view.size)
+                for view, slope, rest in zip(views, slopes, rests, strict=True)
+            ]
+            parts["correlation"] = _sum_of(of_readings) - parts["noise"]
+        shared = _shared(problem, problem.apart(score), problem.apart(seen.depth), body)
+        parts["warp"], of_scales = shared
+        parts["scale"] += of_scales
     shares = {
         name: product(independent, part, independent) for name, part in parts.items()
     }
     covariance = independent
     if shares_errors:
-        covariance = product(independent, _sum_of(parts), independent)
+        covariance = product(independent, _sum_of(parts.values()), independent)
         # Errors that neighbors share let a part pull harder by as much as they widen
         # the standard deviations.
         variance = jnp.diagonal(independent)
@@ -235,7 +250,7 @@ def assess(problem: Problem, solution: Solution, correlated: bool) -> Assessment
     agrees = 2 * num_inliers >= count.astype(meters.dtype)
     agrees &= num_missed <= MOST_UNMET * num_inliers
     agrees &= jnp.where(settings.trusts_sigma, chi2 < MOST_CHI2, is_small)
-    agrees &= ~_is_filled(readings, pixels.depth, spread)
+    agrees &= ~_is_filled(readings, depth, spread)
     # A fit that is not traced goes on with what agrees, and takes errors that do not
     # for correlated.
     agrees &= (statistic < (DISAGREEING if correlated else np.inf)) | ~jnp.asarray(
@@ -245,18 +260,20 @@ def assess(problem: Problem, solution: Solution, correlated: bool) -> Assessment
         converged=solution.converged,
         finite=jnp.isfinite(body.radius) & jnp.all(jnp.isfinite(body.center)),
         fits=agrees,
-        determined=~_is_as_flat(pixels, terms.weight, inlier, squares) & is_known,
+        determined=~_is_as_flat(problem, terms.weight, inlier, squares) & is_known,
     )
     success = code == STATUSES.index(FitStatus.CONVERGED)
     num_free = jnp.sum(jnp.any(settings.free != 0, axis=0)).astype(chi2.dtype)
     p_value = tail(chi2, num_inliers - num_free)
 
-    def image_of(values: Array) -> Array:
-        blank = jnp.zeros((camera.height, camera.width), values.dtype)
-        return blank.at[problem.row, problem.col].set(values, mode="drop")
+    def images_with(values: Array) -> list[Array]:
+        return [
+            jnp.zeros(view.size, own.dtype).at[view.row, view.col].set(own, mode="drop")
+            for view, own in zip(views, problem.apart(values), strict=True)
+        ]
 
     # One image for two: writing pixels one by one takes longer than to compare all.
-    marks = image_of(jnp.where(used, jnp.where(inlier, 2, 1), 0).astype(jnp.int8))
+    marks = images_with(jnp.where(used, jnp.where(inlier, 2, 1), 0).astype(jnp.int8))
     fit = Fit(
         shape=world.shape,
         std=jax.tree.map(lambda value: jnp.where(success, value, jnp.inf), std),
@@ -270,9 +287,9 @@ def assess(problem: Problem, solution: Solution, correlated: bool) -> Assessment
         num_steps=solution.num_steps,
         num_starts=jnp.ones((), int),
         num_agreeing=jnp.ones((), int),
-        residual=image_of(meters),
-        inliers=marks == 2,
-        region=marks > 0,
+        residual=of_images(images_with(meters)),
+        inliers=of_images([image == 2 for image in marks]),
+        region=of_images([image > 0 for image in marks]),
         num_pixels=count,
         rms=rms,
         chi2=chi2,
@@ -281,11 +298,11 @@ def assess(problem: Problem, solution: Solution, correlated: bool) -> Assessment
         alternatives=no_alternatives(world.shape),
     )
     hides = hidden_pixels(problem, estimate)
-    cost = cost_of(problem, estimate, readings, hides)
+    cost = cost_of(problem, estimate, of_views, hides)
     hidden = hides / jnp.maximum(count, 1).astype(rms.dtype)
     hides_tilt = problem.nominal > HIDES_TILT * body.radius
     is_clear = success & (hidden <= MOST_HIDDEN) & (~hides_tilt | body.is_long)
-    is_clear &= explains(pixels, readings, spread)
+    is_clear &= explains(depth, readings, spread)
     is_deep = problem.nominal > HIDES_TURN * body.radius
     ends_early = (p_value < UNLIKELY) & (hides_tilt | ~jnp.all(ends_seen))
     ends_early |= hides_tilt & ~jnp.asarray(settings.trusts_sigma)
@@ -301,8 +318,60 @@ def assess(problem: Problem, solution: Solution, correlated: bool) -> Assessment
     )
 
 
-def _sum_of(parts: dict[str, Float[Array, "c c"]]) -> Float[Array, "c c"]:
-    return jnp.sum(jnp.stack([*parts.values()]), axis=0)
+def _readings_of(view: View, body: AbstractBody) -> Readings:
+    own = view.own(body)
+    return reading_terms(view.pixels, own, view.noise, pixel=view.pixel)
+
+
+def _of_all(parts: Sequence[Array]) -> Array:
+    """Values of all views, one after the other."""
+    return parts[0] if len(parts) == 1 else jnp.concatenate(parts)
+
+
+def _shared(
+    problem: Problem,
+    scores: Sequence[Float[Array, "c n"]],
+    depths: Sequence[Float[Array, " n"]],
+    body: AbstractBody,
+) -> tuple[Float[Array, "c c"], Float[Array, "c c"]]:
+    """Covariance of sums of a score times smooth errors, and times those of a scale.
+
+    One view's error of scale looks like another size, which is counted there. Two views
+    do not agree on it: it is an error of each.
+
+    Args:
+        problem: What was given.
+        scores: Of each view's readings, per meter.
+        depths: Of the surface there.
+        body: The estimate, in the first view's frame.
+    """
+    views = problem.views
+    if problem.is_single:
+        (view,), (score,), (depth,) = views, scores, depths
+        warp = view.noise.bias.score_covariance(
+            score, depth, view.row, view.col, body.center[2]
+        )
+        return warp, jnp.zeros_like(warp)
+    warps = [
+        view.noise.bias.without_scales.score_covariance(
+            score, depth, view.row, view.col, body.center[2]
+        )
+        for view, score, depth in zip(views, scores, depths, strict=True)
+    ]
+    pulls = [
+        view.noise.bias.scale_pulls(score, depth)
+        for view, score, depth in zip(views, scores, depths, strict=True)
+    ]
+    of_scales = _sum_of([product(pull.T, pull) for pull in pulls])
+    if len({pull.shape for pull in pulls}) == 1:
+        together = jnp.sum(jnp.stack(pulls), axis=0)
+        of_one = product(together.T, together)
+        of_scales = jnp.where(problem.settings.one_sensor, of_one, of_scales)
+    return _sum_of(warps), of_scales
+
+
+def _sum_of(parts: Iterable[Float[Array, "c c"]]) -> Float[Array, "c c"]:
+    return jnp.sum(jnp.stack([*parts]), axis=0)
 
 
 def _products(
@@ -356,26 +425,29 @@ def _status_code(
 
 
 def _is_as_flat(
-    pixels: Pixels,
+    problem: Problem,
     weight: Float[Array, " n"],
     inlier: Bool[Array, " n"],
     squares: Float[Array, ""],
 ) -> Bool[Array, ""]:
     """Whether a plane explains the readings as well as the body does.
 
-    A plane is linear in inverse depth over the rays, so one linear solve finds it. A
-    body has to beat it by 25, in squared standard deviations.
+    A plane is linear in inverse depth over the rays, so one linear solve finds it; of
+    rays that begin elsewhere, over what leads from the origin to where the reading is,
+    divided by its depth. A body has to beat it by 25, in squared standard deviations.
 
     Args:
-        pixels: The readings.
+        problem: The readings.
         weight: Inverse of their standard deviations.
         inlier: Readings that lie on the body.
         squares: Sum of their squared residuals from it, in standard deviations.
     """
-    d, depth = pixels.direction, pixels.depth
+    depth = _of_all([view.pixels.depth for view in problem.views])
     inverse = jnp.where(inlier, 1 / jnp.where(inlier, depth, 1), 0)
     weight = jnp.where(inlier, weight * depth, 0)
-    rays = jnp.stack([d.x, d.y, d.z]) * (weight * depth)[None]
+    towards = [_towards(view) for view in problem.views]
+    towards = towards[0] if problem.is_single else jnp.concatenate(towards, axis=1)
+    rays = towards * (weight * depth)[None]
     normal = product(rays, rays.T)
     right = product(rays, weight * depth * inverse)
     # Cramer's rule: the rows of the adjugate are cross products.
@@ -388,3 +460,19 @@ def _is_as_flat(
         squares / jnp.maximum(jnp.sum(inlier), 1).astype(depth.dtype), 1
     )
     return jnp.sum(flat**2) < squares + 25 * scale
+
+
+def _towards(view: View) -> Float[Array, "3 n"]:
+    """Readings in the first view's frame, over their depths; 0 where there is none."""
+    pixels, move = view.pixels, view.from_first
+    d, start = pixels.direction, pixels.start
+    if move is None and start is None:
+        return jnp.stack([d.x, d.y, d.z])
+    read = pixels.depth > 0
+    depth = jnp.where(read, pixels.depth, 1)
+    points = jnp.stack([d.x, d.y, d.z], axis=-1) * depth[:, None]
+    if start is not None:
+        points += jnp.stack([start.x, start.y, start.z], axis=-1)
+    if move is not None:
+        points = move.inverse().apply(points)
+    return jnp.where(read[None], points.T / depth[None], 0)

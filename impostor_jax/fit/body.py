@@ -51,7 +51,7 @@ class Passing(eqx.Module):
 
     Attributes:
         local: The ray from the plane of the body's center on, in the body's own frame.
-        foot: Depth of that plane.
+        foot: Depth of that plane, from where a ray begins.
         inverse: 1 / A; 0 for a ray that never crosses the wall.
         nearest: Ray parameter of the nearest approach, from the foot.
         square: Squared half-chord in the infinite wall, negative on a miss.
@@ -77,7 +77,7 @@ class Passing(eqx.Module):
     """
 
     local: Ray
-    foot: Float[Array, ""]
+    foot: Float[Array, "*#batch"]
     inverse: Numbers
     nearest: Numbers
     square: Numbers
@@ -153,8 +153,11 @@ def blunted_root(
 
 
 def local_ray(
-    direction: Vec3, center: Float[Array, "3"], frame: Float[Array, "3 3"]
-) -> tuple[Ray, Float[Array, ""]]:
+    direction: Vec3,
+    center: Float[Array, "3"],
+    frame: Float[Array, "3 3"],
+    start: Vec3 | None = None,
+) -> tuple[Ray, Numbers]:
     """Rays from the camera, from the plane of a center on; and the depth of that plane.
 
     Relative to a center in front of the camera, the point in its plane is the depth
@@ -164,7 +167,10 @@ def local_ray(
         direction: Of the rays, with z = 1.
         center: What they are relative to.
         frame: Unit vectors along which the result's components are.
+        start: Where they begin; None for the origin.
     """
+    if start is not None:
+        return _local_ray_from(direction, center, frame, start)
     is_ahead = center[2] > AHEAD * jnp.sqrt(jnp.sum(center**2))
     foot = jnp.where(is_ahead, center[2], 0)
     toward = jnp.where(is_ahead, center[:2] / jnp.where(is_ahead, center[2], 1), 0)
@@ -173,6 +179,18 @@ def local_ray(
     near_x, near_y = foot * (x - toward[0]), foot * (y - toward[1])
     origin = [near_x * f[0] + near_y * f[1] - r for f, r in zip(frame, rest)]  # noqa: B905
     turned = [x * f[0] + y * f[1] + f[2] for f in frame]
+    return Ray(Vec3(*origin), Vec3(*turned)), foot
+
+
+def _local_ray_from(
+    direction: Vec3, center: Float[Array, "3"], frame: Float[Array, "3 3"], start: Vec3
+) -> tuple[Ray, Numbers]:
+    """As `local_ray`, of rays that each begin elsewhere: the depth is from there."""
+    foot = center[2] - start.z
+    x = start.x - center[0] + direction.x * foot
+    y = start.y - center[1] + direction.y * foot
+    origin = [x * f[0] + y * f[1] for f in frame]
+    turned = [direction.x * f[0] + direction.y * f[1] + f[2] for f in frame]
     return Ray(Vec3(*origin), Vec3(*turned)), foot
 
 
@@ -232,14 +250,18 @@ class AbstractBody(eqx.Module):
 
     @abc.abstractmethod
     def passing(
-        self, direction: Vec3, chord: float | Float[Array, "*#batch"] = 0.0
+        self,
+        direction: Vec3,
+        chord: float | Float[Array, "*#batch"] = 0.0,
+        start: Vec3 | None = None,
     ) -> Passing:
-        """How rays from the origin pass the body.
+        """How rays pass the body.
 
         Args:
             direction: Of the rays, with z = 1.
             chord: Half-chord below which the square root gives way, as in
                 `blunted_root`.
+            start: Where they begin; None for the origin.
         """
 
     @abc.abstractmethod
@@ -325,6 +347,14 @@ class AbstractBody(eqx.Module):
     @abc.abstractmethod
     def transformed(self, target_from_source: RigidTransform) -> "AbstractBody":
         """Express the same body in another frame."""
+
+    @abc.abstractmethod
+    def carried(self, target_from_source: RigidTransform) -> Float[Array, "c c"]:
+        """Tangent coordinates there that each of its own moves the body by, one a row.
+
+        Args:
+            target_from_source: To the frame that the body is `transformed` to.
+        """
 
     @abc.abstractmethod
     def magnified(self, change: Numbers) -> "AbstractBody":

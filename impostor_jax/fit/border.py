@@ -9,7 +9,7 @@ other pixels are its own, and these are fitted once more.
 
 __all__ = ["fit_of_one_surface"]
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import cv2
 import jax
@@ -17,11 +17,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from impostor_jax.camera.pinhole import PinholeCamera
+from impostor_jax.camera.ray_table import Sight
 from impostor_jax.fit.body import AbstractBody
 from impostor_jax.fit.problem import gather_pixels, sigma_of
 from impostor_jax.fit.regions import pixel_indices
 from impostor_jax.fit.result import AGREEING, DISAGREEING, Fit
+from impostor_jax.fit.seen import Seen
 from impostor_jax.fit.status import FitStatus
 from impostor_jax.primitives.base import in_camera_frame
 from impostor_jax.sensor.base import AbstractDepthNoise
@@ -57,33 +58,24 @@ body's."""
 SQUARE = np.ones((3, 3), np.uint8)
 """A pixel and its eight neighbors."""
 
-Fitted = Callable[[Bool[np.ndarray, "h w"], bool], Fit]
-"""Fit of a region's pixels, with errors that are correlated or not."""
+Fitted = Callable[[Sequence[Seen], bool], Fit]
+"""Fit of an object's pixels, with errors that are correlated or not."""
 
 
 def fit_of_one_surface(
-    fitted: Fitted,
-    kind: type[AbstractBody],
-    image: Float[np.ndarray, "h w"],
-    region: Bool[np.ndarray, "h w"],
-    camera: PinholeCamera,
-    noise: AbstractDepthNoise,
-    correlated: bool,
+    fitted: Fitted, kind: type[AbstractBody], seen: Sequence[Seen], correlated: bool
 ) -> Fit:
     """Fit to a region, or to what of it is of one surface.
 
     Args:
-        fitted: How to fit a region.
+        fitted: How to fit what is seen of an object.
         kind: The body that is fitted.
-        image: In meters; 0 where there is no reading.
-        region: Pixels of the object, or more.
-        camera: The camera.
-        noise: Of the readings.
-        correlated: Whether their errors are taken for correlated. They are in any case
-            where border and rest disagree and no mask is to blame: so they do by a
-            sensor's bias, and independent errors do not.
+        seen: The object in each of its images; its pixels, or more.
+        correlated: Whether errors are taken for correlated. They are in any case where
+            border and rest disagree and no mask is to blame: so they do by a sensor's
+            bias, and independent errors do not.
     """
-    whole = fitted(region, correlated)
+    whole = fitted(seen, correlated)
     # As Python's number: JAX takes 0.2 ms to compare its own.
     contradiction = whole.border_chi2.item()
     # Without a guess, or without numbers, nothing disagrees.
@@ -91,12 +83,12 @@ def fit_of_one_surface(
         return whole
     if not correlated and np.isfinite(contradiction):
         # No more of the border's readings lie elsewhere than of the others.
-        return fit_of_one_surface(fitted, kind, image, region, camera, noise, True)
+        return fit_of_one_surface(fitted, kind, seen, True)
     core = whole
     for width in NARROWER:
         # Without the pixels beside its border, but for the image's.
-        narrow = cv2.erode(region.astype(np.uint8), SQUARE, iterations=width) > 0
-        if np.count_nonzero(image[narrow]) < FEWEST_READINGS:
+        narrow = [one._replace(region=_narrower(one.region, width)) for one in seen]
+        if _num_readings(narrow) < FEWEST_READINGS:
             break
         core = fitted(narrow, correlated)
         if core.border_chi2 < AGREEING:
@@ -104,24 +96,44 @@ def fit_of_one_surface(
     if not core.border_chi2 < AGREEING:
         if correlated:
             return _refuted(core)
-        return fit_of_one_surface(fitted, kind, image, region, camera, noise, True)
+        return fit_of_one_surface(fitted, kind, seen, True)
     if not bool(core.success):
         return _refuted(whole)
-    row, col = pixel_indices(region)
-    off = _sigmas_off(image, row, col, kind.of(core.shape), camera, noise)
-    away = np.asarray(off) / np.sqrt(max(float(core.chi2), 1.0))
-    best, own = core, _own_pixels(away, region)
-    if np.count_nonzero(image[own]) >= FEWEST_READINGS:
+    wider = np.sqrt(max(float(core.chi2), 1.0))
+    body = kind.of(core.shape)
+    away = [_off(one, body) / wider for one in seen]
+    best = core
+    own = [
+        one._replace(region=_own_pixels(far, one.region))
+        for one, far in zip(seen, away, strict=True)
+    ]
+    if _num_readings(own) >= FEWEST_READINGS:
         larger = fitted(own, correlated)
         if bool(larger.success) and larger.border_chi2 < AGREEING:
             best = larger
     # Beside a mask's object are its surroundings. Of another shape a part looks like
     # this one, but not to the noise, and leaves the rest.
-    near = np.count_nonzero(region & (away > OFF) & (away < FAR))
-    on_body = np.count_nonzero(region & (image > 0) & (away <= OFF))
+    near = on_body = 0
+    for one, far in zip(seen, away, strict=True):
+        near += np.count_nonzero(one.region & (far > OFF) & (far < FAR))
+        on_body += np.count_nonzero(one.region & (one.image > 0) & (far <= OFF))
     share = near / max(on_body, 1)
     is_part = share > MOST_NEAR and best.p_value < LEAST_P_VALUE
     return _refuted(best) if is_part or share > MOST_LEFT else best
+
+
+def _num_readings(seen: Sequence[Seen]) -> int:
+    return sum(int(np.count_nonzero(one.image[one.region])) for one in seen)
+
+
+def _narrower(region: Bool[np.ndarray, "h w"], width: int) -> Bool[np.ndarray, "h w"]:
+    return cv2.erode(region.astype(np.uint8), SQUARE, iterations=width) > 0
+
+
+def _off(seen: Seen, body: AbstractBody) -> Float[np.ndarray, "h w"]:
+    row, col = pixel_indices(seen.region)
+    off = _sigmas_off(seen.image, row, col, body, seen.camera, seen.noise)
+    return np.asarray(off)
 
 
 def _refuted(fit: Fit) -> Fit:
@@ -153,7 +165,7 @@ def _sigmas_off(
     row: Int[Array, " n"],
     col: Int[Array, " n"],
     body: AbstractBody,
-    camera: PinholeCamera,
+    camera: Sight,
     noise: AbstractDepthNoise,
 ) -> Float[Array, "h w"]:
     """How far readings lie off a body, in standard deviations; 0 where there is none.
@@ -163,9 +175,10 @@ def _sigmas_off(
     """
     pixels = gather_pixels(image, camera, row, col)
     body = in_camera_frame(body, camera)
-    seen = body.passing(pixels.direction, body.radius / 100)
+    seen = body.passing(pixels.direction, body.radius / 100, pixels.start)
     read = pixels.depth > 0
-    sigma = sigma_of(noise, jnp.where(read, pixels.depth, 1), seen.cos_incidence)
+    near = jnp.where(read, pixels.depth, 1)
+    sigma = sigma_of(noise, pixels, near, seen.cos_incidence)
     away = jnp.abs(pixels.depth - seen.depth) / sigma
     away = jnp.where(seen.is_missed, jnp.maximum(away, 2 * OFF), away)
     found = jnp.where(read, away, 0)

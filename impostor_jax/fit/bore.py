@@ -24,10 +24,9 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Float
 
 from impostor_jax.arguments import working_precision
-from impostor_jax.camera.pinhole import PinholeCamera
 from impostor_jax.compiling import quickly_compiled
 from impostor_jax.fit.body import AbstractBody
 from impostor_jax.fit.evidence import reading_terms
@@ -35,19 +34,20 @@ from impostor_jax.fit.fittable import CYLINDER, TUBE, Fittable
 from impostor_jax.fit.options import Options
 from impostor_jax.fit.posterior import cost_of, hidden_pixels
 from impostor_jax.fit.prior import Prior
-from impostor_jax.fit.problem import Settings, posed
+from impostor_jax.fit.problem import Settings, Shown, posed
 from impostor_jax.fit.request import (
     arguments_of_cylinder,
     checked_noise,
     checked_prior,
     checked_settings,
+    views_given,
 )
 from impostor_jax.fit.result import BoreTest, Fit
-from impostor_jax.fit.shapes import fit_shape, pixels_shown
+from impostor_jax.fit.seen import pixels_shown, seen_by
+from impostor_jax.fit.shapes import fit_shape
 from impostor_jax.primitives.base import in_camera_frame
 from impostor_jax.primitives.cylinder import Cylinder
 from impostor_jax.primitives.tube import Tube
-from impostor_jax.sensor.base import AbstractDepthNoise
 
 NAMES = {"radius": "outer_radius"}
 """Of a cylinder's parameters, what a tube calls otherwise."""
@@ -130,39 +130,45 @@ def _repeats(fit: Fit) -> float:
 def _costs(held: dict[str, Any]) -> Any:
     """How badly shapes of the world explain the readings of a fit, as a function."""
     options, sigma = held["options"], held["sigma"]
-    image, region, camera = held["depth"], held["mask"], held["camera"]
     plain = dataclasses.replace(options, fixed=(), prior=None)
     effort = options.effort
-    given = (image, camera, sigma)
+    names = "depth", "camera", "mask", "sigma"
+    views = views_given(*(held[name] for name in names))
+    given = (held["depth"], held["camera"], sigma)
 
     def cost(kind: Fittable, shape: Any) -> float:
         with working_precision(effort.precision, given) as converted:
-            noise = checked_noise(sigma)
-            seen_by, noise, shape = converted((camera, noise, shape))
-            shown = pixels_shown(image, region, seen_by, noise, effort.readings)
+            shape = converted(shape)
+            seen = [
+                seen_by(
+                    np.asarray(view.depth),
+                    view.mask,
+                    converted(view.camera),
+                    converted(checked_noise(view.sigma)),
+                )
+                for view in views
+            ]
+            shown = tuple(pixels_shown(one, effort.readings) for one in seen)
             settings = checked_settings(kind, plain, None, sigma)
             known = checked_prior(None, kind.parameters, None)
             compiled = quickly_compiled(_cost, static_argnames="kernel")
             body = kind.body.of(shape)
-            found = compiled(*shown, known, settings, body, kernel=effort.kernel)
-            return float(found)
+            return float(compiled(shown, known, settings, body, kernel=effort.kernel))
 
     return cost
 
 
 def _cost(
-    depth: Float[Array, "h w"],
-    mask: Bool[Array, "h w"],
-    row: Int[Array, " n"],
-    col: Int[Array, " n"],
-    camera: PinholeCamera,
-    noise: AbstractDepthNoise,
+    shown: tuple[Shown, ...],
     prior: Prior,
     settings: Settings,
     body: AbstractBody,
     kernel: str,
 ) -> Float[Array, ""]:
-    problem = posed(depth, mask, row, col, camera, noise, prior, settings, kernel)
-    body = in_camera_frame(body, camera)
-    readings = reading_terms(problem.pixels, body, noise, pixel=problem.pixel)
+    problem = posed(shown, prior, settings, kernel)
+    body = in_camera_frame(body, shown[0].camera)
+    readings = [
+        reading_terms(view.pixels, view.own(body), view.noise, pixel=view.pixel)
+        for view in problem.views
+    ]
     return cost_of(problem, body, readings, hidden_pixels(problem, body))

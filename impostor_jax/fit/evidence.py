@@ -22,8 +22,16 @@ All is read anew at every estimate, its weights included; a fit ends where a ste
 there leads nowhere.
 """
 
-__all__ = ["Terms", "crossing_terms", "reading_terms"]
+__all__ = [
+    "Readings",
+    "Terms",
+    "crossing_terms",
+    "joined_readings",
+    "joined_terms",
+    "reading_terms",
+]
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import equinox as eqx
@@ -34,7 +42,7 @@ from jaxtyping import Array, Bool, Float
 
 from impostor_jax.compiling import computed_once
 from impostor_jax.fit.body import AbstractBody, Passing
-from impostor_jax.fit.problem import Edge, Pixels, sigma_of
+from impostor_jax.fit.problem import Edge, Pixels, View, sigma_of
 from impostor_jax.geometry.vec3 import Vec3
 from impostor_jax.numerics import Numbers, safe_divide, safe_sqrt
 from impostor_jax.sensor.base import AbstractDepthNoise
@@ -150,12 +158,14 @@ def reading_terms(
         pixel: Distance of neighboring rays over the depth.
     """
     soft = soft * body.radius
-    seen = computed_once(lambda: body.passing(pixels.direction, body.radius / 100))
+    seen = computed_once(
+        lambda: body.passing(pixels.direction, body.radius / 100, pixels.start)
+    )
     # An estimate that is far off must not have its terms weighed as if it were right.
-    used = (pixels.depth > 0) & _is_clear(seen, body, pixels.direction, noise, pixel)
+    used = (pixels.depth > 0) & _is_clear(seen, body, pixels, noise, pixel)
     near = jnp.clip(seen.depth, pixels.depth / 2, 2 * pixels.depth)
     sigma = computed_once(
-        lambda: sigma_of(noise, jnp.where(used, near, 1), seen.cos_incidence)
+        lambda: sigma_of(noise, pixels, jnp.where(used, near, 1), seen.cos_incidence)
     )
     coarse = soft > GRAZING * sigma
     # How far in front of the nearest approach the reading lies, or behind from inside.
@@ -194,7 +204,7 @@ def reading_terms(
 def _is_clear(
     seen: Passing,
     body: AbstractBody,
-    direction: Vec3,
+    pixels: Pixels,
     noise: AbstractDepthNoise,
     pixel: Numbers | float,
 ) -> Bool[Array, " n"] | bool:
@@ -209,7 +219,7 @@ def _is_clear(
     width = pixel * (seen.nearest + seen.foot)
     beside = width * jnp.asarray(bias.edge_reach, r.dtype)
     if not is_none(bias.window_reach):
-        beside += width * bias.window_reach * _slant(body, direction)
+        beside += width * bias.window_reach * _slant(body, pixels)
         # To a window what is too steep is a jump: beside the outline of x = r the depth
         # changes by x / sqrt((r^2 - x^2) A).
         slope = np.tan(STEEPEST)
@@ -218,15 +228,16 @@ def _is_clear(
     return jnp.abs(seen.square) > seen.square_at(beside, r)
 
 
-def _slant(body: AbstractBody, direction: Vec3) -> Float[Array, " n"]:
+def _slant(body: AbstractBody, pixels: Pixels) -> Float[Array, " n"]:
     """Distance from an outline at which a square window leaves it, in half windows.
 
     1 where it runs along rows or columns, and up to the root of 2, of its corner.
     """
+    direction = pixels.direction
     one, zero = jnp.ones_like(direction.x), jnp.zeros_like(direction.x)
 
     def across(x: Numbers, y: Numbers) -> Numbers:
-        return body.passing(Vec3(x, y, one)).square
+        return body.passing(Vec3(x, y, one), start=pixels.start).square
 
     at = direction.x, direction.y
     _, in_col = jax.jvp(across, at, (one, zero))
@@ -277,7 +288,7 @@ def crossing_terms(
     """
     r, pixels = body.radius, edge.pixels
     chord = r / 10
-    seen = computed_once(lambda: body.passing(pixels.direction, chord))
+    seen = computed_once(lambda: body.passing(pixels.direction, chord, pixels.start))
     near = -jnp.sign(seen.local.direction.z[0])
     margins = body.margins(seen)
     kinds = margins.shape[0]
@@ -287,12 +298,13 @@ def crossing_terms(
     off = safe_divide(middle, gap)
     away = pixels.depth - seen.nearest - seen.foot
     # In front of the axis by more than the radius, in depth, is in front of the wall.
-    reach = 5 * noise.sigma(pixels.depth, jnp.ones_like(pixels.depth))
-    reach = jnp.maximum(reach, r / 10)
     has = pixels.depth > 0
+    read = jnp.where(has, pixels.depth, 1)
+    reach = 5 * sigma_of(noise, pixels, read, jnp.ones_like(read))
+    reach = jnp.maximum(reach, r / 10)
     # A region may stop short of the object: beyond its axis lies the far half of its
     # own cap, too. And it may go on past it: then the object stops elsewhere.
-    own = 5 * sigma_of(noise, jnp.where(has, pixels.depth, 1), seen.cos_incidence)
+    own = 5 * sigma_of(noise, pixels, read, seen.cos_incidence)
     is_own = has & (jnp.abs(pixels.depth - seen.depth) < own)
     behind = has & (away > reach) & ~is_own
     occluder = has & (away < -jnp.sqrt(jnp.maximum(seen.square, r * r)) - reach)
@@ -360,10 +372,11 @@ def crossing_terms(
     variance = jnp.where(is_wall, alike * place**2, (1 + alike * 4 * shared**2) / 12)
     weight = jnp.where(counts, jax.lax.rsqrt(jnp.where(counts, variance, 1)) / step, 0)
 
-    between = jax.tree.map(
-        lambda field: pick((field[1:] + field[:1])[None]) / 2, pixels.direction
+    between, start = jax.tree.map(
+        lambda field: pick((field[1:] + field[:1])[None]) / 2,
+        (pixels.direction, pixels.start),
     )
-    passing = computed_once(lambda: body.passing(between, chord))
+    passing = computed_once(lambda: body.passing(between, chord, start))
     error, gradient = body.of_end(passing, end, side)
     zero = jnp.zeros_like(error)
     of_wall = body.of_reading(passing, zero, zero - 1, jnp.zeros(zero.shape, bool))
@@ -382,6 +395,45 @@ def crossing_terms(
         widening=jnp.where(is_wall, 1.0, end_width).astype(r.dtype),
         end=end,
     )
+
+
+def joined_terms(
+    terms: Sequence[Terms], views: Sequence[View], body: AbstractBody
+) -> Terms:
+    """Terms of several views, one after the other, in coordinates of the first.
+
+    Args:
+        terms: Of each view, as its own body has them.
+        views: The views.
+        body: In the frame of the first.
+    """
+    if len(terms) == 1:
+        return terms[0]
+    told = [
+        eqx.tree_at(lambda t: t.augmented, own, view.told(own.augmented, body))
+        for own, view in zip(terms, views, strict=True)
+    ]
+    return jax.tree.map(lambda *parts: jnp.concatenate(parts, axis=-1), *told)
+
+
+def joined_readings(
+    readings: Sequence[Readings], views: Sequence[View], body: AbstractBody
+) -> Readings:
+    """The same of what readings say."""
+    if len(readings) == 1:
+        return readings[0]
+    terms = joined_terms([own.terms for own in readings], views, body)
+    # Rays of one view begin in one plane.
+    told = [
+        eqx.tree_at(
+            lambda r: (r.terms, r.passing.foot),
+            own,
+            (None, jnp.broadcast_to(own.passing.foot, own.used.shape)),
+        )
+        for own in readings
+    ]
+    together = jax.tree.map(lambda *parts: jnp.concatenate(parts), *told)
+    return together._replace(terms=terms)
 
 
 def _stacked(parts: list[Float[Array, " n"]]) -> Float[Array, "k n"]:

@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from impostor_jax.camera.pinhole import PinholeCamera
+from impostor_jax.camera.ray_table import Sight
 from impostor_jax.compiling import quickly_compiled
 from impostor_jax.fit.alternatives import no_alternatives
 from impostor_jax.fit.body import AbstractBody, coordinates_of
@@ -20,7 +20,14 @@ from impostor_jax.fit.floor import floor_pixels
 from impostor_jax.fit.guess_round import guess_cylinders, guess_frusta
 from impostor_jax.fit.guess_sphere import guess_spheres
 from impostor_jax.fit.guess_tube import closed, guess_tubes
-from impostor_jax.fit.result import BUDGET, Budget, Deviations, Directions, Fit
+from impostor_jax.fit.result import (
+    BUDGET,
+    Budget,
+    Deviations,
+    Directions,
+    Fit,
+    of_images,
+)
 from impostor_jax.fit.round_body import RoundBody
 from impostor_jax.fit.solve import STAGE_TOLERANCE
 from impostor_jax.fit.sphere_body import SphereBody
@@ -78,7 +85,7 @@ class Fittable:
         self,
         depth: Float[np.ndarray, "h w"],
         region: Bool[np.ndarray, "h w"],
-        camera: PinholeCamera,
+        camera: Sight,
         sigma: float,
     ) -> list[Any]:
         """First guesses from a region's readings; none where these admit none.
@@ -136,8 +143,14 @@ KINDS = {kind.shape: kind for kind in (CYLINDER, FRUSTUM, SPHERE, TUBE)}
 """What can be fitted, by its primitive."""
 
 
-def no_guess(kind: Fittable, region: Bool[np.ndarray, "h w"]) -> Fit:
-    """Result of a fit that could not start; its shape has no meaning."""
+def no_guess(kind: Fittable, *regions: Bool[np.ndarray, "h w"]) -> Fit:
+    """Result of a fit that could not start; its shape has no meaning.
+
+    Args:
+        kind: What was fitted.
+        regions: Pixels of the object, of one image or each of several.
+    """
+    counts = [np.count_nonzero(region) for region in regions]
     nothing = kind.blank
     names, zero = coordinates_of(nothing), nothing.radius
     seen = jnp.zeros(len(nothing.ends), bool)
@@ -163,10 +176,10 @@ def no_guess(kind: Fittable, region: Bool[np.ndarray, "h w"]) -> Fit:
         num_steps=jnp.array(0),
         num_starts=jnp.array(0),
         num_agreeing=jnp.array(0),
-        residual=jnp.zeros(region.shape, zero.dtype),
-        inliers=jnp.zeros(region.shape, bool),
-        region=jnp.asarray(region),
-        num_pixels=jnp.array(np.count_nonzero(region)),
+        residual=of_images([jnp.zeros(x.shape, zero.dtype) for x in regions]),
+        inliers=of_images([jnp.zeros(x.shape, bool) for x in regions]),
+        region=of_images([jnp.asarray(region) for region in regions]),
+        num_pixels=jnp.array(sum(counts)),
         rms=jnp.full_like(zero, jnp.inf),
         chi2=jnp.full_like(zero, jnp.inf),
         p_value=jnp.full_like(zero, jnp.nan),

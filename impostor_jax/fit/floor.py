@@ -15,7 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from impostor_jax.camera.pinhole import PinholeCamera
+from impostor_jax.camera.ray_table import Sight
 from impostor_jax.fit.problem import gather_pixels, sigma_of
 from impostor_jax.fit.tube_body import TubeBody
 from impostor_jax.primitives.base import in_camera_frame
@@ -61,7 +61,7 @@ def floor_pixels(
     row: Int[np.ndarray, " n"],
     col: Int[np.ndarray, " n"],
     body: TubeBody,
-    camera: PinholeCamera,
+    camera: Sight,
     noise: AbstractDepthNoise,
 ) -> Bool[np.ndarray, "h w"]:
     """Pixels of a region that show a floor, or the wall beside it; none without one.
@@ -106,14 +106,15 @@ def _readings_within(
     row: Int[Array, " n"],
     col: Int[Array, " n"],
     body: TubeBody,
-    camera: PinholeCamera,
+    camera: Sight,
     noise: AbstractDepthNoise,
 ) -> _Within:
     pixels = gather_pixels(image, camera, row, col)
     body = in_camera_frame(body, camera)
-    seen = body.passing(pixels.direction, body.radius / 100)
+    seen = body.passing(pixels.direction, body.radius / 100, pixels.start)
     read = (pixels.depth > 0) & pixels.exists
-    sigma = sigma_of(noise, jnp.where(read, pixels.depth, 1), seen.cos_incidence)
+    near = jnp.where(read, pixels.depth, 1)
+    sigma = sigma_of(noise, pixels, near, seen.cos_incidence)
     ahead = seen.local.direction.z
     # From the plane of the end that faces the camera.
     along = seen.local.origin.z + (pixels.depth - seen.foot) * ahead

@@ -2,6 +2,8 @@
 
 __all__ = ["cost_of", "explains", "hidden_pixels"]
 
+from collections.abc import Sequence
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -10,7 +12,7 @@ from jaxtyping import Array, Bool, Float
 from impostor_jax.fit.body import AbstractBody, Passing
 from impostor_jax.fit.evidence import Readings
 from impostor_jax.fit.prior import prior_residuals
-from impostor_jax.fit.problem import Pixels, Problem
+from impostor_jax.fit.problem import Problem, View, sigma_of
 from impostor_jax.numerics import Numbers, safe_divide
 
 MISSED_LOSS = 3.0
@@ -40,7 +42,10 @@ BESIDE = 1.0
 
 
 def cost_of(
-    problem: Problem, body: AbstractBody, readings: Readings, hidden: Float[Array, ""]
+    problem: Problem,
+    body: AbstractBody,
+    readings: Sequence[Readings],
+    hidden: Float[Array, ""],
 ) -> Float[Array, ""]:
     """Negative logarithm of a body's posterior probability, up to what all share.
 
@@ -51,26 +56,14 @@ def cost_of(
 
     Args:
         problem: What was given.
-        body: The estimate, in the camera frame.
-        readings: As they are compared with it.
+        body: The estimate, in the first view's frame.
+        readings: Of each view, as they are compared with it.
         hidden: Pixels off the object that see what it would hide.
     """
-    terms, seen, used = readings.terms, readings.passing, readings.used
-    depth = problem.pixels.depth
-    whitened = (seen.depth - depth) * terms.weight
-    density = terms.weight * problem.nominal / np.sqrt(2 * np.pi)
-    density = (1 - OUTLYING) * density * jnp.exp(-(whitened**2) / 2)
-    # A pixel of the object that the body does not cover is as wrong as can be.
-    missed = _is_far_off(problem, body, seen)
-    outlying = OUTLYING / OUTLYING_RANGE
-    loss = -jnp.log(jnp.where(missed, 0, density) + outlying)
-    loss = loss + jnp.where(missed, MISSED_LOSS, 0)
-    count, total = (
-        jnp.maximum(jnp.sum(some, dtype=loss.dtype), 1) for some in (used, depth > 0)
-    )
-    cost = jnp.sum(jnp.where(used, loss, 0)) * (total / count)
-    cost += MISSED_LOSS * hidden
-    known = prior_residuals(problem.prior, body, problem.noise.bias)
+    cost = MISSED_LOSS * hidden
+    for view, told in zip(problem.views, readings, strict=True):
+        cost += _loss_of(problem, view, view.own(body), told)
+    known = prior_residuals(problem.prior, body, problem.bias)
     cost += jnp.sum(known**2) / 2
     # Readings without weight would let a body pass that is made of no numbers.
     leaves = jax.tree.leaves(body)
@@ -78,31 +71,51 @@ def cost_of(
     return jnp.where(numbers & jnp.isfinite(cost), cost, jnp.inf)
 
 
-def _beside(problem: Problem, seen: Passing) -> Numbers:
+def _loss_of(
+    problem: Problem, view: View, body: AbstractBody, readings: Readings
+) -> Float[Array, ""]:
+    """The part of a view's readings, of a body in its frame."""
+    terms, seen, used = readings.terms, readings.passing, readings.used
+    depth = view.pixels.depth
+    whitened = (seen.depth - depth) * terms.weight
+    density = terms.weight * problem.nominal / np.sqrt(2 * np.pi)
+    density = (1 - OUTLYING) * density * jnp.exp(-(whitened**2) / 2)
+    # A pixel of the object that the body does not cover is as wrong as can be.
+    missed = _is_far_off(problem, view, body, seen)
+    outlying = OUTLYING / OUTLYING_RANGE
+    loss = -jnp.log(jnp.where(missed, 0, density) + outlying)
+    loss = loss + jnp.where(missed, MISSED_LOSS, 0)
+    count, total = (
+        jnp.maximum(jnp.sum(some, dtype=loss.dtype), 1) for some in (used, depth > 0)
+    )
+    return jnp.sum(jnp.where(used, loss, 0)) * (total / count)
+
+
+def _beside(problem: Problem, view: View, seen: Passing) -> Numbers:
     """Distance from a body's outline within which a pixel may be of either side."""
-    return BESIDE * (seen.nearest + seen.foot) * problem.pixel + problem.unit
+    return BESIDE * (seen.nearest + seen.foot) * view.pixel + problem.unit
 
 
 def _is_far_off(
-    problem: Problem, body: AbstractBody, seen: Passing
+    problem: Problem, view: View, body: AbstractBody, seen: Passing
 ) -> Bool[Array, " n"]:
     """Which rays miss a body by more than a pixel.
 
     A radius that is a little too small makes all along the outline miss, and larger
     bodies than the true one would always be preferred.
     """
-    margin = _beside(problem, seen)
+    margin = _beside(problem, view, seen)
     off_wall = seen.square < seen.square_at(-margin, body.radius)
     off_cap = seen.is_past_rim & (seen.rim > seen.cap_radius + margin)
     return jnp.where(seen.on_cap, off_cap, off_wall)
 
 
 def explains(
-    pixels: Pixels, readings: Readings, spread: Float[Array, ""]
+    depth: Float[Array, " n"], readings: Readings, spread: Float[Array, ""]
 ) -> Bool[Array, ""]:
     """Whether the readings scatter around the body as the sensor says."""
     terms, seen, used = readings.terms, readings.passing, readings.used
-    squares = ((seen.depth - pixels.depth) * terms.weight) ** 2
+    squares = ((seen.depth - depth) * terms.weight) ** 2
     is_near = used & (squares < (3 * spread) ** 2)
     # What grazes is compared otherwise.
     compared = used & ~readings.is_square
@@ -120,10 +133,15 @@ def hidden_pixels(problem: Problem, body: AbstractBody) -> Float[Array, ""]:
     Not those beside its outline, which are the object's where a mask is too small or
     the radius a little too large: one of the few that are looked at stands for many.
     """
-    around = problem.around
-    seen = body.passing(around.direction, body.radius / 100)
-    sigma = problem.noise.sigma(seen.depth, seen.cos_incidence)
-    margin = jnp.minimum(_beside(problem, seen), body.radius)
+    hidden = [_hidden_in(problem, view, view.own(body)) for view in problem.views]
+    return sum(hidden[1:], hidden[0])
+
+
+def _hidden_in(problem: Problem, view: View, body: AbstractBody) -> Float[Array, ""]:
+    around = view.around
+    seen = body.passing(around.direction, body.radius / 100, around.start)
+    sigma = sigma_of(view.noise, around, seen.depth, seen.cos_incidence)
+    margin = jnp.minimum(_beside(problem, view, seen), body.radius)
     is_within = seen.square > seen.square_at(margin, body.radius)
     # A mug has no cap, and shows the inside of its wall and its floor.
     along, ahead = seen.local.origin.z, seen.local.direction.z
@@ -131,4 +149,4 @@ def hidden_pixels(problem: Problem, body: AbstractBody) -> Float[Array, ""]:
     inside = jnp.minimum(seen.nearest + jnp.maximum(seen.half, 0), floor)
     behind = jnp.where(seen.on_cap, inside + seen.foot, seen.depth)
     hides = body.covers(seen) & is_within & (around.depth > behind + 5 * sigma)
-    return jnp.sum(hides, dtype=sigma.dtype) * problem.each
+    return jnp.sum(hides, dtype=sigma.dtype) * view.each

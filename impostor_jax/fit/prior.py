@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from impostor_jax.camera.base import AbstractCamera
+from impostor_jax.camera.base import AbstractRays
 from impostor_jax.fit.body import AbstractBody
 from impostor_jax.sensor.bias import Bias
 
@@ -42,7 +42,7 @@ class Prior(eqx.Module):
     inner_radius: Belief | None = None
     height: Belief | None = None
 
-    def in_camera_frame(self, camera: AbstractCamera) -> "Prior":
+    def in_camera_frame(self, camera: AbstractRays) -> "Prior":
         """Express a prior of the world in the frame of a camera."""
         move = camera.camera_from_world
         if move is None:

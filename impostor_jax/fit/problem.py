@@ -1,4 +1,8 @@
-"""What a fit is given, gathered from an image: all that its programs pass around."""
+"""What a fit is given, gathered from images: all that its programs pass around.
+
+Each image is a view, and what it tells is computed in the frame of its own camera. The
+estimate lives in the frame of the first, which is the camera's where there is but one.
+"""
 
 __all__ = [
     "BLOCK",
@@ -7,10 +11,14 @@ __all__ = [
     "Pixels",
     "Problem",
     "Settings",
+    "Shown",
+    "View",
     "gather_pixels",
     "posed",
     "sigma_of",
 ]
+
+from typing import NamedTuple
 
 import equinox as eqx
 import jax
@@ -18,13 +26,15 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from impostor_jax.camera.base import AbstractCamera
-from impostor_jax.camera.pinhole import PinholeCamera
-from impostor_jax.fit.body import FreeDirections
+from impostor_jax.camera.ray_table import RayTable, Sight
+from impostor_jax.fit.body import AbstractBody, FreeDirections
 from impostor_jax.fit.prior import Prior
+from impostor_jax.geometry.frames import RigidTransform
 from impostor_jax.geometry.vec3 import Vec3
-from impostor_jax.numerics import eps
+from impostor_jax.numerics import Numbers, eps, product
+from impostor_jax.primitives.base import in_world_frame
 from impostor_jax.sensor.base import AbstractDepthNoise
+from impostor_jax.sensor.bias import Bias
 
 BLOCK = 512
 """Readings that are summed at a time; the last of them, which are evenly spread over
@@ -44,11 +54,16 @@ class Pixels(eqx.Module):
         direction: Of the rays, in the camera frame, with z = 1.
         depth: In meters; 0 where there is no reading.
         exists: False beyond the image, and for entries that only fill up.
+        start: Where the rays begin; None where all begin at the origin.
+        length: Distance along a ray over depth, where a sensor measures that; None of
+            depths.
     """
 
     direction: Vec3
     depth: Float[Array, "*batch"]
     exists: Bool[Array, "*batch"]
+    start: Vec3 | None = None
+    length: Float[Array, "*batch"] | None = None
 
 
 class Edge(eqx.Module):
@@ -76,6 +91,8 @@ class Settings(eqx.Module):
         trusts_sigma: Whether the noise is what the caller says, and not a guess.
         refutes: Whether a border that contradicts the rest is a failure.
         draws_in: Whether an end that is not seen is put where the wall was last seen.
+        one_sensor: Whether one sensor took all images: they share the error of its
+            scale.
         held: Whether each parameter is held, by its name.
     """
 
@@ -88,11 +105,33 @@ class Settings(eqx.Module):
     trusts_sigma: bool | Bool[Array, ""]
     refutes: bool | Bool[Array, ""]
     draws_in: bool | Bool[Array, ""]
+    one_sensor: bool | Bool[Array, ""]
     held: dict[str, bool | Bool[Array, ""]]
 
 
-class Problem(eqx.Module):
-    """A fit's readings in the camera frame, what is known of them, and what is asked.
+class Shown(NamedTuple):
+    """An object in an image.
+
+    Attributes:
+        depth: In meters; 0 where there is no reading.
+        mask: Pixels of the object.
+        row: Rows of the object's pixels, as `pixel_indices` orders them; one beyond the
+            image only fills up.
+        col: Columns of the object's pixels.
+        camera: That took the image.
+        noise: Of its readings.
+    """
+
+    depth: Float[Array, "h w"] | Float[np.ndarray, "h w"]
+    mask: Bool[Array, "h w"] | Bool[np.ndarray, "h w"]
+    row: Int[Array, " n"] | Int[np.ndarray, " n"]
+    col: Int[Array, " n"] | Int[np.ndarray, " n"]
+    camera: Sight
+    noise: AbstractDepthNoise
+
+
+class View(eqx.Module):
+    """What an image shows of an object, in the frame of its camera.
 
     Attributes:
         pixels: Of the object; those that only fill up come first.
@@ -104,15 +143,9 @@ class Problem(eqx.Module):
         col: Columns of the pixels.
         mask: Pixels of the object.
         noise: Of the readings.
-        prior: In the camera frame.
-        nominal: Typical standard deviation of a reading, in meters.
-        unit: Ten standard deviations of a position that all readings share, in meters.
         pixel: Distance of neighboring rays over the depth.
-        end_unit: The same of the ends, which are known to part of a pixel if not by
-            the readings of a cap.
-        settings: What is asked for.
         camera: That took the image.
-        kernel: Name of the robust loss.
+        from_first: To its frame from that of the first view; None where they are one.
     """
 
     pixels: Pixels
@@ -124,95 +157,190 @@ class Problem(eqx.Module):
     col: Int[Array, " n"]
     mask: Bool[Array, "h w"]
     noise: AbstractDepthNoise
+    pixel: Float[Array, ""]
+    camera: Sight
+    from_first: RigidTransform | None
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Rows and columns of the image."""
+        return self.camera.height, self.camera.width
+
+    def own(self, body: AbstractBody) -> AbstractBody:
+        """A body of the first view's frame in that of this one."""
+        return body if self.from_first is None else body.transformed(self.from_first)
+
+    def told(
+        self, terms: Float[Array, "k n"], body: AbstractBody
+    ) -> Float[Array, "k n"]:
+        """Gradients and residuals in tangent coordinates of the first view's frame.
+
+        Args:
+            terms: In those of the `own` body, as of `Terms.augmented`.
+            body: In the first view's frame.
+        """
+        if self.from_first is None:
+            return terms
+        return product(self._into(body), terms)
+
+    def products_told(
+        self, products: Float[Array, "k k"], body: AbstractBody
+    ) -> Float[Array, "k k"]:
+        """The same of products of such terms, summed up."""
+        if self.from_first is None:
+            return products
+        into = self._into(body)
+        return product(into, products, into.T)
+
+    def _into(self, body: AbstractBody) -> Float[Array, "k k"]:
+        assert self.from_first is not None
+        carried = body.carried(self.from_first)
+        return jnp.pad(carried, ((0, 1), (0, 1))).at[-1, -1].set(1)
+
+
+class Problem(eqx.Module):
+    """A fit's views, what is known of the object, and what is asked.
+
+    Attributes:
+        views: At least one.
+        prior: In the frame of the first view.
+        nominal: Typical standard deviation of a reading, in meters.
+        unit: Ten standard deviations of a position that all readings share, in meters.
+        end_unit: The same of the ends, which are known to part of a pixel if not by
+            the readings of a cap.
+        settings: What is asked for.
+        kernel: Name of the robust loss.
+    """
+
+    views: tuple[View, ...]
     prior: Prior
     nominal: Float[Array, ""]
     unit: Float[Array, ""]
-    pixel: Float[Array, ""]
     end_unit: Float[Array, ""]
     settings: Settings
-    camera: PinholeCamera
     kernel: str = eqx.field(static=True)
+
+    @property
+    def is_single(self) -> bool:
+        """Whether there is one view."""
+        return len(self.views) == 1
+
+    @property
+    def bias(self) -> Bias:
+        """Of what one view shows, where a scale that it shares looks like a size."""
+        return self.views[0].noise.bias if self.is_single else Bias()
+
+    def in_world(self, body: AbstractBody) -> AbstractBody:
+        """A body of the first view's frame in that of the world."""
+        return in_world_frame(body, self.views[0].camera)
+
+    def apart(self, values: Array) -> list[Array]:
+        """Values of all readings, view by view."""
+        sizes = [view.row.shape[0] for view in self.views]
+        return jnp.split(values, np.cumsum(sizes)[:-1], axis=-1)
 
 
 def posed(
-    depth: Float[Array, "h w"],
-    mask: Bool[Array, "h w"],
-    row: Int[Array, " n"],
-    col: Int[Array, " n"],
-    camera: PinholeCamera,
-    noise: AbstractDepthNoise,
-    prior: Prior,
-    settings: Settings,
-    kernel: str,
+    shown: tuple[Shown, ...], prior: Prior, settings: Settings, kernel: str
 ) -> Problem:
-    """Gather the problem of an image.
+    """Gather the problem of an object in some images.
 
     Args:
-        depth: In meters; 0 where there is no reading.
-        mask: Pixels of the object.
-        row: Rows of the object's pixels, as `pixel_indices` orders them; one beyond the
-            image only fills up.
-        col: Columns of the object's pixels.
-        camera: The camera.
-        noise: Of its readings.
+        shown: The object in each of them.
         prior: In the world frame.
         settings: What is asked for.
         kernel: Name of the robust loss.
     """
-    depth = depth.astype(jnp.result_type(float))
-    pixels = gather_pixels(depth, camera, row, col)
-    used = pixels.depth > 0
-    count = jnp.maximum(jnp.sum(used), 1).astype(depth.dtype)
-    sigma = sigma_of(noise, pixels.depth, jnp.ones_like(pixels.depth))
-    nominal = count / jnp.maximum(jnp.sum(jnp.where(used, 1 / sigma, 0)), 1e-6)
+    first = shown[0].camera
+    views = tuple(_view_of(one, None if one is shown[0] else first) for one in shown)
+    dtype = views[0].pixels.depth.dtype
+    counts, weights, footprints = zip(*map(_summed, views), strict=True)
+    count = jnp.maximum(sum(counts[1:], counts[0]), 1).astype(dtype)
+    nominal = count / jnp.maximum(sum(weights[1:], weights[0]), 1e-6)
     unit = 10 * nominal / jnp.sqrt(count)
-    pixel = 1 / jnp.minimum(camera.fx, camera.fy).astype(depth.dtype)
-    footprint = jnp.sum(pixels.depth) / count * pixel
-    first = jnp.argmax(row < depth.shape[0]).astype(jnp.int32)
-    around, each = _spread_pixels(depth, mask, camera)
-    numbers = [jnp.asarray(x, depth.dtype) for x in (settings.free, settings.tolerance)]
+    footprint = sum(footprints[1:], footprints[0]) / count
+    numbers = [jnp.asarray(x, dtype) for x in (settings.free, settings.tolerance)]
     settings = eqx.tree_at(lambda s: (s.free, s.tolerance), settings, tuple(numbers))
     return Problem(
-        pixels=pixels,
-        num_blocks=-(-(row.shape[0] - first) // BLOCK),
+        views=views,
+        prior=prior.in_camera_frame(first),
+        nominal=nominal,
+        unit=unit,
+        end_unit=jnp.maximum(unit, footprint / 20),
+        settings=settings,
+        kernel=kernel,
+    )
+
+
+def _view_of(shown: Shown, first: Sight | None) -> View:
+    """The view of an image.
+
+    Args:
+        shown: The object in it.
+        first: Camera of the first view, where this is another.
+    """
+    mask, row, col = map(jnp.asarray, (shown.mask, shown.row, shown.col))
+    depth, camera = jnp.asarray(shown.depth), shown.camera
+    depth = depth.astype(jnp.result_type(float))
+    start = jnp.argmax(row < depth.shape[0]).astype(jnp.int32)
+    around, each = _spread_pixels(depth, mask, camera)
+    return View(
+        pixels=gather_pixels(depth, camera, row, col),
+        num_blocks=-(-(row.shape[0] - start) // BLOCK),
         edge=_gather_edge(depth, mask, camera, row, col),
         around=around,
         each=each,
         row=row,
         col=col,
         mask=mask,
-        noise=noise,
-        prior=prior.in_camera_frame(camera),
-        nominal=nominal,
-        unit=unit,
-        pixel=pixel,
-        end_unit=jnp.maximum(unit, footprint / 20),
-        settings=settings,
+        noise=shown.noise,
+        pixel=jnp.asarray(camera.spacing).astype(depth.dtype),
         camera=camera,
-        kernel=kernel,
+        from_first=None if first is None else _from_first(first, camera),
     )
+
+
+def _from_first(first: Sight, other: Sight) -> RigidTransform:
+    """To the frame of a camera from that of the first."""
+    moves = [
+        camera.camera_from_world or RigidTransform(np.eye(3), np.zeros(3))
+        for camera in (first, other)
+    ]
+    return moves[1] @ moves[0].inverse()
+
+
+def _summed(view: View) -> tuple[Int[Array, ""], Float[Array, ""], Float[Array, ""]]:
+    """Of a view's readings their number, and sums of inverse deviations and widths."""
+    pixels = view.pixels
+    used = pixels.depth > 0
+    sigma = sigma_of(view.noise, pixels, pixels.depth, jnp.ones_like(pixels.depth))
+    weight = jnp.sum(jnp.where(used, 1 / sigma, 0))
+    return jnp.sum(used), weight, jnp.sum(pixels.depth) * view.pixel
 
 
 def gather_pixels(
     depth: Float[Array, "h w"],
-    camera: AbstractCamera,
+    camera: Sight,
     row: Int[Array, "*batch"],
     col: Int[Array, "*batch"],
 ) -> Pixels:
     """Collect what the image holds at some pixels; beyond it there is no reading."""
     exists = _in_image(row, col, depth.shape)
     row, col = jnp.where(exists, row, 0), jnp.where(exists, col, 0)
+    rays = camera.rays(row, col, depth.dtype)
     return Pixels(
-        direction=camera.rays(row, col, depth.dtype).direction,
+        direction=rays.direction,
         depth=jnp.where(exists, depth[row, col], 0),
         exists=exists,
+        start=None if camera.is_central else rays.origin,
+        length=rays.direction.norm() if isinstance(camera, RayTable) else None,
     )
 
 
 def _gather_edge(
     depth: Float[Array, "h w"],
     mask: Bool[Array, "h w"],
-    camera: AbstractCamera,
+    camera: Sight,
     row: Int[Array, " n"],
     col: Int[Array, " n"],
 ) -> Edge:
@@ -238,7 +366,7 @@ def _in_image(
 
 
 def _spread_pixels(
-    depth: Float[Array, "h w"], mask: Bool[Array, "h w"], camera: PinholeCamera
+    depth: Float[Array, "h w"], mask: Bool[Array, "h w"], camera: Sight
 ) -> tuple[Pixels, float]:
     """Pixels all over the image off the object, and how many each stands for."""
     row = np.linspace(0, camera.height - 1, SPREAD).astype(int)
@@ -251,13 +379,22 @@ def _spread_pixels(
 
 
 def sigma_of(
-    noise: AbstractDepthNoise,
-    depth: Float[Array, "*batch"],
-    cos_incidence: Float[Array, "*batch"],
-) -> Float[Array, "*batch"]:
+    noise: AbstractDepthNoise, pixels: Pixels, depth: Numbers, cos_incidence: Numbers
+) -> Numbers:
     """What the sensor says, but no less than depths are rounded to.
 
     With 4 eps in place of 16 an eighth of 24 rendered cans ran to the step limit, after
     140 steps on average: steps are then of the size of roundings.
+
+    Args:
+        noise: Of the sensor.
+        pixels: Whose readings they are.
+        depth: Of the surface there, in meters.
+        cos_incidence: Cosine between surface normal and ray.
     """
-    return jnp.maximum(noise.sigma(depth, cos_incidence), eps(depth.dtype, 16) * depth)
+    if pixels.length is None:
+        sigma = noise.sigma(depth, cos_incidence)
+    else:
+        # What errs along the ray.
+        sigma = noise.sigma(depth * pixels.length, cos_incidence) / pixels.length
+    return jnp.maximum(sigma, eps(depth.dtype, 16) * depth)

@@ -37,6 +37,7 @@ def fit_record(
         "status": str(fit.status),
         "reason": fit.reason,
         "shape": fit.kind,
+        "source": fit.source,
         "world_from_object": numbers(fit.pose),
         **estimate_record(fit),
         "ends_seen": [bool(seen) for seen in fit.ends_seen],

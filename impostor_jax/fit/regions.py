@@ -2,7 +2,6 @@
 
 __all__ = [
     "DepthUnitsWarning",
-    "object_region",
     "pixel_indices",
     "traced_indices",
     "typical_sigma",
@@ -19,10 +18,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from impostor_jax.camera.pinhole import PinholeCamera
+from impostor_jax.camera.ray_table import Sight
 from impostor_jax.effort import MIN_READINGS
 from impostor_jax.fit.problem import BLOCK
-from impostor_jax.fit.request import DepthImage, Mask, check_readings
+from impostor_jax.fit.request import DepthImage, Mask
 from impostor_jax.fit.surface import cropped, thinned, upper_median
 from impostor_jax.sensor.base import AbstractDepthNoise
 from impostor_jax.sensor.bias import Reach, is_none
@@ -45,20 +44,8 @@ BUCKETS = tuple(BLOCK << k for k in range(3, 20))
 """Readings are filled up to one of these numbers, so that few sizes are compiled."""
 
 
-def object_region(
-    image: Float[np.ndarray, "h w"],
-    mask: Bool[np.ndarray, "h w"],
-    camera: PinholeCamera,
-) -> Bool[np.ndarray, "h w"]:
-    """Pixels of the object, those that miss a reading included."""
-    check_readings(image, mask)
-    if camera.ray_field is not None:
-        mask = mask & np.isfinite(np.asarray(camera.ray_field.x))
-    return mask
-
-
 def without_edges(
-    depth: DepthImage, region: Mask, camera: PinholeCamera, noise: AbstractDepthNoise
+    depth: DepthImage, region: Mask, camera: Sight, noise: AbstractDepthNoise
 ) -> DepthImage:
     """Leave out a region's readings that may be of what lies beside it, or lean.
 
@@ -112,7 +99,7 @@ def _without_edges(
 def _without_jumps(
     depth: Float[Array, "h w"],
     region: Bool[Array, "h w"],
-    camera: PinholeCamera,
+    camera: Sight,
     noise: AbstractDepthNoise,
     reach: Reach,
 ) -> Float[Array, "h w"]:
@@ -144,12 +131,12 @@ def _without(
 
 
 def _at_jumps(
-    depth: Float[Array, "h w"], camera: PinholeCamera, noise: AbstractDepthNoise
+    depth: Float[Array, "h w"], camera: Sight, noise: AbstractDepthNoise
 ) -> Bool[Array, "h w"]:
     """Pixels with a neighbor along a row or column on another surface, or in a hole."""
     has = depth > 0
     sigma = noise.sigma(jnp.where(has, depth, 1), jnp.ones_like(depth))
-    width = depth / jnp.minimum(camera.fx, camera.fy)
+    width = depth * jnp.asarray(camera.spacing, depth.dtype)
     reach = jnp.where(has, NOISY * sigma + STEEP * width, 0)
     # The hole of a pixel or two is a reading that is missing.
     is_hole = ~_closed(has)
@@ -266,7 +253,7 @@ def pixel_indices(
     if most is not None:
         size = min(size, -(-most // BLOCK) * BLOCK)
     is_some = np.zeros(count, bool)
-    is_some[np.arange(BLOCK) * count // BLOCK] = True
+    is_some[(np.arange(BLOCK) * count // BLOCK)[: BLOCK * count]] = True
     order = np.concatenate([index[~is_some], index[is_some]])
     filled = np.full(size, region.shape[0]), np.zeros(size, int)
     found = np.divmod(order, max(box[1].stop - box[1].start, 1))

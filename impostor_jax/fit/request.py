@@ -2,6 +2,7 @@
 
 __all__ = [
     "DepthImage",
+    "Given",
     "Mask",
     "TooFewReadingsError",
     "arguments_of_cylinder",
@@ -14,13 +15,15 @@ __all__ = [
     "checked_prior",
     "checked_readings",
     "checked_settings",
+    "each_of",
+    "views_given",
 ]
 
 import dataclasses
 import functools
 import math
-from collections.abc import Callable, Mapping
-from typing import Any
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -35,8 +38,8 @@ from impostor_jax.arguments import (
     one_of,
     real_number,
 )
-from impostor_jax.camera.base import AbstractCamera
-from impostor_jax.camera.pinhole import PinholeCamera
+from impostor_jax.camera.base import AbstractRays
+from impostor_jax.camera.orthographic import OrthographicCamera
 from impostor_jax.effort import MIN_READINGS
 from impostor_jax.fit.fittable import Fittable
 from impostor_jax.fit.options import Options
@@ -57,12 +60,58 @@ from impostor_jax.sensor.scale_error import corrected
 USUAL_SIGMA = 0.001
 """Standard deviation in meters that is taken where a caller names none."""
 
+
+class Given(NamedTuple):
+    """An image as a caller gives it: the arguments of `fit_cylinder`, of one view."""
+
+    depth: Any
+    camera: Any
+    mask: Any
+    sigma: Any
+
+
 DepthImage = Float[np.ndarray, "h w"] | Float[Array, "h w"]
 Mask = Bool[np.ndarray, "h w"] | Bool[Array, "h w"]
 
 
 class TooFewReadingsError(ValueError):
     """An image, or its mask, holds too little for a fit; in a batch it fails alone."""
+
+
+def each_of(value: Any) -> Sequence[Any]:
+    """What is given for each image, of one alone or a list."""
+    return value if isinstance(value, list | tuple) else [value]
+
+
+def views_given(depth: Any, camera: Any, mask: Any, sigma: Any) -> list[Given]:
+    """What is given, view by view.
+
+    Of several images there are lists; a noise model may be that of all.
+
+    Raises:
+        ValueError: The lists are not of one length, or there is none for the images.
+    """
+    if not isinstance(depth, list | tuple):
+        for name, value in (("camera", camera), ("mask", mask), ("sigma", sigma)):
+            if isinstance(value, list | tuple):
+                raise ValueError(
+                    f"{name} must be one, of the one depth image, got a list: give "
+                    "depth as a list of images, too"
+                )
+        return [Given(depth, camera, mask, sigma)]
+    count = len(depth)
+    if not count:
+        raise ValueError("depth must be an image or a list of them, got an empty list")
+    masks = [None] * count if mask is None else mask
+    sigmas = sigma if isinstance(sigma, list | tuple) else [sigma] * count
+    for name, value in (("camera", camera), ("mask", masks), ("sigma", sigmas)):
+        if not isinstance(value, list | tuple) or len(value) != count:
+            found = len(value) if isinstance(value, list | tuple) else "one"
+            raise ValueError(
+                f"{name} must be a list of {count}, one for each depth image, got "
+                f"{found}"
+            )
+    return [Given(*parts) for parts in zip(depth, camera, masks, sigmas, strict=True)]
 
 
 def _own_type() -> np.dtype:
@@ -117,9 +166,12 @@ def checked_settings(
         is_outline=options.mask_meaning == "outline",
         estimate_scale=options.scale == "estimated",
         keep_ends=isinstance(initial, Frustum),
-        trusts_sigma=sigma is not None and not _leaves_out_slopes(sigma),
+        trusts_sigma=all(
+            one is not None and not _leaves_out_slopes(one) for one in each_of(sigma)
+        ),
         refutes=False,
         draws_in=not {"center", "height"} & {*fixed, *(options.prior or {})},
+        one_sensor=not isinstance(sigma, list | tuple),
     )
 
 
@@ -216,7 +268,7 @@ def _nothing_known(parameters: tuple[str, ...], dtype: DTypeLike) -> Prior:
 
 def check_types(
     shape: type[AbstractPrimitive],
-    camera: PinholeCamera,
+    camera: Any,
     initial: AbstractPrimitive | None,
     count: int | None = None,
 ) -> None:
@@ -228,8 +280,11 @@ def check_types(
         initial: One start, or a batch of `count`.
         count: Number of images; None for one image alone.
     """
-    if not isinstance(camera, PinholeCamera):
-        raise ValueError(f"camera must be a PinholeCamera, got {type(camera).__name__}")
+    if not isinstance(camera, AbstractRays) or isinstance(camera, OrthographicCamera):
+        raise ValueError(
+            "camera must be a PinholeCamera or a SphericalCamera, got "
+            f"{type(camera).__name__}"
+        )
     if initial is None:
         return
     batch = () if count is None else (count,)
@@ -245,7 +300,7 @@ def check_types(
             )
 
 
-def checked_depth(depth: Any, camera: AbstractCamera) -> DepthImage:
+def checked_depth(depth: Any, camera: AbstractRays) -> DepthImage:
     """Depth as a float image with 0 for missing readings."""
     if not isinstance(depth, jax.Array):
         depth = np.asarray(depth)
@@ -283,7 +338,7 @@ def checked_depth(depth: Any, camera: AbstractCamera) -> DepthImage:
 
 
 def checked_readings(
-    depth: Any, camera: AbstractCamera, sigma: Any
+    depth: Any, camera: AbstractRays, sigma: Any
 ) -> tuple[DepthImage, AbstractDepthNoise, Any]:
     """Depth as a float image, its noise, and what is handed on for sigma.
 
@@ -298,7 +353,7 @@ def checked_readings(
     return np.asarray(image) if is_concrete_image else image, noise, noise
 
 
-def checked_mask(mask: Any, camera: PinholeCamera) -> Mask | None:
+def checked_mask(mask: Any, camera: AbstractRays) -> Mask | None:
     """Mask as booleans of the camera's shape; None stays."""
     if mask is None:
         return None
@@ -359,15 +414,21 @@ def arguments_of_cylinder(fit: Fit, what: str) -> dict[str, Any]:
     return fit.asked.arguments
 
 
-def check_readings(
-    depth: Float[np.ndarray, "h w"], mask: Bool[np.ndarray, "h w"] | None
-) -> None:
-    """Raise a `TooFewReadingsError` where there are too few readings for a fit."""
-    if mask is not None and not mask.any():
+def check_readings(views: Sequence[Given]) -> None:
+    """Raise a `TooFewReadingsError` where there are too few readings for a fit.
+
+    Args:
+        views: Checked and concrete; of no mask all readings count.
+    """
+    count, is_masked = 0, False
+    for view in views:
+        depth, mask = np.asarray(view.depth), view.mask
+        is_masked |= mask is not None
+        count += np.count_nonzero(depth if mask is None else depth[np.asarray(mask)])
+    if is_masked and not any(view.mask is None or view.mask.any() for view in views):
         raise TooFewReadingsError("mask must hold at least one pixel, got an empty one")
-    count = np.count_nonzero(depth if mask is None else depth[mask])
     if count < MIN_READINGS:
-        where = "" if mask is None else " inside the mask"
+        where = " inside the mask" if is_masked else ""
         raise TooFewReadingsError(
             f"depth must hold at least {MIN_READINGS} readings{where}, got {count}"
         )

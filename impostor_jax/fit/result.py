@@ -15,10 +15,12 @@ __all__ = [
     "SphereFit",
     "TaperTest",
     "named_values",
+    "of_images",
 ]
 
 import dataclasses
 from collections import Counter, OrderedDict
+from collections.abc import Sequence
 from typing import Any, TypeVar
 
 import equinox as eqx
@@ -71,6 +73,11 @@ AGREEING = 20.0
 """Contradiction between border and rest below which nothing else lies there, once it
 has been found to: by chance one in 200 is larger, and costs no more than some readings.
 """
+
+
+def of_images(values: Sequence[Array]) -> Array | tuple[Array, ...]:
+    """What a fit tells of its images: of one alone that, of several all of them."""
+    return values[0] if len(values) == 1 else tuple(values)
 
 
 def named_values(shape: AbstractPrimitive) -> dict[str, Array]:
@@ -242,7 +249,7 @@ class Fit(eqx.Module):
         num_agreeing: Those among them that led to the same shape, the best included.
         residual: Reading less depth of the surface in meters, for each pixel that was
             used; 0 elsewhere. Of the surface as the sensor shows it, which may have
-            another scale.
+            another scale. Of several images a tuple with one each, as are the next.
         inliers: Pixels that were used and lie on the fitted shape.
         region: Pixels that were used: of the mask, or of the object that was taken
             where none was given, those with a reading that is of the shape's surface.
@@ -259,6 +266,8 @@ class Fit(eqx.Module):
             the others; `inf` where many of them lie elsewhere.
         alternatives: Other solutions that differ by more than five standard deviations.
             They are known where several starts were tried.
+        source: What the readings were: "images", or "points", which show neither
+            background beside an end nor an outline.
         asked: What `test_taper` and `test_bore` need; the depth image is kept in it.
     """
 
@@ -274,15 +283,16 @@ class Fit(eqx.Module):
     num_steps: Int[Array, "*batch"]
     num_starts: Int[Array, "*batch"]
     num_agreeing: Int[Array, "*batch"]
-    residual: Float[Array, "*batch h w"]
-    inliers: Bool[Array, "*batch h w"]
-    region: Bool[Array, "*batch h w"]
+    residual: Float[Array, "*image"] | tuple[Float[Array, "h w"], ...]
+    inliers: Bool[Array, "*image"] | tuple[Bool[Array, "h w"], ...]
+    region: Bool[Array, "*image"] | tuple[Bool[Array, "h w"], ...]
     num_pixels: Int[Array, "*batch"]
     rms: Float[Array, "*batch"]
     chi2: Float[Array, "*batch"]
     p_value: Float[Array, "*batch"]
     border_chi2: Float[Array, "*batch"]
     alternatives: Alternatives
+    source: str = eqx.field(static=True, default="images")
     asked: Asked = dataclasses.field(default_factory=Asked, repr=False)
 
     @property
@@ -326,6 +336,11 @@ class Fit(eqx.Module):
         return bool(self.ends_seen.all())
 
     @property
+    def num_inliers(self) -> int:
+        """Pixels that lie on the shape; needs a single, concrete result."""
+        return sum(int(np.count_nonzero(x)) for x in jax.tree.leaves(self.inliers))
+
+    @property
     def status(self) -> FitStatus:
         """How the fit ended; needs a single, concrete result."""
         return STATUSES[int(self.status_code)]
@@ -346,7 +361,7 @@ class Fit(eqx.Module):
                 f"The residuals are {times:.1f} times the noise given: the shape or "
                 "sigma is wrong."
             )
-        if 2 * int(np.count_nonzero(self.inliers)) < int(self.num_pixels):
+        if 2 * self.num_inliers < int(self.num_pixels):
             return "Most readings lie off the shape."
         if self.border_chi2 >= AGREEING:
             return (
@@ -385,17 +400,25 @@ class Fit(eqx.Module):
         return pose_of(self.shape)
 
     @property
-    def pose_in_camera(self) -> Float[Array, "4 4"]:
-        """`camera_from_object`, of the same frame; needs a fit as it was returned."""
-        if self.asked.arguments is None:
+    def pose_in_camera(self) -> Float[Array, "4 4"] | tuple[Float[Array, "4 4"], ...]:
+        """`camera_from_object`, of the same frame; of several images one for each.
+
+        It needs a fit to images, as it was returned.
+        """
+        if self.asked.arguments is None or self.source != "images":
             # What looks for attributes, as `inspect` does, goes on.
             raise AttributeError(
-                "fit.pose_in_camera needs a fit as it was returned: one that was "
-                "traced or stacked does not hold its camera, nor one of too few "
-                "readings; multiply fit.pose by the camera's camera_from_world"
+                "fit.pose_in_camera needs a fit to images, as it was returned: one "
+                "that was traced or stacked does not hold its camera, nor one of too "
+                "few readings; multiply fit.pose by the camera's camera_from_world"
             )
-        return pose_from_camera(
-            self.pose, self.asked.arguments["camera"].camera_from_world
+        cameras = self.asked.arguments["camera"]
+        several = cameras if isinstance(cameras, Sequence) else [cameras]
+        return of_images(
+            [
+                pose_from_camera(self.pose, camera.camera_from_world)
+                for camera in several
+            ]
         )
 
     def to_dict(
@@ -434,7 +457,7 @@ class Fit(eqx.Module):
             return head
         rms = (
             f"  rms     {millimeters(self.rms)} mm over "
-            f"{int(np.count_nonzero(self.inliers))} inliers, chi-squared "
+            f"{self.num_inliers} inliers, chi-squared "
             f"{float(self.chi2):.2f}"
         )
         told = [line(name, *values) for name, values in self.told.items()]
@@ -445,6 +468,10 @@ class Fit(eqx.Module):
                 for name in self.told
                 if "radius" in name and np.isfinite(getattr(self.std, name))
             ]
+        if self.source == "points":
+            lines.append(
+                "  Of points: neither background beside an end nor an outline counts."
+            )
         if not self.height_observed:
             across = millimeters(self.std.across_axis)
             lines.append(

@@ -166,10 +166,13 @@ class RoundBody(AbstractBody):
 
     @override
     def passing(
-        self, direction: Vec3, chord: float | Float[Array, "*#batch"] = 0.0
+        self,
+        direction: Vec3,
+        chord: float | Float[Array, "*#batch"] = 0.0,
+        start: Vec3 | None = None,
     ) -> Passing:
         frame = jnp.concatenate([tangent_basis(self.axis), self.axis[None]])
-        local, foot = local_ray(direction, self.center, frame)
+        local, foot = local_ray(direction, self.center, frame, start)
         inverse, nearest, square, within = self._wall(local.origin, local.direction)
         half, half_slope = blunted_root(square, chord)
         o, d = local.origin, local.direction
@@ -535,6 +538,15 @@ class RoundBody(AbstractBody):
                 target_from_source.rotate(self.axis),
             ),
         )
+
+    @override
+    def carried(self, target_from_source: RigidTransform) -> Float[Array, "c c"]:
+        own = target_from_source.rotate(tangent_basis(self.axis))
+        there = tangent_basis(target_from_source.rotate(self.axis))
+        # Both bases are of the plane across the axis.
+        turn = product(own, there.T)
+        carried = jnp.eye(6 + len(self.names_of_radii), dtype=turn.dtype)
+        return carried.at[:2, :2].set(turn).at[2:4, 2:4].set(turn)
 
 
 def _in_frame(passing: Passing) -> tuple[tuple[Numbers, ...], tuple[Numbers, ...]]:

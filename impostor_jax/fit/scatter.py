@@ -17,7 +17,7 @@ from jaxtyping import Array, Float
 from impostor_jax.fit.agreement import WITHIN_THREE
 from impostor_jax.fit.body import AbstractBody
 from impostor_jax.fit.evidence import Readings
-from impostor_jax.fit.problem import Pixels, Problem, sigma_of
+from impostor_jax.fit.problem import Pixels, View, sigma_of
 from impostor_jax.numerics import product, safe_divide
 from impostor_jax.sensor.gaussian import ConstantNoise
 
@@ -31,7 +31,8 @@ within three standard deviations, which scatter more, too, widen a rod less."""
 
 
 def scatter_products(
-    problem: Problem,
+    view: View,
+    nominal: Float[Array, ""],
     pixels: Pixels,
     body: AbstractBody,
     readings: Readings,
@@ -43,17 +44,18 @@ def scatter_products(
     no more do caps: rays meet them at nearly one angle.
 
     Args:
-        problem: What was given.
-        pixels: Some of its readings.
-        body: The estimate, in the camera frame.
+        view: Whose readings they are.
+        nominal: Typical standard deviation of a reading, in meters.
+        pixels: Some of the readings.
+        body: The estimate, in the view's frame.
         readings: As they are compared with it.
         scale: Spread of the readings, in standard deviations of the sensor.
     """
     size = readings.terms.augmented.shape[0]
     blank = jnp.zeros((size, size), scale.dtype)
-    if isinstance(problem.noise, ConstantNoise):
+    if isinstance(view.noise, ConstantNoise):
         return blank
-    share = jnp.clip(problem.nominal / (DEEP * body.radius) - 1, 0, MOST_SHARE)
+    share = jnp.clip(nominal / (DEEP * body.radius) - 1, 0, MOST_SHARE)
 
     def products() -> Float[Array, "k k"]:
         seen, used = readings.passing, readings.used
@@ -62,7 +64,7 @@ def scatter_products(
         near = jnp.where(counts, near, 1)
         cosine = seen.cos_incidence
         sigma, slope = jax.jvp(
-            lambda c: sigma_of(problem.noise, near, c),
+            lambda c: sigma_of(view.noise, pixels, near, c),
             (cosine,),
             (jnp.ones_like(cosine),),
         )

@@ -1,4 +1,4 @@
-"""Fit a shape to a depth image: the way that is the same for all of them.
+"""Fit a shape to depth images: the way that is the same for all of them.
 
 Four steps: take the object's readings, guess shapes outside JAX, go to the fixed point
 of a step, and say how sure the result is. The last two are one compiled function of
@@ -6,20 +6,21 @@ arrays that come in few sizes. Most images are explained by the first guess; whe
 is not, or where the caller asks for it, the others are tried, too.
 """
 
-__all__ = ["fit_from", "fit_shape", "pixels_shown"]
+__all__ = ["fit_from", "fit_shape"]
 
 import dataclasses
-from collections.abc import Callable
+import itertools
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int
 
 from impostor_jax.arguments import is_concrete, working_precision
 from impostor_jax.camera.pinhole import PinholeCamera
+from impostor_jax.camera.ray_table import Sight
 from impostor_jax.compiling import quickly_compiled
 from impostor_jax.effort import MIN_READINGS, Effort
 from impostor_jax.fit.assess import Assessment, assess
@@ -28,9 +29,8 @@ from impostor_jax.fit.border import fit_of_one_surface
 from impostor_jax.fit.fittable import Fittable, no_guess
 from impostor_jax.fit.options import Options
 from impostor_jax.fit.prior import Prior
-from impostor_jax.fit.problem import Settings, posed
+from impostor_jax.fit.problem import Settings, Shown, posed
 from impostor_jax.fit.regions import (
-    object_region,
     pixel_indices,
     traced_indices,
     typical_sigma,
@@ -39,18 +39,26 @@ from impostor_jax.fit.regions import (
 )
 from impostor_jax.fit.request import (
     DepthImage,
+    Given,
     Mask,
+    check_readings,
     check_types,
     checked_mask,
     checked_prior,
     checked_readings,
     checked_settings,
+    views_given,
 )
 from impostor_jax.fit.result import Fit
+from impostor_jax.fit.seen import Seen, pixels_shown, seen_by
 from impostor_jax.fit.solve import solve
 from impostor_jax.fit.status import FitStatus
 from impostor_jax.fit.weighing import best_of, likeliest
-from impostor_jax.primitives.base import AbstractPrimitive, in_camera_frame
+from impostor_jax.primitives.base import (
+    AbstractPrimitive,
+    in_camera_frame,
+    in_world_frame,
+)
 from impostor_jax.sensor.base import AbstractDepthNoise
 
 CLOSES = 3.0
@@ -66,7 +74,7 @@ its corner."""
 def fit_shape(
     kind: Fittable,
     depth: Any,
-    camera: PinholeCamera,
+    camera: Any,
     mask: Any,
     sigma: Any,
     initial: AbstractPrimitive | None,
@@ -77,93 +85,106 @@ def fit_shape(
     A mask must be given unless something is traced.
     """
     effort, prior = options.effort, options.prior
-    check_types(kind.shape, camera, initial)
-    about = {"camera": camera, "initial": initial, "options": options}
+    views = views_given(depth, camera, mask, sigma)
+    for view in views:
+        check_types(kind.shape, view.camera, initial)
     given = (depth, mask, camera, sigma, initial, prior)
     with working_precision(effort.precision, given) as converted:
         settings = checked_settings(kind, options, initial, sigma)
         beliefs = checked_prior(prior, kind.parameters, initial)
-        image, noise, sigma = checked_readings(depth, camera, sigma)
-        camera, noise, initial, beliefs = converted((camera, noise, initial, beliefs))
-        mask = checked_mask(mask, camera)
-        if not is_concrete((image, mask, initial, camera, noise, beliefs)):
-            if initial is None:
+        checked, noises = zip(*map(_checked, views), strict=True)
+        cameras = [converted(view.camera) for view in checked]
+        noises, start, beliefs = converted(([*noises], initial, beliefs))
+        masks = [view.mask for view in checked]
+        images = [view.depth for view in checked]
+        if not is_concrete((images, masks, start, cameras, noises, beliefs)):
+            if start is None:
                 raise ValueError(
                     "initial must be given to a traced fit: the first guess runs "
                     "outside JAX"
                 )
-            start = kind.body.of(initial)
-            return _fit_traced(
-                image, mask, start, camera, noise, beliefs, settings, options
-            )
-        assert mask is not None
-        image = np.asarray(image)
-        region = object_region(image, np.asarray(mask), camera)
-        warn_of_units(image, region, noise)
+            traced = [*zip(images, masks, cameras, noises, strict=True)]
+            return _fit_traced(traced, kind.body.of(start), beliefs, settings, options)
+        check_readings(checked)
+        seen = [
+            seen_by(np.asarray(image), np.asarray(one), *by)
+            for image, one, *by in zip(images, masks, cameras, noises, strict=True)
+        ]
+        for one in seen:
+            warn_of_units(one.image, one.region, one.noise)
 
         # Without types of arrays, which would be looked up at each call, in 20 us.
-        def fitted(image: np.ndarray, part: np.ndarray, correlated: bool) -> Fit:
-            shown = pixels_shown(image, part, camera, noise, effort.readings)
+        def fitted(parts: Any, correlated: bool) -> Fit:
             asked = settings
-            if part is not region:
+            if any(part.region is not one.region for part, one in zip(parts, seen)):  # noqa: B905
                 # Only of the whole one a caller says that its edge is the silhouette.
                 asked = dataclasses.replace(settings, is_outline=False)
-            return _fit_pixels(kind, shown, initial, beliefs, asked, effort, correlated)
+            shown = tuple(pixels_shown(part, effort.readings) for part in parts)
+            return _fit_pixels(kind, shown, start, beliefs, asked, effort, correlated)
 
-        correlated = options.correlated(noise)
+        correlated = any(options.correlated(noise) for noise in noises)
 
-        def fitted_to(image: np.ndarray) -> Fit:
-            return fit_of_one_surface(
-                partial(fitted, image),
-                kind.body,
-                image,
-                region,
-                camera,
-                noise,
-                correlated,
-            )
+        def fitted_to(parts: Any) -> Fit:
+            return fit_of_one_surface(fitted, kind.body, parts, correlated)
 
-        fit = fitted_to(image)
+        fit = fitted_to(seen)
         if kind.foreign is not None:
-            fit = _without_foreign(kind, fit, fitted_to, image, region, camera, noise)
+            fit = _without_foreign(kind, fit, fitted_to, seen)
         # A caller may write other pixels to a mask, and the depth is a copy.
-        known = {"depth": image, "sigma": sigma, "mask": np.array(region)}
-        fit.asked.arguments = about | known
+        regions = [np.array(one) for one in masks]
+        known = {"depth": images, "sigma": [v.sigma for v in checked], "mask": regions}
+        if not isinstance(depth, list | tuple):
+            known = {name: values[0] for name, values in known.items()}
+        elif not isinstance(sigma, list | tuple):
+            known["sigma"] = checked[0].sigma
+        fit.asked.arguments = {
+            "camera": camera, "initial": initial, "options": options, **known,
+        }  # fmt: skip
         return fit
+
+
+def _checked(view: Given) -> tuple[Given, AbstractDepthNoise]:
+    """A view with arrays for values, and the noise of its readings."""
+    image, noise, sigma = checked_readings(view.depth, view.camera, view.sigma)
+    mask = checked_mask(view.mask, view.camera)
+    return Given(image, view.camera, mask, sigma), noise
 
 
 def _without_foreign(
     kind: Fittable,
     fit: Fit,
-    fitted_to: Callable[[np.ndarray], Fit],
-    image: Float[np.ndarray, "h w"],
-    region: Bool[np.ndarray, "h w"],
-    camera: PinholeCamera,
-    noise: AbstractDepthNoise,
+    fitted_to: Callable[[Sequence[Seen]], Fit],
+    seen: Sequence[Seen],
 ) -> Fit:
     """The fit without readings of the region that are not of the shape, if there are.
 
     Args:
         kind: What is fitted; it tells which they are.
         fit: To all readings.
-        fitted_to: How to fit an image.
-        image: In meters; 0 where there is no reading.
-        region: Pixels of the object.
-        camera: The camera.
-        noise: Of its readings.
+        fitted_to: How to fit what is seen of an object.
+        seen: The object in each of its images.
     """
-    assert kind.foreign is not None
-    row, col = pixel_indices(region)
-    left_out = np.zeros_like(region)
+    foreign_in = kind.foreign
+    assert foreign_in is not None
+    places = [pixel_indices(one.region) for one in seen]
+    left_out = [np.zeros_like(one.region) for one in seen]
     for _ in range(MOST_LOOKS):
         if fit.status in (FitStatus.NO_FIRST_GUESS, FitStatus.NOT_FINITE):
             break
         body = kind.body.of(fit.shape)
-        foreign = kind.foreign(image, row, col, body, camera, noise)
-        if not foreign.any() or np.array_equal(foreign, left_out):
+        foreign = [
+            foreign_in(one.image, *place, body, one.camera, one.noise)
+            for one, place in zip(seen, places, strict=True)
+        ]
+        if not any(found.any() for found in foreign) or all(
+            map(np.array_equal, foreign, left_out)
+        ):
             break
-        kept = np.where(foreign, 0, image).astype(image.dtype)
-        if np.count_nonzero(kept[region]) < MIN_READINGS:
+        kept = [
+            one._replace(image=np.where(found, 0, one.image).astype(one.image.dtype))
+            for one, found in zip(seen, foreign, strict=True)
+        ]
+        if sum(np.count_nonzero(one.image[one.region]) for one in kept) < MIN_READINGS:
             break
         left_out, fit = foreign, fitted_to(kept)
     return fit
@@ -171,7 +192,7 @@ def _without_foreign(
 
 def _fit_pixels(
     kind: Fittable,
-    shown: tuple[Any, ...],
+    shown: tuple[Shown, ...],
     initial: AbstractPrimitive | None,
     prior: Prior,
     settings: Settings,
@@ -182,28 +203,27 @@ def _fit_pixels(
 
     Args:
         kind: What is fitted.
-        shown: As `pixels_shown` returns it.
+        shown: The object in each of its images.
         initial: In the world frame.
         prior: In the world frame.
         settings: What is asked for.
         effort: How much work it takes.
         correlated: Whether the covariance allows for correlated residuals.
     """
-    image, region, _, _, camera, noise = shown
     compiled = quickly_compiled(fit_from, static_argnames=("kernel", "correlated"))
 
     def fitted(start: AbstractBody) -> Assessment:
         return compiled(
-            *shown, prior, settings, start, kernel=effort.kernel, correlated=correlated
+            shown, prior, settings, start, kernel=effort.kernel, correlated=correlated
         )
 
     if initial is not None:
-        found = [fitted(_placed(kind.body, initial, camera))]
+        found = [fitted(_placed(kind.body, initial, shown[0].camera))]
         found = _with_closed(kind, found, fitted)
         return found[0].fit if len(found) == 1 else best_of(found)
-    guesses = kind.guesses(image, region, camera, typical_sigma(image, region, noise))
+    guesses = _guesses(kind, shown)
     if not guesses:
-        return no_guess(kind, region)
+        return no_guess(kind, *(np.asarray(one.mask) for one in shown))
     found, starts = [], guesses[: effort.starts]
     for guess in starts:
         found.append(fitted(guess))
@@ -233,6 +253,24 @@ def _fit_pixels(
     return best_of(found)
 
 
+def _guesses(kind: Fittable, shown: tuple[Shown, ...]) -> list[AbstractBody]:
+    """First guesses in the first view's frame: the best of each view, then the others.
+
+    Views with more readings come first.
+    """
+    found = []
+    for one in shown:
+        image, region = np.asarray(one.depth), np.asarray(one.mask)
+        sigma = typical_sigma(image, region, one.noise)
+        guesses = kind.guesses(image, region, one.camera, sigma)
+        if one is not shown[0]:
+            guesses = [_moved(g, one.camera, shown[0].camera) for g in guesses]
+        found.append((np.count_nonzero(image[region]), guesses))
+    found.sort(key=lambda pair: -pair[0])
+    ranks = itertools.zip_longest(*(guesses for _, guesses in found))
+    return [guess for rank in ranks for guess in rank if guess is not None]
+
+
 def _with_closed(
     kind: Fittable,
     found: list[Assessment],
@@ -254,12 +292,7 @@ def _with_closed(
 
 
 def fit_from(
-    depth: Float[Array, "h w"],
-    mask: Bool[Array, "h w"],
-    row: Int[Array, " n"],
-    col: Int[Array, " n"],
-    camera: PinholeCamera,
-    noise: AbstractDepthNoise,
+    shown: tuple[Shown, ...],
     prior: Prior,
     settings: Settings,
     start: AbstractBody,
@@ -267,16 +300,22 @@ def fit_from(
     correlated: bool,
 ) -> Assessment:
     """All of a fit that is compiled, in one program; the arguments are of its parts."""
-    problem = posed(depth, mask, row, col, camera, noise, prior, settings, kernel)
+    problem = posed(shown, prior, settings, kernel)
     return assess(problem, solve(problem, start), correlated)
 
 
 @partial(jax.jit, static_argnums=0)
 def _placed(
-    body: type[AbstractBody], shape: AbstractPrimitive, camera: PinholeCamera
+    body: type[AbstractBody], shape: AbstractPrimitive, camera: Sight
 ) -> AbstractBody:
     """In one program: operation by operation it takes a millisecond."""
     return in_camera_frame(body.of(shape), camera)
+
+
+@jax.jit
+def _moved(body: AbstractBody, source: Sight, target: Sight) -> AbstractBody:
+    """A body of one camera's frame in that of another."""
+    return in_camera_frame(in_world_frame(body, source), target)
 
 
 _closed = partial(jax.jit, static_argnums=0)(lambda close, body: close(body))
@@ -284,37 +323,51 @@ _mirrored = jax.jit(lambda body: body.mirrored())
 _turned = jax.jit(lambda body: body.turned())
 
 
-def pixels_shown(
-    image: Float[np.ndarray, "h w"],
-    region: Bool[np.ndarray, "h w"],
-    camera: PinholeCamera,
-    noise: AbstractDepthNoise,
-    readings: int | None = None,
-) -> tuple[Any, ...]:
-    """The first arguments of `fit_from`: an image, an object's pixels, and how seen.
-
-    Args:
-        image: In meters; 0 where there is no reading.
-        region: As `object_region` returns it.
-        camera: The camera.
-        noise: Of its readings.
-        readings: Of an `Effort`.
-    """
-    image = np.asarray(without_edges(image, region, camera, noise))
-    return image, region, *pixel_indices(region, readings), camera, noise
-
-
 def _fit_traced(
-    depth: DepthImage,
-    mask: Mask | None,
+    views: Sequence[tuple[DepthImage, Mask | None, Any, AbstractDepthNoise]],
     initial: AbstractBody,
-    camera: PinholeCamera,
-    noise: AbstractDepthNoise,
     prior: Prior,
     settings: Settings,
     options: Options,
 ) -> Fit:
-    """Fit with sizes that do not depend on any value."""
+    """Fit with sizes that do not depend on any value.
+
+    Args:
+        views: Depth, mask, camera and noise of each.
+        initial: In the world frame.
+        prior: In the world frame.
+        settings: What is asked for.
+        options: As a caller gives them.
+    """
+    shown = tuple(
+        _shown_traced(*view, initial, options.effort.readings) for view in views
+    )
+    correlated = any(options.correlated(one.noise) for one in shown)
+    settings = dataclasses.replace(settings, refutes=True)
+    start = in_camera_frame(initial, shown[0].camera)
+    kernel = options.effort.kernel
+    return fit_from(shown, prior, settings, start, kernel, correlated).fit
+
+
+def _shown_traced(
+    depth: DepthImage,
+    mask: Mask | None,
+    camera: PinholeCamera,
+    noise: AbstractDepthNoise,
+    initial: AbstractBody,
+    readings: int | None,
+) -> Shown:
+    """An object in an image of which only the run knows.
+
+    Raises:
+        ValueError: The camera looks all around: which way it is turned to the object is
+            found outside JAX.
+    """
+    if not isinstance(camera, PinholeCamera):
+        raise ValueError(
+            f"camera must be a PinholeCamera in a traced fit, got a "
+            f"{type(camera).__name__}"
+        )
     row, col = camera.frame.pixels()
     if mask is None:
         ray = camera.rays(row, col, depth.dtype)
@@ -326,12 +379,7 @@ def _fit_traced(
     if sees is not None:
         region = jnp.asarray(region) & sees
     if isinstance(region, np.ndarray):
-        row, col = map(jnp.asarray, pixel_indices(region, options.effort.readings))
+        row, col = map(jnp.asarray, pixel_indices(region, readings))
     else:
-        row, col = traced_indices(region, options.effort.readings)
-    settings = dataclasses.replace(settings, refutes=True)
-    return fit_from(
-        jnp.asarray(depth), jnp.asarray(region), row, col, camera, noise, prior,
-        settings, in_camera_frame(initial, camera), options.effort.kernel,
-        correlated=options.correlated(noise),
-    ).fit  # fmt: skip
+        row, col = traced_indices(region, readings)
+    return Shown(jnp.asarray(depth), jnp.asarray(region), row, col, camera, noise)

@@ -1,6 +1,6 @@
-"""The compiled fit: from a start to the estimate, in the camera's frame.
+"""The compiled fit: from a start to the estimate, in the first view's frame.
 
-Each pass reads the image at the estimate, weights included, and gives the products of
+Each pass reads the images at the estimate, weights included, and gives the products of
 all terms; a damped Gauss-Newton step follows. So evaluation and step are one pass, and
 the fit ends where a step leads nowhere. The first stages blunt the outline and take a
 block of readings that speaks for all; the last takes all of them.
@@ -31,7 +31,7 @@ from typing_extensions import override
 from impostor_jax.fit.body import AbstractBody, FreeDirections
 from impostor_jax.fit.evidence import Terms, crossing_terms, reading_terms
 from impostor_jax.fit.prior import prior_residuals
-from impostor_jax.fit.problem import BLOCK, Problem
+from impostor_jax.fit.problem import BLOCK, Problem, View
 from impostor_jax.fit.robust import KERNELS, robust_residual
 from impostor_jax.fit.scatter import scatter_products
 from impostor_jax.numerics import eps, product, safe_divide
@@ -99,7 +99,7 @@ SEARCHED = 16
 
 
 class Solution(eqx.Module):
-    """An estimate in the camera frame.
+    """An estimate in the first view's frame.
 
     Attributes:
         body: The estimate.
@@ -240,7 +240,7 @@ class _Staged(optx.AbstractFixedPointSolver):
 
 
 def solve(problem: Problem, start: AbstractBody) -> Solution:
-    """Go through the stages from a start in the camera frame.
+    """Go through the stages from a start in the first view's frame.
 
     Mapped over many problems it takes one after the other on a processor, where all
     would wait for the slowest.
@@ -283,11 +283,19 @@ def _followed_jvp(given, changes):
 
     def pull_at(moved: Float[Array, " c"], problem: Problem) -> Float[Array, " c"]:
         at = body_at(moved)
-        readings = reading_terms(problem.pixels, at, problem.noise, pixel=problem.pixel)
-        terms = readings.terms
-        scale = _scale(problem, terms.residual[-BLOCK:], terms.weight[-BLOCK:])
-        total = _products(problem, terms, scale) + _beside(problem, at, stage, scale)
-        total += scatter_products(problem, problem.pixels, at, readings, scale)
+        total = _of_beliefs(problem, at)
+        for view in problem.views:
+            own = view.own(at)
+            pixels = view.pixels
+            readings = reading_terms(pixels, own, view.noise, pixel=view.pixel)
+            terms = readings.terms
+            scale = _scale(problem, terms.residual[-BLOCK:], terms.weight[-BLOCK:])
+            told = _products(problem, terms, scale)
+            told += _of_edge(problem, view, own, stage, scale)
+            told += scatter_products(
+                view, problem.nominal, pixels, own, readings, scale
+            )
+            total += view.products_told(told, at)
         return product(basis.T, total[:-1, -1])
 
     still = jnp.zeros(free.shape[0], problem.unit.dtype)
@@ -341,12 +349,18 @@ def _stage_at(number: int | Int[Array, ""], dtype: DTypeLike) -> Stage:
 
 
 def _told(problem: Problem, body: AbstractBody, stage: Stage) -> _Pass:
-    """Read the image at an estimate."""
+    """Read the images at an estimate."""
     basis = _free_basis(problem, body)
-    of_readings, scale = _of_readings(problem, body, stage)
-    total = of_readings + _beside(problem, body, stage, scale)
+    total = _of_beliefs(problem, body)
+    loss = jnp.zeros_like(problem.unit)
+    for view in problem.views:
+        own = view.own(body)
+        of_readings, scale = _of_readings(problem, view, own, stage)
+        told = of_readings + _of_edge(problem, view, own, stage, scale)
+        total += view.products_told(told, body)
+        loss += of_readings[-1, -1]
     total = in_coordinates(total, basis.T)
-    return _Pass(total[:-1, :-1], total[:-1, -1], basis, of_readings[-1, -1])
+    return _Pass(total[:-1, :-1], total[:-1, -1], basis, loss)
 
 
 def in_coordinates(
@@ -367,14 +381,20 @@ def _free_basis(problem: Problem, body: AbstractBody) -> Float[Array, "c c"]:
 
 
 def _of_readings(
-    problem: Problem, body: AbstractBody, stage: Stage
+    problem: Problem, view: View, body: AbstractBody, stage: Stage
 ) -> tuple[Float[Array, "k k"], Float[Array, ""]]:
-    """Products of the terms of [gradient, residual], in tangent coordinates.
+    """Products of a view's terms of [gradient, residual], in tangent coordinates.
 
     The thousands of terms enter a step only so, and are taken block by block. The first
     of these tells what the width of the robust loss is multiplied by, too.
+
+    Args:
+        problem: What was given.
+        view: One of its views.
+        body: The estimate, in the view's frame.
+        stage: Of the fit.
     """
-    size = problem.row.shape[0]
+    size = view.row.shape[0]
 
     def with_block(
         number: Int[Array, ""], carry: tuple[Float[Array, "k k"], Float[Array, ""]]
@@ -383,8 +403,8 @@ def _of_readings(
         # From the end, where the readings are that speak for all.
         first = size - BLOCK * (number + 1)
         cut = partial(jax.lax.dynamic_slice_in_dim, start_index=first, slice_size=BLOCK)
-        pixels = jax.tree.map(cut, problem.pixels)
-        readings = reading_terms(pixels, body, problem.noise, stage.soft, problem.pixel)
+        pixels = jax.tree.map(cut, view.pixels)
+        readings = reading_terms(pixels, body, view.noise, stage.soft, view.pixel)
         terms = readings.terms
         scale = jax.lax.cond(
             number == 0,
@@ -392,37 +412,45 @@ def _of_readings(
             lambda: scale,
         )
         total = total + _products(problem, terms, scale)
-        scatter = scatter_products(problem, pixels, body, readings, scale)
+        scatter = scatter_products(view, problem.nominal, pixels, body, readings, scale)
         return total + jnp.where(stage.takes_all, scatter, 0), scale
 
-    num_blocks = jnp.where(stage.takes_all, problem.num_blocks, 1)
+    num_blocks = jnp.where(stage.takes_all, view.num_blocks, 1)
     one = jnp.ones_like(problem.unit)
     blank = jnp.zeros((problem.settings.free.shape[0] + 1,) * 2, one.dtype)
     return jax.lax.fori_loop(0, num_blocks, with_block, (blank, one))
 
 
-def _beside(
-    problem: Problem, body: AbstractBody, stage: Stage, scale: Float[Array, ""]
+def _of_edge(
+    problem: Problem,
+    view: View,
+    body: AbstractBody,
+    stage: Stage,
+    scale: Float[Array, ""],
 ) -> Float[Array, "k k"]:
-    """The same products of what is no reading: the edge, and what is expected."""
-    settings = problem.settings
+    """The same products of the edge of the object in a view, of a body in its frame."""
     edge = crossing_terms(
-        problem.edge,
+        view.edge,
         body,
-        problem.noise,
-        settings.is_outline,
+        view.noise,
+        problem.settings.is_outline,
         stage.place,
         stage.soft > 0,
     )
+    return _products(problem, edge, scale)
+
+
+def _of_beliefs(problem: Problem, body: AbstractBody) -> Float[Array, "k k"]:
+    """The same products of what is expected beforehand."""
+    free = problem.settings.free
 
     def known(tangent: Float[Array, " c"]) -> Float[Array, " n"]:
-        moved = body.retracted(tangent, settings.free)
-        return prior_residuals(problem.prior, moved, problem.noise.bias)
+        moved = body.retracted(tangent, free)
+        return prior_residuals(problem.prior, moved, problem.bias)
 
-    still = jnp.zeros(settings.free.shape[0], scale.dtype)
+    still = jnp.zeros(free.shape[0], problem.unit.dtype)
     beliefs = jnp.concatenate([jax.jacfwd(known)(still).T, known(still)[None]])
-    of_beliefs = product(beliefs, beliefs.T)
-    return of_beliefs + _products(problem, edge, scale)
+    return product(beliefs, beliefs.T)
 
 
 def _products(

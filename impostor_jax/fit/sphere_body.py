@@ -77,10 +77,14 @@ class SphereBody(AbstractBody):
 
     @override
     def passing(
-        self, direction: Vec3, chord: float | Float[Array, "*#batch"] = 0.0
+        self,
+        direction: Vec3,
+        chord: float | Float[Array, "*#batch"] = 0.0,
+        start: Vec3 | None = None,
     ) -> Passing:
         r = self.radius
-        local, foot = local_ray(direction, self.center, jnp.eye(3, dtype=r.dtype))
+        frame = jnp.eye(3, dtype=r.dtype)
+        local, foot = local_ray(direction, self.center, frame, start)
         o, d = local.origin, local.direction
         d_d = d.dot(d)
         inverse = 1 / d_d
@@ -192,3 +196,8 @@ class SphereBody(AbstractBody):
     @override
     def turned(self) -> "SphereBody":
         return self
+
+    @override
+    def carried(self, target_from_source: RigidTransform) -> Float[Array, "4 4"]:
+        rotation = target_from_source.rotation.astype(self.radius.dtype)
+        return jnp.eye(4, dtype=rotation.dtype).at[:3, :3].set(rotation.T)

@@ -23,6 +23,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from impostor_jax.camera.pinhole import PinholeCamera
+from impostor_jax.camera.ray_table import RayTable, Sight
 from impostor_jax.fit.rounds import FEWEST_POINTS, median_of
 from impostor_jax.fit.sparse import MAX_SLOPE_ERROR, spacing_of, sparse_slopes
 
@@ -34,6 +35,9 @@ SMALLEST_SIDE = 16
 
 WIDEST_WINDOW = 7
 """Readings across the windows of normals where an object is seen densely."""
+
+MOST_RESAMPLED = 1024
+"""Pixels along the longer side of the image that scattered rays are resampled to."""
 
 MAX_POINTS = 256
 """Points, and normals, that a guess is made from: more cost time and lead the fit
@@ -122,15 +126,31 @@ def cropped(region: Bool[np.ndarray, "h w"]) -> tuple[slice, slice]:
     return np.s_[top:bottom, int(cols.argmax()) : len(cols) - int(cols[::-1].argmax())]
 
 
-def _without_lens(
-    depth: Float[np.ndarray, "h w"],
-    region: Bool[np.ndarray, "h w"],
-    camera: PinholeCamera,
-) -> tuple[Float[np.ndarray, "h w"], Bool[np.ndarray, "h w"]]:
+class _Straight(NamedTuple):
+    """A region of an image as a camera without a lens sees it.
+
+    Attributes:
+        depth: In meters; 0 where there is no reading.
+        region: Pixels of the object.
+        matrix: Of the camera.
+    """
+
+    depth: Float[np.ndarray, "h w"]
+    region: Bool[np.ndarray, "h w"]
+    matrix: Float[np.ndarray, "3 3"]
+
+
+def _straight(
+    depth: Float[np.ndarray, "h w"], region: Bool[np.ndarray, "h w"], camera: Sight
+) -> _Straight:
     """Resample an image as the same camera would see it without its lens."""
+    if isinstance(camera, RayTable):
+        return _of_rays(depth, region, camera)
+    # From the class: of an instance Equinox copies a method's fields, in 60 us.
+    matrix = PinholeCamera.matrix(camera)
     if camera.distortion is None:
-        return depth, region
-    matrix, size = camera.matrix(), (camera.width, camera.height)
+        return _Straight(depth, region, matrix)
+    size = camera.width, camera.height
     coefficients = np.asarray(camera.distortion, dtype=np.float64)
     module = cv2.fisheye if camera.fisheye else cv2
     maps = module.initUndistortRectifyMap(
@@ -138,13 +158,38 @@ def _without_lens(
     )
     seen = np.where(region, depth, 0).astype(np.float32)
     straight = cv2.remap(seen, *maps, cv2.INTER_NEAREST)
-    return straight, straight > 0
+    return _Straight(straight, straight > 0, matrix)
+
+
+def _of_rays(
+    depth: Float[np.ndarray, "h w"], region: Bool[np.ndarray, "h w"], camera: RayTable
+) -> _Straight:
+    """The image of a pinhole camera, about as fine, that sees the same points."""
+    used = region & (depth > 0)
+    if not used.any():
+        return _Straight(depth, used, np.eye(3))
+    x, y, z = (np.asarray(part)[used] for part in (camera.x, camera.y, depth))
+    x, y = x * z, y * z
+    if camera.start is not None:
+        starts = np.asarray(camera.start)[used]
+        x, y, z = x + starts[:, 0], y + starts[:, 1], z + starts[:, 2]
+    x, y = x / z, y / z
+    extent = max(float(np.ptp(x)), float(np.ptp(y)))
+    focal = 1 / max(float(camera.spacing), extent / MOST_RESAMPLED)
+    col, row = (np.round((part - part.min()) * focal).astype(int) for part in (x, y))
+    image = np.zeros((row.max() + 1, col.max() + 1), np.float32)
+    # What is nearest comes last, and stays.
+    order = np.argsort(-z)
+    image[row[order], col[order]] = z[order]
+    matrix = np.diag([focal, focal, 1.0])
+    matrix[:2, 2] = -focal * x.min(), -focal * y.min()
+    return _Straight(image, image > 0, matrix)
 
 
 def samples_of(
     depth: Float[np.ndarray, "h w"],
     region: Bool[np.ndarray, "h w"],
-    camera: PinholeCamera,
+    camera: Sight,
     sigma: float,
 ) -> Samples | None:
     """What is looked at of a region; None where it has too few readings.
@@ -157,14 +202,12 @@ def samples_of(
         camera: Concrete; its pose is not used.
         sigma: Typical standard deviation of a reading, in meters.
     """
-    depth, region = _without_lens(depth, region, camera)
+    depth, region, matrix = _straight(depth, region, camera)
     box = cropped(region)
     seen = depth[box] * region[box]
     index = np.flatnonzero(seen)
     if len(index) < FEWEST_POINTS:
         return None
-    # From the class: of an instance Equinox copies a method's fields, in 60 us.
-    matrix = PinholeCamera.matrix(camera)
     matrix[:2, 2] -= box[1].start, box[0].start
     some = _looked_at(seen, thinned(index))
     step = _reduction(seen.shape, some[2], matrix, sigma)

@@ -142,10 +142,13 @@ class TubeBody(AbstractBody):
 
     @override
     def passing(
-        self, direction: Vec3, chord: float | Float[Array, "*#batch"] = 0.0
+        self,
+        direction: Vec3,
+        chord: float | Float[Array, "*#batch"] = 0.0,
+        start: Vec3 | None = None,
     ) -> Passing:
         outer, bore = (
-            body.passing(direction, chord) for body in (self.outer, self.bore)
+            body.passing(direction, chord, start) for body in (self.outer, self.bore)
         )
         # From between the ends and within the outer wall a camera sees the bore's.
         within = ~outer.outside | (outer.on_cap & (outer.rim < self.inner_radius))
@@ -345,10 +348,7 @@ class TubeBody(AbstractBody):
         self, ends_seen: Bool[Array, " e"], reach: Float[Array, " e"]
     ) -> tuple["TubeBody", Float[Array, "c c"]]:
         outer, of_outer = self.outer.drawn_in(ends_seen, reach)
-        others = np.delete(np.arange(len(of_outer) + 1), INNER)
-        carried = jnp.eye(len(of_outer) + 1, dtype=of_outer.dtype)
-        carried = carried.at[np.ix_(others, others)].set(of_outer)
-        return self._with_outer(outer, self.inner_radius), carried
+        return self._with_outer(outer, self.inner_radius), _with_inner(of_outer)
 
     @override
     def magnified(self, change: Numbers) -> "TubeBody":
@@ -369,3 +369,15 @@ class TubeBody(AbstractBody):
     def transformed(self, target_from_source: RigidTransform) -> "TubeBody":
         outer = self.outer.transformed(target_from_source)
         return self._with_outer(outer, self.inner_radius)
+
+    @override
+    def carried(self, target_from_source: RigidTransform) -> Float[Array, "c c"]:
+        return _with_inner(self.outer.carried(target_from_source))
+
+
+def _with_inner(of_outer: Float[Array, "k k"]) -> Float[Array, "c c"]:
+    """What moves the outer cylinder, and an inner radius that nothing else moves."""
+    count = len(of_outer) + 1
+    others = np.delete(np.arange(count), INNER)
+    carried = jnp.eye(count, dtype=of_outer.dtype)
+    return carried.at[np.ix_(others, others)].set(of_outer)

@@ -10,7 +10,7 @@ import jax
 import numpy as np
 
 from impostor_jax.arguments import is_concrete
-from impostor_jax.camera.pinhole import PinholeCamera
+from impostor_jax.camera.base import AbstractCamera
 from impostor_jax.fit.batch import side_by_side
 from impostor_jax.fit.fittable import CYLINDER
 from impostor_jax.fit.options import FitOptions, Options
@@ -25,7 +25,7 @@ ALIGNMENT = 64
 
 def fit_cylinders(
     depths: Any,
-    camera: PinholeCamera | Sequence[PinholeCamera],
+    camera: AbstractCamera | Sequence[AbstractCamera],
     masks: Any = None,
     sigma: Any = None,
     initial: Cylinder | None = None,

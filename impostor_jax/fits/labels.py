@@ -8,7 +8,7 @@ from typing import Any, Unpack
 import numpy as np
 
 from impostor_jax.arguments import is_concrete
-from impostor_jax.camera.pinhole import PinholeCamera
+from impostor_jax.camera.base import AbstractCamera
 from impostor_jax.fit.batch import side_by_side
 from impostor_jax.fit.fittable import CYLINDER, FRUSTUM, SPHERE, TUBE
 from impostor_jax.fit.options import FitOptions, Options
@@ -27,7 +27,7 @@ KIND_OF = {
 
 def fit_labels(
     depth: Any,
-    camera: PinholeCamera,
+    camera: AbstractCamera,
     labels: Any,
     fit: Callable[..., Fit] = fit_cylinder,
     sigma: Any = None,

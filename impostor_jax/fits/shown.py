@@ -7,6 +7,8 @@ is fitted that stands out of the planes of the scene.
 
 __all__ = ["fit_or_failure", "fit_shown"]
 
+from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import jax
@@ -15,7 +17,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from impostor_jax.arguments import is_concrete, working_precision
-from impostor_jax.camera.pinhole import PinholeCamera
+from impostor_jax.camera.base import AbstractCamera
 from impostor_jax.effort import MIN_READINGS
 from impostor_jax.find.cylinders import MOST_PIXELS, find_cylinders
 from impostor_jax.find.normals import stray
@@ -26,6 +28,7 @@ from impostor_jax.fit.fittable import CYLINDER, Fittable, no_guess
 from impostor_jax.fit.options import Options
 from impostor_jax.fit.regions import warn_of_units
 from impostor_jax.fit.request import (
+    Given,
     TooFewReadingsError,
     check_readings,
     check_types,
@@ -34,6 +37,7 @@ from impostor_jax.fit.request import (
     checked_prior,
     checked_readings,
     checked_settings,
+    views_given,
 )
 from impostor_jax.fit.result import Fit
 from impostor_jax.fit.shapes import fit_shape
@@ -48,16 +52,77 @@ MOST_OBJECTS = 5
 def fit_shown(
     kind: Fittable,
     depth: Any,
-    camera: PinholeCamera,
+    camera: Any,
     mask: Any,
     sigma: Any,
     initial: AbstractPrimitive | None,
     options: Options,
 ) -> Fit:
     """As `fit_shape`; without a mask the object is looked for, unless it is traced."""
+    views = views_given(depth, camera, mask, sigma)
     given = (depth, camera, sigma, initial, options.prior)
-    if mask is not None or not is_concrete(given):
+    is_masked = all(view.mask is not None for view in views)
+    if is_masked or not is_concrete(given):
         return fit_shape(kind, depth, camera, mask, sigma, initial, options)
+    if len(views) == 1:
+        return _fit_found(kind, *views[0], initial, options)
+    masks = _masks_of(kind, views, initial, options)
+    if masks is None:
+        images = [np.asarray(checked_depth(v.depth, v.camera)) for v in views]
+        with working_precision(options.effort.precision, ()):
+            return no_guess(kind, *(np.zeros(image.shape, bool) for image in images))
+    return fit_shape(kind, depth, camera, masks, sigma, initial, options)
+
+
+def _masks_of(
+    kind: Fittable,
+    views: Sequence[Given],
+    initial: AbstractPrimitive | None,
+    options: Options,
+) -> list[Any] | None:
+    """Masks of several views of which some have none; None where nothing is found.
+
+    They are what reads near the start, or near what the views with a mask show, or else
+    near what is found in the first view in which something is.
+    """
+    for view in views:
+        check_types(kind.shape, view.camera, initial)
+    near = initial
+    if near is None:
+        masked = [view for view in views if view.mask is not None]
+        alone = replace(options, fixed=(), mask_meaning="region")
+        if masked:
+            depths, cameras, masks, sigmas = map(list, zip(*masked, strict=True))
+            fit = fit_shape(kind, depths, cameras, masks, sigmas, None, alone)
+            near = fit.shape if fit.is_shape else None
+        else:
+            fits = (fit_or_failure(kind, *view, None, alone) for view in views)
+            near = next((fit.shape for fit in fits if fit.is_shape), None)
+    if near is None:
+        return None
+    masks = []
+    for view in views:
+        if view.mask is not None:
+            masks.append(view.mask)
+            continue
+        with working_precision(options.effort.precision, view) as converted:
+            image, noise, _ = checked_readings(view.depth, view.camera, view.sigma)
+            shape, noise = converted((near, noise))
+            masks.append(_near(shape, kind, np.asarray(image), view.camera, noise))
+    return masks
+
+
+def _fit_found(
+    kind: Fittable,
+    depth: Any,
+    camera: Any,
+    mask: None,
+    sigma: Any,
+    initial: AbstractPrimitive | None,
+    options: Options,
+) -> Fit:
+    """Fit what is found in an image without a mask."""
+    given = (depth, camera, sigma, initial, options.prior)
     check_types(kind.shape, camera, initial)
     precision = options.effort.precision
     with working_precision(precision, given) as converted:
@@ -66,7 +131,7 @@ def fit_shown(
         checked_prior(options.prior, kind.parameters, initial)
         image, noise, sigma = checked_readings(depth, camera, sigma)
         image = np.asarray(image)
-        check_readings(image, None)
+        check_readings([Given(image, camera, None, sigma)])
         if initial is not None:
             start, noise = converted((initial, noise))
             masks = [_near(start, kind, image, camera, noise)]
@@ -84,7 +149,7 @@ def fit_shown(
     good = [fit for fit in fits if fit.is_shape]
     if not good:
         return _nothing(kind, image, noise, precision)
-    return max(good, key=lambda fit: np.count_nonzero(fit.inliers))
+    return max(good, key=lambda fit: fit.num_inliers)
 
 
 def _nothing(
@@ -100,7 +165,10 @@ def _nothing(
 
 
 def _surest(
-    image: Float[np.ndarray, "h w"], camera: PinholeCamera, sigma: Any, options: Options
+    image: Float[np.ndarray, "h w"],
+    camera: AbstractCamera,
+    sigma: Any,
+    options: Options,
 ) -> list[Bool[np.ndarray, "h w"]]:
     """Pixels of the surest cylinder, if one is found."""
     prior = {name: x for name, x in (options.prior or {}).items() if name == "radius"}
@@ -114,7 +182,7 @@ def _near(
     initial: AbstractPrimitive,
     kind: Fittable,
     image: Float[np.ndarray, "h w"],
-    camera: PinholeCamera,
+    camera: AbstractCamera,
     noise: AbstractDepthNoise,
 ) -> Bool[np.ndarray, "h w"]:
     """Pixels that read within half a radius, or 5 sigma, of a start."""
@@ -139,7 +207,7 @@ def _reads_near(
 
 
 def _objects(
-    image: Float[np.ndarray, "h w"], camera: PinholeCamera, noise: AbstractDepthNoise
+    image: Float[np.ndarray, "h w"], camera: AbstractCamera, noise: AbstractDepthNoise
 ) -> list[Bool[np.ndarray, "h w"]]:
     """Pixels of the largest objects that are no planes, as a search sees them."""
     view = view_of(image, camera, noise, MOST_PIXELS)
@@ -155,7 +223,7 @@ def _objects(
 def fit_or_failure(
     kind: Fittable,
     depth: Any,
-    camera: PinholeCamera,
+    camera: Any,
     mask: Any,
     sigma: Any,
     initial: AbstractPrimitive | None,
@@ -165,8 +233,13 @@ def fit_or_failure(
     try:
         return fit_shown(kind, depth, camera, mask, sigma, initial, options)
     except TooFewReadingsError:
+        regions = []
         with working_precision(options.effort.precision, ()):
-            region = checked_mask(mask, camera)
-            if region is None:
-                region = np.zeros(checked_depth(depth, camera).shape, bool)
-            return no_guess(kind, np.asarray(region))
+            for view in views_given(depth, camera, mask, sigma):
+                region = checked_mask(view.mask, view.camera)
+                if region is None:
+                    region = np.zeros(
+                        checked_depth(view.depth, view.camera).shape, bool
+                    )
+                regions.append(np.asarray(region))
+            return no_guess(kind, *regions)

@@ -1,10 +1,11 @@
-"""Fit one shape to one depth image: a cylinder, a frustum, a sphere or a tube."""
+"""Fit one shape to what is seen of it: a cylinder, a frustum, a sphere or a tube."""
 
 __all__ = ["fit_cylinder", "fit_frustum", "fit_sphere", "fit_tube"]
 
+from collections.abc import Sequence
 from typing import Any, Unpack
 
-from impostor_jax.camera.pinhole import PinholeCamera
+from impostor_jax.camera.base import AbstractCamera
 from impostor_jax.fit.fittable import CYLINDER, FRUSTUM, SPHERE, TUBE
 from impostor_jax.fit.options import FitOptions, Options
 from impostor_jax.fit.result import Fit
@@ -14,24 +15,38 @@ from impostor_jax.primitives.frustum import Frustum
 from impostor_jax.primitives.solid import Solid
 from impostor_jax.primitives.sphere import Sphere
 
+Cameras = AbstractCamera | Sequence[AbstractCamera]
+"""The camera of an image, or those of several."""
+
 
 def fit_cylinder(
     depth: Any,
-    camera: PinholeCamera,
+    camera: Cameras,
     mask: Any = None,
     sigma: Any = None,
     initial: Cylinder | None = None,
     **options: Unpack[FitOptions],
 ) -> Fit:
-    """Fit center, axis, radius and height of a capped cylinder to a depth image.
+    """Fit center, axis, radius and height of a capped cylinder to depth images.
+
+    One image, or several of the same object from cameras whose poses are known:
+
+        fit = ij.fit_cylinder(depth, camera, mask=mask, sigma=0.001)
+        fit = ij.fit_cylinder([depth1, depth2], [camera1, camera2], mask=[mask1, mask2])
+
+    Several have one likelihood and one covariance; what is told of pixels (`residual`,
+    `inliers`, `region`) are tuples then. Their cameras may differ in size and lens. An
+    error of scale that a sensor has is counted for each image, or for all alike where
+    one noise model is given; no image corrects another's.
 
     Inside `jax.jit` or `vmap` give `initial`: the first guess runs outside JAX. A
     traced fit without a mask uses the pixels that `initial` covers. Where the pixels
     are known to the run alone, it takes at most 15872 of them.
 
     Args:
-        depth: (H, W), planar depth in meters; 0, NaN and infinity mean no reading.
-        camera: The camera that took it.
+        depth: (H, W), planar depth in meters; 0, NaN and infinity mean no reading. Of a
+            `SphericalCamera` ranges along the rays. Or a list of several images.
+        camera: The camera that took it; a list of as many, each with its pose.
         mask: (H, W), True on pixels of the object, wall and caps together; or one
             integer there and 0 elsewhere. A label image is for `fit_labels`. Where
             the readings beside its border disagree with the others, it is cut down to
@@ -39,11 +54,14 @@ def fit_cylinder(
             them lie elsewhere.
             If None, a cylinder is searched for as in `find_cylinders` and the surest
             one is taken; or what reads near `initial`, within half a radius or 5 sigma.
-            The pixels are reported as `region`.
+            The pixels are reported as `region`. Of several images a list; those that
+            have None are searched for what the others show, or else for what is found
+            in the first in which something is.
         sigma: Standard deviation of a reading in meters, or a noise model of the
             sensor, which weighs each reading by its depth and incidence. Readings that
             scatter three times as much make it a `poor_fit`. If None, 1 mm weighs
-            against priors and outlines, and is not held against the readings.
+            against priors and outlines, and is not held against the readings. Of
+            several images one of all of them, or a list.
         initial: Start of the fit, in the world frame; found from the image if None.
         options: What `FitOptions` lists.
 
@@ -55,8 +73,8 @@ def fit_cylinder(
 
     Raises:
         TypeError: An option is unknown.
-        ValueError: An argument has a wrong shape, dtype or value, the mask is empty, or
-            it holds fewer than 50 readings.
+        ValueError: An argument has a wrong shape, dtype or value, the lists differ in
+            length, the mask is empty, or it holds fewer than 50 readings.
 
     Derivatives:
         With `initial` given: of the cylinder in the depths, the camera and sigma, by
@@ -68,7 +86,7 @@ def fit_cylinder(
 
 def fit_frustum(
     depth: Any,
-    camera: PinholeCamera,
+    camera: Cameras,
     mask: Any = None,
     sigma: Any = None,
     initial: Frustum | None = None,
@@ -85,8 +103,8 @@ def fit_frustum(
     it.
 
     Args:
-        depth: (H, W), planar depth in meters; 0, NaN and infinity mean no reading.
-        camera: The camera that took it.
+        depth: (H, W), or a list, as in `fit_cylinder`.
+        camera: The camera that took it, or a list.
         mask: (H, W), as in `fit_cylinder`.
         sigma: As in `fit_cylinder`.
         initial: Start of the fit, in the world frame; found from the image if None.
@@ -107,7 +125,7 @@ def fit_frustum(
 
 def fit_sphere(
     depth: Any,
-    camera: PinholeCamera,
+    camera: Cameras,
     mask: Any = None,
     sigma: Any = None,
     initial: Sphere | None = None,
@@ -120,8 +138,8 @@ def fit_sphere(
     is in `fit_frustum`.
 
     Args:
-        depth: (H, W), planar depth in meters; 0, NaN and infinity mean no reading.
-        camera: The camera that took it.
+        depth: (H, W), or a list, as in `fit_cylinder`.
+        camera: The camera that took it, or a list.
         mask: (H, W), as in `fit_cylinder`.
         sigma: As in `fit_cylinder`.
         initial: Start of the fit, in the world frame; found from the image if None.
@@ -141,7 +159,7 @@ def fit_sphere(
 
 def fit_tube(
     depth: Any,
-    camera: PinholeCamera,
+    camera: Cameras,
     mask: Any = None,
     sigma: Any = None,
     initial: Solid | None = None,
@@ -171,8 +189,8 @@ def fit_tube(
     alone the outer radius is as open.
 
     Args:
-        depth: (H, W), planar depth in meters; 0, NaN and infinity mean no reading.
-        camera: The camera that took it.
+        depth: (H, W), or a list, as in `fit_cylinder`.
+        camera: The camera that took it, or a list.
         mask: (H, W), as in `fit_cylinder`: outside and inside together. Of what is seen
             through the bore it may hold the pixels or not.
         sigma: As in `fit_cylinder`.

@@ -3,7 +3,12 @@
 Nothing here needs JAX, so that a command can refuse a file before JAX starts.
 """
 
-__all__ = ["REQUIRED", "check_camera_record", "read_camera_record"]
+__all__ = [
+    "REQUIRED",
+    "check_camera_record",
+    "read_camera_record",
+    "size_of_record",
+]
 
 from pathlib import Path
 from typing import Any
@@ -11,6 +16,7 @@ from typing import Any
 from impostor_jax.io.foreign_camera import camera_arguments
 from impostor_jax.io.input_file import opened
 from impostor_jax.io.json_file import check_keys, read_json_object
+from impostor_jax.io.spherical_record import ANGLES, angles_of, check_spherical_record
 from impostor_jax.plain_arguments import image_size
 
 REQUIRED = ("fx", "fy", "cx", "cy", "width", "height")
@@ -55,7 +61,10 @@ def check_camera_record(record: dict[str, Any], what: str) -> None:
         record: As it was read; its numbers are looked at where the camera is made.
         what: Names it in errors.
     """
-    check_keys(record, REQUIRED, (*REQUIRED, *OPTIONAL), what)
+    if "model" in record:
+        check_spherical_record(record, what)
+    else:
+        check_keys(record, REQUIRED, (*REQUIRED, *OPTIONAL), what)
     try:
         scale, fisheye = record.get("depth_scale_m"), record.get("fisheye", False)
         if scale is not None and not _is_scale(scale):
@@ -65,9 +74,17 @@ def check_camera_record(record: dict[str, Any], what: str) -> None:
             )
         if not isinstance(fisheye, bool):
             raise ValueError(f"fisheye must be true or false, got {fisheye!r}")
-        image_size(record["width"], record["height"])
+        image_size(*size_of_record(record))
     except ValueError as error:
         raise ValueError(f"{what}: {error}") from error
+
+
+def size_of_record(record: dict[str, Any]) -> tuple[Any, Any]:
+    """Width and height of the images of a camera's record, which has its keys."""
+    if "model" in record:
+        elevation, azimuth = (angles_of(record, name) for name in ANGLES)
+        return len(azimuth), len(elevation)
+    return record["width"], record["height"]
 
 
 def _is_scale(scale: Any) -> bool:

@@ -18,7 +18,7 @@ from jaxtyping import Bool, Float, UInt8
 
 from impostor_jax.arguments import real_number
 from impostor_jax.camera.pinhole import PinholeCamera
-from impostor_jax.io.camera_file import camera_from_record
+from impostor_jax.io.camera_file import FiledCamera, camera_from_record, pinhole_of
 from impostor_jax.io.color_image import read_picture
 from impostor_jax.io.depth_image import depth_of_png, read_depth, read_mask
 from impostor_jax.io.input_file import require_file
@@ -47,11 +47,20 @@ class LabeledImage(NamedTuple):
 
     depth: Float[np.ndarray, "h w"]
     mask: Bool[np.ndarray, "n h w"]
-    camera: PinholeCamera
+    camera: FiledCamera
     shapes: AbstractPrimitive
     visible_fraction: Float[np.ndarray, " n"]
     key: str
     color: UInt8[np.ndarray, "h w 3"] | None = None
+
+    @property
+    def pinhole(self) -> PinholeCamera:
+        """The camera, for what takes no other than a pinhole camera.
+
+        Raises:
+            ValueError: It is a `SphericalCamera`.
+        """
+        return pinhole_of(self.camera, f"image {self.key} of the dataset")
 
     @property
     def cylinders(self) -> Cylinder:
@@ -182,7 +191,7 @@ def _entry(labels: Any, key: str, what: str) -> Any:
 class _Label(NamedTuple):
     """Labels of one image, as they are used."""
 
-    camera: PinholeCamera
+    camera: FiledCamera
     cylinders: Cylinder
     visible_fraction: Float[np.ndarray, " n"]
     scale_m: float
@@ -228,6 +237,6 @@ class _Label(NamedTuple):
 
 
 @functools.lru_cache(maxsize=16)
-def _camera(text: str) -> PinholeCamera:
+def _camera(text: str) -> FiledCamera:
     """A dataset has few cameras, and those with a lens take long to make."""
     return camera_from_record(json.loads(text), "camera of the dataset").camera

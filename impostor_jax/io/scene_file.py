@@ -48,7 +48,6 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 
-from impostor_jax.camera.pinhole import PinholeCamera
 from impostor_jax.geometry.frames import RigidTransform
 from impostor_jax.io.appearance_record import (
     color_from_record,
@@ -58,7 +57,11 @@ from impostor_jax.io.appearance_record import (
     material_record,
 )
 from impostor_jax.io.atomic import write_json
-from impostor_jax.io.camera_file import camera_from_record, camera_record
+from impostor_jax.io.camera_file import (
+    FiledCamera,
+    camera_from_record,
+    camera_record,
+)
 from impostor_jax.io.json_file import (
     check_depth,
 )
@@ -90,7 +93,7 @@ class SceneFile(NamedTuple):
     """
 
     shapes: list[AbstractPrimitive]
-    camera: PinholeCamera | None = None
+    camera: FiledCamera | None = None
     materials: list[Material] | None = None
     lights: Sequence[AbstractLight] = ()
     background: tuple[float, float, float] = BLACK
@@ -145,7 +148,7 @@ def scene_from_record(record: dict[str, Any], what: str, folder: Path) -> SceneF
 def write_scene(
     path: Path,
     shapes: Sequence[AbstractPrimitive],
-    camera: PinholeCamera | None = None,
+    camera: FiledCamera | None = None,
     materials: Material | Sequence[Material] | None = None,
     lights: Sequence[AbstractLight] = (),
     background: Any = BLACK,
@@ -193,7 +196,7 @@ def write_scene(
     write_json(path, record)
 
 
-def _read_camera(record: Any, what: str) -> PinholeCamera:
+def _read_camera(record: Any, what: str) -> FiledCamera:
     if not isinstance(record, dict):
         raise ValueError(f"camera of {what} must be a JSON object")
     values = dict(record)

@@ -17,7 +17,7 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from impostor_jax.camera.base import AbstractCamera
+from impostor_jax.camera.base import AbstractRays
 from impostor_jax.geometry.frames import RigidTransform
 from impostor_jax.geometry.hull import AbstractHull
 from impostor_jax.geometry.rays import Hit, Ray
@@ -195,7 +195,7 @@ class Movable(Protocol):
 Placed = TypeVar("Placed", bound=Movable)
 
 
-def in_camera_frame(placed: Placed, camera: AbstractCamera) -> Placed:
+def in_camera_frame(placed: Placed, camera: AbstractRays) -> Placed:
     """Express what has a place in the world in the frame of a camera."""
     if camera.camera_from_world is None:
         return placed
@@ -203,7 +203,7 @@ def in_camera_frame(placed: Placed, camera: AbstractCamera) -> Placed:
     return placed.transformed(camera.camera_from_world)  # pyright: ignore[reportReturnType]
 
 
-def in_world_frame(placed: Placed, camera: AbstractCamera) -> Placed:
+def in_world_frame(placed: Placed, camera: AbstractRays) -> Placed:
     """Express what has a place in the frame of a camera in the world."""
     if camera.camera_from_world is None:
         return placed

@@ -23,12 +23,14 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Int
 
+from impostor_jax.camera.base import Projection
 from impostor_jax.geometry.rays import Ray
 from impostor_jax.primitives.base import AbstractPrimitive
-from impostor_jax.rendering.bounds import image_bounds
+from impostor_jax.rendering.bounds import image_bounds, ray_coordinates
 
 Extent = tuple[tuple[Array, Array], tuple[Array, Array]]
-"""Smallest and largest y of the rays of each row of blocks, and x of each column."""
+"""Smallest and largest coordinates of a projection: the second of the rays of each row
+of blocks, and the first of each column."""
 
 
 class Tiling(NamedTuple):
@@ -61,14 +63,14 @@ class Tiling(NamedTuple):
         parts = blocks.reshape(lines, across, self.rows, self.cols).swapaxes(1, 2)
         return parts.reshape(lines * self.rows, -1)[:height, :width]
 
-    def extent(self, rays: Ray, is_central: bool) -> Extent:
+    def extent(self, rays: Ray, projection: Projection) -> Extent:
         """Where the rays of blocks are.
 
         Args:
             rays: Of an image; NaN or infinite where a pixel sees nothing.
-            is_central: Whether they start in one point.
+            projection: Of the camera.
         """
-        across = rays.direction if is_central else rays.origin
+        first, second = ray_coordinates(rays, projection)
 
         def ends(values: Array, step: int) -> tuple[Array, Array]:
             found = []
@@ -80,7 +82,7 @@ class Tiling(NamedTuple):
                 found.append(reduce(line.reshape(-1, step), axis=1))
             return found[0], found[1]
 
-        return ends(across.y, self.rows), ends(across.x.T, self.cols)
+        return ends(second, self.rows), ends(first.T, self.cols)
 
 
 class Rectangles(eqx.Module):
@@ -131,7 +133,7 @@ def rectangles_of(
     shapes: AbstractPrimitive,
     seen: Bool[Array, " n"],
     extent: Extent,
-    is_central: bool,
+    projection: Projection,
 ) -> Rectangles:
     """The blocks that each shape of a batch (n,) can cover.
 
@@ -139,9 +141,9 @@ def rectangles_of(
         shapes: In the camera frame.
         seen: Whether each is to be seen at all.
         extent: What `Tiling.extent` found.
-        is_central: Whether the camera's rays start in its origin; else along z.
+        projection: Of the camera.
     """
-    bounds = image_bounds(shapes, is_central)
+    bounds = image_bounds(shapes, projection)
     spans = []
     for (low, high), axis in zip(extent, (1, 0), strict=True):
         overlaps = low[None] <= bounds.high[:, axis, None]

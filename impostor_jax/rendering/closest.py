@@ -19,6 +19,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
+from impostor_jax.camera.base import Projection
 from impostor_jax.compiling import computed_apart
 from impostor_jax.geometry.rays import Ray
 from impostor_jax.geometry.vec3 import Vec3
@@ -50,7 +51,7 @@ _Places = tuple[int, int]
 
 
 def closest(
-    groups: list[Group], rays: Ray, is_central: bool, with_normal: bool
+    groups: list[Group], rays: Ray, projection: Projection, with_normal: bool
 ) -> tuple[Surface, Int[Array, "h w"], Int[Array, "h w"]]:
     """Depth and normal of the closest shape among those of all groups, place and part.
 
@@ -60,22 +61,22 @@ def closest(
         groups: In the camera frame. Places count through their shapes, group by group,
             and are -1 where nothing is hit.
         rays: One for each pixel; NaN or infinite where a pixel sees nothing.
-        is_central: Whether they start in one point.
+        projection: Of the camera.
         with_normal: Whether the normal is wanted; it is None if not.
     """
-    t, code = _search(*jax.lax.stop_gradient((groups, rays)), is_central)
+    t, code = _search(*jax.lax.stop_gradient((groups, rays)), projection)
     surface = followed((groups, rays), t, code, with_normal)
     stride = stride_of(groups)
     return surface, code // stride, code % stride // 2
 
 
 def _search(
-    groups: list[Group], rays: Ray, is_central: bool
+    groups: list[Group], rays: Ray, projection: Projection
 ) -> tuple[Float[Array, "h w"], Int[Array, "h w"]]:
     """Depth and code of what is nearest, without a derivative."""
     height, width = rays.direction.z.shape
     blocks = jax.tree.map(TILING.cut, rays)
-    extent, stride = TILING.extent(rays, is_central), stride_of(groups)
+    extent, stride = TILING.extent(rays, projection), stride_of(groups)
     size = blocks.direction.z.shape
     t = jnp.full(size, jnp.inf, rays.direction.z.dtype)
     code = jnp.full(size, -stride, jnp.int32)
@@ -83,7 +84,7 @@ def _search(
     for group in groups:
         for part in _parts(group, size[0]):
             places = first, stride
-            t, code = _cast(part, places, blocks, is_central, extent, (t, code))
+            t, code = _cast(part, places, blocks, projection, extent, (t, code))
             first += part.index.shape[0]
     return TILING.joined(t, height, width), TILING.joined(code, height, width)
 
@@ -99,12 +100,12 @@ def _cast(
     group: Group,
     places: _Places,
     blocks: Ray,
-    is_central: bool,
+    projection: Projection,
     extent: Extent,
     nearest: tuple[Array, Array],
 ) -> tuple[Array, Array]:
     """What is nearest after the shapes of one group."""
-    mine = rectangles_of(group.primitives, group.index >= 0, extent, is_central)
+    mine = rectangles_of(group.primitives, group.index >= 0, extent, projection)
     ending = jnp.cumsum(mine.count)
     most = int(np.clip(16 * group.index.shape[0], 2048, MOST_PAIRS))
 

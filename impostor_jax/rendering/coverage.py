@@ -56,7 +56,7 @@ def coverage(
 
     Raises:
         ValueError: The shape is of another type, a batch, or a cylinder that is open
-            or a sector; or the camera has no center.
+            or a sector; or the camera is no `PinholeCamera`.
     """
     tile = camera.frame if tile is None else tile
     curve = image_curve(primitive, camera, tile)

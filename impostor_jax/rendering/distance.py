@@ -55,7 +55,7 @@ def signed_distance(
 
     Raises:
         ValueError: The shape is of another type, a batch, or a cylinder that is open
-            or a sector; or the camera has no center.
+            or a sector; or the camera is no `PinholeCamera`.
     """
     frame = camera.frame
     reach = 10.0 if camera.sees(*frame.pixels()) is None else 1.1

@@ -16,7 +16,7 @@ import numpy as np
 from jax.typing import DTypeLike
 from jaxtyping import Array, Bool, Float
 
-from impostor_jax.camera.base import AbstractCamera
+from impostor_jax.camera.base import AbstractCamera, check_planar
 from impostor_jax.camera.pixels import Tile
 from impostor_jax.geometry.vec3 import Vec3
 from impostor_jax.numerics import eps
@@ -175,6 +175,7 @@ def image_curve(
             plane z = 1, as the tile sees. A lens polynomial folds back not much beyond.
     """
     curve = outline(primitive, camera)
+    check_planar(camera)
     limit = _limit(camera, tile, reach, curve.radius.dtype)
     deepest = curve.deepest
     # No point of the solid is nearer than this. One whose depth is a small part of it

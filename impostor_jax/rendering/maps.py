@@ -25,7 +25,8 @@ class GeometryMaps(eqx.Module):
     """Geometry seen by each pixel, in the camera frame; None where not asked for.
 
     Attributes:
-        depth: z of the surface point in meters; `+inf` where nothing is hit.
+        depth: z of the surface point in meters, or its range if the camera is a
+            `SphericalCamera`; `+inf` where nothing is hit.
         range: Distance along the ray in meters; `+inf` where nothing is hit.
         point: Surface point in meters; `+inf` where nothing is hit.
         normal: Unit normal that faces the camera; zero where nothing is hit.

@@ -73,7 +73,7 @@ def first_surface(
     Args:
         primitive: In the world frame.
         camera: In its frame are the rays, and in its image's order.
-        ray: One for each pixel, with z = 1; NaN where a pixel sees nothing.
+        ray: One for each pixel, as of its `rays`; NaN where a pixel sees nothing.
         with_normal: Whether the normal is wanted.
     """
     if isinstance(primitive, Scene):
@@ -101,7 +101,7 @@ def _see_scene(
     zero = jnp.zeros_like(t)
     normal = Vec3(zero, zero, zero) if with_normal else None
     if many:
-        (t, normal), place, part = closest(many, ray, camera.is_central, with_normal)
+        (t, normal), place, part = closest(many, ray, camera.projection, with_normal)
         given = jnp.concatenate([group.index for group in many])
         index = given[jnp.maximum(place, 0)]
     for group in few:

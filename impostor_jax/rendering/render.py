@@ -63,8 +63,8 @@ def render(
     Raises:
         ValueError: An output is unknown, the shape is a batch, or the effort cannot be
             had: the exact coverage of a scene, or of a shape without an outline in
-            closed form; several samples with a lens; a traced shape in a precision that
-            is not JAX's own; a miss that is NaN.
+            closed form; several samples with a lens or a `SphericalCamera`; a traced
+            shape in a precision that is not JAX's own; a miss that is NaN.
 
     Derivatives:
         Those of the primitives, finite everywhere; 0 on a miss. A loss needs a target
@@ -94,7 +94,7 @@ def render(
         )
     if not isinstance(camera, AbstractCamera):
         raise ValueError(
-            "camera must be a PinholeCamera or an OrthographicCamera, got "
+            "camera must be a camera, such as an ij.PinholeCamera, got "
             f"{type(camera).__name__}"
         )
     if isinstance(primitive, AbstractPrimitive):

@@ -17,6 +17,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from impostor_jax.arguments import float_array
+from impostor_jax.camera.base import check_planar
 from impostor_jax.camera.pinhole import PinholeCamera
 from impostor_jax.geometry.rays import Ray
 from impostor_jax.geometry.vec3 import Vec3
@@ -51,8 +52,9 @@ def lit(
 
     Raises:
         ValueError: `projector` has not the shape (3,), or `depth` is not of the size of
-            the camera's image.
+            the camera's image, or the camera is no `PinholeCamera`.
     """
+    check_planar(camera)
     if depth.shape != (camera.height, camera.width):
         raise ValueError(
             f"depth must have the shape {(camera.height, camera.width)} of the "

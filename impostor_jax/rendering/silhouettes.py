@@ -13,6 +13,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int
 
+from impostor_jax.camera.base import AbstractCamera, check_planar
 from impostor_jax.camera.pinhole import PinholeCamera
 from impostor_jax.camera.pixels import PixelBox, linear_pixel_box
 from impostor_jax.primitives.base import AbstractPrimitive, in_camera_frame
@@ -68,7 +69,7 @@ class _Found(eqx.Module):
 
 
 def silhouettes(
-    shapes: AbstractPrimitive, camera: PinholeCamera, margin: Margin = (0, 0)
+    shapes: AbstractPrimitive, camera: AbstractCamera, margin: Margin = (0, 0)
 ) -> Silhouettes:
     """Find the pixels whose center's ray meets a shape, whatever else is before it.
 
@@ -84,7 +85,8 @@ def silhouettes(
             which pixels are counted, too.
 
     Raises:
-        ValueError: The shapes are no batch (n,), or the margin is negative.
+        ValueError: The shapes are no batch (n,), the margin is negative, or the camera
+            is no `PinholeCamera` and there is a margin.
     """
     if len(shapes.batch_shape) != 1:
         raise ValueError(
@@ -92,19 +94,21 @@ def silhouettes(
         )
     if min(margin) < 0:
         raise ValueError(f"margin must not be negative, got {margin} pixels")
+    if any(margin):
+        check_planar(camera)
     return _silhouettes(shapes, camera, margin)
 
 
 @partial(jax.jit, static_argnames="margin")
 def _silhouettes(
-    shapes: AbstractPrimitive, camera: PinholeCamera, margin: Margin
+    shapes: AbstractPrimitive, camera: AbstractCamera, margin: Margin
 ) -> Silhouettes:
     shapes = jax.vmap(lambda shape: in_camera_frame(shape, camera))(shapes)
     row, col = camera.frame.pixels()
     rays = camera.rays(row, col, shapes.dtype)
     every = jnp.ones(shapes.batch_shape, bool)
-    extent = TILING.extent(rays, True)
-    blocks = rectangles_of(shapes, every, extent, True)
+    extent = TILING.extent(rays, camera.projection)
+    blocks = rectangles_of(shapes, every, extent, camera.projection)
     is_pixel = camera.sees(row, col)
     is_pixel = jnp.ones_like(row, bool) if is_pixel is None else is_pixel
     # What fills up the last blocks is no pixel.
@@ -126,6 +130,7 @@ def _silhouettes(
         start = jnp.zeros(is_pixel.shape, bool), _Found.nothing()
         mask, found = jax.lax.fori_loop(0, mine.count, at_block, start)
         if any(margin):
+            assert isinstance(camera, PinholeCamera)
             found = _beyond(shape, camera, margin, found)
         low, high = found.low, found.high
         box = PixelBox(low[0], high[0], low[1], high[1])
@@ -163,7 +168,7 @@ def _beyond(
         camera.fx, camera.fy, camera.cx + left, camera.cy + above,
         camera.width + 2 * left, camera.height + 2 * above,
     )  # fmt: skip
-    bounds = image_bounds(shape, True)
+    bounds = image_bounds(shape, "planar")
     box = jax.tree.map(jnp.asarray, linear_pixel_box(wide, bounds.low, bounds.high))
     row, col = box.first_row // TILING.rows, box.first_col // TILING.cols
     num_rows = box.last_row // TILING.rows + 1 - row

@@ -32,15 +32,17 @@ def outline_box(primitive: AbstractPrimitive, camera: AbstractCamera) -> PixelBo
 
     Returns:
         The box; empty where no pixel sees the shape. The whole image where the shape
-        reaches behind the plane z = 0 of a camera with a center, and for a shape that
-        has no end or whose end is not known in closed form.
+        reaches behind the plane z = 0 of a pinhole camera, and for a shape that has no
+        end or whose end is not known in closed form. Of a `SphericalCamera` not the
+        smallest: that of the box around the shape along the axes of its frame, and all
+        columns where that holds the vertical through the camera or lies behind it.
 
     Raises:
         ValueError: The shape is a batch.
     """
     check_single(primitive)
     primitive = in_camera_frame(primitive, camera)
-    bounds = image_bounds(primitive, camera.is_central)
+    bounds = image_bounds(primitive, camera.projection)
     return camera.pixel_box(bounds.low, bounds.high)
 
 

@@ -84,7 +84,7 @@ def trace(
     Raises:
         ValueError: A value is out of range, there are not as many materials as shapes,
             something is none of what it should be, or several samples or edges="area"
-            are asked for with a lens.
+            are asked for with a lens or a `SphericalCamera`.
 
     References:
         Whitted (1980), An improved illumination model for shaded display.
@@ -95,7 +95,7 @@ def trace(
         )
     if not isinstance(camera, AbstractCamera):
         raise ValueError(
-            "camera must be a PinholeCamera or an OrthographicCamera, got "
+            "camera must be a camera, such as an ij.PinholeCamera, got "
             f"{type(camera).__name__}"
         )
     if not isinstance(lights, Sequence):
@@ -116,14 +116,11 @@ def trace(
     background = float_array("background", background, (3,))
     effort = effort_of(effort)
     one_of("edges", edges, ("hard", "area"))
-    if (
-        edges == "area"
-        and isinstance(camera, PinholeCamera)
-        and camera.ray_field is not None
-    ):
+    has_lens = isinstance(camera, PinholeCamera) and camera.ray_field is not None
+    if edges == "area" and (has_lens or camera.projection == "spherical"):
         raise ValueError(
-            'edges must be "hard" for a camera with a lens, whose rays are known '
-            f"through the centers of pixels alone, got {edges!r}"
+            'edges must be "hard" for a camera with a lens or a SphericalCamera, whose '
+            f"rays are known through the centers of pixels alone, got {edges!r}"
         )
     given = (scene, camera, tile, list(lights), _padded(made), background)
     with working_precision(effort.precision, given) as converted:

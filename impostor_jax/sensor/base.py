@@ -29,7 +29,7 @@ from impostor_jax.sensor.bias import Bias
 from impostor_jax.sensor.draws import normal_draws
 
 Depths = Float[Array, "h w"]
-"""Camera-frame z of each pixel, in meters."""
+"""Camera-frame z of each pixel, in meters; of a `SphericalCamera` the range."""
 
 Normals = Float[Array, "h w 3"]
 """Unit normals that face the camera, in its frame."""
@@ -42,7 +42,10 @@ Not `+inf`, which says that there is no surface; a fit takes both as missing.
 
 
 class AbstractDepthNoise(eqx.Module):
-    """Noise of depth readings along z of the camera frame."""
+    """Noise of depth readings along z of the camera frame.
+
+    Of a `SphericalCamera`, whose depth is the range, along its rays.
+    """
 
     @abc.abstractmethod
     def sigma(self, depth: Numbers, cos_incidence: Numbers) -> Numbers:
@@ -73,6 +76,9 @@ class AbstractDepthNoise(eqx.Module):
         self, key: PRNGKeyArray, depth: Depths, normal: Normals, camera: AbstractCamera
     ) -> Depths:
         """Readings of a scene, in meters.
+
+        A sensor that matches windows of pixels in a plane, or whose noise is a law of
+        z, raises a `ValueError` for a `SphericalCamera`.
 
         Args:
             key: Random key.

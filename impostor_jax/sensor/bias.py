@@ -8,6 +8,7 @@ counts it in.
 
 __all__ = ["Bias", "Reach", "ScaleLaw", "SmoothField", "is_none"]
 
+import dataclasses
 import math
 
 import equinox as eqx
@@ -195,6 +196,18 @@ class Bias(eqx.Module):
             pull = jnp.sum(score * bent[None], axis=1)
             total += pull[:, None] * pull[None]
         return total
+
+    def scale_pulls(
+        self, score: Float[Array, "k n"], depth: Float[Array, " n"]
+    ) -> Float[Array, "s k"]:
+        """Sums over pixels of a score times a deviation of each error of all depths."""
+        pulls = [jnp.sum(score * law.shift(depth)[None], axis=1) for law in self.scales]
+        return jnp.stack(pulls) if pulls else jnp.zeros((0, len(score)), score.dtype)
+
+    @property
+    def without_scales(self) -> "Bias":
+        """The same but for errors of all depths."""
+        return dataclasses.replace(self, scales=())
 
     def scale_at(self, depth: Float[Array, ""]) -> Float[Array, ""]:
         """Standard deviation of what depths around one share, relative to that."""

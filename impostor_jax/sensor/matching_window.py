@@ -25,7 +25,7 @@ from impostor_jax.arguments import (
     is_concrete,
     real_number,
 )
-from impostor_jax.camera.base import AbstractCamera
+from impostor_jax.camera.base import AbstractCamera, check_depth_along_z
 from impostor_jax.compiling import compiled
 from impostor_jax.numerics import Numbers, Scalar
 from impostor_jax.sensor.base import AbstractDepthNoise, Depths, Normals, noise_model
@@ -115,6 +115,7 @@ class MatchingWindow(AbstractDepthNoise):
     def sample(
         self, key: PRNGKeyArray, depth: Depths, normal: Normals, camera: AbstractCamera
     ) -> Depths:
+        check_depth_along_z(camera)
         return self.sensor.sample(key, self._matched(depth, camera), normal, camera)
 
     def _matched(self, depth: Depths, camera: Any) -> Depths:

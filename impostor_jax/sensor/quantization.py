@@ -14,7 +14,7 @@ from jaxtyping import Array, Float, PRNGKeyArray
 from typing_extensions import override
 
 from impostor_jax.arguments import bounded_number, real_number
-from impostor_jax.camera.base import AbstractCamera
+from impostor_jax.camera.base import AbstractCamera, check_depth_along_z
 from impostor_jax.compiling import compiled
 from impostor_jax.numerics import Numbers, Scalar
 from impostor_jax.sensor.base import NO_READING, AbstractDepthNoise, Depths, Normals
@@ -129,6 +129,7 @@ class StereoDisparity(AbstractDepthNoise):
     def sample(
         self, key: PRNGKeyArray, depth: Depths, normal: Normals, camera: AbstractCamera
     ) -> Depths:
+        check_depth_along_z(camera)
         scale, step = self._scale(depth), jnp.asarray(self.step, depth.dtype)
         seen = has_surface(depth)
         draw = normal_draws(key, depth.shape, depth.dtype)

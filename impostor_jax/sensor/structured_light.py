@@ -15,7 +15,7 @@ from jaxtyping import PRNGKeyArray
 from typing_extensions import override
 
 from impostor_jax.arguments import angle_below_grazing, bounded_number, real_number
-from impostor_jax.camera.base import AbstractCamera
+from impostor_jax.camera.base import AbstractCamera, check_depth_along_z
 from impostor_jax.compiling import compiled
 from impostor_jax.numerics import Numbers, Scalar, eps, safe_sqrt
 from impostor_jax.sensor.base import (
@@ -158,4 +158,5 @@ class StructuredLight(AbstractDepthNoise):
     def sample(
         self, key: PRNGKeyArray, depth: Depths, normal: Normals, camera: AbstractCamera
     ) -> Depths:
+        check_depth_along_z(camera)
         return scattered(key, depth, self.sigma(depth, cos_incidence(normal, camera)))

@@ -1,6 +1,7 @@
 """The command line as a user runs it, in a process of its own where that matters."""
 
 import json
+import math
 import os
 import re
 import subprocess
@@ -17,10 +18,10 @@ from tests.schemas import validator
 
 CAMERA = {"fx": 150.0, "fy": 150.0, "cx": 79.5, "cy": 59.5, "width": 160, "height": 120}
 RECORD_KEYS = {
-    "version", "success", "status", "reason", "shape", "world_from_object", "center_m",
-    "axis", "radius_m", "height_m", "std", "std_budget", "ends_seen", "height_observed",
-    "covariance", "num_starts", "num_agreeing", "alternatives", "num_pixels", "rms_m",
-    "chi2", "taper", "bore", "seconds",
+    "version", "success", "status", "reason", "shape", "source", "world_from_object",
+    "center_m", "axis", "radius_m", "height_m", "std", "std_budget", "ends_seen",
+    "height_observed", "covariance", "num_starts", "num_agreeing", "alternatives",
+    "num_pixels", "rms_m", "chi2", "taper", "bore", "seconds",
 }  # fmt: skip
 
 
@@ -212,6 +213,40 @@ def test_scene_file_is_rendered(tmp_path, call, capfd):
     assert (index[60, 80], index[5, 5]) == (1, 2)
     depth = cv2.imread(str(tmp_path / "maps" / "depth.tiff"), cv2.IMREAD_UNCHANGED)
     assert depth[5, 5] == pytest.approx(1.0)
+
+
+def test_range_image_is_rendered_and_what_needs_a_pinhole_refuses_it(
+    tmp_path, call, capfd
+):
+    scanner = {
+        "model": "spherical",
+        "elevation_deg": [20, 9, 2, -2, -9, -20],
+        "azimuth_deg": {"first": -176.25, "last": 176.25, "count": 48},
+    }
+    path, output = tmp_path / "scanner.json", tmp_path / "ranges"
+    path.write_text(json.dumps(scanner))
+    stem = ("--center", 0, 0, -6, "--axis", 0, 1, 0, "--radius", 1, "--height", 9)
+    assert call("render", "--camera", path, *stem, "--output", output) == 0
+    ranges = cv2.imread(str(output / "depth.tiff"), cv2.IMREAD_UNCHANGED)
+    # The wall of a circle 6 m behind, 3.75 degrees aside, over the elevation's cosine.
+    wall = 6 * math.cos(a := math.radians(3.75)) - (1 - (6 * math.sin(a)) ** 2) ** 0.5
+    assert ranges[2, 0] == pytest.approx(wall / math.cos(math.radians(2)), rel=1e-5)
+    assert not ranges[:, 1:-1].any()
+    assert json.loads((output / "camera.json").read_text()) == {
+        **scanner, "depth_scale_m": 1e-4,
+    }  # fmt: skip
+    capfd.readouterr()
+    depth = output / "depth.png"
+    for command in ("fit", "find"):
+        given = (depth, "--camera", output / "camera.json", "--output", tmp_path)
+        assert call(command, *given) == 2
+        error = capfd.readouterr().err
+        assert "must have a pinhole camera, got a spherical one" in error
+        assert len(error.splitlines()) == 1
+    page = tmp_path / "page.html"
+    assert call("render", "--camera", path, *stem, "--page", page) == 2
+    assert "--page must have a pinhole camera" in capfd.readouterr().err
+    assert not page.exists()
 
 
 def test_mesh_of_a_scene_file_is_rendered(tmp_path, call, capfd):

@@ -4,9 +4,10 @@ from concurrent.futures import Executor, Future
 from pathlib import Path
 
 import impostor_jax as ij
+from data_synth.camera_draw import CameraDraw
 from data_synth.distribution import Fixed, Uniform, Whole
 from data_synth.generate import generate
-from data_synth.preset import CameraDraw, Preset, Rules
+from data_synth.preset import Preset, Rules
 
 WIDTH, HEIGHT = 64, 48
 COUNT, SHARD_SIZE, SEED = 10, 4, 7

@@ -8,9 +8,9 @@ import cv2
 import numpy as np
 import pytest
 
+from data_synth.camera_draw import CameraDraw
 from data_synth.distribution import Fixed
 from data_synth.manifest import Manifest
-from data_synth.preset import CameraDraw
 from impostor_jax.io.dataset import read_dataset, sensor_of
 from impostor_jax.io.depth_folder import read_depth_folder
 from tests.data_synth.small import COUNT, SMALL, small_dataset

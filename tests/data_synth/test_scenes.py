@@ -6,12 +6,13 @@ import json
 import numpy as np
 import pytest
 
+from data_synth.camera_draw import CameraDraw
 from data_synth.capture import capture_keys
 from data_synth.catalogue import draw_catalogue
 from data_synth.describe import describe
 from data_synth.distribution import Choice, Fixed, LogUniform, Uniform, Whole
 from data_synth.draw import draw_scene
-from data_synth.preset import CameraDraw, Preset, Rules
+from data_synth.preset import Preset, Rules
 from data_synth.presets import PRESETS, preset_named
 from tests.data_synth.small import SMALL, small_dataset
 from tests.groups import DATASETS
@@ -92,8 +93,9 @@ def scenes_of(preset, count=200):
 
 @pytest.mark.parametrize("name", PRESETS)
 def test_most_scenes_of_a_preset_find_room(name):
-    # Distances of things in contact take a hundred times as long to find.
-    good, scenes = scenes_of(PRESETS[name], 40 if PRESETS[name].is_mixed else 200)
+    # Distances of things in contact, and of many stems, take long to find.
+    is_slow = PRESETS[name].is_mixed or name == "tree_scan"
+    good, scenes = scenes_of(PRESETS[name], 40 if is_slow else 200)
     assert len(good) > 0.8 * len(scenes)
     for scene in good:
         count = len(scene.poses) - scene.num_clutter

@@ -12,7 +12,8 @@ from impostor_jax.compiling import quickly_compiled
 from impostor_jax.fit.fittable import CYLINDER
 from impostor_jax.fit.options import Options
 from impostor_jax.fit.request import checked_noise, checked_prior, checked_settings
-from impostor_jax.fit.shapes import fit_from, pixels_shown
+from impostor_jax.fit.seen import Seen, pixels_shown
+from impostor_jax.fit.shapes import fit_from
 from impostor_jax.fit.weighing import best_of
 from tests.fit.bodies import body_of
 from tests.fit.scenes import CAMERA, SIGMA, can, image
@@ -26,12 +27,13 @@ MOVED = 0.004
 def best():
     """What is said of the can from a start at the truth, as a fit does."""
     depth, mask = image()
-    shown = pixels_shown(depth, mask, CAMERA, checked_noise(SIGMA))
+    shown = pixels_shown(Seen(depth, mask, CAMERA, checked_noise(SIGMA)))
     settings = checked_settings(CYLINDER, Options(), None, SIGMA)
     known = checked_prior(None, CYLINDER.parameters, None)
     run = quickly_compiled(fit_from, static_argnames=("kernel", "correlated"))
     kernel = Options().effort.kernel
-    return run(*shown, known, settings, body_of(can()), kernel=kernel, correlated=False)
+    given = (shown,), known, settings, body_of(can())
+    return run(*given, kernel=kernel, correlated=False)
 
 
 def rival_of(best, share, moved=MOVED):

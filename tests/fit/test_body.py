@@ -8,6 +8,7 @@ import pytest
 import impostor_jax as ij
 from impostor_jax.fit.round_body import RoundBody
 from impostor_jax.fit.tube_body import TubeBody
+from impostor_jax.geometry.frames import RigidTransform
 from impostor_jax.geometry.rays import Ray
 from impostor_jax.geometry.vec3 import Vec3
 from impostor_jax.numerics import eps, product
@@ -79,6 +80,45 @@ def test_turned_twice_a_body_seen_from_the_side_is_itself(double):
     assert abs(float(again.axis @ body.axis)) == pytest.approx(1)
     np.testing.assert_allclose(again.center, body.center, atol=1e-12)
     assert (again.radius, again.height) == (body.radius, body.height)
+
+
+@jax.jit
+def moved_then_turned(body, tangent, move):
+    """A body that moves in its own frame, and the same in another one."""
+    free = body.free_directions(())
+    there = body.transformed(move)
+    carried = product(tangent, body.carried(move))
+    return body.retracted(tangent, free).transformed(move), there.retracted(
+        carried, free
+    )
+
+
+def test_motions_are_carried_to_other_frames(double_body):
+    rotation = np.linalg.qr(np.random.default_rng(0).normal(size=(3, 3)))[0]
+    move = RigidTransform(rotation * np.linalg.det(rotation), (0.3, -0.2, 0.1))
+    size = len(double_body.free_directions(()))
+    tangent = np.random.default_rng(1).normal(0, 1e-3, size)
+    one, other = moved_then_turned(double_body, jnp.asarray(tangent), move)
+    for here, there in zip(*map(jax.tree.leaves, (one, other)), strict=True):
+        np.testing.assert_allclose(there, here, atol=1e-12)
+
+
+@jax.jit
+def from_elsewhere(body, direction, start):
+    seen = body.passing(direction, CHORD, start)
+    moved = RigidTransform(jnp.eye(3), -start.stack()[0])
+    near = body.transformed(moved).passing(direction, CHORD)
+    return seen, near, seen.depth, near.depth
+
+
+def test_rays_may_begin_elsewhere(double_body):
+    direction = rays(double_body.shape, np.float64)
+    one = jnp.ones_like(direction.x)
+    start = Vec3(0.02 * one, -0.01 * one, 0.03 * one)
+    seen, near, depth, same = from_elsewhere(double_body, direction, start)
+    np.testing.assert_allclose(depth, same, rtol=1e-9, atol=1e-9)
+    np.testing.assert_array_equal(seen.outside, near.outside)
+    np.testing.assert_allclose(seen.along, near.along, rtol=1e-7, atol=1e-7)
 
 
 @jax.jit

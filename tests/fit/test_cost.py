@@ -17,7 +17,8 @@ from impostor_jax.fit.fittable import CYLINDER
 from impostor_jax.fit.options import Options
 from impostor_jax.fit.problem import Pixels
 from impostor_jax.fit.request import checked_noise, checked_prior, checked_settings
-from impostor_jax.fit.shapes import fit_from, pixels_shown
+from impostor_jax.fit.seen import Seen, pixels_shown
+from impostor_jax.fit.shapes import fit_from
 from impostor_jax.numerics import product
 from tests.checks import AS_USERS_RUN, compiled_cost
 from tests.fit.bodies import body_of, rays
@@ -65,12 +66,12 @@ def test_the_terms_of_readings_are_computed_once(monkeypatch):
 
 def test_a_fit_is_one_program_that_asks_the_host_nothing():
     depth, mask = image()
-    shown = pixels_shown(depth, mask, CAMERA, checked_noise(SIGMA))
+    shown = pixels_shown(Seen(depth, mask, CAMERA, checked_noise(SIGMA)))
     settings = checked_settings(CYLINDER, Options(), None, SIGMA)
     known = checked_prior(None, CYLINDER.parameters, None)
     run = jax.jit(fit_from, static_argnames=("kernel", "correlated"))
     text = run.lower(
-        *shown, known, settings, body_of(can()), kernel="squares", correlated=False
+        (shown,), known, settings, body_of(can()), kernel="squares", correlated=False
     ).as_text()
     # The stages, and the blocks of readings in each of their steps.
     assert text.count("stablehlo.while") == 2

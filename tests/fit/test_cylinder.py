@@ -286,8 +286,8 @@ for arguments in ({"camera": "kinect"}, {"camera": camera, "initial": "can"}):
         [sys.executable, "-c", program], capture_output=True, text=True, check=True
     )
     assert found.stdout.splitlines() == [
-        "camera must be a PinholeCamera, got str",
-        "camera must be a PinholeCamera, got str",
+        "camera must be a PinholeCamera or a SphericalCamera, got str",
+        "camera must be a PinholeCamera or a SphericalCamera, got str",
         "initial must be one Cylinder, got 'can'",
         "initial must be a batch of 2 cylinders, got 'can'",
     ]

@@ -9,7 +9,7 @@ import impostor_jax as ij
 from impostor_jax.fit.evidence import crossing_terms, reading_terms
 from impostor_jax.fit.fittable import CYLINDER
 from impostor_jax.fit.options import Options
-from impostor_jax.fit.problem import Pixels, posed
+from impostor_jax.fit.problem import Pixels, Shown, posed
 from impostor_jax.fit.regions import pixel_indices
 from impostor_jax.fit.request import checked_prior, checked_settings
 from impostor_jax.fit.round_body import RoundBody
@@ -101,13 +101,9 @@ def test_a_reading_that_is_none_weighs_nothing():
 def edge_of(depth, mask):
     settings = checked_settings(CYLINDER, Options(), None, SIGMA)
     known = checked_prior(None, CYLINDER.parameters, None)
-    given = (
-        jnp.asarray(depth),
-        jnp.asarray(mask),
-        *map(jnp.asarray, pixel_indices(mask)),
-    )
     noise = ij.ConstantNoise(jnp.float32(SIGMA))
-    return posed(*given, CAMERA, noise, known, settings, kernel="squares").edge
+    shown = Shown(depth, mask, *pixel_indices(mask), CAMERA, noise)
+    return posed((shown,), known, settings, kernel="squares").views[0].edge
 
 
 @jax.jit

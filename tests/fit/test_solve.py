@@ -2,6 +2,7 @@
 
 import dataclasses
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -12,7 +13,7 @@ from impostor_jax.fit.fittable import SPHERE
 from impostor_jax.fit.options import Options
 from impostor_jax.fit.problem import posed
 from impostor_jax.fit.request import checked_noise, checked_prior, checked_settings
-from impostor_jax.fit.shapes import pixels_shown
+from impostor_jax.fit.seen import Seen, pixels_shown
 from impostor_jax.fit.solve import solve, spread_of
 from impostor_jax.fit.sphere_body import SphereBody
 from tests.checks import QUICKLY
@@ -30,10 +31,9 @@ def problem_of(tolerance, prior=None, meaning="region"):
     options = Options(mask_meaning=meaning, prior=prior)
     settings = checked_settings(kind, options, ball(), SIGMA)
     settings = dataclasses.replace(settings, tolerance=tolerance)
-    depth, mask, row, col, *others = pixels_shown(depth, mask, CAMERA, noise)
-    shown = (*map(jnp.asarray, (depth.astype(float), mask, row, col)), *others)
+    shown = pixels_shown(Seen(depth.astype(float), mask, CAMERA, noise))
     known = checked_prior(prior, kind.parameters, ball())
-    return posed(*shown, known, settings, kernel="geman_mcclure")
+    return posed((shown,), known, settings, kernel="geman_mcclure")
 
 
 def start():
@@ -75,11 +75,10 @@ def test_derivatives_follow_all_that_was_given():
     given, begin = problem_of(1e-6, prior=prior, meaning="outline"), start()
 
     def center(offset, expected):
-        problem, depth = given, given.pixels.depth
+        problem, depth = given, given.views[0].pixels.depth
         depth = jnp.where(depth > 0, depth + offset, 0)
         problem = dataclasses.replace(
-            problem,
-            pixels=dataclasses.replace(problem.pixels, depth=depth),
+            eqx.tree_at(lambda p: p.views[0].pixels.depth, problem, depth),
             prior=dataclasses.replace(
                 problem.prior, radius=(expected, problem.prior.radius[1])
             ),

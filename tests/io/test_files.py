@@ -5,8 +5,9 @@ import numpy as np
 import pytest
 
 import impostor_jax as ij
+from impostor_jax.camera.spherical import SphericalCamera
 from impostor_jax.io.atomic import write_atomically, write_json
-from impostor_jax.io.camera_file import read_camera, write_camera
+from impostor_jax.io.camera_file import read_camera, read_pinhole_camera, write_camera
 from impostor_jax.io.depth_image import (
     fitting_scale,
     read_depth,
@@ -78,6 +79,54 @@ def test_camera_comes_back(tmp_path, extra, make):
     assert again.fisheye == camera.fisheye
     if "distortion" in extra:
         np.testing.assert_array_equal(again.distortion, camera.distortion)
+
+
+@pytest.mark.parametrize("is_even", [True, False])
+def test_spherical_camera_comes_back(tmp_path, is_even):
+    path = tmp_path / "scanner.json"
+    beams = np.array([15.0, 13.0, 11.0] if is_even else [15.0, 13.1, 2.0])
+    camera = SphericalCamera.of_beams(beams, 1000)
+    write_camera(path, camera, 0.002)
+    record = json.loads(path.read_text())
+    assert record["model"] == "spherical"
+    assert isinstance(record["elevation_deg"], dict if is_even else list)
+    assert record["azimuth_deg"] == {"first": -179.82, "last": 179.82, "count": 1000}
+    again, scale = read_camera(path)
+    assert scale == 0.002
+    np.testing.assert_allclose(again.elevation, camera.elevation, atol=1e-12)
+    np.testing.assert_allclose(again.azimuth, camera.azimuth, atol=1e-12)
+    with pytest.raises(ValueError, match="must have a pinhole camera, got a spherical"):
+        read_pinhole_camera(path)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"model": "fisheye"}, "model must be 'spherical'"),
+        ({"elevation_deg": []}, "elevation_deg must be a list of degrees, or a range"),
+        ({"elevation_deg": [1, True]}, "elevation_deg must be a list of degrees, or a"),
+        ({"elevation_deg": [1, 1]}, "elevation must rise strictly or fall strictly"),
+        ({"elevation_deg": [95, 1]}, "elevation must be from -pi/2 to pi/2 radians"),
+        ({"azimuth_deg": {"first": 0, "last": 90}}, "azimuth_deg lacks count"),
+        (
+            {"azimuth_deg": {"first": 0, "last": 1, "count": 1.5}},
+            "count of azimuth",
+        ),
+        (
+            {"azimuth_deg": {"first": "a", "last": 1, "count": 2}},
+            "azimuth_deg must be",
+        ),
+        ({"azimuth_deg": {"first": 0, "last": 1, "count": 2**28}}, "pixels together"),
+        ({"fx": 60.0}, "holds unknown keys: fx"),
+        ({"depth_scale_m": -1}, "depth_scale_m must be a positive number"),
+    ],
+)
+def test_bad_spherical_camera_file_is_refused(tmp_path, changes, message):
+    good = {"model": "spherical", "elevation_deg": [1, 0], "azimuth_deg": [-1, 0, 1]}
+    path = tmp_path / "scanner.json"
+    path.write_text(json.dumps({**good, **changes}))
+    with pytest.raises(ValueError, match=message):
+        read_camera(path)
 
 
 @pytest.mark.parametrize(

@@ -63,6 +63,9 @@ def folder(tmp_path_factory):
     np.save(folder / "good.npy", units.astype(np.float32))
     camera = {"fx": 6.0, "fy": 6.0, "cx": 5.5, "cy": 3.5, "width": 12, "height": 8}
     (folder / "camera.json").write_text(json.dumps(camera))
+    even = {"first": -90.0, "last": 90, "count": 12}
+    scanner = {"model": "spherical", "elevation_deg": [1, 0, -2], "azimuth_deg": even}
+    (folder / "scanner.json").write_text(json.dumps(scanner))
     shape = {"type": "sphere", "center": [0, 0, 1], "radius": 0.5}
     shape["material"] = {"color": [1, 0.5, 0], "transmit": 0.5, "fresnel": True}
     light = {"type": "point", "position": [0, 0, 0], "intensity": [1, 1, 0.5]}
@@ -149,6 +152,7 @@ def test_changed_folders_are_read_or_refused(tmp_path, kind, name):
     ("name", "read"),
     [
         ("camera.json", read_camera),
+        ("scanner.json", read_camera),
         ("scene.json", read_scene),
         ("solid.json", read_scene),
         ("preset.json", lambda path: preset_named(str(path))),
@@ -177,6 +181,7 @@ JSON = st.recursive(
     ("name", "read"),
     [
         ("camera.json", read_camera),
+        ("scanner.json", read_camera),
         ("scene.json", read_scene),
         ("solid.json", read_scene),
         ("preset.json", lambda path: preset_named(str(path))),

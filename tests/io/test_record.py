@@ -136,6 +136,7 @@ GOOD = written(dataclasses.replace(failed("tube"), shape=SHAPES["tube"]).to_dict
         {"version": 2},
         {"shape": "cylinder"},
         {"shape": "knot"},
+        {"source": "hearsay"},
         {"status": "fine"},
         {"success": "yes"},
         {"world_from_object": np.eye(3).tolist()},

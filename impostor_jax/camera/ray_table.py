@@ -1,0 +1,132 @@
+"""Rays that are told one by one: of a scanner's image, or of single points.
+
+A fit compares depths along rays whose direction has z = 1. A scanner looks all around;
+what it sees of one object is the image of these rays in a frame that looks there, and
+what it measures along them is a depth of that frame.
+"""
+
+__all__ = ["RayTable", "Sight", "turned_to"]
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jax.typing import DTypeLike
+from jaxtyping import Array, Bool, Float
+from typing_extensions import override
+
+from impostor_jax.camera.base import AbstractRays
+from impostor_jax.camera.pinhole import PinholeCamera
+from impostor_jax.camera.pixels import Pixels
+from impostor_jax.geometry.frames import RigidTransform
+from impostor_jax.geometry.rays import Ray
+from impostor_jax.geometry.vec3 import Vec3
+from impostor_jax.numerics import Scalar
+
+STEEPEST = 0.1
+"""Cosine of the angle to the frame's z axis beyond which no ray is looked at: its depth
+would be a small part of its range."""
+
+Table = Float[np.ndarray, "h w"] | Float[Array, "h w"]
+
+
+class RayTable(AbstractRays):
+    """A ray for each pixel of an image, in a frame that looks along z.
+
+    Attributes:
+        x: Of the directions, with z = 1; not finite where there is none.
+        y: Likewise.
+        start: Where the rays begin, in meters; None where all begin at the origin.
+        spacing: Distance of neighboring rays at a depth of 1.
+        camera_from_world: Pose of the frame.
+        width: Number of columns.
+        height: Number of rows.
+    """
+
+    x: Table
+    y: Table
+    start: Float[np.ndarray, "h w 3"] | Float[Array, "h w 3"] | None
+    spacing: Scalar
+    camera_from_world: RigidTransform | None
+    width: int = eqx.field(static=True)
+    height: int = eqx.field(static=True)
+
+    @staticmethod
+    def facing(
+        direction: Float[np.ndarray, "h w 3"],
+        rotation: Float[np.ndarray, "3 3"],
+        spacing: float,
+        world_from_source: RigidTransform | None = None,
+        start: Float[np.ndarray, "h w 3"] | None = None,
+    ) -> "RayTable":
+        """Rays of another frame in one that is turned to where they look.
+
+        Args:
+            direction: Of any length, in the frame that they are told in; zero where
+                there is none.
+            rotation: From that frame to the one that looks along z.
+            spacing: Angle between neighboring rays, in radians.
+            world_from_source: Pose of the frame that they are told in.
+            start: Where they begin, in that frame; None for its origin.
+        """
+        turned = direction @ rotation.T
+        length = np.linalg.norm(turned, axis=-1)
+        ahead = turned[..., 2] > STEEPEST * length
+        z = np.where(ahead, turned[..., 2], 1)
+        x, y = (np.where(ahead, turned[..., k] / z, np.inf) for k in (0, 1))
+        dtype = np.dtype(jnp.result_type(float))
+        pose = RigidTransform(rotation, np.zeros(3))
+        if world_from_source is not None:
+            pose = pose @ world_from_source.inverse()
+        return RayTable(
+            x=x.astype(dtype),
+            y=y.astype(dtype),
+            start=None if start is None else (start @ rotation.T).astype(dtype),
+            spacing=jnp.asarray(spacing, dtype),
+            camera_from_world=pose,
+            width=x.shape[1],
+            height=x.shape[0],
+        )
+
+    @property
+    @override
+    def is_central(self) -> bool:
+        return self.start is None
+
+    @override
+    def rays(self, row: Pixels, col: Pixels, dtype: DTypeLike) -> Ray:
+        x, y = (jnp.asarray(part)[row, col].astype(dtype) for part in (self.x, self.y))
+        x, y = (jnp.where(jnp.isfinite(part), part, 0) for part in (x, y))
+        zero = jnp.zeros_like(x)
+        origin = Vec3(zero, zero, zero)
+        if self.start is not None:
+            origin = Vec3.from_array(jnp.asarray(self.start)[row, col].astype(dtype))
+        return Ray(origin, Vec3(x, y, jnp.ones_like(x)))
+
+    @override
+    def sees(self, row: Pixels, col: Pixels) -> Bool[Array, "*batch"] | None:
+        return jnp.isfinite(jnp.asarray(self.x)[row, col])
+
+    def depth_of(self, reach: Table) -> Float[np.ndarray, "h w"]:
+        """Depths in this frame of ranges along the rays; 0 where there is no ray.
+
+        Args:
+            reach: Ranges in meters.
+        """
+        x, y = np.asarray(self.x), np.asarray(self.y)
+        seen = np.isfinite(x)
+        length = np.sqrt(1 + np.where(seen, x * x + y * y, 0))
+        return np.where(seen, np.asarray(reach) / length, 0).astype(x.dtype)
+
+
+Sight = PinholeCamera | RayTable
+"""What a fit sees an object by: rays whose direction has z = 1."""
+
+
+def turned_to(direction: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3 3"]:
+    """Rotation to a frame whose z axis is along a direction, the shortest one."""
+    z = direction / np.linalg.norm(direction)
+    # Whichever of two axes is more across it.
+    across = np.eye(3)[0] if abs(z[0]) < abs(z[1]) else np.eye(3)[1]
+    x = across - z * (z @ across)
+    x /= np.linalg.norm(x)
+    return np.stack([x, np.cross(z, x), z])

@@ -1,0 +1,269 @@
+"""Fit a cylinder to points, of which each was seen from a known place.
+
+A point is the reading of a ray, from where the sensor stood through the point, and is
+compared along it, as a pixel's is: sensors err along the ray, and the orthogonal
+distance of points is biased. What only an image shows is left out: background beside an
+end, outlines, and errors that neighbors share.
+"""
+
+__all__ = ["fit_cylinder_to_points"]
+
+import dataclasses
+from typing import Any, NamedTuple, Unpack
+
+import cv2
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float, Int
+
+from impostor_jax.arguments import is_concrete
+from impostor_jax.camera.ray_table import RayTable, turned_to
+from impostor_jax.effort import MIN_READINGS
+from impostor_jax.fit.fittable import CYLINDER
+from impostor_jax.fit.options import FitOptions, Options
+from impostor_jax.fit.regions import BUCKETS
+from impostor_jax.fit.request import check_types, checked_noise
+from impostor_jax.fit.result import Fit
+from impostor_jax.fit.shapes import fit_shape
+from impostor_jax.geometry.frames import RigidTransform
+from impostor_jax.numerics import eps
+from impostor_jax.primitives.cylinder import Cylinder
+from impostor_jax.sensor.base import AbstractDepthNoise
+from impostor_jax.sensor.bias import is_none
+
+WIDEST = 55.0
+"""Angle in degrees, from the middle of all rays, up to which one frame holds them;
+beyond, they are those of the six faces of a cube."""
+
+MOST_ROUNDED = 0.1
+"""Part of the noise that the rounding of coordinates may be."""
+
+
+def fit_cylinder_to_points(
+    points: Any,
+    origin: Any = None,
+    sigma: Any = None,
+    initial: Cylinder | None = None,
+    **options: Unpack[FitOptions],
+) -> Fit:
+    """Fit a capped cylinder to points, as `fit_cylinder` does to the pixels of images.
+
+        cloud = ij.io.read_points("scan.laz")
+        stem = cloud.points[is_stem]
+        fit = ij.fit_cylinder_to_points(stem, (0.0, 0.0, 1.7), sigma=0.004)
+
+    The points are those of the object, in any order, outliers among them. An end is
+    seen where points lie on its cap; otherwise the height is the visible extent.
+
+    Args:
+        points: (N, 3), in meters, in the world frame; or (N, 6), each with the place
+            from which the sensor saw it.
+        origin: (3,), that place where it is one for all.
+        sigma: Standard deviation of a range in meters, or a noise model of single
+            readings, as in `fit_cylinder`.
+        initial: Start of the fit, in the world frame; found from the points if None.
+        options: What `FitOptions` lists, but for `mask_meaning` and `errors`, which are
+            of images.
+
+    Returns:
+        The fit; `residual`, `inliers` and `region` have the shape (N,). `source` is
+        "points".
+
+    Raises:
+        TypeError: An option is unknown.
+        ValueError: An argument has a wrong shape or value, or there are fewer than 50
+            points, or they lie so far from the origin of the world that their
+            coordinates, rounded, would err as much as the sensor: subtract an offset,
+            or let the effort's precision be "float64".
+    """
+    asked = Options.of(options)
+    _check_options(asked)
+    if not is_concrete((points, origin, sigma, initial)):
+        raise ValueError(
+            "points, origin, sigma and initial must be concrete, got traced ones"
+        )
+    ends, starts = _checked_points(points, origin)
+    noise = _checked_noise(sigma)
+    _check_rounding(ends, starts, noise, asked)
+    with jax.enable_x64(asked.effort.precision == "float64"):
+        views = _views_of(ends, starts)
+    for view in views:
+        check_types(Cylinder, view.camera, initial)
+    depths, cameras, masks = (
+        [getattr(view, name) for view in views] for name in ("depth", "camera", "mask")
+    )
+    if len(views) == 1:
+        depths, cameras, masks = depths[0], cameras[0], masks[0]
+    fit = fit_shape(CYLINDER, depths, cameras, masks, sigma, initial, asked)
+    told = {
+        name: _by_point(getattr(fit, name), views, len(ends))
+        for name in ("residual", "inliers", "region")
+    }
+    found = dataclasses.replace(fit, source="points", **told)
+    found.asked.arguments = fit.asked.arguments
+    return found
+
+
+class _View(NamedTuple):
+    """Points whose rays one frame holds, as an image of one row.
+
+    Attributes:
+        depth: In the camera's frame; 0 where it only fills up.
+        camera: Their rays.
+        mask: Where there is a point.
+        places: Which points they are.
+    """
+
+    depth: Float[np.ndarray, "1 w"]
+    camera: RayTable
+    mask: np.ndarray
+    places: Int[np.ndarray, " n"]
+
+
+def _check_options(options: Options) -> None:
+    if options.mask_meaning != "region":
+        raise ValueError(
+            f"mask_meaning must be 'region' for points, got {options.mask_meaning!r}: "
+            "they have no outline"
+        )
+    if options.errors == "correlated":
+        raise ValueError(
+            "errors must be 'independent' for points, got 'correlated': they have no "
+            "neighbors"
+        )
+
+
+def _checked_points(
+    points: Any, origin: Any
+) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3"]]:
+    """Points and where each was seen from."""
+    values = _as_numbers("points", points)
+    if values.ndim != 2 or values.shape[1] not in (3, 6):
+        raise ValueError(f"points must be (N, 3) or (N, 6), got shape {values.shape}")
+    if values.shape[1] == 6:
+        if origin is not None:
+            raise ValueError(
+                "origin must not be given with points of shape (N, 6), which have one "
+                "each"
+            )
+        ends, starts = values[:, :3], values[:, 3:]
+    elif origin is None:
+        raise ValueError(
+            "origin must be given with points of shape (N, 3): the place from which "
+            "the sensor saw them, (3,)"
+        )
+    else:
+        place = _as_numbers("origin", origin)
+        if place.shape != (3,):
+            raise ValueError(f"origin must be (3,), got shape {place.shape}")
+        ends, starts = values, np.broadcast_to(place, values.shape)
+    if len(ends) < MIN_READINGS:
+        raise ValueError(
+            f"points must be at least {MIN_READINGS}, got {len(ends)} of them"
+        )
+    if np.any(np.all(ends == starts, axis=1)):
+        raise ValueError("points must lie off the origin that they were seen from")
+    return ends, starts
+
+
+def _as_numbers(name: str, value: Any) -> Float[np.ndarray, "..."]:
+    try:
+        values = np.asarray(value, np.float64)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"{name} must be numbers, got {value!r}") from error
+    if not np.all(np.isfinite(values)):
+        raise ValueError(f"{name} must be finite, got NaN or infinity")
+    return values
+
+
+def _checked_noise(sigma: Any) -> AbstractDepthNoise:
+    """Noise of single readings: what pixels of an image share has no meaning."""
+    noise = checked_noise(sigma)
+    bias = noise.bias
+    if bias.fields or not (is_none(bias.edge_reach) and is_none(bias.window_reach)):
+        raise ValueError(
+            "sigma must be a number or a noise model of single readings for points, "
+            f"got {noise!r}, which says how pixels of an image err together"
+        )
+    return noise
+
+
+def _check_rounding(
+    ends: Float[np.ndarray, "n 3"],
+    starts: Float[np.ndarray, "n 3"],
+    noise: AbstractDepthNoise,
+    options: Options,
+) -> None:
+    """Raise where coordinates, rounded, would err as much as the sensor."""
+    dtype = np.dtype(options.effort.precision or jnp.result_type(float))
+    largest = max(np.abs(ends).max(), np.abs(starts).max())
+    reach = np.median(np.linalg.norm(ends - starts, axis=1))
+    sigma = float(noise.sigma(jnp.asarray(reach, dtype), jnp.ones((), dtype)))
+    if largest * eps(dtype) > max(MOST_ROUNDED * sigma, eps(dtype, 16) * reach):
+        raise ValueError(
+            f"points must lie near the origin of the world, got coordinates up to "
+            f"{largest:.6g} m, which {dtype} rounds by {largest * eps(dtype):.2g} m: "
+            "subtract an offset, or let the effort's precision be 'float64'"
+        )
+
+
+def _views_of(
+    ends: Float[np.ndarray, "n 3"], starts: Float[np.ndarray, "n 3"]
+) -> list[_View]:
+    """The rays in frames that look along them: one, or those of a cube's faces."""
+    middle = starts.mean(axis=0)
+    rays = ends - starts
+    unit = rays / np.linalg.norm(rays, axis=1, keepdims=True)
+    mean = unit.mean(axis=0)
+    # All around there is no middle, and any will do.
+    rotation = turned_to(mean if np.linalg.norm(mean) > 1e-3 else np.eye(3)[2])
+    is_narrow = np.all(unit @ rotation[2] > np.cos(np.radians(WIDEST)))
+    around = unit @ rotation.T
+    largest = np.argmax(np.abs(around), axis=1)
+    negative = np.take_along_axis(around, largest[:, None], axis=1)[:, 0] < 0
+    face = 0 * largest if is_narrow else 2 * largest + negative
+    views = []
+    for number in np.unique(face):
+        index = np.flatnonzero(face == number)
+        axis = rotation[2]
+        if not is_narrow:
+            axis = rotation[number // 2] * (-1 if number % 2 else 1)
+        views.append(_view_of(rays, starts - middle, middle, index, turned_to(axis)))
+    return views
+
+
+def _view_of(
+    rays: Float[np.ndarray, "n 3"],
+    starts: Float[np.ndarray, "n 3"],
+    middle: Float[np.ndarray, "3"],
+    index: Int[np.ndarray, " n"],
+    rotation: Float[np.ndarray, "3 3"],
+) -> _View:
+    """Some of the rays, filled up to one of a few sizes."""
+    count = len(index)
+    width = next(size for size in BUCKETS if size >= count)
+    full, begin = np.zeros((1, width, 3)), np.zeros((1, width, 3))
+    full[0, :count], begin[0, :count] = rays[index], starts[index]
+    turned = full @ rotation.T
+    flat = turned[0, :count, :2] / turned[0, :count, 2:]
+    hull = cv2.convexHull(flat.astype(np.float32))
+    spacing = np.sqrt(max(cv2.contourArea(hull), 1e-12) / count)
+    camera = RayTable.facing(
+        full,
+        rotation,
+        float(spacing),
+        RigidTransform(np.eye(3), middle),
+        begin if np.any(begin) else None,
+    )
+    mask = (np.arange(width) < count)[None]
+    return _View(turned[..., 2].astype(camera.x.dtype), camera, mask, index)
+
+
+def _by_point(images: Any, views: list[_View], count: int) -> Any:
+    """What is told of the pixels of views, point by point."""
+    parts = [np.asarray(image)[0] for image in jax.tree.leaves(images)]
+    told = np.zeros(count, parts[0].dtype)
+    for part, view in zip(parts, views, strict=True):
+        told[view.places] = part[: len(view.places)]
+    return jnp.asarray(told)

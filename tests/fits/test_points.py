@@ -1,0 +1,167 @@
+"""Points with the place that they were seen from, as readings along rays."""
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import impostor_jax as ij
+from impostor_jax.geometry.rays import Ray
+from impostor_jax.geometry.vec3 import Vec3
+from tests.fit.scenes import CAMERA, SIGMA, can, image
+from tests.groups import FULL, SMALL_IMAGES
+from tests.schemas import validator
+
+pytestmark = SMALL_IMAGES
+
+
+def points_of(depth, mask):
+    """Points of an image, in any order."""
+    row, col = np.nonzero(mask)
+    z = depth[row, col].astype(float)
+    camera = [float(x) for x in (CAMERA.fx, CAMERA.fy, CAMERA.cx, CAMERA.cy)]
+    fx, fy, cx, cy = camera
+    points = np.stack([(col - cx) / fx * z, (row - cy) / fy * z, z], axis=1)
+    order = np.random.default_rng(0).permutation(len(points))
+    return points[order]
+
+
+@pytest.fixture(scope="module")
+def seen():
+    """A can's image without a background, which would tell where it ends."""
+    depth, mask = image()
+    return np.where(mask, depth, 0).astype(np.float32), mask
+
+
+def of_points(points, origin=(0, 0, 0), **options):
+    return ij.fit_cylinder_to_points(points, origin, sigma=SIGMA, **options)
+
+
+def test_points_tell_what_their_image_does(seen):
+    depth, mask = seen
+    of_image = ij.fit_cylinder(depth, CAMERA, mask=mask, sigma=SIGMA)
+    points = points_of(depth, mask)
+    fit = of_points(points)
+    assert fit.success
+    assert fit.source == "points"
+    record = fit.to_dict()
+    validator("fit").validate(record)
+    assert record["source"] == "points"
+    with pytest.raises(AttributeError, match="needs a fit to images"):
+        _ = fit.pose_in_camera
+    std = of_image.std
+    off = float(fit.cylinder.radius - of_image.cylinder.radius)
+    assert abs(off) < 0.1 * float(std.radius)
+    away = np.cross(fit.cylinder.axis, of_image.cylinder.axis)
+    assert np.linalg.norm(away) < 0.1 * float(np.max(np.asarray(std.axis)))
+    # The image's noise is along z, and less along its oblique rays.
+    np.testing.assert_allclose(fit.std.radius, std.radius, rtol=0.05)
+    assert "Of points: neither background" in str(fit)
+    assert fit.residual.shape == (len(points),)
+    residual, inliers = np.asarray(fit.residual), np.asarray(fit.inliers)
+    assert residual[inliers].std() == pytest.approx(SIGMA, rel=0.1)
+    assert np.count_nonzero(inliers) == fit.num_inliers
+
+
+def test_an_order_of_points_means_nothing(seen):
+    points = points_of(*seen)
+    one, other = of_points(points), of_points(points[::-1])
+    np.testing.assert_allclose(
+        one.cylinder.radius, other.cylinder.radius, atol=0.05 * float(one.std.radius)
+    )
+    np.testing.assert_array_equal(one.inliers, other.inliers[::-1])
+
+
+def test_points_of_another_world_are_moved_with_it(seen):
+    points = points_of(*seen)
+    near = of_points(points)
+    offset = np.array([30.0, -20.0, 5.0])
+    far = of_points(points + offset, offset)
+    # Rounding 36 m in single precision takes 2e-6 m.
+    np.testing.assert_allclose(
+        far.cylinder.center, near.cylinder.center + offset, atol=1e-5
+    )
+    np.testing.assert_allclose(far.cylinder.radius, near.cylinder.radius, atol=2e-6)
+
+
+def test_coordinates_that_rounding_spoils_are_refused(seen):
+    offset = np.array([5e5, 5.4e6, 300.0])
+    points = points_of(*seen) + offset
+    with pytest.raises(ValueError, match="subtract an offset"):
+        of_points(points, offset)
+
+
+@FULL
+def test_in_double_precision_no_offset_is_needed(seen):
+    offset = np.array([5e5, 5.4e6, 300.0])
+    points = points_of(*seen)
+    effort = ij.Effort(precision="float64")
+    far = of_points(points + offset, offset, effort=effort)
+    near = of_points(points)
+    np.testing.assert_allclose(far.cylinder.radius, near.cylinder.radius, atol=2e-6)
+    np.testing.assert_allclose(
+        np.asarray(far.cylinder.center) - offset, near.cylinder.center, atol=1e-5
+    )
+
+
+def scanned(starts, seed=0):
+    """What a sensor sees of the can that looks at it from many places."""
+    random = np.random.default_rng(seed)
+    target = np.asarray(can().center) + random.uniform(-0.08, 0.08, starts.shape)
+    towards = target - starts
+    towards /= np.linalg.norm(towards, axis=1, keepdims=True)
+    ray = Ray(*(Vec3.from_array(jnp.asarray(x, float)) for x in (starts, towards)))
+    hit = can().intersect(ray)
+    mask = np.asarray(hit.mask)
+    reach = np.asarray(hit.t)[mask] + random.normal(0, SIGMA, mask.sum())
+    ends = starts[mask] + towards[mask] * reach[:, None]
+    return np.concatenate([ends, starts[mask]], axis=1)
+
+
+@pytest.mark.parametrize(
+    "turn", [pytest.param(1.0, id="an arc"), pytest.param(6.28, id="all", marks=FULL)]
+)
+def test_a_sensor_may_move(turn):
+    random = np.random.default_rng(1)
+    angle = random.uniform(0, turn, 3000)
+    around = [np.cos(angle), random.uniform(-0.3, 0.3, 3000), np.sin(angle)]
+    starts = np.asarray(can().center) + 0.5 * np.stack(around, axis=1)
+    fit = ij.fit_cylinder_to_points(scanned(starts), sigma=SIGMA)
+    assert fit.success
+    assert abs(float(fit.cylinder.radius) - 0.04) < 4 * float(fit.std.radius)
+    assert abs(float(fit.chi2) - 1) < 0.15
+    off = np.linalg.norm(np.cross(fit.cylinder.axis, can().axis))
+    assert off < 4 * float(np.max(np.asarray(fit.std.axis)))
+
+
+def test_a_cup_among_points_is_told_from_a_can(seen):
+    assert not ij.test_taper(of_points(points_of(*seen))).is_needed()
+
+
+POINTS = np.random.default_rng(0).normal((0, 0, 1), 0.1, (60, 3))
+
+
+@pytest.mark.parametrize(
+    ("given", "match"),
+    [
+        (((POINTS,), {}), "origin must be given"),
+        (((POINTS[:, :2], (0, 0, 0)), {}), r"points must be \(N, 3\)"),
+        (((POINTS[:9], (0, 0, 0)), {}), "points must be at least 50"),
+        (((POINTS, (0, 0)), {}), r"origin must be \(3,\)"),
+        (((np.where(POINTS > 1, np.nan, POINTS), (0, 0, 0)), {}), "must be finite"),
+        ((("points", (0, 0, 0)), {}), "points must be numbers"),
+        (((np.tile(POINTS, 2), (0, 0, 0)), {}), "origin must not be given"),
+        (((POINTS, POINTS[3]), {}), "off the origin"),
+        (((POINTS, (0, 0, 0)), {"mask_meaning": "outline"}), "no outline"),
+        (((POINTS, (0, 0, 0)), {"errors": "correlated"}), "no neighbors"),
+        (
+            ((POINTS, (0, 0, 0)), {"sigma": ij.FlyingPixels(ij.ConstantNoise(0.001))}),
+            "sigma must be",
+        ),
+        (((POINTS, (0, 0, 0)), {"initial": "can"}), "initial must be one Cylinder"),
+    ],
+    ids=lambda value: value if isinstance(value, str) else "",
+)
+def test_bad_points_are_refused(given, match):
+    places, options = given
+    with pytest.raises((ValueError, TypeError), match=match):
+        ij.fit_cylinder_to_points(*places, **options)
