@@ -1,3 +1,4 @@
+from . import io
 from .calibrate.calibration import calibrate_sensor
 from .camera.base import AbstractCamera
 from .camera.orthographic import OrthographicCamera
@@ -33,8 +34,11 @@ from .geometry.frames import RigidTransform
 from .io.camera_from import camera_from
 from .io.dataset import read_dataset
 from .io.dataset_shard import LabeledImage
+from .io.depth_folder import DepthFolder, DepthFrame, read_depth_folder
 from .io.mesh_export import to_mesh
 from .io.mesh_file import read_mesh
+from .io.point_cloud import PointCloud
+from .io.points_file import read_points
 from .primitives.base import AbstractPrimitive
 from .primitives.box import Box
 from .primitives.cylinder import Cylinder
@@ -84,6 +88,8 @@ __all__ = [
     "ConstantNoise",
     "CorrelatedNoise",
     "Cylinder",
+    "DepthFolder",
+    "DepthFrame",
     "Deviations",
     "DirectionalLight",
     "Directions",
@@ -108,6 +114,7 @@ __all__ = [
     "Outline",
     "PinholeCamera",
     "Plane",
+    "PointCloud",
     "PointLight",
     "RigidTransform",
     "ScaleError",
@@ -142,12 +149,15 @@ __all__ = [
     "fit_sphere",
     "fit_tube",
     "intersection",
+    "io",
     "lit",
     "outline",
     "outline_box",
     "outline_tile",
     "read_dataset",
+    "read_depth_folder",
     "read_mesh",
+    "read_points",
     "render",
     "shade",
     "signed_distance",

@@ -44,9 +44,9 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from impostor_jax.camera.base import AbstractCamera
+from impostor_jax.fit.record import numbers
 from impostor_jax.fit.result import Fit
 from impostor_jax.io.dataset_shard import LabeledImage
-from impostor_jax.io.record import numbers
 from impostor_jax.rendering.silhouettes import silhouettes
 
 

@@ -38,7 +38,6 @@ class DemoCommand:
         from impostor_jax.io.atomic import check_output_folder, write_json
         from impostor_jax.io.camera_file import write_camera
         from impostor_jax.io.depth_image import fitting_scale, write_depth_png
-        from impostor_jax.io.record import fit_record
         from impostor_jax.primitives.cylinder import Cylinder
         from impostor_jax.rendering.render import render
         from impostor_jax.sensor.gaussian import ConstantNoise
@@ -65,7 +64,7 @@ class DemoCommand:
         scale = fitting_scale(depth, None)
         write_depth_png(self.output / "depth.png", depth, scale)
         write_camera(self.output / "camera.json", camera, scale)
-        write_json(self.output / "fit.json", fit_record(fit, seconds))
+        write_json(self.output / "fit.json", fit.to_dict(seconds))
         write_overlay(self.output / "overlay.png", fit, depth, camera)
         print(f"pictures and files: {self.output}")
         return 0 if bool(fit.success) else 1

@@ -217,12 +217,15 @@ def _count_there(record: Path, place: Path, made_from: dict[str, Any]) -> int | 
     """How many cylinders were found where all files are there; else None."""
     import json
 
-    from impostor_jax.io.json_file import read_json_object
+    from impostor_jax.io.json_file import check_version, read_json_object
+    from impostor_jax.io.record import FOUND_VERSION
 
     paths = record, *(place / name for name in PICTURES)
     if not all(path.is_file() for path in paths):
         return None
-    there = read_json_object(record, f"record {str(record)!r}")
+    what = f"record {str(record)!r}"
+    there = read_json_object(record, what)
+    check_version(there, FOUND_VERSION, what)
     # As JSON has it, lists for tuples.
     if there.get("made_from") != json.loads(json.dumps(made_from)):
         return None

@@ -104,7 +104,6 @@ class FitCommand:
         # These start JAX.
         from impostor_jax.io.camera_file import read_pinhole_camera
         from impostor_jax.io.depth_image import read_depth
-        from impostor_jax.io.record import fit_record
         from impostor_jax.viewer.figure import write_overlay
 
         camera, depth_scale_m = read_pinhole_camera(self.camera)
@@ -135,7 +134,7 @@ class FitCommand:
                 folder = place / name
                 write_json(
                     folder / "fit.json" if self.json is None else self.json,
-                    fit_record(fit, seconds, taper, bore),
+                    fit.to_dict(seconds, taper, bore),
                 )
                 write_overlay(folder / "overlay.png", fit, depth, camera)
                 succeeded.append(bool(fit.success))

@@ -30,6 +30,8 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from impostor_jax.fit.alternatives import Alternatives
+from impostor_jax.fit.pose import pose_from_camera, pose_of
+from impostor_jax.fit.record import fit_record
 from impostor_jax.fit.status import STATUSES, FitStatus
 from impostor_jax.fit.text import line, millimeters, plain
 from impostor_jax.primitives.base import AbstractPrimitive
@@ -387,6 +389,57 @@ class Fit(eqx.Module):
         return {
             name: (value, getattr(self.std, name)) for name, value in values.items()
         }
+
+    @property
+    def pose(self) -> Float[Array, "*batch 4 4"]:
+        """`world_from_object`: the frame at the center, with z along the axis.
+
+        A frustum's center is midway between its ends, and a sphere's frame is not
+        turned.
+        """
+        return pose_of(self.shape)
+
+    @property
+    def pose_in_camera(self) -> Float[Array, "4 4"] | tuple[Float[Array, "4 4"], ...]:
+        """`camera_from_object`, of the same frame; of several images one for each.
+
+        It needs a fit to images, as it was returned.
+        """
+        if self.asked.arguments is None or self.source != "images":
+            # What looks for attributes, as `inspect` does, goes on.
+            raise AttributeError(
+                "fit.pose_in_camera needs a fit to images, as it was returned: one "
+                "that was traced or stacked does not hold its camera, nor one of too "
+                "few readings; multiply fit.pose by the camera's camera_from_world"
+            )
+        cameras = self.asked.arguments["camera"]
+        several = cameras if isinstance(cameras, Sequence) else [cameras]
+        return of_images(
+            [
+                pose_from_camera(self.pose, camera.camera_from_world)
+                for camera in several
+            ]
+        )
+
+    def to_dict(
+        self,
+        seconds: float | None = None,
+        taper: "TaperTest | None" = None,
+        bore: "BoreTest | None" = None,
+    ) -> dict[str, Any]:
+        """What JSON can hold of a single, concrete result, as in `fit.json`.
+
+        The keys are the same for every shape but those of its parameters, and are in
+        `impostor_jax/io/schemas/fit.schema.json`; what is not finite is None.
+
+        Args:
+            seconds: Time that the fit took.
+            taper: Whether a frustum is needed, if that was tested.
+            bore: Whether a tube is needed, if that was tested.
+        """
+        return fit_record(
+            self, self.alternatives.told(named_values), seconds, taper, bore
+        )
 
     def summary(self, seconds: float | None = None) -> str:
         """A few lines for a reader; lengths in millimeters, angles in degrees.

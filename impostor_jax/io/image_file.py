@@ -15,8 +15,6 @@ __all__ = [
 ]
 
 import io
-import math
-import warnings
 from pathlib import Path
 
 import cv2
@@ -30,6 +28,7 @@ from impostor_jax.io.image_header import (
     read_header,
 )
 from impostor_jax.io.input_file import opened
+from impostor_jax.io.npy_file import check_npy_bytes, npy_header
 from impostor_jax.plain_arguments import image_size
 
 MOST_EXTRA_BYTES = 2**26
@@ -46,7 +45,7 @@ def read_npy(path: Path, what: str, size: Size | None) -> np.ndarray:
         ValueError: The file is missing, broken, or of another kind or size.
     """
     with opened(path, what) as file:
-        _check_npy(file, path, what, size)
+        _check_npy(file, what, size)
         file.seek(0)
         return np.load(file, allow_pickle=False)
 
@@ -54,28 +53,16 @@ def read_npy(path: Path, what: str, size: Size | None) -> np.ndarray:
 def check_npy(path: Path, what: str, size: Size | None) -> None:
     """Raise what `read_npy` would, of a file's header alone."""
     with opened(path, what) as file:
-        _check_npy(file, path, what, size)
+        _check_npy(file, what, size)
 
 
-def _check_npy(
-    file: io.BufferedIOBase, path: Path, what: str, size: Size | None
-) -> None:
-    try:
-        shape, dtype = _npy_header(file)
-    except Exception as error:
-        # NumPy reads the header as Python, of which anything can go wrong.
-        raise ValueError(f"{what} is not a readable NPY file") from error
+def _check_npy(file: io.BufferedReader, what: str, size: Size | None) -> None:
+    shape, dtype = npy_header(file, what)
     _check_one_channel(shape, what)
     _check_size((shape[0], shape[1]), what, size)
     if dtype.kind not in "fiu":
         raise ValueError(f"{what} must hold integers or floats, got {dtype}")
-    num_bytes = math.prod(shape) * dtype.itemsize
-    there = path.stat().st_size - file.tell()
-    if there != num_bytes:
-        raise ValueError(
-            f"{what} is not a readable NPY file: it must hold {num_bytes} bytes "
-            f"of numbers, got {there}"
-        )
+    check_npy_bytes(file, shape, dtype, what)
 
 
 def read_integers(path: Path, what: str, size: Size | None) -> np.ndarray:
@@ -91,22 +78,6 @@ def read_integers(path: Path, what: str, size: Size | None) -> np.ndarray:
             "image"
         )
     return values
-
-
-def _npy_header(file: io.BufferedIOBase) -> tuple[tuple[int, ...], np.dtype]:
-    """Shape and type of the array in a file, which need no pickle."""
-    version = np.lib.format.read_magic(file)
-    read = {
-        (1, 0): np.lib.format.read_array_header_1_0,
-        (2, 0): np.lib.format.read_array_header_2_0,
-    }
-    with warnings.catch_warnings():
-        # NumPy warns of headers that other versions wrote.
-        warnings.simplefilter("ignore")
-        shape, _, dtype = read[version](file)
-    if dtype.hasobject:
-        raise ValueError("objects are not read")
-    return shape, dtype
 
 
 def _check_one_channel(shape: tuple[int, ...], what: str) -> None:

@@ -38,7 +38,7 @@ def require_file(path: Path, what: str) -> None:
 
 
 @contextlib.contextmanager
-def opened(path: Path, what: str) -> Iterator[io.BufferedIOBase]:
+def opened(path: Path, what: str) -> Iterator[io.BufferedReader]:
     """Open a regular file to read it; `what` names it in errors.
 
     Raises:

@@ -4,6 +4,7 @@ __all__ = [
     "arguments_of",
     "check_depth",
     "check_keys",
+    "check_version",
     "json_value",
     "read_json_object",
     "typed_record",
@@ -16,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from impostor_jax.io.input_file import opened
+from impostor_jax.plain_arguments import whole_number
 
 MAX_DEPTH = 100
 """Deepest nesting of lists and objects; files of this package need seven, and two more
@@ -75,6 +77,22 @@ def check_keys(
         raise ValueError(f"{what} lacks {', '.join(missing)}")
     if unknown := sorted(set(record) - set(allowed)):
         raise ValueError(f"{what} holds unknown keys: {', '.join(unknown)}")
+
+
+def check_version(record: dict[str, Any], newest: int, what: str) -> None:
+    """Raise a `ValueError` where a record is newer than what is read.
+
+    Args:
+        record: One without a version is of the first.
+        newest: Version that is read.
+        what: Names it in errors.
+    """
+    version = whole_number(f"version of {what}", record.get("version", 1), 1)
+    if version > newest:
+        raise ValueError(
+            f"version of {what} must be at most {newest}, got {version}: it is of a "
+            "newer impostor_jax"
+        )
 
 
 def typed_record(

@@ -1,78 +1,37 @@
-"""The records of a fit of any shape, and of a search, as JSON."""
+"""What is made of the record of a fit, and the record of a search, as JSON."""
 
-__all__ = ["fit_record", "found_record", "numbers", "shape_of_fit"]
+__all__ = ["FOUND_VERSION", "found_record", "shape_of_fit"]
 
 from collections.abc import Callable
 from typing import Any
 
-import jax.numpy as jnp
-import numpy as np
-
 from impostor_jax.camera.base import AbstractCamera
 from impostor_jax.find.found import Found
-from impostor_jax.fit.result import BoreTest, Fit, TaperTest, named_values
-from impostor_jax.geometry.so3 import tangent_basis
-from impostor_jax.io.json_file import arguments_of, check_keys
+from impostor_jax.fit.record import FIT_VERSION, estimate_record, numbers
+from impostor_jax.io.json_file import arguments_of, check_keys, check_version
 from impostor_jax.primitives import PRIMITIVES
 from impostor_jax.primitives.base import AbstractPrimitive
-from impostor_jax.primitives.cylinder import Cylinder
 from impostor_jax.primitives.tube import tube
 
 MADE_BY: dict[str, Callable[..., AbstractPrimitive]] = {**PRIMITIVES, "tube": tube}
 """Shapes that a record may be of, by what makes them."""
 
-
-def fit_record(
-    fit: Fit,
-    seconds: float,
-    taper: TaperTest | None = None,
-    bore: BoreTest | None = None,
-) -> dict[str, Any]:
-    """Turn a fit into what JSON can hold; infinite standard deviations become null.
-
-    Args:
-        fit: A single, concrete result.
-        seconds: Time that the fit took.
-        taper: Whether a frustum is needed, if that was tested.
-        bore: Whether a tube is needed, if that was tested.
-    """
-    return {
-        "success": bool(fit.success),
-        "status": str(fit.status),
-        "reason": fit.reason,
-        "shape": fit.kind,
-        **_estimate(fit),
-        "ends_seen": [bool(seen) for seen in fit.ends_seen],
-        "height_observed": fit.height_observed,
-        "covariance": {
-            "coordinates": list(fit.coordinates),
-            "values": numbers(fit.covariance),
-        },
-        "num_starts": int(fit.num_starts),
-        "num_agreeing": int(fit.num_agreeing),
-        "alternatives": [
-            {"weight": weight, **_named(values)}
-            for weight, values in fit.alternatives.told(named_values)
-        ],
-        "num_pixels": int(fit.num_pixels),
-        "rms_m": numbers(fit.rms),
-        "chi2": numbers(fit.chi2),
-        "taper": None if taper is None else _taper(taper),
-        "bore": None if bore is None else _bore(bore),
-        "seconds": seconds,
-    }
+FOUND_VERSION = 1
+"""Of the records of searches that are written, as `FIT_VERSION` is of fits."""
 
 
 def shape_of_fit(record: dict[str, Any], what: str) -> AbstractPrimitive:
     """Make the shape of a fit's record.
 
     Args:
-        record: As `fit_record` makes it.
+        record: As `Fit.to_dict` makes it.
         what: Names it in errors.
 
     Raises:
-        ValueError: The fit failed, or something is missing or no number.
+        ValueError: It is of a newer version, the fit failed, or something is missing
+            or no number.
     """
+    check_version(record, FIT_VERSION, what)
     name = record["shape"]
     if not isinstance(name, str) or name not in MADE_BY:
         raise ValueError(
@@ -117,8 +76,8 @@ def found_record(
             "visible": numbers(found.visible[k]),
             "inside": bool(found.inside[k]),
             "status": str(fit.status),
-            "world_from_cylinder": _pose(fit.cylinder),
-            **_estimate(fit),
+            "world_from_cylinder": numbers(fit.pose),
+            **estimate_record(fit),
             "ends_seen": [bool(seen) for seen in fit.ends_seen],
             "num_pixels": int(fit.num_pixels),
             "rms_m": numbers(fit.rms),
@@ -128,6 +87,7 @@ def found_record(
     ]
     planes = zip(found.planes.point, found.planes.unit_normal, strict=True)
     return {
+        "version": FOUND_VERSION,
         "frame": f"the camera's: {axes}" if is_camera else "the world's",
         "image": {"width": camera.width, "height": camera.height},
         "cylinders": cylinders,
@@ -138,62 +98,3 @@ def found_record(
         "seconds": seconds,
         "made_from": made_from,
     }
-
-
-def _pose(cylinder: Cylinder) -> list[list[float]]:
-    """Matrix to the world from the frame at the center whose z is the axis."""
-    pose, axis = np.eye(4), jnp.asarray(cylinder.axis)
-    pose[:3, :2] = np.asarray(tangent_basis(axis)).T
-    pose[:3, 2], pose[:3, 3] = axis, cylinder.center
-    return numbers(pose)
-
-
-def _taper(taper: TaperTest) -> dict[str, Any]:
-    return {
-        "needed": bool(taper.is_needed()),
-        "statistic": numbers(taper.statistic),
-        "p_value": numbers(taper.p_value),
-        "frustum_status": str(taper.frustum.status),
-        **_estimate(taper.frustum),
-    }
-
-
-def _bore(bore: BoreTest) -> dict[str, Any]:
-    return {
-        "needed": bool(bore.is_needed()),
-        "statistic": numbers(bore.statistic),
-        "p_value": numbers(bore.p_value),
-        "tube_status": str(bore.tube.status),
-        **_estimate(bore.tube),
-    }
-
-
-def _estimate(fit: Fit) -> dict[str, Any]:
-    """Values by name and unit, their deviations, and what these are made of."""
-    told = fit.told
-
-    def of_all(std: Any) -> dict[str, Any]:
-        return {
-            name + ("_rad" if name == "axis" else "_m"): numbers(getattr(std, name))
-            for name in told
-        }
-
-    values = {name: value for name, (value, _) in told.items()}
-    budget = {name: of_all(std) for name, std in fit.std_budget.some.items()}
-    return _named(values) | {"std": of_all(fit.std), "std_budget": budget}
-
-
-def _named(values: dict[str, Any]) -> dict[str, Any]:
-    """Lengths, points and an axis, by name and unit."""
-    return {
-        name if name == "axis" else f"{name}_m": numbers(value)
-        for name, value in values.items()
-    }
-
-
-def numbers(values: Any) -> Any:
-    """Numbers as (lists of) Python floats, null where not finite."""
-    array = np.asarray(values, dtype=float)
-    if array.ndim:
-        return [numbers(value) for value in array]
-    return float(array) if np.isfinite(array) else None

@@ -14,13 +14,14 @@ import pytest
 from impostor_jax.__main__ import main
 from impostor_jax.caching import keep_compiled
 from tests.groups import LARGE_IMAGES, SMALL_IMAGES
+from tests.schemas import validator
 
 CAMERA = {"fx": 150.0, "fy": 150.0, "cx": 79.5, "cy": 59.5, "width": 160, "height": 120}
 RECORD_KEYS = {
-    "success", "status", "reason", "shape", "center_m", "axis", "radius_m", "height_m",
-    "std", "std_budget", "ends_seen", "height_observed", "covariance", "num_starts",
-    "num_agreeing", "alternatives", "num_pixels", "rms_m", "chi2", "taper", "bore",
-    "seconds",
+    "version", "success", "status", "reason", "shape", "source", "world_from_object",
+    "center_m", "axis", "radius_m", "height_m", "std", "std_budget", "ends_seen",
+    "height_observed", "covariance", "num_starts", "num_agreeing", "alternatives",
+    "num_pixels", "rms_m", "chi2", "taper", "bore", "seconds",
 }  # fmt: skip
 
 
@@ -80,6 +81,7 @@ def test_render_writes_what_fit_reads(rendered, tmp_path, call, capfd):
     assert "taper   not needed" in printed.out
     record = json.loads((tmp_path / "fit.json").read_text())
     assert set(record) == RECORD_KEYS
+    validator("fit").validate(record)
     assert record["success"] is True
     assert record["status"] == "converged"
     assert record["radius_m"] == pytest.approx(0.04, abs=1e-4)
@@ -96,6 +98,10 @@ def test_render_writes_what_fit_reads(rendered, tmp_path, call, capfd):
     picture = cv2.imread(str(tmp_path / "overlay.png"))
     assert picture.shape[0] > 300
     assert picture.std() > 10
+    pytest.importorskip("trimesh")
+    mesh = tmp_path / "can.stl"
+    assert call("export", tmp_path / "fit.json", "--output", mesh) == 0
+    assert mesh.is_file()
 
 
 @SMALL_IMAGES
@@ -174,6 +180,7 @@ def test_failed_fit_exits_with_1_and_writes_its_files(rendered, tmp_path, call, 
     )  # fmt: skip
     assert (code, capfd.readouterr().err) == (1, "")
     record = json.loads((tmp_path / "fit.json").read_text())
+    validator("fit").validate(record)
     assert record["success"] is False
     assert record["status"] != "converged"
     assert record["std"]["radius_m"] is None
@@ -547,6 +554,10 @@ def test_a_fit_is_exported_as_a_mesh(tmp_path, call, capfd):
     assert call("export", given, "--output", out) == 0
     assert trimesh.load_mesh(out).volume == pytest.approx(np.pi * 0.003, rel=0.01)
     for change, message in (
+        (
+            {"version": 2},
+            "version of fit .* must be at most 1, got 2: it is of a newer",
+        ),
         ({"success": False}, "must have succeeded"),
         ({"shape": "knot"}, "shape of fit .* must be one of"),
         ({"radius_m": None}, "radius must be"),

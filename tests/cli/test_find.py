@@ -13,6 +13,7 @@ from impostor_jax.find import cylinders as search
 from impostor_jax.find.found import Found
 from tests.fit.scenes import SIGMA, can, image
 from tests.groups import SMALL_IMAGES
+from tests.schemas import validator
 
 pytestmark = SMALL_IMAGES
 
@@ -89,6 +90,7 @@ def test_a_can_is_found_and_told(find, folder):
     assert "radius 40." in out or "radius 39." in out
     assert names(folder / "out") == FILES
     record = json.loads((folder / "out" / "found.json").read_text())
+    validator("found").validate(record)
     assert record["frame"].startswith("the camera's: x right")
     assert record["image"] == {"width": 160, "height": 120}
     one = record["cylinders"][0]
@@ -123,6 +125,7 @@ def test_an_image_without_cylinders_exits_with_1_and_writes_its_files(find, fold
     assert out.startswith("0 found")
     assert names(folder / "out") == FILES
     record = json.loads((folder / "out" / "found.json").read_text())
+    validator("found").validate(record)
     assert record["cylinders"] == []
     labels = cv2.imread(str(folder / "out" / "labels.png"), cv2.IMREAD_UNCHANGED)
     assert labels.dtype == np.uint16
@@ -137,6 +140,16 @@ def test_a_folder_or_a_pattern_stands_for_its_images(find, folder, searched, giv
     for name, count in (("a", 1), ("b", 1), ("wall", 0)):
         record = json.loads((folder / "out" / name / "found.json").read_text())
         assert len(record["cylinders"]) == count
+
+
+def test_a_record_of_a_newer_version_is_not_taken_up(find, folder, searched):
+    assert find("frames/a.npy")[0] == 0
+    path = folder / "out" / "found.json"
+    path.write_text(json.dumps(json.loads(path.read_text()) | {"version": 2}))
+    code, _, err = find("frames/a.npy", "--resume")
+    (line,) = err.splitlines()
+    assert code == 2
+    assert "found.json' must be at most 1, got 2: it is of a newer impostor_jax" in line
 
 
 def test_an_interrupted_run_goes_on_where_it_was(find, folder, searched, monkeypatch):

@@ -12,6 +12,7 @@ from data_synth.camera_draw import CameraDraw
 from data_synth.distribution import Fixed
 from data_synth.manifest import Manifest
 from impostor_jax.io.dataset import read_dataset, sensor_of
+from impostor_jax.io.depth_folder import read_depth_folder
 from tests.data_synth.small import COUNT, SMALL, small_dataset
 from tests.groups import DATASETS
 
@@ -22,6 +23,17 @@ def test_an_archive_can_be_read_alone(archives):
     path = archives / "train" / "shard-000001.tar"
     keys = [image.key for image in read_dataset(path)]
     assert keys == [f"000001_{k:06d}" for k in range(4)]
+
+
+def test_a_scene_is_a_folder_of_bop(bop):
+    scene = read_dataset(bop)[:4]
+    frames = read_depth_folder(bop / "train" / "000000")
+    assert len(frames) == 4
+    for image, frame in zip(scene, frames, strict=True):
+        assert image.key == f"000000_{frame.name}"
+        np.testing.assert_allclose(frame.depth, image.depth, rtol=1e-6)
+        np.testing.assert_array_equal(frame.masks, image.mask)
+        np.testing.assert_allclose(frame.camera.matrix(), image.camera.matrix())
 
 
 def test_shards_that_are_not_whole_are_not_read(bop, tmp_path):

@@ -15,7 +15,6 @@ from impostor_jax.fit.request import checked_noise, checked_prior, checked_setti
 from impostor_jax.fit.seen import Seen, pixels_shown
 from impostor_jax.fit.shapes import fit_from
 from impostor_jax.fit.weighing import best_of
-from impostor_jax.io.record import fit_record
 from tests.fit.bodies import body_of
 from tests.fit.scenes import CAMERA, SIGMA, can, image
 from tests.groups import SMALL_IMAGES
@@ -106,7 +105,7 @@ def test_an_ambiguous_fit_tells_and_writes_its_alternatives(best):
     assert text.startswith("ambiguous: Two solutions explain the readings.")
     assert "or with 20.0 %: center" in text
     assert "radius 43.9" in text
-    (told,) = fit_record(fit, 0.0)["alternatives"]
+    (told,) = fit.to_dict()["alternatives"]
     assert told["weight"] == pytest.approx(0.2, rel=1e-3)
     assert told["radius_m"] == pytest.approx(0.044, abs=1e-3)
 

@@ -9,6 +9,7 @@ from impostor_jax.geometry.rays import Ray
 from impostor_jax.geometry.vec3 import Vec3
 from tests.fit.scenes import CAMERA, SIGMA, can, image
 from tests.groups import FULL, SMALL_IMAGES
+from tests.schemas import validator
 
 pytestmark = SMALL_IMAGES
 
@@ -44,6 +45,11 @@ def test_points_tell_what_their_image_does(seen):
     fit = of_points(points, **finely)
     assert fit.success
     assert fit.source == "points"
+    record = fit.to_dict()
+    validator("fit").validate(record)
+    assert record["source"] == "points"
+    with pytest.raises(AttributeError, match="needs a fit to images"):
+        _ = fit.pose_in_camera
     std = of_image.std
     off = float(fit.cylinder.radius - of_image.cylinder.radius)
     assert abs(off) < 0.1 * float(std.radius)

@@ -8,6 +8,7 @@ import pytest
 import impostor_jax as ij
 from tests.fit.scenes import CAMERA, SIGMA, can
 from tests.groups import FULL, SMALL_IMAGES
+from tests.schemas import validator
 
 pytestmark = SMALL_IMAGES
 
@@ -53,6 +54,15 @@ def fitted(depths, cameras, masks, sigma=SIGMA, **options):
 @pytest.fixture(scope="module")
 def both(two):
     return fitted(*two)
+
+
+def test_the_pose_is_told_in_the_frame_of_each_view(two, both):
+    validator("fit").validate(both.to_dict())
+    first, second = both.pose_in_camera
+    np.testing.assert_array_equal(first, both.pose)
+    turned = both.cylinder.transformed(two[1][1].camera_from_world)
+    np.testing.assert_allclose(second[:3, 2], turned.axis, atol=1e-6)
+    np.testing.assert_allclose(second[:3, 3], turned.center, atol=1e-6)
 
 
 def test_two_views_are_surer_than_each_and_as_right(two, both):

@@ -2,6 +2,8 @@
 
 import contextlib
 import json
+import shutil
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -11,8 +13,12 @@ from hypothesis import strategies as st
 
 from data_synth.presets import PRESETS, preset_named
 from impostor_jax.io.camera_file import read_camera
+from impostor_jax.io.depth_folder import DepthFolder
 from impostor_jax.io.depth_image import read_depth, read_mask
+from impostor_jax.io.depth_layouts import LAYOUTS
+from impostor_jax.io.points_file import read_points
 from impostor_jax.io.scene_file import read_scene
+from tests.io.test_depth_folder import MAKERS, SMALL
 
 EXAMPLES = settings(max_examples=150, deadline=None)
 
@@ -26,6 +32,11 @@ CHANGES = st.lists(
     min_size=1,
     max_size=4,
 )
+
+POINT_FILES = [
+    "laspy.las", "open3d.xyz", "open3d_ascii.pcd", "open3d_binary.ply",
+    "open3d_ascii.ply", "pcl_binary.pcd", "pcl_compressed.pcd",
+]  # fmt: skip
 
 
 def changed(data, changes):
@@ -70,6 +81,8 @@ def folder(tmp_path_factory):
     cut = {"type": "difference", "shapes": [ball, both], "world_from_shapes": pose}
     (folder / "solid.json").write_text(json.dumps({"version": 1, "shapes": [cut]}))
     (folder / "preset.json").write_text(json.dumps(PRESETS["hard"].record()))
+    for name in POINT_FILES:
+        shutil.copy(Path(__file__).parent / "data" / name, folder)
     return folder
 
 
@@ -90,6 +103,47 @@ def test_changed_images_are_read_or_refused(folder, name, capfd):
         if not name.endswith("npy"):
             read_or_refuse(read_mask, folder, name, changes)
         assert capfd.readouterr() == ("", "")
+
+    check()
+
+
+@pytest.mark.parametrize("name", POINT_FILES)
+def test_changed_points_are_read_or_refused(folder, name, capfd):
+    for needed in ("lazrs", "lzf"):
+        pytest.importorskip(needed)
+
+    @EXAMPLES
+    @given(CHANGES)
+    def check(changes):
+        read_or_refuse(read_points, folder, name, changes)
+        assert capfd.readouterr() == ("", "")
+
+    check()
+
+
+@pytest.mark.parametrize(
+    ("kind", "name"),
+    [
+        ("tum", "depth.txt"),
+        ("tum", "groundtruth.txt"),
+        ("bop", "scene_camera.json"),
+        ("bop", "scene_gt.json"),
+        ("scannet", "pose/9.txt"),
+        ("redwood", "trajectory.log"),
+    ],
+)
+def test_changed_folders_are_read_or_refused(tmp_path, kind, name):
+    path = MAKERS[kind](tmp_path / "freiburg1") / name
+    data = path.read_bytes()
+
+    @EXAMPLES
+    @given(CHANGES)
+    def check(changes):
+        path.write_bytes(changed(data, changes))
+        with contextlib.suppress(ValueError):
+            # A checker of types would look into what `read_depth_folder` returns, and
+            # wrap what is raised there.
+            list(DepthFolder(LAYOUTS[kind](path.parents[name.count("/")]), SMALL))
 
     check()
 
