@@ -33,6 +33,7 @@ from .io.dataset import read_dataset
 from .io.dataset_shard import LabeledImage
 from .io.mesh_export import to_mesh
 from .io.mesh_file import read_mesh
+from .page.fit_page import FitPage, view
 from .primitives.base import AbstractPrimitive
 from .primitives.box import Box
 from .primitives.cylinder import Cylinder
@@ -89,6 +90,7 @@ __all__ = [
     "Effort",
     "Fit",
     "FitOptions",
+    "FitPage",
     "FitResult",
     "FitStatus",
     "FlyingPixels",
@@ -154,4 +156,5 @@ __all__ = [
     "trace",
     "tube",
     "union",
+    "view",
 ]

@@ -53,7 +53,9 @@ def page(
         camera: Without a lens.
         shaders: As of `OffscreenRenderer`.
     """
-    return html_page("page.html", _message(draw_list_of(primitives, camera), shaders))
+    return html_page(
+        "glsl/page.html", _message(draw_list_of(primitives, camera), shaders)
+    )
 
 
 class WebglRenderer:
