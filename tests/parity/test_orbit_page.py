@@ -178,8 +178,8 @@ def test_the_picture_stays_upright_however_far_it_is_dragged(opened):
     looked_at(page)
     for down in (40, -40, 3):
         turned_around(page, 11, down)
-        right = np.array(page.evaluate("inScene([1, 0, 0])"))
-        upwards = np.array(page.evaluate("inScene([0, -1, 0])"))
+        right = np.array(page.evaluate("view.inScene([1, 0, 0])"))
+        upwards = np.array(page.evaluate("view.inScene([0, -1, 0])"))
         up = -np.array(pose)[:3, 1]
         assert abs(right @ up) < 1e-6
         assert upwards @ up > 0.01
@@ -214,7 +214,7 @@ def test_two_fingers_come_nearer(opened):
         fingers.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": points})
     page.wait_for_function("view.zoom < 0.6")
     assert (looked_at(page) != first).any()
-    assert page.evaluate("[view.zoom, view.yaw, held.size]") == [0.5, 0, 0]
+    assert page.evaluate("[view.zoom, view.yaw, hands.held.size]") == [0.5, 0, 0]
 
 
 def test_the_window_shows_all_of_the_image_and_more(opened):
