@@ -59,23 +59,19 @@ def shown_of(result: Any) -> list[Shown]:
     """
     if isinstance(result, Found):
         found = zip(result.fits, result.confidence, result.visible, strict=True)
-        shown = [
+        return [
             Shown(f"cylinder {number}", fit, float(confidence), float(visible))
             for number, (fit, confidence, visible) in enumerate(found, start=1)
         ]
-    elif isinstance(result, Mapping):
-        shown = [
-            Shown(f"label {name}" if isinstance(name, int) else str(name), fit)
-            for name, fit in result.items()
-        ]
-    else:
-        shown = [Shown(getattr(result, "kind", ""), result)]
-    for one in shown:
-        _check_single(one.fit)
-    return shown
+    if not isinstance(result, Mapping):
+        return [Shown(_single(result).kind, result)]
+    return [
+        Shown(f"label {name}" if isinstance(name, int) else str(name), _single(fit))
+        for name, fit in result.items()
+    ]
 
 
-def _check_single(fit: Any) -> None:
+def _single(fit: Any) -> Fit:
     if not isinstance(fit, Fit):
         raise ValueError(
             "result must be a fit, fits by their names, or what find_cylinders "
@@ -86,6 +82,7 @@ def _check_single(fit: Any) -> None:
             "result must be a single, concrete fit, got a batch or a traced one; take "
             "one of a batch by jax.tree.map(lambda values: values[k], fits)"
         )
+    return fit
 
 
 def image_view(shown: Sequence[Shown], depth: Any, camera: AbstractCamera) -> ImageView:

@@ -13,6 +13,7 @@ from impostor_jax.find import cylinders as search
 from impostor_jax.find.found import Found
 from tests.fit.scenes import SIGMA, can, image
 from tests.groups import SMALL_IMAGES
+from tests.page.scenes import scene_of
 
 pytestmark = SMALL_IMAGES
 
@@ -88,6 +89,22 @@ def test_a_can_is_found_and_told(find, folder):
     assert " found, " in out
     assert "radius 40." in out or "radius 39." in out
     assert names(folder / "out") == FILES
+
+
+def test_a_page_shows_what_was_found(find, folder, searched):
+    code, _, err = find("frames/a.npy", "--page", "out/found.html")
+    assert (code, err) == (0, "")
+    assert names(folder / "out") == FILES | {"found.html"}
+    page = (folder / "out" / "found.html").read_text()
+    (shape,) = scene_of(page)["shapes"]
+    assert shape["numbers"][0][:2] == ["confidence", "0.90"]
+    # Of another run, for all that the record says.
+    (folder / "out" / "found.html").write_text("")
+    find("frames/a.npy", "--resume", "--page", "out/found.html")
+    assert (folder / "out" / "found.html").read_text() == page
+    code, _, err = find("frames", "--page", "out/found.html")
+    assert code == 2
+    assert "--page must not be given with several images" in err
     record = json.loads((folder / "out" / "found.json").read_text())
     assert record["frame"].startswith("the camera's: x right")
     assert record["image"] == {"width": 160, "height": 120}

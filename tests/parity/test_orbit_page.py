@@ -8,9 +8,7 @@ import numpy as np
 import pytest
 
 import impostor_jax as ij
-from impostor_jax.glsl.offscreen import DriverError
 from impostor_jax.glsl.orbit_page import orbit_page
-from impostor_jax.glsl.webgl import WebglRenderer
 from impostor_jax.io.color_image import srgb
 from tests.groups import FULL
 
@@ -32,39 +30,6 @@ MADE = [
     ij.Material((0.8, 0.7, 0.6)),
 ]
 MIDDLE = (32, 24)
-
-
-@pytest.fixture(scope="module")
-def browser():
-    try:
-        found = WebglRenderer()
-    except DriverError as error:
-        pytest.skip(str(error))
-    with found:
-        yield found
-
-
-@pytest.fixture
-def opened(browser, tmp_path):
-    """Opens a page in a window of the camera's size, and looks at it."""
-    pages = []
-
-    def open_page(text, before="", size=(64, 48)):
-        page = browser._browser.new_page(viewport={"width": size[0], "height": size[1]})
-        pages.append(page)
-        path = tmp_path / "page.html"
-        path.write_text(text)
-        page.add_init_script(before)
-        page.complaints, page.asked = [], []
-        page.on("console", lambda message: page.complaints.append(message.text))
-        page.on("pageerror", lambda error: page.complaints.append(str(error)))
-        page.on("request", lambda request: page.asked.append(request.url))
-        page.goto(path.as_uri())
-        return page
-
-    yield open_page
-    for page in pages:
-        page.close()
 
 
 def looked_at(page):
