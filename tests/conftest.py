@@ -113,7 +113,7 @@ def opened(browser, tmp_path):
 
     def open_page(text, before="", size=(64, 48), **options):
         viewport = {"width": size[0], "height": size[1]}
-        page = browser._browser.new_page(viewport=viewport, **options)
+        page = browser._page.context.browser.new_page(viewport=viewport, **options)
         pages.append(page)
         path = tmp_path / "page.html"
         path.write_text(text)
