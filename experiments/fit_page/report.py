@@ -17,12 +17,13 @@ def tables(results: Results) -> str:
     rows = []
     for case in results.cases("", ".open"):
         ms, spread = results.pair(f"{case}.frame")
+        size = results.values.get(f"{case}.picture")
         rows.append(
             [
                 case.replace(".", ", "),
                 number(results.values[f"{case}.open"], ".2g"),
                 number(ms, ".3g", spread),
-                number(results.values[f"{case}.picture"] / 1e3, ".0f"),
+                "" if size is None else number(size / 1e3, ".0f"),
             ]
         )
     head = ["page, window", "s to open", "ms a frame", "kB of its picture"]

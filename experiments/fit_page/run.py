@@ -23,15 +23,15 @@ from impostor_jax.glsl.chromium import headless_chromium
 from impostor_jax.glsl.offscreen import DriverError
 from impostor_jax.io.atomic import write_atomically
 
-COLORS = 256
-"""Of a picture: points of many colors hardly compress."""
-
 WINDOWS = {
-    "desktop": ((1180, 700), "light"),
-    "dark": ((1180, 700), "dark"),
+    "desktop": ((900, 560), "light"),
+    "dark": ((900, 560), "dark"),
     "phone": ((360, 740), "light"),
 }
 """Sizes, and color schemes, of the windows that pages are opened in."""
+
+PICTURES = (("can", "desktop"), ("table", "dark"), ("table", "phone"))
+"""Pages and windows of which a picture is kept."""
 
 FRAME = """() => {
   const start = performance.now(), pixel = new Uint8Array(4), { gl } = stage;
@@ -97,9 +97,9 @@ def _opened(
     if name == "table":
         opened.evaluate("choose(0)")
         opened.wait_for_selector("canvas[data-drawn=whole]")
-    path = config.run.output / "figures" / f"{name}_{window}.png"
-    size = _save(opened, path)
-    yield Metric(f"{name}.{window}.picture", size, None, "B", "lower", 1)
+    if (name, window) in PICTURES:
+        size = _save(opened, config.run.output / "figures" / f"{name}_{window}.png")
+        yield Metric(f"{name}.{window}.picture", size, None, "B", "lower", 1)
     frames = np.array([opened.evaluate(FRAME) for _ in range(config.frames)])
     yield sample(f"{name}.{window}.frame", frames, "ms")
     opened.close()
@@ -108,7 +108,7 @@ def _opened(
 def _save(opened: Any, path: Path) -> int:
     """Write what playwright's page shows as PNG; returns its size in bytes."""
     with Image.open(io.BytesIO(opened.screenshot())) as full:
-        picture = full.convert("RGB").quantize(COLORS, dither=Image.Dither.NONE)
+        picture = full.convert("RGB")
     write_atomically(path, lambda partial: picture.save(partial, optimize=True))
     return path.stat().st_size
 
