@@ -39,6 +39,7 @@ from .io.mesh_export import to_mesh
 from .io.mesh_file import read_mesh
 from .io.point_cloud import PointCloud
 from .io.points_file import read_points
+from .page.fit_page import FitPage, view
 from .primitives.base import AbstractPrimitive
 from .primitives.box import Box
 from .primitives.cylinder import Cylinder
@@ -97,6 +98,7 @@ __all__ = [
     "Effort",
     "Fit",
     "FitOptions",
+    "FitPage",
     "FitResult",
     "FitStatus",
     "FlyingPixels",
@@ -168,4 +170,5 @@ __all__ = [
     "trace",
     "tube",
     "union",
+    "view",
 ]

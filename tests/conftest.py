@@ -92,6 +92,44 @@ def double():
         yield
 
 
+@pytest.fixture(scope="module")
+def browser():
+    """Headless Chromium, which draws; one for the tests of a module."""
+    from impostor_jax.glsl.offscreen import DriverError
+    from impostor_jax.glsl.webgl import WebglRenderer
+
+    try:
+        found = WebglRenderer()
+    except DriverError as error:
+        pytest.skip(str(error))
+    with found:
+        yield found
+
+
+@pytest.fixture
+def opened(browser, tmp_path):
+    """Opens a page in a window, by default of 64x48, and notes what it complains of."""
+    pages = []
+
+    def open_page(text, before="", size=(64, 48), **options):
+        viewport = {"width": size[0], "height": size[1]}
+        page = browser._page.context.browser.new_page(viewport=viewport, **options)
+        pages.append(page)
+        path = tmp_path / "page.html"
+        path.write_text(text)
+        page.add_init_script(before)
+        page.complaints, page.asked = [], []
+        page.on("console", lambda message: page.complaints.append(message.text))
+        page.on("pageerror", lambda error: page.complaints.append(str(error)))
+        page.on("request", lambda request: page.asked.append(request.url))
+        page.goto(path.as_uri())
+        return page
+
+    yield open_page
+    for page in pages:
+        page.close()
+
+
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(config, items):
     """A process takes a whole file, or what `tests.groups` keeps together: first.

@@ -31,6 +31,7 @@ LAYERS = (
     "evaluate",
     "viewer",
     "glsl",
+    "page",
     "parity",
     "cli",
     "__main__",

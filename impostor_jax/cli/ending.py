@@ -60,9 +60,9 @@ def _interrupted_again(found: Any) -> None:
         sys.__unraisablehook__(found)
 
 
-def stream_beside(record: Path | None) -> Any:
-    """Where lines for a reader go: to stderr if the record is printed on stdout."""
-    is_printed = record is not None and is_standard_output(record)
+def stream_beside(*files: Path | None) -> Any:
+    """Where lines for a reader go: to stderr if a file is printed on stdout."""
+    is_printed = any(file is not None and is_standard_output(file) for file in files)
     return sys.stderr if is_printed else sys.stdout
 
 

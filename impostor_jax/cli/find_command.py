@@ -21,7 +21,12 @@ from impostor_jax.cli.given import (
     places_of,
     priors_of,
 )
-from impostor_jax.cli.inputs import check_images, check_noise
+from impostor_jax.cli.inputs import (
+    check_images,
+    check_noise,
+    check_page,
+    check_single_image,
+)
 
 if TYPE_CHECKING:
     import numpy as np
@@ -37,8 +42,10 @@ class FindCommand:
     """Find every cylinder in depth images, without masks.
 
     Writes found.json, labels.png (16 bit: 0 for none, k for the k-th cylinder of
-    found.json) and overlay.png; of several images each into a folder of its name. The
-    exit code is 0 if a cylinder was found, 1 if none was and 2 if the input is bad.
+    found.json) and overlay.png; of several images each into a folder of its name. With
+    --page, a page for a browser, too, on which readings and cylinders are turned with
+    the mouse. The exit code is 0 if a cylinder was found, 1 if none was and 2 if the
+    input is bad.
     """
 
     depth: tyro.conf.Positional[tuple[Path, ...]]
@@ -68,6 +75,9 @@ class FindCommand:
     json: Path | None = None
     """File for the record of a single image, instead of found.json in the output
     folder; "-" is the standard output."""
+    page: Path | None = None
+    """HTML file on which what was found in a single image is looked at, in a browser
+    with WebGL2: readings by their residuals, cylinders, intervals and numbers."""
     resume: bool = False
     """Leave images as they are whose files are there, made from the same image with the
     same options: the rest of an interrupted run."""
@@ -90,6 +100,7 @@ class FindCommand:
                 "--json must not be given with several images: each has a found.json "
                 "of its own"
             )
+        check_single_image(self.page, not several)
         check_noise(self.sigma, self.sensor)
         check_images(self.camera, images, {})
         # This starts JAX.
@@ -102,8 +113,9 @@ class FindCommand:
             check_output_folder(place, (RECORD, *PICTURES))
         if self.json is not None:
             check_output_file(self.json, "json")
-        # Lines for a reader go elsewhere if the record is printed; around the bar.
-        tell = partial(tqdm.write, file=stream_beside(self.json))
+        check_page(self.page)
+        # Lines for a reader go elsewhere if a file is printed; around the bar.
+        tell = partial(tqdm.write, file=stream_beside(self.json, self.page))
         bar = tqdm(
             zip(images, places, strict=True),
             total=len(images),
@@ -158,14 +170,17 @@ class FindCommand:
         from impostor_jax.io.atomic import write_json
         from impostor_jax.io.depth_image import read_depth, write_index
         from impostor_jax.io.record import found_record
+        from impostor_jax.page.fit_page import view
         from impostor_jax.viewer.figure import write_overlay
 
         camera, depth_scale_m = file
         depth = read_depth(image, depth_scale_m, (camera.height, camera.width))
         record = self.json or place / RECORD
         made_from = _made_from(image, file, asked)
+        # A page that is there may be of another run: nothing on it tells.
         if (
             self.resume
+            and self.page is None
             and (count := _count_there(record, place, made_from)) is not None
         ):
             tell(f"{count} found before")
@@ -177,6 +192,8 @@ class FindCommand:
         tell(str(found))
         write_index(place / PICTURES[0], _index(found.masks))
         write_overlay(place / PICTURES[1], found, depth, camera)
+        if self.page is not None:
+            view(found, depth, camera).save(self.page)
         write_json(record, found_record(found, camera, seconds, made_from))
         return len(found)
 

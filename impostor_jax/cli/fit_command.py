@@ -19,7 +19,12 @@ from impostor_jax.cli.given import (
     priors_of,
     start_of,
 )
-from impostor_jax.cli.inputs import check_images, check_noise
+from impostor_jax.cli.inputs import (
+    check_images,
+    check_noise,
+    check_page,
+    check_single_image,
+)
 
 if TYPE_CHECKING:
     from impostor_jax.camera.pinhole import PinholeCamera
@@ -31,8 +36,9 @@ class FitCommand:
     """Fit a capped cylinder, or another shape, to depth images.
 
     Writes fit.json and overlay.png; of several images each into a folder of its name,
-    of several labels each into a folder label_N. The exit code is 0 if all fits
-    succeeded, 1 if one failed and 2 if the input is bad.
+    of several labels each into a folder label_N. With --page, a page for a browser,
+    too, on which readings and shapes are turned with the mouse. The exit code is 0 if
+    all fits succeeded, 1 if one failed and 2 if the input is bad.
     """
 
     depth: tyro.conf.Positional[tuple[Path, ...]]
@@ -76,6 +82,9 @@ class FitCommand:
     json: Path | None = None
     """File for the record of a single fit, instead of fit.json in the output folder;
     "-" is the standard output."""
+    page: Path | None = None
+    """HTML file on which the fits of a single image are looked at, in a browser with
+    WebGL2: readings by their residuals, shapes, intervals and numbers."""
     effort: EffortName = "balanced"
     """How much work it takes; each dial may be set apart from it."""
     dials: Dials = dataclasses.field(default_factory=Dials)
@@ -99,11 +108,13 @@ class FitCommand:
                 "--json must not be given with --labels or several images: each fit "
                 "has a fit.json of its own"
             )
+        check_single_image(self.page, len(places) == 1)
         effort = chosen_effort(self.effort, self.dials)
         self._check_files(masks, labels)
         # These start JAX.
         from impostor_jax.io.camera_file import read_pinhole_camera
         from impostor_jax.io.depth_image import read_depth
+        from impostor_jax.page.fit_page import view
         from impostor_jax.viewer.figure import write_overlay
 
         camera, depth_scale_m = read_pinhole_camera(self.camera)
@@ -112,8 +123,9 @@ class FitCommand:
             check_output_folder(place, () if labels else ("fit.json", "overlay.png"))
         if self.json is not None:
             check_output_file(self.json, "json")
-        # Lines for a reader go elsewhere if the record is printed.
-        tell = partial(print, file=stream_beside(self.json))
+        check_page(self.page)
+        # Lines for a reader go elsewhere if the record, or the page, is printed.
+        tell = partial(print, file=stream_beside(self.json, self.page))
         succeeded = []
         for index, place in enumerate(places):
             size = camera.height, camera.width
@@ -138,6 +150,12 @@ class FitCommand:
                 )
                 write_overlay(folder / "overlay.png", fit, depth, camera)
                 succeeded.append(bool(fit.success))
+            if self.page is not None:
+                named = {
+                    name.replace("_", " ") or fit.kind: fit
+                    for name, fit in fits.items()
+                }
+                view(named, depth, camera).save(self.page)
         return 0 if all(succeeded) else 1
 
     def _check_files(self, masks: list[Path], labels: list[Path]) -> None:

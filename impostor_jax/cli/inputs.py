@@ -5,7 +5,7 @@ reading it later would give. Of several images the headers are looked at, of the
 one the pixels, too.
 """
 
-__all__ = ["check_images", "check_noise"]
+__all__ = ["check_images", "check_noise", "check_page", "check_single_image"]
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -50,3 +50,24 @@ def check_noise(sigma: float | None, sensor: str | None) -> None:
         plain_number("sigma", sigma, positive=True, unit="meters")
     if sensor is not None and sensor.endswith(".json"):
         read_json_object(Path(sensor), f"sensor file {sensor!r}")
+
+
+def check_single_image(page: Path | None, is_single: bool) -> None:
+    """Raise a `ValueError` where a page is asked for of several images."""
+    if page is not None and not is_single:
+        raise ValueError(
+            "--page must not be given with several images: it shows the fits of one"
+        )
+
+
+def check_page(page: Path | None) -> None:
+    """Raise unless a page, if one is asked for, can be written."""
+    from impostor_jax.io.atomic import check_output_file, check_output_folder
+
+    if page is None:
+        return
+    if page.parent.exists():
+        check_output_file(page, "page")
+    else:
+        # It may be the folder of the other files, which is not made yet.
+        check_output_folder(page.parent)

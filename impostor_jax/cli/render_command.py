@@ -12,6 +12,7 @@ import tyro
 
 from impostor_jax.cli.dials import Dials, EffortName, chosen_effort
 from impostor_jax.cli.ending import stream_beside
+from impostor_jax.cli.inputs import check_page
 
 if TYPE_CHECKING:
     from impostor_jax.effort import Effort
@@ -99,18 +100,12 @@ class RenderCommand:
 
     def _check_outputs(self, scene: "SceneFile") -> None:
         """Raise unless all can be written."""
-        from impostor_jax.io.atomic import check_output_file, check_output_folder
+        from impostor_jax.io.atomic import check_output_folder
 
         if self.output is not None:
             files = (*FILES, *PICTURES) if scene.lights else FILES
             check_output_folder(self.output, files)
-        if self.page is None:
-            return
-        if self.page.parent.exists():
-            check_output_file(self.page, "page")
-        else:
-            # It may be the folder of the other files, which is not made yet.
-            check_output_folder(self.page.parent)
+        check_page(self.page)
 
     def _page_of(self, scene: "SceneFile", camera: "FiledCamera") -> str:
         from impostor_jax.glsl.orbit_page import orbit_page

@@ -21,7 +21,7 @@ from impostor_jax.find.evidence import Candidate, Evidence
 from impostor_jax.fit.fittable import CYLINDER
 from impostor_jax.fit.options import Options
 from impostor_jax.fit.regions import typical_sigma
-from impostor_jax.fit.result import Fit
+from impostor_jax.fit.result import Asked, Fit
 from impostor_jax.fit.shapes import fit_shape
 from impostor_jax.fit.status import FitStatus
 from impostor_jax.geometry.frames import RigidTransform
@@ -141,7 +141,8 @@ class Fitter:
         shape = fit.cylinder
         center = np.asarray(shape.center) - self._translation @ self._rotation
         moved = Cylinder(center, shape.axis, shape.radius, shape.height)
-        return dataclasses.replace(fit, shape=moved)
+        # What was asked was asked of the far camera.
+        return dataclasses.replace(fit, shape=moved, asked=Asked())
 
     @property
     def _rotation(self) -> Float[np.ndarray, "3 3"]:

@@ -1,9 +1,10 @@
-"""Self-contained pages: a template, the script that pages share, and what is drawn."""
+"""Self-contained pages: a template, the scripts that it includes, and what is drawn."""
 
 __all__ = ["html_page", "textures_message", "traced_message"]
 
 import base64
 import json
+import re
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -14,19 +15,26 @@ from jaxtyping import Float
 from impostor_jax.glsl.trace_list import TraceList
 from impostor_jax.glsl.trace_program import trace_sources
 
+INCLUDE = re.compile(r"INCLUDE (\S+)\n")
+"""What stands in a template for a file of the package."""
+
 
 def html_page(name: str, message: dict[str, Any]) -> str:
     """A page with all that it needs.
 
     Args:
-        name: File name of the template.
+        name: File name of the template, in the package; it says which files it
+            includes.
         message: What the page's script finds in the element "scene".
     """
-    files = resources.files("impostor_jax.glsl")
-    template, script = ((files / file).read_text() for file in (name, "webgl.js"))
-    # A script ends at the first "</", even inside a string.
-    text = json.dumps(message, allow_nan=False).replace("</", "<\\/")
-    return template.replace("SHARED_SCRIPT", script).replace("SCENE_JSON", text)
+    files = resources.files("impostor_jax")
+    page = INCLUDE.sub(
+        lambda found: files.joinpath(found[1]).read_text(),
+        files.joinpath(name).read_text(),
+    )
+    # A script ends at the first "</", even inside a string, and "<!--" is no better.
+    text = json.dumps(message, allow_nan=False).replace("<", "\\u003c")
+    return page.replace("SCENE_JSON", text)
 
 
 def traced_message(

@@ -4,7 +4,7 @@ The shader that traces draws it, in a frame that stays that of the given camera;
 turns is the rays. They turn about a pivot, and one of the world's axes stays upright.
 """
 
-__all__ = ["orbit_page"]
+__all__ = ["orbit_page", "upright"]
 
 from collections.abc import Sequence
 from typing import Any
@@ -13,6 +13,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from impostor_jax.camera.base import AbstractCamera
 from impostor_jax.camera.orthographic import OrthographicCamera
 from impostor_jax.camera.pinhole import PinholeCamera
 from impostor_jax.glsl.batches import Batch
@@ -64,11 +65,11 @@ def orbit_page(
         **traced_message(told, for_screen=True),
         "orthographic": told.key.orthographic,
         "pivot": _pivot(told.batches, camera),
-        "up": _up(camera),
+        "up": upright(camera),
         # A light has two texels; in the first one are its place and its kind.
         "headlight": None if lights else {"place": first + 2, "kind": POINT},
     }
-    return html_page("orbit_page.html", message)
+    return html_page("glsl/orbit_page.html", message)
 
 
 def _pivot(
@@ -104,7 +105,7 @@ def _seen_in_the_middle(
     return np.asarray(point.stack()).tolist()
 
 
-def _up(camera: PinholeCamera | OrthographicCamera) -> list[float]:
+def upright(camera: AbstractCamera) -> list[float]:
     """The world's axis nearest to the picture's own upwards, in the camera frame."""
     pose = camera.camera_from_world
     rotation = np.eye(3) if pose is None else np.asarray(pose.rotation)

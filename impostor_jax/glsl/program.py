@@ -5,6 +5,7 @@ __all__ = [
     "TEXELS_PER_ROW",
     "attributes",
     "head_of",
+    "mark_sources",
     "shader_sources",
     "texts_of",
 ]
@@ -54,6 +55,7 @@ def shader_sources(
     dialect: str,
     orthographic: bool,
     shaders: Path | None = None,
+    ending: str = "main.frag",
 ) -> tuple[str, str]:
     """Vertex and fragment shader of a primitive.
 
@@ -62,6 +64,7 @@ def shader_sources(
         dialect: "330" or "300 es".
         orthographic: Whether the camera's rays are parallel.
         shaders: Folder whose files take the place of those of the same names.
+        ending: File of what each fragment does with the surface that it meets.
 
     Raises:
         ValueError: There is no such folder.
@@ -69,11 +72,23 @@ def shader_sources(
     text, head = texts_of(shaders), head_of(dialect, orthographic)
     billboard = text(f"{impostor.billboard or impostor.name}.vert", "whole_image.vert")
     vertex = text("billboard.glsl") + billboard + text("main.vert")
-    fragment = text("rays.glsl") + _drawn(impostor, text) + text("main.frag")
+    fragment = text("rays.glsl") + _drawn(impostor, text) + text(ending)
     return (
         head + _handed_over(impostor) + vertex,
         head + _declared(impostor, "in") + fragment,
     )
+
+
+def mark_sources(name: str, dialect: str) -> tuple[str, str]:
+    """Vertex and fragment shader of what is no primitive: points or lines of a page.
+
+    Args:
+        name: Stem of the files' names.
+        dialect: As of `shader_sources`.
+    """
+    text, head = texts_of(None), head_of(dialect, orthographic=False)
+    vertex = text("marks.glsl") + text(f"{name}.vert")
+    return head + vertex, head + text(f"{name}.frag")
 
 
 def _drawn(impostor: Impostor, text: Callable[..., str]) -> str:

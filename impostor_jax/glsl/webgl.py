@@ -3,7 +3,7 @@
 __all__ = ["WebglRenderer", "page"]
 
 import base64
-import shutil
+import contextlib
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -13,6 +13,7 @@ from jaxtyping import Float
 
 from impostor_jax.camera.orthographic import OrthographicCamera
 from impostor_jax.camera.pinhole import PinholeCamera
+from impostor_jax.glsl.chromium import headless_chromium
 from impostor_jax.glsl.conventions import DrawnMaps, maps_from_targets
 from impostor_jax.glsl.draw_list import CLEAR_COLOR, DrawList, draw_list_of
 from impostor_jax.glsl.html import html_page, textures_message, traced_message
@@ -23,20 +24,6 @@ from impostor_jax.primitives.base import AbstractPrimitive
 from impostor_jax.primitives.sphere import Sphere
 from impostor_jax.rendering.lights import AbstractLight
 from impostor_jax.rendering.material import Material
-
-BROWSERS = ("chromium", "chromium-browser", "google-chrome")
-
-FLAGS = (
-    "--no-sandbox",
-    "--use-angle=swiftshader",
-    "--enable-unsafe-swiftshader",
-    "--disable-background-networking",
-    "--disable-component-update",
-    "--disable-sync",
-    "--disable-quic",
-    "--no-first-run",
-)
-"""Draw on the processor, the same on every machine, and stay off the network."""
 
 
 def page(
@@ -53,7 +40,9 @@ def page(
         camera: Without a lens.
         shaders: As of `OffscreenRenderer`.
     """
-    return html_page("page.html", _message(draw_list_of(primitives, camera), shaders))
+    return html_page(
+        "glsl/page.html", _message(draw_list_of(primitives, camera), shaders)
+    )
 
 
 class WebglRenderer:
@@ -70,31 +59,19 @@ class WebglRenderer:
     """
 
     def __init__(self, shaders: Path | None = None):
-        try:
-            from playwright.sync_api import Error, sync_playwright
-        except ImportError:
-            raise DriverError(
-                "playwright is missing: pip install 'impostor-jax[gl]'"
-            ) from None
-        browser = next(filter(None, map(shutil.which, BROWSERS)), None)
-        if browser is None:
-            raise DriverError(
-                "no Chromium; on Debian: apt-get install --no-install-recommends "
-                "chromium"
-            )
         self._shaders = shaders
-        self._playwright = sync_playwright().start()
+        self._open = contextlib.ExitStack()
+        browser = self._open.enter_context(headless_chromium())
+        from playwright.sync_api import Error
+
         try:
-            self._browser = self._playwright.chromium.launch(
-                executable_path=browser, args=list(FLAGS)
-            )
-            self._page = self._browser.new_page()
+            self._page = browser.new_page()
             one = Sphere((0, 0, 1), 0.1)
             camera = PinholeCamera(32.0, 32.0, 15.5, 15.5, 32, 32)
             self._page.set_content(page(one, camera, shaders))
             self.name = str(self._page.evaluate(_NAME))
         except Error as error:
-            self._playwright.stop()
+            self._open.close()
             message = " ".join(str(error).split())
             raise DriverError(f"Chromium does not draw: {message}") from error
 
@@ -133,8 +110,7 @@ class WebglRenderer:
 
     def close(self) -> None:
         """Close the browser."""
-        self._browser.close()
-        self._playwright.stop()
+        self._open.close()
 
     def __enter__(self) -> "WebglRenderer":
         return self

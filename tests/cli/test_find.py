@@ -13,6 +13,7 @@ from impostor_jax.find import cylinders as search
 from impostor_jax.find.found import Found
 from tests.fit.scenes import SIGMA, can, image
 from tests.groups import SMALL_IMAGES
+from tests.page.scenes import scene_of
 from tests.schemas import validator
 
 pytestmark = SMALL_IMAGES
@@ -101,6 +102,22 @@ def test_a_can_is_found_and_told(find, folder):
     assert labels.dtype == np.uint16
     seen, mask = labels == 1, image()[1]
     assert np.count_nonzero(seen & mask) > 0.8 * np.count_nonzero(mask)
+
+
+def test_a_page_shows_what_was_found(find, folder, searched):
+    code, _, err = find("frames/a.npy", "--page", "out/found.html")
+    assert (code, err) == (0, "")
+    assert names(folder / "out") == FILES | {"found.html"}
+    page = (folder / "out" / "found.html").read_text()
+    (shape,) = scene_of(page)["shapes"]
+    assert shape["numbers"][0][:2] == ["confidence", "0.90"]
+    # Of another run, for all that the record says.
+    (folder / "out" / "found.html").write_text("")
+    find("frames/a.npy", "--resume", "--page", "out/found.html")
+    assert (folder / "out" / "found.html").read_text() == page
+    code, _, err = find("frames", "--page", "out/found.html")
+    assert code == 2
+    assert "--page must not be given with several images" in err
 
 
 def test_a_pose_stands_at_the_center_with_z_along_the_axis(find, folder, searched):

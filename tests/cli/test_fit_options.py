@@ -13,6 +13,7 @@ from impostor_jax.io.scene_file import write_scene
 from tests.fit.scenes import can, image, image_of
 from tests.fit.test_labels import RADII, two_cans
 from tests.groups import FULL, RELEASE, SMALL_IMAGES
+from tests.page.scenes import scene_of
 
 pytestmark = SMALL_IMAGES
 
@@ -60,6 +61,24 @@ def test_labels_are_fitted_each(fit, folder):
         record = record_of(folder, f"label_{label}")
         assert record["radius_m"] == pytest.approx(radius, abs=3e-4)
         assert (folder / "out" / f"label_{label}" / "overlay.png").is_file()
+
+
+def test_a_page_shows_all_fits_of_an_image(fit, folder):
+    page = folder / "out" / "fits.html"
+    code, _, err = fit("two.npy", "--labels", "two.png", "--page", page)
+    assert (code, err) == (0, "")
+    shapes = scene_of(page.read_text())["shapes"]
+    assert [shape["name"] for shape in shapes] == ["label 2", "label 5"]
+    assert all(shape["drawn"] for shape in shapes)
+
+
+def test_a_page_of_a_fit_that_fails_says_so(fit, folder):
+    np.save(folder / "wall.npy", np.full((120, 160), 0.5, np.float32))
+    code, out, err = fit("wall.npy", "--mask", "can.png", "--page", "-")
+    assert code == 1
+    assert "wall" not in err
+    (shape,) = scene_of(out)["shapes"]
+    assert (shape["name"], shape["drawn"]) == ("cylinder", None)
 
 
 def test_a_label_image_is_refused_as_a_mask(fit):
@@ -191,6 +210,8 @@ def test_depth_in_millimeters_gets_a_hint_on_one_line(fit, folder):
         (("can.npy", "--labels", "can.png", "--json", "a.json"), "--json must not be"),
         (("can.npy", "--sensor", "sonar"), "must be one of constant, structured_light"),
         (("can.npy", "--sensor", "none.json"), "none.json"),
+        (("can.npy", "ball.npy", "--page", "a.html"), "--page must not be given with"),
+        (("can.npy", "--page", "."), "page must be a file, got the folder"),
         (("can.npy", "--sensor", "stereo", "--sigma", "1"), "--sigma must not be"),
         (("can.npy", "--initial", "start.json"), "must hold one cylinder to begin wit"),
         (("can.npy", "--fixed", "radius"), "initial must be given with fixed"),

@@ -8,9 +8,7 @@ import numpy as np
 import pytest
 
 import impostor_jax as ij
-from impostor_jax.glsl.offscreen import DriverError
 from impostor_jax.glsl.orbit_page import orbit_page
-from impostor_jax.glsl.webgl import WebglRenderer
 from impostor_jax.io.color_image import srgb
 from tests.groups import FULL
 
@@ -32,39 +30,6 @@ MADE = [
     ij.Material((0.8, 0.7, 0.6)),
 ]
 MIDDLE = (32, 24)
-
-
-@pytest.fixture(scope="module")
-def browser():
-    try:
-        found = WebglRenderer()
-    except DriverError as error:
-        pytest.skip(str(error))
-    with found:
-        yield found
-
-
-@pytest.fixture
-def opened(browser, tmp_path):
-    """Opens a page in a window of the camera's size, and looks at it."""
-    pages = []
-
-    def open_page(text, before="", size=(64, 48)):
-        page = browser._browser.new_page(viewport={"width": size[0], "height": size[1]})
-        pages.append(page)
-        path = tmp_path / "page.html"
-        path.write_text(text)
-        page.add_init_script(before)
-        page.complaints, page.asked = [], []
-        page.on("console", lambda message: page.complaints.append(message.text))
-        page.on("pageerror", lambda error: page.complaints.append(str(error)))
-        page.on("request", lambda request: page.asked.append(request.url))
-        page.goto(path.as_uri())
-        return page
-
-    yield open_page
-    for page in pages:
-        page.close()
 
 
 def looked_at(page):
@@ -178,8 +143,8 @@ def test_the_picture_stays_upright_however_far_it_is_dragged(opened):
     looked_at(page)
     for down in (40, -40, 3):
         turned_around(page, 11, down)
-        right = np.array(page.evaluate("inScene([1, 0, 0])"))
-        upwards = np.array(page.evaluate("inScene([0, -1, 0])"))
+        right = np.array(page.evaluate("view.inScene([1, 0, 0])"))
+        upwards = np.array(page.evaluate("view.inScene([0, -1, 0])"))
         up = -np.array(pose)[:3, 1]
         assert abs(right @ up) < 1e-6
         assert upwards @ up > 0.01
@@ -214,7 +179,7 @@ def test_two_fingers_come_nearer(opened):
         fingers.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": points})
     page.wait_for_function("view.zoom < 0.6")
     assert (looked_at(page) != first).any()
-    assert page.evaluate("[view.zoom, view.yaw, held.size]") == [0.5, 0, 0]
+    assert page.evaluate("[view.zoom, view.yaw, hands.held.size]") == [0.5, 0, 0]
 
 
 def test_the_window_shows_all_of_the_image_and_more(opened):

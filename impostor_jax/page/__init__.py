@@ -1,0 +1,1 @@
+"""Pages for a browser on which a person looks at fits."""

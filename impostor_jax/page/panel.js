@@ -1,0 +1,231 @@
+"use strict";
+// What stands beside the scene, and what a person does with both.
+
+const scene = JSON.parse(document.getElementById("scene").textContent);
+const [canvas, note] = ["view", "note"].map((id) => document.getElementById(id));
+const DIGITS = 2;            // of the legend
+const SLANT = { yaw: -0.45, pitch: -0.25 };  // of the first view: beside the camera's
+const shown = { hidden: new Set(), points: true, colored: true, wires: true,
+                times: scene.deviations, opacity: 0.35, chosen: null };
+let stage = null, asked = 0;
+let view = new Orbit(scene.up, SLANT);
+
+function made(tag, properties = {}, children = []) {
+  const one = Object.assign(document.createElement(tag), properties);
+  one.append(...children);
+  return one;
+}
+
+function svg(tag, attributes) {
+  const one = document.createElementNS("http://www.w3.org/2000/svg", tag);
+  for (const [name, value] of Object.entries(attributes)) one.setAttribute(name, value);
+  return one;
+}
+
+function changed() {
+  cancelAnimationFrame(asked);
+  canvas.dataset.drawn = "before";
+  asked = requestAnimationFrame(() => {
+    const size = [canvas.clientWidth, canvas.clientHeight];
+    const [width, height] = size.map((x) => Math.max(Math.round(x * devicePixelRatio), 1));
+    if (canvas.width !== width || canvas.height !== height) Object.assign(canvas, { width, height });
+    stage.draw(view, shown);
+    canvas.dataset.drawn = "whole";
+  });
+}
+
+// The eye where the camera of the first image is.
+function lookFromCamera() {
+  const place = scene.views[0].taken_from, away = DISTANCE * scene.radius;
+  const zoom = Math.max(-place[2] / away, 1 / FARTHEST);
+  Object.assign(view, { yaw: 0, pitch: 0, zoom,
+                        shift: place.map((x, k) => x + zoom * away * FORWARD[k]) });
+}
+
+const title = () => {
+  const { shapes } = scene;
+  if (!shapes.length) return "Nothing was found";
+  return shapes.length === 1 ? `${shapes[0].kind}: ${shapes[0].status}`
+                             : `${shapes.length} fits in this image`;
+};
+
+// A failure in a word; the words of a fit that is not sure.
+const stateOf = ({ drawn, isGood, status }) =>
+  !drawn ? `failed: ${status}` : isGood ? "" : status;
+
+function briefOf(shape) {
+  const [, value, std, unit] = shape.numbers.find(([name]) => name.includes("radius")) ?? [];
+  return value === undefined ? "" : `r = ${value} ± ${std} ${unit}`;
+}
+
+function listShapes() {
+  const list = document.getElementById("shapes");
+  scene.shapes.forEach((shape, number) => {
+    const state = stateOf(shape), drawn = shape.drawn !== null;
+    const swatch = made("span", { className: drawn ? "swatch" : "swatch none" });
+    if (drawn) swatch.style.background = colorOf(number);
+    const button = made("button", { type: "button", onclick: () => choose(number) }, [
+      swatch, made("span", { textContent: shape.name }),
+      made("span", { className: state ? "bad" : "brief", textContent: state || briefOf(shape) }),
+    ]);
+    const eye = made("input", { type: "checkbox", checked: true, disabled: !drawn,
+                                title: `show ${shape.name}`, ariaLabel: `show ${shape.name}` });
+    eye.onchange = () => {
+      if (eye.checked) shown.hidden.delete(number); else shown.hidden.add(number);
+      showOutlines();
+      changed();
+    };
+    list.append(made("li", {}, scene.shapes.length > 1 || drawn ? [button, eye] : [button]));
+  });
+}
+
+// Tells the numbers of a shape, and marks it; null of none.
+function choose(number) {
+  shown.chosen = number;
+  document.querySelectorAll("#shapes button").forEach((button, k) => {
+    button.ariaPressed = String(k === number);
+  });
+  const place = document.getElementById("chosen");
+  place.replaceChildren();
+  if (number !== null) {
+    const shape = scene.shapes[number], state = stateOf(shape);
+    if (scene.shapes.length > 1) {
+      place.append(made("h2", { textContent: `${shape.name}: ${shape.status}` }));
+    }
+    for (const [k, text] of shape.notes.entries()) {
+      place.append(made("p", { textContent: text, className: !k && state ? "bad" : "" }));
+    }
+    place.append(made("table", {}, [made("tbody", {}, shape.numbers.map(rowOf))]));
+  }
+  showOutlines();
+  changed();
+}
+
+const rowOf = ([name, value, std, unit]) => made("tr", {}, [
+  made("th", { scope: "row", textContent: name }),
+  made("td", { textContent: value }),
+  made("td", { className: "std", textContent: std && /\d/.test(std) ? `± ${std}` : std }),
+  made("td", { className: "unit", textContent: unit }),
+]);
+
+function chooseNext() {
+  const many = scene.shapes.length;
+  if (many) choose(shown.chosen === null ? 0 : (shown.chosen + 1) % many);
+}
+
+function showPictures() {
+  const place = document.getElementById("pictures");
+  for (const { size: [width, height], picture, outlines } of scene.views) {
+    const box = svg("svg", { viewBox: `-0.5 -0.5 ${width} ${height}`, role: "img",
+                             "aria-label": "Depth image with the fitted outlines" });
+    box.append(svg("image", { href: picture, x: -0.5, y: -0.5, width, height }));
+    outlines.forEach((d, number) => {
+      if (!d) return;
+      const group = svg("g", {});
+      group.dataset.shape = number;
+      group.append(svg("path", { d, class: "halo" }),
+                   svg("path", { d, class: "outline", stroke: colorOf(number) }));
+      group.addEventListener("click", () => choose(number));
+      box.append(group);
+    });
+    place.append(box);
+  }
+}
+
+function showOutlines() {
+  for (const group of document.querySelectorAll("#pictures g")) {
+    const number = Number(group.dataset.shape);
+    group.style.display = shown.hidden.has(number) ? "none" : "";
+    group.lastChild.classList.toggle("chosen", number === shown.chosen);
+  }
+}
+
+function showLegend() {
+  document.getElementById("legend").hidden =
+    !(shown.points && shown.colored && scene.shapes.some(({ drawn }) => drawn));
+  document.getElementById("bar").style.background = `linear-gradient(to right, ${RESIDUALS})`;
+  const [low, , high] = document.getElementById("ticks").children;
+  const limit = (1e3 * scene.limit).toPrecision(DIGITS);
+  [low.textContent, high.textContent] = [`−${limit}`, `+${limit}`];
+}
+
+// What failed is told where nobody overlooks it.
+function warn() {
+  const failed = scene.shapes.filter(({ drawn }) => !drawn);
+  const alert = document.getElementById("alert");
+  alert.hidden = !failed.length;
+  alert.textContent = failed.map(({ name, status, notes }) =>
+    `${name}: the fit failed (${status}), there is no shape. ${notes[0]}`).join("\n");
+}
+
+function listenToPanel() {
+  for (const name of ["points", "colored", "wires"]) {
+    document.getElementById(name).onchange = ({ target }) => {
+      shown[name] = target.checked;
+      showLegend();
+      changed();
+    };
+  }
+  document.getElementById("times").onchange = ({ target }) => {
+    shown.times = Number(target.value) * scene.deviations;
+    changed();
+  };
+  document.getElementById("opacity").oninput = ({ target }) => {
+    shown.opacity = Number(target.value) / 100;
+    changed();
+  };
+  const looks = { back: () => view.goBack(), "as-camera": lookFromCamera };
+  for (const [id, look] of Object.entries(looks)) {
+    document.getElementById(id).onclick = () => { look(); changed(); };
+  }
+}
+
+function listenToHands() {
+  new Hands(canvas, view, {
+    metersEach: () => {
+      const away = view.zoom * DISTANCE * scene.radius;
+      const each = away / (FOCAL * Math.min(canvas.clientWidth, canvas.clientHeight));
+      return [each, each];
+    },
+    changed,
+    tapped: (x, y) => {
+      const box = canvas.getBoundingClientRect();
+      const at = [x - box.left, y - box.top].map((z) => Math.floor(z * devicePixelRatio));
+      choose(stage.pick(view, shown, ...at));
+    },
+    keys: { c: lookFromCamera, n: chooseNext },
+  });
+  new ResizeObserver(changed).observe(canvas);
+  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", changed);
+}
+
+function begin() {
+  document.getElementById("title").textContent = title();
+  document.title = title();
+  listShapes();
+  showPictures();
+  showLegend();
+  warn();
+  stage = new Stage(canvas, scene);
+  canvas.addEventListener("webglcontextlost", () => {
+    tell("The graphics driver has given up; reload the page.");
+  });
+  listenToPanel();
+  listenToHands();
+  note.hidden = true;
+  choose(scene.shapes.length === 1 ? 0 : null);
+}
+
+function tell(text) {
+  note.textContent = text;
+  note.hidden = false;
+}
+
+// First the note is painted: to compile may take seconds.
+requestAnimationFrame(() => setTimeout(() => {
+  try {
+    begin();
+  } catch (error) {
+    tell(`This cannot be shown: ${error.message}`);
+  }
+}));

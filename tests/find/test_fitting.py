@@ -1,0 +1,24 @@
+"""Fits of what a search proposes."""
+
+import numpy as np
+
+import impostor_jax as ij
+from impostor_jax.find import fitting
+from impostor_jax.fit.options import Options
+from tests.find.scenes import ORTHOGRAPHIC
+from tests.fit.scenes import SIGMA, image
+from tests.groups import SMALL_IMAGES
+from tests.page.scenes import can_fit
+
+
+@SMALL_IMAGES
+def test_a_fit_of_parallel_rays_forgets_the_camera_that_stood_in(monkeypatch):
+    # Its image is 100 km away: a page, or a test for a taper, would look there.
+    monkeypatch.setattr(fitting, "fit_shape", lambda *given: can_fit())
+    assert can_fit().asked.arguments is not None
+    depth, mask = image()
+    noise, options = ij.ConstantNoise(SIGMA), Options.of({})
+    fitter = fitting.Fitter.of(depth, ORTHOGRAPHIC, noise, SIGMA, options)
+    fit = fitter._fit(mask, None)
+    assert fit.asked.arguments is None
+    np.testing.assert_array_equal(fit.cylinder.radius, can_fit().cylinder.radius)
