@@ -7,25 +7,32 @@ from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool
+from jaxtyping import Bool, Float
 
 from impostor_jax.arguments import is_concrete, real_number, whole_number
-from impostor_jax.camera.base import AbstractCamera, check_depth_along_z
+from impostor_jax.camera.base import AbstractCamera
+from impostor_jax.camera.spherical import SphericalCamera
 from impostor_jax.effort import Effort
 from impostor_jax.find.fitting import Fitter
 from impostor_jax.find.found import Found
 from impostor_jax.find.planes import PlaneRegions, primitives_of
-from impostor_jax.find.search import Request, search
+from impostor_jax.find.search import Detection, Request, search
+from impostor_jax.find.sectors import sectors_of, view_of_sector
 from impostor_jax.find.view import View, view_of
 from impostor_jax.fit.fittable import CYLINDER
 from impostor_jax.fit.options import Options
 from impostor_jax.fit.request import checked_prior, checked_readings
 from impostor_jax.primitives.plane import Plane
 from impostor_jax.rendering.render import render
+from impostor_jax.sensor.base import AbstractDepthNoise
 
 MOST_PIXELS = 340_000
 """That are searched, a little more than 640 x 480; of a larger image every n-th row and
 column. The fits take all."""
+
+MOST_SHARED = 0.3
+"""Part of what shows a cylinder that may show another one, found in another sector of
+a scan, too."""
 
 SURE_PRIOR = 4.0
 """Standard deviations of a prior radius within which one is looked for."""
@@ -55,8 +62,10 @@ def find_cylinders(
     other one is found.
 
     Args:
-        depth: (H, W), planar depth in meters; 0, NaN and infinity mean no reading.
-        camera: That took it: with or without a lens, or orthographic.
+        depth: (H, W), planar depth in meters, of a scanner ranges; 0, NaN and infinity
+            mean no reading.
+        camera: That took it: with or without a lens, orthographic, or a scanner, whose
+            sectors are searched one after the other, up to 60 degrees of elevation.
         sigma: Standard deviation of a reading in meters, or a noise model of the
             sensor; 1 mm if None. Where planes show that it is larger, that counts.
         min_pixels: Fewest pixels of a cylinder; 150 by default.
@@ -80,7 +89,6 @@ def find_cylinders(
                          "ones: a search runs outside JAX")  # fmt: skip
     if not isinstance(camera, AbstractCamera):
         raise ValueError(f"camera must be a camera, got {type(camera).__name__}")
-    check_depth_along_z(camera)
     options = Options.of({"effort": effort, "prior": prior})
     checked_prior(prior, CYLINDER.parameters, None)
     request = Request(
@@ -90,9 +98,16 @@ def find_cylinders(
     )
     image, noise, sigma = checked_readings(depth, camera, sigma)
     image = np.asarray(image)
-    view = view_of(image, camera, noise, MOST_PIXELS, options.effort.stride)
-    found = search(view, request, Fitter.of(image, camera, noise, sigma, options))
-    detections = sorted(found.detections, key=lambda one: -one.confidence)
+    if isinstance(camera, SphericalCamera) and min(image.shape) < 2:
+        raise ValueError(
+            f"camera must have two rows and columns at least, got {image.shape}"
+        )
+    parts = _parts(image, camera, noise, sigma, options)
+    found = [search(view, request, fitter) for view, fitter in parts]
+    detections = sorted(
+        _distinct([one for part in found for one in part.detections]),
+        key=lambda one: -one.confidence,
+    )
     masks = [one.mask for one in detections]
     return Found(
         fits=tuple(one.fit for one in detections),
@@ -105,8 +120,39 @@ def find_cylinders(
         ),
         confidence=np.array([one.confidence for one in detections]),
         inside=np.array([one.entry.evidence.wall.side < 0 for one in detections], bool),
-        planes=_planes(view, found.planes, camera),
+        planes=_planes(parts, [part.planes for part in found]),
     )
+
+
+def _parts(
+    image: Float[np.ndarray, "h w"],
+    camera: AbstractCamera,
+    noise: AbstractDepthNoise,
+    sigma: Any,
+    options: Options,
+) -> list[tuple[View, Fitter]]:
+    """What is searched one after the other: an image, or the sectors of a scan."""
+    asked, stride = (noise, sigma, options), options.effort.stride
+    if not isinstance(camera, SphericalCamera):
+        view = view_of(image, camera, noise, MOST_PIXELS, stride)
+        return [(view, Fitter.of(image, camera, *asked))]
+    return [
+        (
+            view_of_sector(sector, image, camera, noise, MOST_PIXELS, stride),
+            Fitter.of_sector(sector, image, camera, *asked),
+        )
+        for sector in sectors_of(camera)
+    ]
+
+
+def _distinct(detections: list[Detection]) -> list[Detection]:
+    """What was found, and in several sectors once: where most of it is seen."""
+    kept: list[Detection] = []
+    for one in sorted(detections, key=lambda one: -np.count_nonzero(one.mask)):
+        most = MOST_SHARED * np.count_nonzero(one.mask)
+        if all(np.count_nonzero(one.mask & other.mask) <= most for other in kept):
+            kept.append(one)
+    return kept
 
 
 def _radii(
@@ -145,13 +191,15 @@ def _visible(
     return float(np.count_nonzero(whole & mask) / max(np.count_nonzero(whole), 1))
 
 
-def _planes(view: View, regions: PlaneRegions, camera: AbstractCamera) -> Plane:
+def _planes(parts: list[tuple[View, Fitter]], regions: list[PlaneRegions]) -> Plane:
     """Planes in the world frame, their normals towards the camera."""
-    points, normals = primitives_of(view, regions)
     dtype = jnp.result_type(float)
-    planes = Plane(points.astype(dtype), normals.astype(dtype))
-    move = camera.camera_from_world
-    if move is None:
-        return planes
-    back = move.inverse()
-    return Plane(back.apply(planes.point), back.rotate(planes.unit_normal))
+    points, normals = [], []
+    for (view, fitter), some in zip(parts, regions, strict=True):
+        point, normal = (jnp.asarray(x, dtype) for x in primitives_of(view, some))
+        if fitter.searched_from_world is not None:
+            back = fitter.searched_from_world.inverse()
+            point, normal = back.apply(point), back.rotate(normal)
+        points.append(point)
+        normals.append(normal)
+    return Plane(jnp.concatenate(points), jnp.concatenate(normals))

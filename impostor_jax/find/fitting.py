@@ -2,7 +2,8 @@
 
 Fits know cameras with a center. Parallel rays are those of a center that is far away:
 with one at 1e5 meters they are off by some micrometers where a scene is a meter deep,
-and double precision keeps the rest.
+and double precision keeps the rest. What is found in a sector of a scan is fitted in
+the scan.
 """
 
 __all__ = ["Fitter"]
@@ -17,7 +18,10 @@ from typing_extensions import override
 
 from impostor_jax.camera.base import AbstractCamera
 from impostor_jax.camera.pinhole import PinholeCamera
+from impostor_jax.camera.spherical import SphericalCamera
 from impostor_jax.find.evidence import Candidate, Evidence
+from impostor_jax.find.sectors import Sector
+from impostor_jax.find.view import View
 from impostor_jax.fit.fittable import CYLINDER
 from impostor_jax.fit.options import Options
 from impostor_jax.fit.regions import typical_sigma
@@ -56,6 +60,8 @@ class Fitter:
         options: Of the fits.
         seen_by: The camera of the fits.
         away: How much farther from that the readings are, in meters.
+        searched_from_world: Frame of what is searched; None where that is the world.
+        sector: Which part of a scan is searched; None for the whole image.
     """
 
     depth: Float[np.ndarray, "h w"]
@@ -63,8 +69,10 @@ class Fitter:
     noise: AbstractDepthNoise
     sigma: Any
     options: Options
-    seen_by: PinholeCamera
+    seen_by: PinholeCamera | SphericalCamera
     away: float
+    searched_from_world: RigidTransform | None
+    sector: Sector | None = None
 
     @staticmethod
     def of(
@@ -75,8 +83,9 @@ class Fitter:
         options: Options,
     ) -> "Fitter":
         """A fitter of an image; the arguments are those of a search, checked."""
+        move = camera.camera_from_world
         if isinstance(camera, PinholeCamera):
-            return Fitter(depth, camera, noise, sigma, options, camera, 0.0)
+            return Fitter(depth, camera, noise, sigma, options, camera, 0.0, move)
         if noise.bias.scales or noise.bias.fields:
             raise ValueError(
                 "sigma must be a sensor without errors of scale and smooth errors "
@@ -88,17 +97,41 @@ class Fitter:
         shifted = None if sigma is None else _Shifted(noise, FAR)
         options = dataclasses.replace(options, effort=effort)
         farther = np.where(depth > 0, depth.astype(np.float64) + FAR, 0)
-        return Fitter(farther, camera, noise, shifted, options, far, FAR)
+        return Fitter(farther, camera, noise, shifted, options, far, FAR, move)
+
+    @staticmethod
+    def of_sector(
+        sector: Sector,
+        ranges: Float[np.ndarray, "h w"],
+        camera: SphericalCamera,
+        noise: AbstractDepthNoise,
+        sigma: Any,
+        options: Options,
+    ) -> "Fitter":
+        """A fitter of what is found in a sector of a scan."""
+        move = sector.sector_from_camera
+        if camera.camera_from_world is not None:
+            move = move @ camera.camera_from_world
+        return Fitter(ranges, camera, noise, sigma, options, camera, 0.0, move, sector)
 
     @property
     def mixes(self) -> bool:
         """Whether readings beside an edge may be of another surface."""
         return not is_none(self.noise.bias.edge_reach)
 
+    def of_image(
+        self, view: View, mask: Bool[np.ndarray, "h w"]
+    ) -> Bool[np.ndarray, "H W"]:
+        """A mask of what is searched, as one of the image."""
+        if self.sector is None:
+            return view.enlarged(mask, self.depth.shape)
+        shape = self.depth.shape[0], len(self.sector.cols)
+        return self.sector.of_scan(view.enlarged(mask, shape))
+
     def guesses(self, region: Bool[np.ndarray, "h w"]) -> list[Candidate]:
         """First guesses of a region of the image, in the camera's frame."""
-        if self.away:
-            # They are made in single precision.
+        if self.away or isinstance(self.seen_by, SphericalCamera):
+            # They are made in single precision, and of planar depth.
             return []
         sigma = typical_sigma(self.depth, region, self.noise)
         bodies = CYLINDER.guesses(self.depth, region, self.seen_by, sigma)
@@ -133,7 +166,13 @@ class Fitter:
 
     def _fit(self, mask: Bool[np.ndarray, "h w"], start: Cylinder | None) -> Fit:
         fit = fit_shape(
-            CYLINDER, self.depth, self.seen_by, mask, self.sigma, start, self.options
+            CYLINDER,
+            self.depth,
+            self.seen_by,  # pyright: ignore[reportArgumentType]
+            mask,
+            self.sigma,
+            start,
+            self.options,
         )
         if not (self.away and bool(fit.success)):
             return fit
@@ -147,18 +186,18 @@ class Fitter:
     @property
     def _rotation(self) -> Float[np.ndarray, "3 3"]:
         """Of the pose: world vectors are v @ rotation."""
-        move = self.camera.camera_from_world
+        move = self.searched_from_world
         return np.eye(3) if move is None else np.asarray(move.rotation, float)
 
     @property
     def _translation(self) -> Float[np.ndarray, "3"]:
         """Of the pose, in the camera's frame."""
-        move = self.camera.camera_from_world
+        move = self.searched_from_world
         return np.zeros(3) if move is None else np.asarray(move.translation, float)
 
     def wall_of(self, fit: Fit, start: Candidate) -> Candidate:
-        """The wall of a fit, in the camera's frame, between the limits of its start."""
-        shape, move = fit.cylinder, self.camera.camera_from_world
+        """The wall of a fit, in the searched frame, between the limits of its start."""
+        shape, move = fit.cylinder, self.searched_from_world
         center, axis = shape.center, shape.axis
         if move is not None:
             center, axis = move.apply(center), move.rotate(axis)

@@ -331,7 +331,7 @@ class _Search:
         return facts_of(evidence, caps, entry.shape, other, fit, self.planes.noise)
 
     def _of_image(self, mask: Bool[np.ndarray, "h w"]) -> Bool[np.ndarray, "H W"]:
-        return self.view.enlarged(mask, self.fitter.depth.shape)
+        return self.fitter.of_image(self.view, mask)
 
     def _mask(self, scene: Scene, entry: Entry) -> Bool[np.ndarray, "h w"]:
         own = self.free | (self.view.valid & ~self.usable)

@@ -6,9 +6,10 @@ depth of a plane is linear in the rays, of an orthographic one the depth: `linea
 the one that is.
 """
 
-__all__ = ["Box", "View", "view_of"]
+__all__ = ["Box", "View", "sigmas_of", "stride_of", "view_of"]
 
 import dataclasses
+import math
 from functools import cached_property
 from typing import Any
 
@@ -159,23 +160,41 @@ def view_of(
         most_pixels: That are searched.
         stride: Of rows and columns; larger where there would be more pixels.
     """
-    stride = max(stride, int(np.ceil(np.sqrt(depth.size / most_pixels))))
+    stride = stride_of(depth.shape, most_pixels, stride)
     pick = slice(None, None, stride), slice(None, None, stride)
     x, y, sees = (part[pick] for part in _rays(camera))
     picked = np.where(sees, depth[pick], 0).astype(np.float32)
-    known = picked[picked > 0]
-    middle = np.float32(np.median(known[::16]) if len(known) else 1)
-    sigma, turned = jax.tree.map(np.asarray, _sigmas(noise, picked, middle))
+    sigma, grazing = sigmas_of(noise, picked)
     return View(
         depth=picked,
         x=x,
         y=y,
         is_central=camera.is_central,
-        sigma=np.where(picked > 0, sigma, 0).astype(np.float32),
-        grazing=turned / turned[0],
+        sigma=sigma,
+        grazing=grazing,
         footprint=stride / min(_focal(camera)),
         stride=stride,
     )
+
+
+def stride_of(shape: tuple[int, int], most_pixels: int, stride: int) -> int:
+    """Stride with which an image has no more pixels than are searched."""
+    return max(stride, math.ceil(math.sqrt(math.prod(shape) / most_pixels)))
+
+
+def sigmas_of(
+    noise: AbstractDepthNoise, depth: Float[np.ndarray, "h w"]
+) -> tuple[Float[np.ndarray, "h w"], Float[np.ndarray, "9"]]:
+    """Deviation of readings that are seen face on, and its factor at `INCIDENCES`.
+
+    Args:
+        noise: Of the readings.
+        depth: In meters; 0 where there is no reading, whose deviation is 0.
+    """
+    known = depth[depth > 0]
+    middle = np.float32(np.median(known[::16]) if len(known) else 1)
+    sigma, turned = jax.tree.map(np.asarray, _sigmas(noise, depth, middle))
+    return np.where(depth > 0, sigma, 0).astype(np.float32), turned / turned[0]
 
 
 def _focal(camera: Any) -> tuple[float, float]:

@@ -10,6 +10,7 @@ import pytest
 
 import impostor_jax as ij
 from data_synth.appearance import Appearance
+from data_synth.camera_draw import CameraDraw
 from data_synth.catalogue import draw_catalogue
 from data_synth.distribution import Fixed, Uniform, Whole
 from data_synth.draw import draw_scene
@@ -134,7 +135,13 @@ def test_a_picture_that_is_broken_is_named(colored, tmp_path):
         image.write_bytes(data)
 
 
-@pytest.mark.parametrize("name", PRESETS)
+# Scans have no color.
+COLORABLE = [
+    name for name, one in PRESETS.items() if isinstance(one.camera, CameraDraw)
+]
+
+
+@pytest.mark.parametrize("name", COLORABLE)
 def test_lamps_are_before_planes_and_in_no_thing(name):
     preset = dataclasses.replace(PRESETS[name], appearance=Appearance(lamps=3))
     rng = np.random.default_rng(2)
