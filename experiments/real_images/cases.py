@@ -14,7 +14,7 @@ import impostor_jax as ij
 from experiments.scenes import Image, Mask
 from experiments.sensor_models.scenes import SENSORS, draw_image
 from impostor_jax.io.atomic import write_text
-from impostor_jax.io.camera_file import read_pinhole_camera, write_camera
+from impostor_jax.io.camera_file import pinhole_of, read_camera, write_camera
 from impostor_jax.io.depth_image import (
     read_depth,
     read_mask,
@@ -56,9 +56,9 @@ class Case:
 
     def read(self, folder: Path) -> tuple[Image, Mask, ij.PinholeCamera]:
         """Depth in meters, mask and camera."""
-        camera, scale = read_pinhole_camera(folder / self.camera)
+        camera, scale = read_camera(folder / self.camera)
         depth = read_depth(folder / self.depth, scale)
-        return depth, read_mask(folder / self.mask), camera
+        return depth, read_mask(folder / self.mask), pinhole_of(camera, self.camera)
 
     def with_mouth(self, mask: Mask) -> Mask:
         """A mask and the pixels that show the bore."""

@@ -31,6 +31,7 @@ from impostor_jax.cli.inputs import (
 if TYPE_CHECKING:
     import numpy as np
 
+    from impostor_jax.camera.base import AbstractCamera
     from impostor_jax.io.camera_file import CameraFile
 
 RECORD, PICTURES = "found.json", ("labels.png", "overlay.png")
@@ -104,11 +105,11 @@ class FindCommand:
         check_noise(self.sigma, self.sensor)
         check_images(self.camera, images, {})
         # This starts JAX.
-        from impostor_jax.io.camera_file import CameraFile, read_pinhole_camera
+        from impostor_jax.io.camera_file import CameraFile, read_camera
 
-        camera, depth_scale_m = read_pinhole_camera(self.camera)
+        camera, depth_scale_m = read_camera(self.camera)
         file = CameraFile(camera, depth_scale_m)
-        asked = self._asked(float(camera.fx))
+        asked = self._asked(camera)
         for place in places:
             check_output_folder(place, (RECORD, *PICTURES))
         if self.json is not None:
@@ -134,7 +135,7 @@ class FindCommand:
             raise KeyboardInterrupt(rest) from interrupt
         return 0 if any(counts) else 1
 
-    def _asked(self, focal_length: float) -> dict[str, Any]:
+    def _asked(self, camera: "AbstractCamera") -> dict[str, Any]:
         """What a search takes by name."""
         arc = self.min_arc_deg
         asked = {
@@ -145,7 +146,7 @@ class FindCommand:
         }
         given = {name: value for name, value in asked.items() if value is not None}
         return given | {
-            "sigma": chosen_noise(self.sigma, self.sensor, focal_length),
+            "sigma": chosen_noise(self.sigma, self.sensor, camera),
             "effort": chosen_effort(self.effort, self.dials),
         }
 

@@ -27,7 +27,7 @@ from impostor_jax.cli.inputs import (
 )
 
 if TYPE_CHECKING:
-    from impostor_jax.camera.pinhole import PinholeCamera
+    from impostor_jax.camera.base import AbstractCamera
     from impostor_jax.fit.result import BoreTest, Fit, TaperTest
 
 
@@ -112,12 +112,12 @@ class FitCommand:
         effort = chosen_effort(self.effort, self.dials)
         self._check_files(masks, labels)
         # These start JAX.
-        from impostor_jax.io.camera_file import read_pinhole_camera
+        from impostor_jax.io.camera_file import read_camera
         from impostor_jax.io.depth_image import read_depth
         from impostor_jax.page.fit_page import view
         from impostor_jax.viewer.figure import write_overlay
 
-        camera, depth_scale_m = read_pinhole_camera(self.camera)
+        camera, depth_scale_m = read_camera(self.camera)
         asked = self._asked(camera) | {"effort": effort}
         for place in places:
             check_output_folder(place, () if labels else ("fit.json", "overlay.png"))
@@ -168,14 +168,14 @@ class FitCommand:
         if self.initial is not None:
             read_scene_record(self.initial)
 
-    def _asked(self, camera: "PinholeCamera") -> dict[str, Any]:
+    def _asked(self, camera: "AbstractCamera") -> dict[str, Any]:
         """What a fit takes by name, but the mask and the effort."""
         tests = {"--test-taper": self.test_taper, "--test-bore": self.test_bore}
         for name, is_asked in tests.items():
             if is_asked and self.shape != "cylinder":
                 raise ValueError(f"{name} must not be given for a {self.shape}")
         return {
-            "sigma": chosen_noise(self.sigma, self.sensor, float(camera.fx)),
+            "sigma": chosen_noise(self.sigma, self.sensor, camera),
             "initial": start_of(self.initial, self.shape),
             "fixed": self.fixed,
             "prior": priors_of(self.prior_radius, self.prior_height),
@@ -187,7 +187,7 @@ class FitCommand:
         self,
         given: Path | None,
         depth: Any,
-        camera: "PinholeCamera",
+        camera: "AbstractCamera",
         asked: dict[str, Any],
     ) -> "tuple[dict[str, Fit], list[tuple[TaperTest | None, BoreTest | None]], float]":
         """Fits of an image's objects, by their folders; tests of them; the seconds.

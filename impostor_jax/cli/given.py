@@ -22,13 +22,13 @@ if TYPE_CHECKING:
     from impostor_jax.primitives.base import AbstractPrimitive
 
 
-def chosen_noise(sigma: float | None, sensor: str | None, focal_length: float) -> Any:
+def chosen_noise(sigma: float | None, sensor: str | None, camera: Any) -> Any:
     """What a fit takes for sigma: a number, a noise model, or None for neither.
 
     Args:
         sigma: Of `--sigma`.
         sensor: Of `--sensor`: a name, or a JSON file.
-        focal_length: In pixels; of a stereo camera, unless its file says another.
+        camera: Whose focal length a stereo camera has, unless its file says another.
 
     Raises:
         ValueError: Both are given, or the sensor is unknown.
@@ -37,8 +37,10 @@ def chosen_noise(sigma: float | None, sensor: str | None, focal_length: float) -
         return sigma
     if sigma is not None:
         raise ValueError("--sigma must not be given together with --sensor")
+    from impostor_jax.camera.pinhole import PinholeCamera
     from impostor_jax.io.sensor_record import read_sensor, sensor_from_record
 
+    focal_length = float(camera.fx) if isinstance(camera, PinholeCamera) else None
     if sensor.endswith(".json"):
         return read_sensor(Path(sensor), focal_length)
     return sensor_from_record({"type": sensor}, f"sensor {sensor!r}", focal_length)

@@ -165,15 +165,8 @@ class Fitter:
         return self._fit(mask, None)
 
     def _fit(self, mask: Bool[np.ndarray, "h w"], start: Cylinder | None) -> Fit:
-        fit = fit_shape(
-            CYLINDER,
-            self.depth,
-            self.seen_by,  # pyright: ignore[reportArgumentType]
-            mask,
-            self.sigma,
-            start,
-            self.options,
-        )
+        given = self.depth, self.seen_by, mask, self.sigma
+        fit = fit_shape(CYLINDER, *given, start, self.options)
         if not (self.away and bool(fit.success)):
             return fit
         # The far camera has the rotation of its pose alone.

@@ -10,7 +10,6 @@ __all__ = [
     "camera_record",
     "pinhole_of",
     "read_camera",
-    "read_pinhole_camera",
     "write_camera",
 ]
 
@@ -60,16 +59,6 @@ def read_camera(path: Path) -> CameraFile:
     """
     what = f"camera file {str(path)!r}"
     return camera_from_record(read_camera_record(path), what)
-
-
-def read_pinhole_camera(path: Path) -> tuple[PinholeCamera, float | None]:
-    """Read a camera and its scale as `read_camera` does, for what needs a pinhole.
-
-    Raises:
-        ValueError: As of `read_camera`, or it is a spherical camera.
-    """
-    camera, depth_scale_m = read_camera(path)
-    return pinhole_of(camera, f"camera file {str(path)!r}"), depth_scale_m
 
 
 def pinhole_of(camera: FiledCamera, what: str) -> PinholeCamera:

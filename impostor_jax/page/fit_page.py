@@ -31,6 +31,7 @@ from impostor_jax.page.shown import (
     Shown,
     asked_image,
     image_view,
+    images_of,
     shown_of,
 )
 from impostor_jax.page.told import notes_of, numbers_of
@@ -85,16 +86,18 @@ def view(result: Any, depth: Any = None, camera: Any = None) -> FitPage:
     Args:
         result: A fit of any shape, a dict of fits of one image, as `fit_labels` returns
             it, or what `find_cylinders` returned.
-        depth: (H, W) as it was fitted, in meters; may be left out where the fits
-            remember it, which those of traced calls, of batches and of images without
-            an object do not.
+        depth: (H, W) as it was fitted, in meters, or a list of several; may be left out
+            where the fits remember it, which those of traced calls, of batches and of
+            images without an object do not.
         camera: That took it; to be given with `depth`, and not without.
 
     Raises:
-        ValueError: The result is another thing or a batch, does not remember its image,
-            or the image is not of the same size.
+        ValueError: The result is another thing, a batch or a fit to points, does not
+            remember its image, or the image is not of the same size.
     """
     shown = shown_of(result)
+    if any(one.fit.source == "points" for one in shown):
+        raise ValueError("result must be of images, got a fit to points")
     if (depth is None) != (camera is None):
         raise ValueError("depth and camera must be given together, got one of them")
     if depth is None:
@@ -105,9 +108,21 @@ def view(result: Any, depth: Any = None, camera: Any = None) -> FitPage:
                 "as it was traced, stacked or changed, or nothing was found"
             )
         depth, camera = asked
-    if not isinstance(camera, AbstractCamera):
-        raise ValueError(f"camera must be a camera, got {type(camera).__name__}")
-    return fit_page(shown, [image_view(shown, depth, camera)])
+    depths, cameras = images_of(depth), images_of(camera)
+    counts = {len(images_of(one.fit.region)) for one in shown} | {len(cameras)}
+    if counts | {len(depths)} != {len(depths)}:
+        raise ValueError(
+            "depth and camera must be those of the fit, one for each of its images, "
+            f"got {len(depths)} and {len(cameras)}"
+        )
+    for one in cameras:
+        if not isinstance(one, AbstractCamera):
+            raise ValueError(f"camera must be a camera, got {type(one).__name__}")
+    views = [
+        image_view(shown, image, one, number)
+        for number, (image, one) in enumerate(zip(depths, cameras, strict=True))
+    ]
+    return fit_page(shown, views)
 
 
 def fit_page(shown: Sequence[Shown], views: Sequence[ImageView]) -> FitPage:
@@ -134,9 +149,12 @@ def fit_page(shown: Sequence[Shown], views: Sequence[ImageView]) -> FitPage:
 def _limit(shown: Sequence[Shown]) -> float:
     """Residual of the last color in meters: of inliers 99 % are less."""
     inliers = [
-        np.abs(np.asarray(one.fit.residual))[np.asarray(one.fit.inliers)]
+        np.abs(np.asarray(residual))[np.asarray(inliers)]
         for one in shown
         if one.fit.is_shape
+        for residual, inliers in zip(
+            images_of(one.fit.residual), images_of(one.fit.inliers), strict=True
+        )
     ]
     sizes = np.concatenate([*inliers, np.zeros(0)])
     return max(float(np.percentile(sizes, 99)), 1e-6) if sizes.size else 1e-3

@@ -1,6 +1,13 @@
 """What a page shows: fits by their names, and the depth images that they are of."""
 
-__all__ = ["ImageView", "Shown", "asked_image", "image_view", "shown_of"]
+__all__ = [
+    "ImageView",
+    "Shown",
+    "asked_image",
+    "image_view",
+    "images_of",
+    "shown_of",
+]
 
 import dataclasses
 from collections.abc import Mapping, Sequence
@@ -85,13 +92,16 @@ def _single(fit: Any) -> Fit:
     return fit
 
 
-def image_view(shown: Sequence[Shown], depth: Any, camera: AbstractCamera) -> ImageView:
+def image_view(
+    shown: Sequence[Shown], depth: Any, camera: AbstractCamera, number: int = 0
+) -> ImageView:
     """A depth image as fits explain it.
 
     Args:
         shown: The fits, all of this image.
         depth: (H, W) as it was fitted, in meters; 0, NaN or infinity mean no reading.
         camera: That took it.
+        number: Of the image among those of the fits.
 
     Raises:
         ValueError: The image is not of the camera's size, or the fits are of another.
@@ -105,21 +115,31 @@ def image_view(shown: Sequence[Shown], depth: Any, camera: AbstractCamera) -> Im
         )
     readings[~(np.isfinite(readings) & (readings > 0))] = 0
     owner, residual = np.full(size, -1), np.zeros(size)
-    for number, one in enumerate(shown):
-        region, off = (np.asarray(x) for x in (one.fit.region, one.fit.residual))
+    for owned_by, one in enumerate(shown):
+        region, off = (
+            np.asarray(images_of(x)[number]) for x in (one.fit.region, one.fit.residual)
+        )
         if region.shape != size:
             raise ValueError(
                 f"depth must be the image that was fitted, of shape {region.shape}, "
                 f"got {size}"
             )
         used = region & (readings > 0)
-        owner[used] = number
+        owner[used] = owned_by
         residual[used] = off[used] if one.fit.is_shape else np.inf
     return ImageView(readings, camera, owner, residual)
 
 
-def asked_image(shown: Sequence[Shown]) -> tuple[Any, AbstractCamera] | None:
-    """The image that fits remember, and its camera; None where they do not."""
+def images_of(values: Any) -> Sequence[Any]:
+    """What a fit tells of its images, or is given of them, one by one."""
+    return values if isinstance(values, list | tuple) else [values]
+
+
+def asked_image(shown: Sequence[Shown]) -> tuple[Any, Any] | None:
+    """The images that fits remember, and their cameras; None where they do not.
+
+    Of several images there are lists.
+    """
     asked = [one.fit.asked.arguments for one in shown]
     if not asked or asked[0] is None:
         return None

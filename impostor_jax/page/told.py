@@ -39,7 +39,7 @@ def numbers_of(shown: Shown) -> list[Number]:
         lines += [
             Number("rms residual", f"{1e3 * float(fit.rms):.{DIGITS}f}", "", "mm"),
             Number("chi-squared", f"{float(fit.chi2):.2f}", "", ""),
-            Number("inliers", f"{int(np.count_nonzero(fit.inliers))}", "", ""),
+            Number("inliers", f"{fit.num_inliers}", "", ""),
         ]
     return [*lines, Number("pixels used", f"{int(fit.num_pixels)}", "", "")]
 

@@ -13,7 +13,7 @@ import pytest
 
 from impostor_jax.__main__ import main
 from impostor_jax.caching import keep_compiled
-from tests.groups import LARGE_IMAGES, SMALL_IMAGES
+from tests.groups import FULL, LARGE_IMAGES, SMALL_IMAGES
 from tests.schemas import validator
 
 CAMERA = {"fx": 150.0, "fy": 150.0, "cx": 79.5, "cy": 59.5, "width": 160, "height": 120}
@@ -236,13 +236,6 @@ def test_range_image_is_rendered_and_what_needs_a_pinhole_refuses_it(
         **scanner, "depth_scale_m": 1e-4,
     }  # fmt: skip
     capfd.readouterr()
-    depth = output / "depth.png"
-    for command in ("fit", "find"):
-        given = (depth, "--camera", output / "camera.json", "--output", tmp_path)
-        assert call(command, *given) == 2
-        error = capfd.readouterr().err
-        assert "must have a pinhole camera, got a spherical one" in error
-        assert len(error.splitlines()) == 1
     page = tmp_path / "page.html"
     assert call("render", "--camera", path, *stem, "--page", page) == 2
     assert "--page must have a pinhole camera" in capfd.readouterr().err
@@ -595,3 +588,25 @@ def test_what_cannot_be_exported_is_told_on_a_line(
     (line,) = capfd.readouterr().err.splitlines()
     assert message in line
     assert {entry.name for entry in tmp_path.iterdir()} == {"plane.json", "ball.json"}
+
+
+@FULL
+def test_stems_of_a_scan_are_fitted_and_found(tmp_path, call, capfd):
+    scanner = {
+        "model": "spherical",
+        "elevation_deg": {"first": 24, "last": -24, "count": 96},
+        "azimuth_deg": {"first": -180, "last": 179.25, "count": 480},
+    }
+    path, output = tmp_path / "scanner.json", tmp_path / "scan"
+    path.write_text(json.dumps(scanner))
+    stem = ("--center", 1, 0, -3, "--axis", 0.05, 1, 0, "--radius", 0.3, "--height", 5)
+    assert call("render", "--camera", path, *stem, "--output", output) == 0
+    for command, file in (("fit", "fit.json"), ("find", "found.json")):
+        given = output / "depth.tiff", "--camera", path, "--sigma", 0.002
+        page = tmp_path / f"{command}.html"
+        code = call(command, *given, "--output", tmp_path / command, "--page", page)
+        assert code == 0, capfd.readouterr().err
+        record = json.loads((tmp_path / command / file).read_text())
+        one = record if command == "fit" else record["cylinders"][0]
+        assert one["radius_m"] == pytest.approx(0.3, abs=1e-4)
+        assert page.stat().st_size > 1e5

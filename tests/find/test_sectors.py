@@ -97,7 +97,6 @@ def test_the_ground_is_the_same_plane_in_every_sector():
         assert abs(away) < 0.005
 
 
-@pytest.mark.xfail(strict=True, reason="fits do not take a SphericalCamera yet")
 def test_stems_all_around_are_found_once():
     feet = [(-0.3, -5.0), (4.0, 2.5), (0.1, 4.0)]
     stems = [ij.Cylinder((x, 0, z), (0.05, 1, 0.02), 0.3, 6.0) for x, z in feet]
