@@ -24,6 +24,7 @@ from impostor_jax.find.planes import planes_of
 from impostor_jax.find.view import view_of
 from impostor_jax.fit.fittable import CYLINDER, Fittable, no_guess
 from impostor_jax.fit.options import Options
+from impostor_jax.fit.outline import fit_outline
 from impostor_jax.fit.regions import warn_of_units
 from impostor_jax.fit.request import (
     TooFewReadingsError,
@@ -54,7 +55,12 @@ def fit_shown(
     initial: AbstractPrimitive | None,
     options: Options,
 ) -> Fit:
-    """As `fit_shape`; without a mask the object is looked for, unless it is traced."""
+    """As `fit_shape`; without a mask the object is looked for, unless it is traced.
+
+    Without depth the mask is all there is, and `fit_outline` fits.
+    """
+    if depth is None:
+        return fit_outline(kind, camera, mask, sigma, initial, options)
     given = (depth, camera, sigma, initial, options.prior)
     if mask is not None or not is_concrete(given):
         return fit_shape(kind, depth, camera, mask, sigma, initial, options)

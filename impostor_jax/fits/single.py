@@ -1,4 +1,4 @@
-"""Fit one shape to one depth image: a cylinder, a frustum, a sphere or a tube."""
+"""Fit one shape to one depth image, or to an outline alone."""
 
 __all__ = ["fit_cylinder", "fit_frustum", "fit_sphere", "fit_tube"]
 
@@ -25,25 +25,37 @@ def fit_cylinder(
 ) -> Fit:
     """Fit center, axis, radius and height of a capped cylinder to a depth image.
 
+    Without depth, of glass or a mirror, the outline alone is fitted, which tells all
+    but the scale; a known length, or the distance, tells that:
+
+        fit = ij.fit_cylinder(
+            None, camera, mask, prior={"radius": (0.04, 0.0001)}, mask_meaning="outline"
+        )
+
     Inside `jax.jit` or `vmap` give `initial`: the first guess runs outside JAX. A
     traced fit without a mask uses the pixels that `initial` covers. Where the pixels
     are known to the run alone, it takes at most 15872 of them.
 
     Args:
-        depth: (H, W), planar depth in meters; 0, NaN and infinity mean no reading.
+        depth: (H, W), planar depth in meters; 0, NaN and infinity mean no reading. None
+            where there is none, and the mask is an outline.
         camera: The camera that took it.
         mask: (H, W), True on pixels of the object, wall and caps together; or one
             integer there and 0 elsewhere. A label image is for `fit_labels`. Where
             the readings beside its border disagree with the others, it is cut down to
             what is of one surface; not so in a traced fit, which fails where many of
             them lie elsewhere.
+            Without depth it may hold floats, too: the part of each pixel that is
+            covered, from 0 to 1.
             If None, a cylinder is searched for as in `find_cylinders` and the surest
             one is taken; or what reads near `initial`, within half a radius or 5 sigma.
             The pixels are reported as `region`.
         sigma: Standard deviation of a reading in meters, or a noise model of the
             sensor, which weighs each reading by its depth and incidence. Readings that
             scatter three times as much make it a `poor_fit`. If None, 1 mm weighs
-            against priors and outlines, and is not held against the readings.
+            against priors and outlines, and is not held against the readings. Without
+            depth it is that of a coverage, 0.05 if None; with a mask of booleans, whose
+            edge is known to a pixel, it must be None.
         initial: Start of the fit, in the world frame; found from the image if None.
         options: What `FitOptions` lists.
 
@@ -52,11 +64,16 @@ def fit_cylinder(
         deviations. Where other solutions explain the readings, too, `alternatives` has
         them, and the standard deviations cover them; from 5 % of the probability on
         the fit is `ambiguous`. With `initial`, no other is looked for.
+        Without depth, `residual` is 0, `rms` how far the mask's edge is from the
+        outline at the distance of the object, and `region` what lies beside that edge.
+        Where nothing tells the scale, or the outline shows no wall, the status is
+        `undetermined`, and the standard deviations of all that is open are infinite.
 
     Raises:
         TypeError: An option is unknown.
         ValueError: An argument has a wrong shape, dtype or value, the mask is empty, or
-            it holds fewer than 50 readings.
+            it holds fewer than 50 readings; or without depth, the mask is none, or not
+            said to be the outline.
 
     Derivatives:
         With `initial` given: of the cylinder in the depths, the camera and sigma, by
@@ -85,7 +102,7 @@ def fit_frustum(
     it.
 
     Args:
-        depth: (H, W), planar depth in meters; 0, NaN and infinity mean no reading.
+        depth: (H, W), as in `fit_cylinder`, or None.
         camera: The camera that took it.
         mask: (H, W), as in `fit_cylinder`.
         sigma: As in `fit_cylinder`.
@@ -120,7 +137,7 @@ def fit_sphere(
     is in `fit_frustum`.
 
     Args:
-        depth: (H, W), planar depth in meters; 0, NaN and infinity mean no reading.
+        depth: (H, W), as in `fit_cylinder`, or None.
         camera: The camera that took it.
         mask: (H, W), as in `fit_cylinder`.
         sigma: As in `fit_cylinder`.
