@@ -1,6 +1,6 @@
 """How far an estimate is from the truth, and the Cramér-Rao bound of that."""
 
-__all__ = ["bound", "error"]
+__all__ = ["COORDINATES", "bound", "error"]
 
 from collections.abc import Callable
 

@@ -55,6 +55,10 @@ MOST_OFF = 0.12
 MIN_PLACES = 5
 """Fewest places of the edge that show an end, and fewest of the wall."""
 
+LEAST_HEIGHT = 4.0
+"""Height, in its standard deviations, from which a wall is seen: a ball's disc is that
+of a coin, too, or of the end of a can."""
+
 PHASES = 8
 """Places of the grid, along rows and columns, that stand for all."""
 
@@ -135,7 +139,12 @@ def assess_outline(problem: OutlineProblem, found: Traced) -> Assessment:
     agrees = jnp.where(problem.is_trusted, chi2 < most, spread < 5)
     agrees &= places.share_off <= MOST_OFF
     finite = jnp.stack([jnp.all(jnp.isfinite(x)) for x in jax.tree.leaves(body)]).all()
-    code = _status_code(finite, found.converged, agrees, is_known & places.wall_seen)
+    height, told = std.values.get("height"), world.readout(world, places.ends_seen)
+    if height is not None:
+        # What may be as thin as a coin, or the end of anything, shows no wall.
+        is_known &= places.wall_seen
+        is_known &= (told["height"] > LEAST_HEIGHT * height) | ~jnp.isfinite(height)
+    code = _status_code(finite, found.converged, agrees, is_known)
     success = code == STATUSES.index(FitStatus.CONVERGED)
     # Of what is left open all that is known is told.
     is_told = success | (code == STATUSES.index(FitStatus.UNDETERMINED))
@@ -194,7 +203,7 @@ class _Shown(NamedTuple):
     Attributes:
         share_off: Share of them that lie elsewhere.
         ends_seen: Whether each end is.
-        wall_seen: Whether the wall is; of a body without ends, whatever is.
+        wall_seen: Whether the wall is.
         reach: How far towards each end the wall is seen, from the center.
     """
 

@@ -248,7 +248,7 @@ def traced(problem: OutlineProblem, start: AbstractBody, to_end: bool) -> Traced
     fine: Any = STEP_TOLERANCE * problem.sigma * jnp.asarray(settings.tolerance)
     found = optx.least_squares(
         residuals,
-        optx.LevenbergMarquardt(rtol=1e-4, atol=fine if to_end else COARSE_TOLERANCE),
+        optx.LevenbergMarquardt(rtol=1e-3, atol=fine if to_end else COARSE_TOLERANCE),
         jnp.zeros_like(basis[0]),
         max_steps=problem.max_steps if to_end else COARSE,
         throw=False,

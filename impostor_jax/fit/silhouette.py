@@ -17,6 +17,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from impostor_jax.compiling import computed_once
 from impostor_jax.fit.body import AbstractBody
 from impostor_jax.geometry.vec3 import Vec3
 from impostor_jax.numerics import Numbers, safe_divide, safe_sqrt
@@ -114,17 +115,27 @@ def coverage_of(body: AbstractBody, sight: Sight) -> Numbers:
         sight: Rays through the pixels' centers.
 
     Derivatives:
-        In the body; 0 where no part of the outline crosses the pixel.
+        In the body, as if the outline moved at the pixel's parts as beside its center;
+        0 where no part of it crosses the pixel.
     """
     n, dtype = sight.x.shape[0], sight.x.dtype
     along = (np.arange(PARTS) + 0.5) / PARTS - 0.5
     rows, cols = np.meshgrid(along, along, indexing="ij")
     fine = jax.tree.map(lambda part: jnp.repeat(part, PARTS**2), sight)
     shift = np.tile(np.stack([cols.ravel(), rows.ravel()]), n).astype(dtype)
-    places = distances(body, moved(fine, *jnp.asarray(shift)))
+    held = jax.lax.stop_gradient(body)
+    places = computed_once(lambda: distances(held, moved(fine, *jnp.asarray(shift))))
     least, normal = nearest(places)
-    area = halves(PARTS * least, normal).area
-    return jnp.mean(area.reshape(n, PARTS**2), axis=1)
+    area, slope = jax.jvp(
+        lambda s: halves(s, normal).area, (PARTS * least,), (jnp.ones_like(least),)
+    )
+    # The parts of a pixel move with its center: a fifth of the work for a derivative.
+    middle = distances(body, sight).distance
+    ends_first = places.distance == least[None]
+    weight = jnp.where(ends_first, PARTS * slope[None], 0)
+    weight = jnp.mean(weight.reshape(-1, n, PARTS**2), axis=2)
+    change = jnp.sum(weight * (middle - jax.lax.stop_gradient(middle)), axis=0)
+    return jnp.mean(area.reshape(n, PARTS**2), axis=1) + change
 
 
 def nearest(places: Places) -> tuple[Float[Array, " n"], Float[Array, "n 2"]]:
