@@ -44,9 +44,6 @@ MOST_PLACES = 512
 BUCKETS = tuple(1024 << k for k in range(20))
 """Pixels are filled up to one of these numbers, so that few sizes are compiled."""
 
-FINALISTS = 4
-"""Solutions at most that are followed to their end."""
-
 MORE = 5.0
 """Loss at the edge, half the square pixels of all places, beside that of the best, up
 to which a solution may be the better one: of a mask of booleans it is likelier by 60
@@ -111,7 +108,9 @@ def fit_outline(
             is_near = _loss(way) <= _loss(ways[0]) + MORE
             if is_near and all(_differ(way.body, other.body) for other in finalists):
                 finalists.append(way)
-        return best_of([_assessed(problem, one) for one in finalists[:FINALISTS]])
+        return best_of(
+            [_assessed(problem, one) for one in finalists[: options.effort.starts]]
+        )
 
 
 def _posed(

@@ -82,20 +82,14 @@ def assess_outline(problem: OutlineProblem, found: Traced) -> Assessment:
         places.ends_seen | ~jnp.asarray(settings.draws_in), places.reach
     )
     off = coverage_errors(problem, estimate)
-
-    def retracted(tangent: Float[Array, " c"]) -> AbstractBody:
-        return estimate.retracted(tangent, settings.free)
-
     still = jnp.zeros(settings.free.shape[0], off.dtype)
-    slope = jax.jacfwd(lambda t: coverage_of(retracted(t), problem.pixels))(still)
-    tells = problem.is_pixel & jnp.any(slope != 0, axis=1)
-    spread = spread_of(off, tells)
-    near = problem.is_pixel & (jnp.abs(off) <= 3 * spread)
-    inlier = tells & near
-    count = jnp.maximum(jnp.sum(inlier), 1).astype(off.dtype)
-    squares = jnp.sum(jnp.where(inlier, off, 0) ** 2)
-    chi2 = reduced_chi2(squares, count)
-    widening = jnp.maximum(squares / count, 1)
+
+    def covered(tangent: Float[Array, " c"]) -> Float[Array, " n"]:
+        return coverage_of(estimate.retracted(tangent, settings.free), problem.pixels)
+
+    slope = jax.jacfwd(covered)(still) / problem.sigma
+    agreement = _agreement(off, slope, problem.is_pixel)
+    chi2, spread, count = agreement.chi2, agreement.spread, agreement.total
 
     basis = coordinates(problem, body)
     # An end that is not seen is free; the ends are the last coordinates.
@@ -116,22 +110,18 @@ def assess_outline(problem: OutlineProblem, found: Traced) -> Assessment:
     for name in filter(change.__contains__, settings.held):
         change[name] = jnp.where(settings.held[name], 0, change[name])
     known = jnp.where((moves | problem.has_scale)[None], known, 0)
-    slope = product(jnp.where(inlier[:, None], slope, 0), into.T) / problem.sigma
-    of_outline = product(slope.T, slope) / widening
+    slope = product(jnp.where(agreement.near[:, None], slope, 0), into.T)
+    of_outline = product(slope.T, slope) / agreement.widening
     of_prior = product(known.T, known)
     independent, directions, free = free_covariance(of_outline + of_prior)
-    of_grid = _of_grid(problem, estimate, near, into)
-    parts = {
-        "outline": jnp.where(problem.is_hard, of_grid, of_outline),
-        "prior": of_prior,
-    }
+    of_grid = _of_grid(problem, estimate, agreement.near, into)
+    of_mask = jnp.where(problem.is_hard, of_grid, of_outline)
     shares = {
-        name: product(independent, part, independent) for name, part in parts.items()
+        name: product(independent, part, independent)
+        for name, part in {"outline": of_mask, "prior": of_prior}.items()
     }
     covariance = shares["outline"] + shares["prior"]
-    variance = jnp.diagonal(independent)
-    wider = safe_divide(jnp.diagonal(covariance), variance)
-    repeats = widening * jnp.maximum(jnp.max(wider), 1)
+    wider = safe_divide(jnp.diagonal(covariance), jnp.diagonal(independent))
     std, budget, covariance, observed, is_known = deviations_of(
         world, change, covariance, shares, directions, free
     )
@@ -171,30 +161,83 @@ def assess_outline(problem: OutlineProblem, found: Traced) -> Assessment:
         num_starts=jnp.ones((), int),
         num_agreeing=jnp.ones((), int),
         residual=jnp.zeros((camera.height, camera.width), off.dtype),
-        inliers=image_of(near),
+        inliers=image_of(agreement.near),
         region=image_of(problem.is_pixel),
         num_pixels=jnp.sum(problem.is_pixel),
-        rms=jnp.sqrt(squares / count) * meters,
+        rms=jnp.sqrt(agreement.squares / count) * meters,
         chi2=chi2,
         p_value=jnp.where(has_p_value, p_value, jnp.nan),
         border_chi2=jnp.full_like(chi2, jnp.nan),
         alternatives=no_alternatives(world.shape),
     )
-    width = KERNELS[problem.kernel][1]
-    cost = jnp.sum(robust_residual(off, width, problem.kernel) ** 2)
-    cost = (cost + jnp.sum(prior_residuals(prior, estimate) ** 2)) / 2
-    is_number = finite & jnp.isfinite(cost)
     no = jnp.array(False)
     return Assessment(
         fit=fit,
         body=body,
-        cost=jnp.where(is_number, cost, jnp.inf),
-        repeats=repeats,
+        cost=jnp.where(finite, _cost(problem, estimate, off), jnp.inf),
+        repeats=agreement.widening * jnp.maximum(jnp.max(wider), 1),
         is_clear=success,
         hides_tilt=no,
         hides_turn=no,
         ends_early=no,
     )
+
+
+class _Agreement(NamedTuple):
+    """How coverages agree with those of an estimate.
+
+    Attributes:
+        near: Pixels whose coverage is within three deviations.
+        total: Number of those that the outline crosses.
+        squares: Sum of the squares of what these are off, in deviations.
+        spread: Robust standard deviation of what all are off, at least 1.
+    """
+
+    near: Bool[Array, " n"]
+    total: Float[Array, ""]
+    squares: Float[Array, ""]
+    spread: Float[Array, ""]
+
+    @property
+    def chi2(self) -> Float[Array, ""]:
+        """Mean square, 1 where the deviations are right."""
+        return reduced_chi2(self.squares, self.total)
+
+    @property
+    def widening(self) -> Float[Array, ""]:
+        """Factor on variances, where coverages are off by more than they should."""
+        return jnp.maximum(self.squares / self.total, 1)
+
+
+def _agreement(
+    off: Float[Array, " n"], slope: Float[Array, "n c"], is_pixel: Bool[Array, " n"]
+) -> _Agreement:
+    crossed = is_pixel & jnp.any(slope != 0, axis=1)
+    spread = spread_of(off, crossed)
+    near = is_pixel & (jnp.abs(off) <= 3 * spread)
+    inlier = crossed & near
+    return _Agreement(
+        near=near,
+        total=jnp.maximum(jnp.sum(inlier), 1).astype(off.dtype),
+        squares=jnp.sum(jnp.where(inlier, off, 0) ** 2),
+        spread=spread,
+    )
+
+
+def _cost(
+    problem: OutlineProblem, body: AbstractBody, off: Float[Array, " n"]
+) -> Float[Array, ""]:
+    """Negative logarithm of a body's posterior probability, up to what all share.
+
+    Args:
+        problem: What was given.
+        body: The estimate.
+        off: As `coverage_errors` returns it.
+    """
+    width = KERNELS[problem.kernel][1]
+    squares = jnp.sum(robust_residual(off, width, problem.kernel) ** 2)
+    squares += jnp.sum(prior_residuals(problem.prior, body) ** 2)
+    return jnp.where(jnp.isfinite(squares), squares / 2, jnp.inf)
 
 
 class _Shown(NamedTuple):

@@ -129,7 +129,7 @@ def corner():
 
 def star():
     angle = np.arange(10) * np.pi / 5
-    radius = np.where(np.arange(10) % 2, 20, 45)
+    radius = np.where(np.arange(10) % 2, 13, 29)
     points = np.stack([80 + radius * np.cos(angle), 60 + radius * np.sin(angle)])
     blank = np.zeros((120, 160), np.uint8)
     return cv2.fillPoly(blank, [points.T.round().astype(np.int32)], 1) > 0
@@ -140,6 +140,18 @@ def test_what_is_no_silhouette_of_a_cylinder_is_no_success(make):
     fit = fit_to(make())
     assert not fit.success
     assert fit.status in (ij.FitStatus.POOR_FIT, ij.FitStatus.UNDETERMINED)
+
+
+def test_labels_are_fitted_one_by_one():
+    labels = np.where(mask_of(can()), 7, 0)
+    fits = ij.fit_labels(None, CAMERA, labels, prior=RADIUS, mask_meaning="outline")
+    assert_close(fits[7], can())
+
+
+def test_a_sigma_that_is_too_small_is_a_poor_fit():
+    fit = fit_to(matte_of(can()), sigma=0.01)
+    assert fit.status is ij.FitStatus.POOR_FIT
+    assert "times the noise given" in fit.reason
 
 
 def test_a_bite_out_of_a_mask_changes_little():
