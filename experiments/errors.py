@@ -1,6 +1,6 @@
 """How far an estimate is from the truth, and the Cramér-Rao bound of that."""
 
-__all__ = ["bound", "error", "joint_bound"]
+__all__ = ["COORDINATES", "bound", "error", "joint_bound"]
 
 from collections.abc import Callable, Sequence
 

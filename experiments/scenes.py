@@ -3,6 +3,8 @@
 __all__ = [
     "CAMERA",
     "DISTANCE",
+    "HEIGHT",
+    "RADIUS",
     "SENSOR",
     "SIGMA",
     "FitCase",

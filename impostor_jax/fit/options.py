@@ -28,7 +28,7 @@ class FitOptions(TypedDict, total=False):
     """"region", the default: any subset of the object's pixels, its edge has no
     meaning; where an end stands out before what lies behind, it is known to a pixel, or
     to as many as the sensor mixes at edges. "outline": the edge is the object's
-    silhouette, where no occluder stands in front of it."""
+    silhouette, where no occluder stands in front of it; without depth it must be."""
     scale: str
     """Whether the width of the robust loss is "fixed" to standard deviations of the
     sensor or grows with the "estimated" spread of the residuals, the default."""

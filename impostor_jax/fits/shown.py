@@ -26,6 +26,7 @@ from impostor_jax.find.planes import planes_of
 from impostor_jax.find.view import view_of
 from impostor_jax.fit.fittable import CYLINDER, Fittable, no_guess
 from impostor_jax.fit.options import Options
+from impostor_jax.fit.outline import fit_outline
 from impostor_jax.fit.regions import warn_of_units
 from impostor_jax.fit.request import (
     Given,
@@ -58,7 +59,12 @@ def fit_shown(
     initial: AbstractPrimitive | None,
     options: Options,
 ) -> Fit:
-    """As `fit_shape`; without a mask the object is looked for, unless it is traced."""
+    """As `fit_shape`; without a mask the object is looked for, unless it is traced.
+
+    Without depth the mask is all there is, and `fit_outline` fits.
+    """
+    if depth is None:
+        return fit_outline(kind, camera, mask, sigma, initial, options)
     views = views_given(depth, camera, mask, sigma)
     given = (depth, camera, sigma, initial, options.prior)
     is_masked = all(view.mask is not None for view in views)

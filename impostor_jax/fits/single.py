@@ -39,19 +39,29 @@ def fit_cylinder(
     error of scale that a sensor has is counted for each image, or for all alike where
     one noise model is given; no image corrects another's.
 
+    Without depth, of glass or a mirror, the outline alone is fitted, which tells all
+    but the scale; a known length, or the distance, tells that:
+
+        fit = ij.fit_cylinder(
+            None, camera, mask, prior={"radius": (0.04, 0.0001)}, mask_meaning="outline"
+        )
+
     Inside `jax.jit` or `vmap` give `initial`: the first guess runs outside JAX. A
     traced fit without a mask uses the pixels that `initial` covers. Where the pixels
     are known to the run alone, it takes at most 15872 of them.
 
     Args:
         depth: (H, W), planar depth in meters; 0, NaN and infinity mean no reading. Of a
-            `SphericalCamera` ranges along the rays. Or a list of several images.
+            `SphericalCamera` ranges along the rays. Or a list of several images. None
+            where there is none, and the mask is an outline.
         camera: The camera that took it; a list of as many, each with its pose.
         mask: (H, W), True on pixels of the object, wall and caps together; or one
             integer there and 0 elsewhere. A label image is for `fit_labels`. Where
             the readings beside its border disagree with the others, it is cut down to
             what is of one surface; not so in a traced fit, which fails where many of
             them lie elsewhere.
+            Without depth it may hold floats, too: the part of each pixel that is
+            covered, from 0 to 1.
             If None, a cylinder is searched for as in `find_cylinders` and the surest
             one is taken; or what reads near `initial`, within half a radius or 5 sigma.
             The pixels are reported as `region`. Of several images a list; those that
@@ -61,7 +71,9 @@ def fit_cylinder(
             sensor, which weighs each reading by its depth and incidence. Readings that
             scatter three times as much make it a `poor_fit`. If None, 1 mm weighs
             against priors and outlines, and is not held against the readings. Of
-            several images one of all of them, or a list.
+            several images one of all of them, or a list. Without depth it is that of a
+            coverage, 0.05 if None; with a mask of booleans, whose edge is known to a
+            pixel, it must be None.
         initial: Start of the fit, in the world frame; found from the image if None.
         options: What `FitOptions` lists.
 
@@ -70,11 +82,16 @@ def fit_cylinder(
         deviations. Where other solutions explain the readings, too, `alternatives` has
         them, and the standard deviations cover them; from 5 % of the probability on
         the fit is `ambiguous`. With `initial`, no other is looked for.
+        Without depth, `residual` is 0, `rms` how far the mask's edge is from the
+        outline at the distance of the object, and `region` what lies beside that edge.
+        Where nothing tells the scale, or the outline shows no wall, the status is
+        `undetermined`, and the standard deviations of all that is open are infinite.
 
     Raises:
         TypeError: An option is unknown.
         ValueError: An argument has a wrong shape, dtype or value, the lists differ in
-            length, the mask is empty, or it holds fewer than 50 readings.
+            length, the mask is empty, or it holds fewer than 50 readings; or without
+            depth, the mask is none, or not said to be the outline.
 
     Derivatives:
         With `initial` given: of the cylinder in the depths, the camera and sigma, by
@@ -103,7 +120,7 @@ def fit_frustum(
     it.
 
     Args:
-        depth: (H, W), or a list, as in `fit_cylinder`.
+        depth: (H, W), or a list, as in `fit_cylinder`, or None.
         camera: The camera that took it, or a list.
         mask: (H, W), as in `fit_cylinder`.
         sigma: As in `fit_cylinder`.
@@ -138,7 +155,7 @@ def fit_sphere(
     is in `fit_frustum`.
 
     Args:
-        depth: (H, W), or a list, as in `fit_cylinder`.
+        depth: (H, W), or a list, as in `fit_cylinder`, or None.
         camera: The camera that took it, or a list.
         mask: (H, W), as in `fit_cylinder`.
         sigma: As in `fit_cylinder`.

@@ -22,6 +22,7 @@ SMALL = ("fit_speed", "synthetic_benchmark")
 LONG = (
     "extremes",
     "find_accuracy",
+    "fit_outline",
     "fit_page",
     "fit_shapes",
     "fit_tubes",

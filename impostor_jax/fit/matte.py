@@ -1,0 +1,155 @@
+"""What a mask says of an outline: where its edge is, and how far that may be off.
+
+A mask of booleans has a pixel where the pixel's center is in the silhouette, a matte
+the part of each pixel that is covered. Where either passes a half between two pixels is
+its edge; only the pixels beside it tell of the outline. At the border of the image
+there is no edge: what lies beyond says nothing.
+"""
+
+__all__ = ["GRID_SIGMA", "Matte", "checked_matte"]
+
+import dataclasses
+from typing import Any
+
+import cv2
+import jax
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from impostor_jax.arguments import is_concrete, real_number
+from impostor_jax.camera.pinhole import PinholeCamera
+from impostor_jax.fit.request import TooFewReadingsError, checked_mask
+
+USUAL_SIGMA = 0.05
+"""Standard deviation of a matte's coverages that is taken where a caller names none."""
+
+GRID_SIGMA = 12**-0.5
+"""The same of a mask of booleans: the edge lies anywhere between two centers."""
+
+FEWEST_PLACES = 20
+"""Of an edge, that a fit needs."""
+
+SQUARE = np.ones((3, 3), np.uint8)
+CROSS = np.array([[0, 1, 0], [1, 1, 1], [0, 1, 0]], np.uint8)
+"""A pixel and its eight neighbors, or four."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Matte:
+    """A mask that was checked.
+
+    Attributes:
+        covered: Part of each pixel that is covered, in [0, 1].
+        is_hard: Whether it tells of the pixels' centers alone.
+        sigma: Standard deviation of a coverage.
+        is_trusted: Whether that is known, and not a guess.
+        sees: Pixels of whose neighbors, too, the lens sees all.
+    """
+
+    covered: Float[np.ndarray, "h w"]
+    is_hard: bool
+    sigma: float
+    is_trusted: bool
+    sees: Bool[np.ndarray, "h w"]
+
+    def edge(
+        self,
+    ) -> tuple[
+        Int[np.ndarray, " n"],
+        Int[np.ndarray, " n"],
+        Float[np.ndarray, " n"],
+        Float[np.ndarray, " n"],
+    ]:
+        """Places of the edge: rows and columns of pixels, and steps from their centers.
+
+        One between any two neighbors of which one is in. The steps are along columns
+        and rows, of less than a pixel.
+        """
+        found = []
+        pairs = {
+            (0, 1): (np.s_[:, :-1], np.s_[:, 1:]),
+            (1, 0): (np.s_[:-1], np.s_[1:]),
+        }
+        for (down, right), (first, second) in pairs.items():
+            low, high = self.covered[first], self.covered[second]
+            crosses = (low >= 0.5) != (high >= 0.5)
+            row, col = np.nonzero(crosses & self.sees[first] & self.sees[second])
+            start, end = low[row, col], high[row, col]
+            part = (0.5 - start) / (end - start)
+            found.append((row, col, right * part, down * part))
+        row, col, cols, rows = map(np.concatenate, zip(*found, strict=True))
+        return row, col, cols, rows
+
+    def beside(self) -> Bool[np.ndarray, "h w"]:
+        """Pixels on both sides of the edge, and their neighbors along rows and columns.
+
+        A straight edge crosses no others than the first; the second bring back an
+        estimate that is off.
+        """
+        row, col, cols, rows = self.edge()
+        edge = np.zeros(self.covered.shape, np.uint8)
+        edge[row, col] = 1
+        edge[row + (rows > 0), col + (cols > 0)] = 1
+        return (cv2.dilate(edge, CROSS) > 0) & self.sees
+
+
+def checked_matte(mask: Any, camera: PinholeCamera, sigma: Any) -> Matte:
+    """A mask of booleans, integers or coverages, as a caller gives it.
+
+    Raises:
+        ValueError: It is traced or none, has another shape or other values, or sigma is
+            none of it.
+    """
+    if mask is None:
+        raise ValueError(
+            "mask must be given where depth is None: the silhouette is all there is"
+        )
+    if not is_concrete((mask, camera, sigma)):
+        raise ValueError(
+            "mask, camera and sigma must be concrete where depth is None, got traced "
+            "ones: the edge is found outside JAX"
+        )
+    values = np.asarray(mask)
+    is_hard = not np.issubdtype(values.dtype, np.floating)
+    if is_hard:
+        values = np.asarray(checked_mask(values, camera))
+        if sigma is not None:
+            raise ValueError(
+                "sigma must be None with a mask of booleans, whose edge is known to a "
+                f"pixel, got {sigma!r}; of a matte of floats it is the standard "
+                "deviation of a coverage"
+            )
+    else:
+        shape = (camera.height, camera.width)
+        if values.shape != shape:
+            raise ValueError(
+                f"mask must have the camera's shape {shape}, got {values.shape}"
+            )
+        low, high = values.min(), values.max()
+        # NaN passes on.
+        if not (low >= 0 and high <= 1):
+            raise ValueError(
+                "mask must hold coverages from 0 to 1 if it is of floats, got values "
+                f"from {low} to {high}"
+            )
+    deviation = GRID_SIGMA if is_hard else USUAL_SIGMA
+    if sigma is not None:
+        deviation = real_number("sigma", sigma, positive=True, unit="parts of a pixel")
+    sees = np.ones(values.shape, np.uint8)
+    if camera.ray_field is not None:
+        seen = np.isfinite(np.asarray(camera.ray_field.x)).astype(np.uint8)
+        sees = cv2.erode(seen, SQUARE)
+    matte = Matte(
+        covered=values.astype(jax.dtypes.canonicalize_dtype(float)),
+        is_hard=is_hard,
+        sigma=float(deviation),
+        is_trusted=is_hard or sigma is not None,
+        sees=sees > 0,
+    )
+    count = len(matte.edge()[0])
+    if count < FEWEST_PLACES:
+        raise TooFewReadingsError(
+            f"mask must have an edge of at least {FEWEST_PLACES} places in the image, "
+            f"got {count}"
+        )
+    return matte

@@ -1,0 +1,227 @@
+"""Fit a shape to its silhouette alone, for what returns no depth: glass, and mirrors.
+
+A silhouette tells all of a shape but how large it is and, with that, how far away: one
+known length, or the distance, tells the rest. Guesses of all tilts are followed to
+where the outline meets the mask's edge, and the best of them to where the coverages of
+the pixels beside it are met best. What else explains the mask is an alternative, as it
+is in a fit to depth.
+"""
+
+__all__ = ["fit_outline"]
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from impostor_jax.arguments import is_concrete, working_precision
+from impostor_jax.camera.pinhole import PinholeCamera
+from impostor_jax.compiling import quickly_compiled
+from impostor_jax.fit.assess import Assessment
+from impostor_jax.fit.body import AbstractBody
+from impostor_jax.fit.fittable import TUBE, Fittable, no_guess
+from impostor_jax.fit.guess_outline import guess_outlines
+from impostor_jax.fit.matte import Matte, checked_matte
+from impostor_jax.fit.options import Options
+from impostor_jax.fit.outline_assess import assess_outline
+from impostor_jax.fit.outline_solve import (
+    OutlineProblem,
+    Traced,
+    outline_problem,
+    traced,
+)
+from impostor_jax.fit.prior import Prior
+from impostor_jax.fit.request import check_types, checked_prior, checked_settings
+from impostor_jax.fit.result import Fit
+from impostor_jax.fit.weighing import best_of
+from impostor_jax.primitives.base import AbstractPrimitive, in_camera_frame
+
+MOST_PLACES = 512
+"""Places of the edge that lead the way; more tell no more of it."""
+
+BUCKETS = tuple(1024 << k for k in range(20))
+"""Pixels are filled up to one of these numbers, so that few sizes are compiled."""
+
+MORE = 5.0
+"""Loss at the edge, half the square pixels of all places, beside that of the best, up
+to which a solution may be the better one: of a mask of booleans it is likelier by 60
+nats, of a matte by more."""
+
+ASIDE = 0.02
+"""Motion in radii, and turn in radians, within which two ways led to the same."""
+
+
+def fit_outline(
+    kind: Fittable,
+    camera: PinholeCamera,
+    mask: Any,
+    sigma: Any,
+    initial: AbstractPrimitive | None,
+    options: Options,
+) -> Fit:
+    """Fit a shape to a mask without depth; the arguments are those of `fit_cylinder`.
+
+    Raises:
+        ValueError: As there; or the mask is none, or not said to be the outline, the
+            shape is a tube, or something is traced.
+    """
+    if kind is TUBE:
+        raise ValueError(
+            "depth must be given to fit a tube, got None: an outline shows no bore"
+        )
+    if options.mask_meaning != "outline":
+        raise ValueError(
+            "mask_meaning must be 'outline' where depth is None, got "
+            f"{options.mask_meaning!r}: no other mask tells a shape"
+        )
+    if options.errors == "correlated":
+        raise ValueError(
+            "errors must be 'independent' where depth is None, got 'correlated'"
+        )
+    check_types(kind.shape, camera, initial)
+    given = (mask, camera, sigma, initial, options.prior)
+    if not is_concrete(given):
+        raise ValueError(
+            "mask, camera and what is asked must be concrete where depth is None, got "
+            "traced ones: the edge is found outside JAX"
+        )
+    with working_precision(options.effort.precision, given) as converted:
+        matte = checked_matte(mask, camera, sigma)
+        camera, initial = converted((camera, initial))
+        beliefs = converted(checked_prior(options.prior, kind.parameters, initial))
+        problem = _posed(kind, matte, camera, beliefs, initial, options)
+        if initial is not None:
+            start = in_camera_frame(kind.body.of(initial), camera)
+            return _assessed(problem, _led(problem, start)).fit
+        edge = np.stack([problem.edge.x, problem.edge.y], axis=-1)
+        edge = edge[np.asarray(problem.is_place)]
+        guesses = [
+            _sized(one, problem.prior) for one in guess_outlines(kind.blank, edge)
+        ]
+        if not guesses:
+            return no_guess(kind, np.asarray(matte.beside()))
+        ways = sorted((_led(problem, one) for one in guesses), key=_loss)
+        finalists = ways[:1]
+        for way in ways[1:]:
+            is_near = _loss(way) <= _loss(ways[0]) + MORE
+            if is_near and all(_differ(way.body, other.body) for other in finalists):
+                finalists.append(way)
+        return best_of(
+            [_assessed(problem, one) for one in finalists[: options.effort.starts]]
+        )
+
+
+def _posed(
+    kind: Fittable,
+    matte: Matte,
+    camera: PinholeCamera,
+    prior: Prior,
+    initial: AbstractPrimitive | None,
+    options: Options,
+) -> OutlineProblem:
+    """The problem of a mask, in arrays that come in few sizes."""
+    settings = checked_settings(kind, options, initial, None)
+    dtype = matte.covered.dtype
+    row, col, cols, rows = matte.edge()
+    some = np.arange(min(len(row), MOST_PLACES)) * len(row)
+    some = some // min(len(row), MOST_PLACES)
+    places = [part[some] for part in (row, col, cols.astype(dtype), rows.astype(dtype))]
+    places = [_filled(part, MOST_PLACES) for part in places]
+    places[0][len(some) :] = camera.height
+    row, col = np.nonzero(matte.beside())
+    size = next(size for size in BUCKETS if size >= len(row))
+    pixels = [_filled(part, size) for part in (row, col, matte.covered[row, col])]
+    pixels[0][len(row) :] = camera.height
+    known = {*options.fixed, *(options.prior or {})} - {"axis"}
+    facts = {
+        "is_hard": matte.is_hard,
+        "is_trusted": matte.is_trusted,
+        "grows": not {*options.fixed} - {"axis"},
+        "has_scale": bool(known),
+    }
+    return quickly_compiled(outline_problem, static_argnames=("kernel", "max_steps"))(
+        places=tuple(map(jnp.asarray, places)),
+        pixels=tuple(map(jnp.asarray, pixels)),
+        sigma=jnp.asarray(matte.sigma, dtype),
+        facts={name: jnp.array(fact) for name, fact in facts.items()},
+        prior=prior,
+        settings=settings,
+        camera=camera,
+        kernel=options.effort.kernel,
+        max_steps=options.effort.max_steps,
+    )
+
+
+def _filled(values: np.ndarray, size: int) -> np.ndarray:
+    """Values with zeros behind them."""
+    return np.concatenate([values, np.zeros(size - len(values), values.dtype)])
+
+
+def _led(problem: OutlineProblem, start: AbstractBody) -> Traced:
+    """Where a start leads to the edge."""
+    return quickly_compiled(_to_edge)(problem, start)
+
+
+def _to_edge(problem: OutlineProblem, start: AbstractBody) -> Traced:
+    return traced(problem, start, to_end=False)
+
+
+def _assessed(problem: OutlineProblem, way: Traced) -> Assessment:
+    """The solution that is near a body, and what is said of it."""
+    return quickly_compiled(_to_end)(problem, way)
+
+
+def _to_end(problem: OutlineProblem, way: Traced) -> Assessment:
+    found = traced(problem, way.body, to_end=True)
+    steps = way.num_steps + found.num_steps
+    return assess_outline(problem, found._replace(num_steps=steps))
+
+
+def _loss(way: Traced) -> float:
+    loss = float(way.loss)
+    return loss if np.isfinite(loss) else np.inf
+
+
+def _sized(body: AbstractBody, prior: Prior) -> AbstractBody:
+    """A guess, as large or as far away as is expected; as it is where nothing is."""
+    for name in ("radius", "height", "radius1", "radius2", "center"):
+        belief = getattr(prior, name)
+        if belief is not None and np.isfinite(belief[1]):
+            wanted, own = (
+                float(jnp.linalg.norm(x)) for x in (belief[0], getattr(body, name))
+            )
+            return _magnified(body, jnp.asarray(wanted / own, body.radius.dtype))
+    return body
+
+
+@jax.jit
+def _magnified(body: AbstractBody, ratio: Float[Array, ""]) -> AbstractBody:
+    # Of larger or smaller by a change, to first order, the inverse.
+    return body.magnified(jnp.where(ratio > 1, ratio - 1, 1 - 1 / ratio))
+
+
+def _differ(first: AbstractBody, second: AbstractBody) -> bool:
+    """Whether two bodies look different, or are, but for how large they are."""
+    return bool(_apart(first, second) > ASIDE)
+
+
+@jax.jit
+def _apart(first: AbstractBody, second: AbstractBody) -> Float[Array, ""]:
+    ratio = first.radius / second.radius
+    second = second.magnified(jnp.where(ratio > 1, ratio - 1, 1 - 1 / ratio))
+    seen = jnp.zeros(len(first.ends), bool)
+    own = first.readout(first, seen)
+
+    def off(other: AbstractBody) -> Float[Array, ""]:
+        read = other.readout(first, seen)
+        parts = [
+            jnp.max(jnp.abs(read[name] - own[name]))
+            / (1 if name == "axis" else first.radius)
+            for name in own
+        ]
+        return jnp.max(jnp.stack(parts))
+
+    turned = second.reversed(-jnp.ones_like(second.radius))
+    return jnp.minimum(off(second), off(turned))
