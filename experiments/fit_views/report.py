@@ -23,6 +23,7 @@ def tables(results: Results) -> str:
             of_each += [
                 f"{1e6 * values[f'{path}.rms']:.1f}",
                 f"{values[f'{path}.over_bound']:.2f}",
+                f"{values[f'{path}.over_reachable']:.2f}",
                 f"{values[f'{path}.bias']:+.2f}",
                 f"{100 * values[f'{path}.inside']:.1f}",
             ]
@@ -30,7 +31,13 @@ def tables(results: Results) -> str:
         rows.append([count, noise, *of_each])
     head = ["views", "noise", "failures"]
     for name in COMPARED:
-        head += [f"{name}: error, um", "over the bound", "bias", "95 % that hold"]
+        head += [
+            f"{name}: error, um",
+            "over the bound",
+            "reachable",
+            "bias",
+            "95 % that hold",
+        ]
     return table(head, rows)
 
 

@@ -72,14 +72,17 @@ class Around:
             initial=self.can if plainly else None,
         )
 
-    def bound(self) -> Float[np.ndarray, " k"]:
+    def bound(self, reachable: bool = False) -> Float[np.ndarray, " k"]:
         """Of the depths of all views.
 
         They leave an end open that no view sees; the places where it stops in the
         images tell of it, each uniform within a pixel. What all that tells is what a
         fit to exact images says.
+
+        Args:
+            reachable: As of `joint_bound`.
         """
-        of_depths = joint_bound(self.views, self.cameras)
+        of_depths = joint_bound(self.views, self.cameras, reachable=reachable)
         of_all = np.sqrt(np.diagonal(np.asarray(self.fit(plainly=True).covariance)))
         return np.where(np.isfinite(of_depths), of_depths, of_all)
 
@@ -145,11 +148,14 @@ def _compared(label: str, cans: list[Around]) -> Iterator[Metric]:
         deviations.append(np.sqrt(np.diagonal(np.asarray(fit.covariance))))
     yield Metric(f"{label}.failures", failures, None, "cans", "lower", len(cans))
     errors, deviations = np.array(errors), np.array(deviations)
-    least = np.array([around.bound() for around in cans[::BOUNDED]])
+    some = cans[::BOUNDED]
+    least = np.array([around.bound() for around in some])
+    reachable = np.array([around.bound(reachable=True) for around in some])
     for name in COMPARED:
         k = CYLINDER.coordinates.index(name)
         off, n = errors[:, k], len(errors)
         yield over_bound(f"{label}.{name}.over_bound", off, least[:, k])
+        yield over_bound(f"{label}.{name}.over_reachable", off, reachable[:, k])
         rms = float(np.sqrt(np.mean(off**2)))
         yield Metric(f"{label}.{name}.rms", rms, rms / (2 * n) ** 0.5, "m", "lower", n)
         yield bias(f"{label}.{name}.bias", off)
