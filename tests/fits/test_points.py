@@ -8,7 +8,7 @@ import impostor_jax as ij
 from impostor_jax.geometry.rays import Ray
 from impostor_jax.geometry.vec3 import Vec3
 from tests.fit.scenes import CAMERA, SIGMA, can, image
-from tests.groups import FULL, SMALL_IMAGES
+from tests.groups import FULL, RELEASE, SMALL_IMAGES
 from tests.schemas import validator
 
 pytestmark = SMALL_IMAGES
@@ -120,7 +120,8 @@ def scanned(starts, seed=0):
 
 
 @pytest.mark.parametrize(
-    "turn", [pytest.param(1.0, id="an arc"), pytest.param(6.28, id="all", marks=FULL)]
+    "turn",
+    [pytest.param(1.0, id="an arc"), pytest.param(6.28, id="all", marks=RELEASE)],
 )
 def test_a_sensor_may_move(turn):
     random = np.random.default_rng(1)
