@@ -64,6 +64,11 @@ def test_points_tell_what_their_image_does(seen):
     assert np.count_nonzero(inliers) == fit.num_inliers
 
 
+def test_points_have_no_page(seen):
+    with pytest.raises(ValueError, match="got a fit to points"):
+        ij.view(of_points(points_of(*seen)))
+
+
 def test_an_order_of_points_means_nothing(seen):
     points = points_of(*seen)
     one, other = of_points(points), of_points(points[::-1])

@@ -1,5 +1,7 @@
 """Several views of one object: one likelihood, whatever frame it is computed in."""
 
+import base64
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -8,6 +10,7 @@ import pytest
 import impostor_jax as ij
 from tests.fit.scenes import CAMERA, SIGMA, can
 from tests.groups import FULL, RELEASE, SMALL_IMAGES
+from tests.page.scenes import scene_of
 from tests.schemas import validator
 
 pytestmark = SMALL_IMAGES
@@ -218,3 +221,13 @@ def test_lists_of_other_lengths_are_refused(two, change, match):
 def test_one_image_has_no_lists(two):
     with pytest.raises(ValueError, match="give depth as a list"):
         ij.fit_cylinder(two[0][0], CAMERA, mask=[two[2][0]])
+
+
+def test_a_page_shows_every_view(two, both):
+    scene = scene_of(ij.view(both).html)
+    assert [view["size"] for view in scene["views"]] == [[160, 120]] * 2
+    for view, region in zip(scene["views"], both.region, strict=True):
+        owners = np.frombuffer(base64.b64decode(view["owners"]), "<f4")
+        assert np.count_nonzero(owners) == int(np.sum(region))
+    with pytest.raises(ValueError, match="one for each of its images"):
+        ij.view(both, two[0][0], CAMERA)
