@@ -26,6 +26,9 @@ STEEPEST = 0.1
 """Cosine of the angle to the frame's z axis beyond which no ray is looked at: its depth
 would be a small part of its range."""
 
+LEAST_MEAN = 1e-3
+"""Length of the mean of unit vectors from which it has a direction."""
+
 Table = Float[np.ndarray, "h w"] | Float[Array, "h w"]
 
 
@@ -40,6 +43,8 @@ class RayTable(AbstractRays):
         camera_from_world: Pose of the frame.
         width: Number of columns.
         height: Number of rows.
+        is_image: Whether pixels side by side see places side by side; of points in any
+            order they do not.
     """
 
     x: Table
@@ -49,6 +54,7 @@ class RayTable(AbstractRays):
     camera_from_world: RigidTransform | None
     width: int = eqx.field(static=True)
     height: int = eqx.field(static=True)
+    is_image: bool = eqx.field(static=True)
 
     @staticmethod
     def facing(
@@ -57,6 +63,7 @@ class RayTable(AbstractRays):
         spacing: float,
         world_from_source: RigidTransform | None = None,
         start: Float[np.ndarray, "h w 3"] | None = None,
+        is_image: bool = True,
     ) -> "RayTable":
         """Rays of another frame in one that is turned to where they look.
 
@@ -67,6 +74,7 @@ class RayTable(AbstractRays):
             spacing: Angle between neighboring rays, in radians.
             world_from_source: Pose of the frame that they are told in.
             start: Where they begin, in that frame; None for its origin.
+            is_image: As of the class.
         """
         turned = direction @ rotation.T
         length = np.linalg.norm(turned, axis=-1)
@@ -85,6 +93,7 @@ class RayTable(AbstractRays):
             camera_from_world=pose,
             width=x.shape[1],
             height=x.shape[0],
+            is_image=is_image,
         )
 
     @property
@@ -123,8 +132,12 @@ Sight = PinholeCamera | RayTable
 
 
 def turned_to(direction: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3 3"]:
-    """Rotation to a frame whose z axis is along a direction, the shortest one."""
-    z = direction / np.linalg.norm(direction)
+    """Rotation to a frame whose z axis is along a direction.
+
+    Any will do for what has none, as the mean of directions all around.
+    """
+    length = np.linalg.norm(direction)
+    z = direction / length if length > LEAST_MEAN else np.eye(3)[2]
     # Whichever of two axes is more across it.
     across = np.eye(3)[0] if abs(z[0]) < abs(z[1]) else np.eye(3)[1]
     x = across - z * (z @ across)

@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from impostor_jax.camera.ray_table import RayTable
 from impostor_jax.compiling import computed_once
 from impostor_jax.fit.agreement import (
     contradiction,
@@ -123,7 +124,9 @@ def assess(problem: Problem, solution: Solution, correlated: bool) -> Assessment
     edges = joined_terms(edges, views, body)
     used, depth = readings.used, _of_all([view.pixels.depth for view in views])
     count = jnp.sum(used)
-    meters = jnp.where(used, depth - seen.depth, 0)
+    # As the sensor errs: of a scanner along the ray.
+    length = _of_all([view.length for view in views])
+    meters = jnp.where(used, (depth - seen.depth) * length, 0)
     spread = spread_of(terms.residual, used)
 
     def is_near() -> Bool[Array, " n"]:
@@ -163,9 +166,7 @@ def assess(problem: Problem, solution: Solution, correlated: bool) -> Assessment
     if bias.scales:
         # What the sensor shows may be larger, and no reading tells.
         into = jnp.pad(into, ((0, 1), (0, 0)))
-    beside = computed_once(
-        lambda: _of_all([on_border(view.mask, view.row, view.col) for view in views])
-    )
+    beside = computed_once(lambda: _of_all([_on_border(view) for view in views]))
     # A reading of the wall that grazes it beside a rim may be the cap's as well: one of
     # them, if it counts, tells more of the radius than all others.
     at_rim = jnp.abs(seen.rim - seen.cap_radius) < problem.unit
@@ -221,7 +222,8 @@ def assess(problem: Problem, solution: Solution, correlated: bool) -> Assessment
                 for view, slope, rest in zip(views, slopes, rests, strict=True)
             ]
             parts["correlation"] = _sum_of(of_readings) - parts["noise"]
-        shared = _shared(problem, problem.apart(score), problem.apart(seen.depth), body)
+        scores = problem.apart(score / length[None])
+        shared = _shared(problem, scores, problem.apart(seen.depth * length), body)
         parts["warp"], of_scales = shared
         parts["scale"] += of_scales
     shares = {
@@ -318,6 +320,13 @@ def assess(problem: Problem, solution: Solution, correlated: bool) -> Assessment
     )
 
 
+def _on_border(view: View) -> Bool[Array, " n"]:
+    """Which readings lie beside the border of the object in its image, if it is one."""
+    if isinstance(view.camera, RayTable) and not view.camera.is_image:
+        return jnp.zeros(view.row.shape, bool)
+    return on_border(view.mask, view.row, view.col)
+
+
 def _readings_of(view: View, body: AbstractBody) -> Readings:
     own = view.own(body)
     return reading_terms(view.pixels, own, view.noise, pixel=view.pixel)
@@ -341,12 +350,12 @@ def _shared(
 
     Args:
         problem: What was given.
-        scores: Of each view's readings, per meter.
-        depths: Of the surface there.
+        scores: Of each view's readings, per meter that the sensor measures.
+        depths: Of the surface there, as it measures them.
         body: The estimate, in the first view's frame.
     """
     views = problem.views
-    if problem.is_single:
+    if problem.is_central:
         (view,), (score,), (depth,) = views, scores, depths
         warp = view.noise.bias.score_covariance(
             score, depth, view.row, view.col, body.center[2]

@@ -162,6 +162,12 @@ class View(eqx.Module):
     from_first: RigidTransform | None
 
     @property
+    def length(self) -> Float[Array, " n"]:
+        """Distance that the sensor measures along the rays of pixels, over depth."""
+        pixels = self.pixels
+        return jnp.ones_like(pixels.depth) if pixels.length is None else pixels.length
+
+    @property
     def size(self) -> tuple[int, int]:
         """Rows and columns of the image."""
         return self.camera.height, self.camera.width
@@ -226,9 +232,14 @@ class Problem(eqx.Module):
         return len(self.views) == 1
 
     @property
+    def is_central(self) -> bool:
+        """Whether all rays begin in one place, from which a scale looks like a size."""
+        return self.is_single and self.views[0].pixels.start is None
+
+    @property
     def bias(self) -> Bias:
-        """Of what one view shows, where a scale that it shares looks like a size."""
-        return self.views[0].noise.bias if self.is_single else Bias()
+        """Of the sensor, if all rays begin in one place; none otherwise."""
+        return self.views[0].noise.bias if self.is_central else Bias()
 
     def in_world(self, body: AbstractBody) -> AbstractBody:
         """A body of the first view's frame in that of the world."""

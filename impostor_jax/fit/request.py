@@ -96,7 +96,7 @@ def views_given(depth: Any, camera: Any, mask: Any, sigma: Any) -> list[Given]:
             if isinstance(value, list | tuple):
                 raise ValueError(
                     f"{name} must be one, of the one depth image, got a list: give "
-                    "depth as a list of images, too"
+                    "depth as a list of images, too, as list(depth) of an array of them"
                 )
         return [Given(depth, camera, mask, sigma)]
     count = len(depth)
@@ -106,11 +106,16 @@ def views_given(depth: Any, camera: Any, mask: Any, sigma: Any) -> list[Given]:
     sigmas = sigma if isinstance(sigma, list | tuple) else [sigma] * count
     for name, value in (("camera", camera), ("mask", masks), ("sigma", sigmas)):
         if not isinstance(value, list | tuple) or len(value) != count:
-            found = len(value) if isinstance(value, list | tuple) else "one"
+            found = len(value) if isinstance(value, list | tuple) else type(value)
             raise ValueError(
                 f"{name} must be a list of {count}, one for each depth image, got "
                 f"{found}"
             )
+    if any(image is None for image in depth):
+        raise ValueError(
+            "depth must be an image in each entry of a list, got None: an outline is "
+            "fitted alone, with depth=None"
+        )
     return [Given(*parts) for parts in zip(depth, camera, masks, sigmas, strict=True)]
 
 

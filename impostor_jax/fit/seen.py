@@ -53,7 +53,7 @@ def seen_by(
         direction = np.asarray(_directions(camera), np.float64)
         sight = RayTable.facing(
             direction,
-            turned_to(direction[mask & (image > 0)].mean(axis=0)),
+            turned_to(_middle(direction, mask & (image > 0), mask)),
             _spacing(direction, mask),
             camera.camera_from_world and camera.camera_from_world.inverse(),
         )
@@ -71,6 +71,14 @@ def _directions(camera: AbstractRays) -> Float[Array, "h w 3"]:
     return camera.rays(row, col, jnp.result_type(float)).direction.stack()
 
 
+def _middle(
+    direction: Float[np.ndarray, "h w 3"], *parts: Bool[np.ndarray, "h w"]
+) -> Float[np.ndarray, "3"]:
+    """Mean direction of the first part of an image that holds a pixel, or of all."""
+    some = next((part for part in parts if part.any()), np.ones_like(parts[0]))
+    return direction[some].mean(axis=0)
+
+
 def _spacing(
     direction: Float[np.ndarray, "h w 3"], mask: Bool[np.ndarray, "h w"]
 ) -> float:
@@ -79,7 +87,7 @@ def _spacing(
     for axis in (0, 1):
         apart = np.linalg.norm(np.diff(direction, axis=axis), axis=-1)
         inside = mask[1:] if axis == 0 else mask[:, 1:]
-        found.append(np.median(apart[inside]) if inside.any() else 0.0)
+        found.append(np.median(apart[inside] if inside.any() else apart))
     return float(max(found))
 
 

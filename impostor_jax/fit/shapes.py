@@ -26,6 +26,7 @@ from impostor_jax.effort import MIN_READINGS, Effort
 from impostor_jax.fit.assess import Assessment, assess
 from impostor_jax.fit.body import AbstractBody
 from impostor_jax.fit.border import fit_of_one_surface
+from impostor_jax.fit.by_point import told_by_point
 from impostor_jax.fit.fittable import Fittable, no_guess
 from impostor_jax.fit.options import Options
 from impostor_jax.fit.prior import Prior
@@ -79,10 +80,12 @@ def fit_shape(
     sigma: Any,
     initial: AbstractPrimitive | None,
     options: Options,
+    places: Sequence[Any] | None = None,
 ) -> Fit:
     """Fit a shape; the arguments are those of `fit_cylinder`.
 
-    A mask must be given unless something is traced.
+    A mask must be given unless something is traced. Where the images are made of
+    points, `places` are those of `told_by_point`.
     """
     effort, prior = options.effort, options.prior
     views = views_given(depth, camera, mask, sigma)
@@ -137,8 +140,11 @@ def fit_shape(
             known = {name: values[0] for name, values in known.items()}
         elif not isinstance(sigma, list | tuple):
             known["sigma"] = checked[0].sigma
+        if places is not None:
+            fit, known["places"] = told_by_point(fit, places), places
+        given = [*camera] if isinstance(camera, list | tuple) else camera
         fit.asked.arguments = {
-            "camera": camera, "initial": initial, "options": options, **known,
+            "camera": given, "initial": initial, "options": options, **known,
         }  # fmt: skip
         return fit
 

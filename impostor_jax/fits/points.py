@@ -8,11 +8,9 @@ end, outlines, and errors that neighbors share.
 
 __all__ = ["fit_cylinder_to_points"]
 
-import dataclasses
 from typing import Any, NamedTuple, Unpack
 
 import cv2
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, Int
@@ -85,7 +83,7 @@ def fit_cylinder_to_points(
         )
     ends, starts = _checked_points(points, origin)
     with working_precision(asked.effort.precision, ()):
-        _check_rounding(ends, starts, _checked_noise(sigma))
+        _check_rounding(_type_of(points), ends, starts, _checked_noise(sigma))
         views = _views_of(ends, starts)
     for view in views:
         check_types(Cylinder, view.camera, initial)
@@ -94,14 +92,9 @@ def fit_cylinder_to_points(
     )
     if len(views) == 1:
         depths, cameras, masks = depths[0], cameras[0], masks[0]
-    fit = fit_shape(CYLINDER, depths, cameras, masks, sigma, initial, asked)
-    told = {
-        name: _by_point(getattr(fit, name), views, len(ends))
-        for name in ("residual", "inliers", "region")
-    }
-    found = dataclasses.replace(fit, source="points", **told)
-    found.asked.arguments = fit.asked.arguments
-    return found
+    places = [view.places for view in views]
+    given = depths, cameras, masks, sigma
+    return fit_shape(CYLINDER, *given, initial, asked, places)
 
 
 class _View(NamedTuple):
@@ -188,21 +181,30 @@ def _checked_noise(sigma: Any) -> AbstractDepthNoise:
     return noise
 
 
+def _type_of(points: Any) -> np.dtype:
+    """Floating-point type that points came in."""
+    given = np.asarray(points).dtype
+    return given if np.issubdtype(given, np.floating) else np.dtype(np.float64)
+
+
 def _check_rounding(
+    given: np.dtype,
     ends: Float[np.ndarray, "n 3"],
     starts: Float[np.ndarray, "n 3"],
     noise: AbstractDepthNoise,
 ) -> None:
     """Raise where coordinates, rounded, would err as much as the sensor."""
-    dtype = np.dtype(jnp.result_type(float))
+    dtype = min(np.dtype(jnp.result_type(float)), given, key=lambda d: d.itemsize)
     largest = max(np.abs(ends).max(), np.abs(starts).max())
     reach = np.median(np.linalg.norm(ends - starts, axis=1))
-    sigma = float(noise.sigma(jnp.asarray(reach, dtype), jnp.ones((), dtype)))
+    own = jnp.result_type(float)
+    sigma = float(noise.sigma(jnp.asarray(reach, own), jnp.ones((), own)))
     if largest * eps(dtype) > max(MOST_ROUNDED * sigma, eps(dtype, 16) * reach):
         raise ValueError(
             f"points must lie near the origin of the world, got coordinates up to "
             f"{largest:.6g} m, which {dtype} rounds by {largest * eps(dtype):.2g} m: "
-            "subtract an offset, or let the effort's precision be 'float64'"
+            "subtract an offset, or give them, and compute, in double precision "
+            "(effort's precision 'float64')"
         )
 
 
@@ -210,58 +212,61 @@ def _views_of(
     ends: Float[np.ndarray, "n 3"], starts: Float[np.ndarray, "n 3"]
 ) -> list[_View]:
     """The rays in frames that look along them: one, or those of a cube's faces."""
-    middle = starts.mean(axis=0)
     rays = ends - starts
     unit = rays / np.linalg.norm(rays, axis=1, keepdims=True)
-    mean = unit.mean(axis=0)
-    # All around there is no middle, and any will do.
-    rotation = turned_to(mean if np.linalg.norm(mean) > 1e-3 else np.eye(3)[2])
-    is_narrow = np.all(unit @ rotation[2] > np.cos(np.radians(WIDEST)))
+    rotation = turned_to(unit.mean(axis=0))
+    if np.all(unit @ rotation[2] > np.cos(np.radians(WIDEST))):
+        return [_view_of(ends, starts, np.arange(len(ends)), rotation)]
     around = unit @ rotation.T
     largest = np.argmax(np.abs(around), axis=1)
     negative = np.take_along_axis(around, largest[:, None], axis=1)[:, 0] < 0
-    face = 0 * largest if is_narrow else 2 * largest + negative
+    face = 2 * largest + negative
     views = []
     for number in np.unique(face):
-        index = np.flatnonzero(face == number)
-        axis = rotation[2]
-        if not is_narrow:
-            axis = rotation[number // 2] * (-1 if number % 2 else 1)
-        views.append(_view_of(rays, starts - middle, middle, index, turned_to(axis)))
+        axis = rotation[number // 2] * (-1 if number % 2 else 1)
+        places = np.flatnonzero(face == number)
+        views.append(_view_of(ends, starts, places, turned_to(axis)))
     return views
 
 
 def _view_of(
-    rays: Float[np.ndarray, "n 3"],
+    ends: Float[np.ndarray, "n 3"],
     starts: Float[np.ndarray, "n 3"],
-    middle: Float[np.ndarray, "3"],
-    index: Int[np.ndarray, " m"],
+    places: Int[np.ndarray, " m"],
     rotation: Float[np.ndarray, "3 3"],
 ) -> _View:
     """Some of the rays, filled up to one of a few sizes."""
-    count = len(index)
+    ends, starts = ends[places], starts[places]
+    origin = _origin(ends, starts, rotation[2])
+    count = len(places)
     width = next(size for size in BUCKETS if size >= count)
-    full, begin = np.zeros((1, width, 3)), np.zeros((1, width, 3))
-    full[0, :count], begin[0, :count] = rays[index], starts[index]
-    turned = full @ rotation.T
-    flat = turned[0, :count, :2] / turned[0, :count, 2:]
+    rays, begin = np.zeros((1, width, 3)), np.zeros((1, width, 3))
+    rays[0, :count], begin[0, :count] = ends - starts, starts - origin
+    flat = (ends - origin) @ rotation.T
+    flat = flat[:, :2] / flat[:, 2:]
     hull = cv2.convexHull(flat.astype(np.float32))
     spacing = np.sqrt(max(cv2.contourArea(hull), 1e-12) / count)
     camera = RayTable.facing(
-        full,
+        rays,
         rotation,
         float(spacing),
-        RigidTransform(np.eye(3), middle),
+        RigidTransform(np.eye(3), origin),
         begin if np.any(begin) else None,
+        is_image=False,
     )
-    mask = (np.arange(width) < count)[None]
-    return _View(turned[..., 2].astype(camera.x.dtype), camera, mask, index)
+    depth = (rays @ rotation.T)[..., 2].astype(camera.x.dtype)
+    return _View(depth, camera, (np.arange(width) < count)[None], places)
 
 
-def _by_point(images: Any, views: list[_View], count: int) -> Any:
-    """What is told of the pixels of views, point by point."""
-    parts = [np.asarray(image)[0] for image in jax.tree.leaves(images)]
-    told = np.zeros(count, parts[0].dtype)
-    for part, view in zip(parts, views, strict=True):
-        told[view.places] = part[: len(view.places)]
-    return jnp.asarray(told)
+def _origin(
+    ends: Float[np.ndarray, "n 3"],
+    starts: Float[np.ndarray, "n 3"],
+    axis: Float[np.ndarray, "3"],
+) -> Float[np.ndarray, "3"]:
+    """Place from which all points lie ahead: the sensor's, if it did not move."""
+    if np.all(starts == starts[0]):
+        return starts[0]
+    origin = starts.mean(axis=0)
+    ahead = (ends - origin) @ axis
+    least = np.median(np.linalg.norm(ends - starts, axis=1)) / 2
+    return origin - axis * max(0.0, least - float(ahead.min()))

@@ -66,6 +66,12 @@ def fit_shown(
     if depth is None:
         return fit_outline(kind, camera, mask, sigma, initial, options)
     views = views_given(depth, camera, mask, sigma)
+    if options.mask_meaning == "outline" and any(view.mask is None for view in views):
+        # Pixels that are near a start, or found, end where that does.
+        raise ValueError(
+            "mask must be given where mask_meaning is 'outline', got None: the edge of "
+            "what is found is no silhouette"
+        )
     given = (depth, camera, sigma, initial, options.prior)
     is_masked = all(view.mask is not None for view in views)
     if is_masked or not is_concrete(given):

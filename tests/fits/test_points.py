@@ -78,6 +78,27 @@ def test_an_order_of_points_means_nothing(seen):
     np.testing.assert_array_equal(one.inliers, other.inliers[::-1])
 
 
+def test_outliers_may_stand_last(seen):
+    # As in a cloud that is sorted by distance.
+    points, random = points_of(*seen), np.random.default_rng(2)
+    off = random.random(len(points)) < 0.04
+    points[off] *= 1 + random.uniform(-0.2, 0.2, (off.sum(), 1))
+    last = of_points(np.concatenate([points[~off], points[off]]))
+    mixed = of_points(points)
+    assert last.success
+    # Other readings speak for all, whose scatter differs.
+    np.testing.assert_allclose(last.std.radius, mixed.std.radius, rtol=0.1)
+    np.testing.assert_allclose(
+        last.cylinder.radius, mixed.cylinder.radius, atol=0.3 * float(last.std.radius)
+    )
+
+
+def test_a_sensor_that_did_not_move_has_one_origin(seen):
+    offset = np.array([0.1, 0.7, 1.7])
+    fit = of_points(points_of(*seen) + offset, offset)
+    assert fit.asked.arguments["camera"].start is None
+
+
 def test_points_of_another_world_are_moved_with_it(seen):
     points = points_of(*seen)
     near = of_points(points)
@@ -131,8 +152,8 @@ def scanned(starts, seed=0):
 def test_a_sensor_may_move(turn):
     random = np.random.default_rng(1)
     angle = random.uniform(0, turn, 3000)
-    around = [np.cos(angle), random.uniform(-0.3, 0.3, 3000), np.sin(angle)]
-    starts = np.asarray(can().center) + 0.5 * np.stack(around, axis=1)
+    ring = [np.cos(angle), random.uniform(-0.3, 0.3, 3000), np.sin(angle)]
+    starts = np.asarray(can().center) + 0.5 * np.stack(ring, axis=1)
     fit = ij.fit_cylinder_to_points(scanned(starts), sigma=SIGMA)
     assert fit.success
     assert abs(float(fit.cylinder.radius) - 0.04) < 4 * float(fit.std.radius)
@@ -141,8 +162,44 @@ def test_a_sensor_may_move(turn):
     assert off < 4 * float(np.max(np.asarray(fit.std.axis)))
 
 
-def test_a_cup_among_points_is_told_from_a_can(seen):
-    assert not ij.test_taper(of_points(points_of(*seen))).is_needed()
+def around(*degrees):
+    """Places of scanners around the can."""
+    angles = np.radians(np.repeat(degrees, 1500))
+    ring = [np.cos(angles), 0 * angles + 0.1, np.sin(angles)]
+    return np.asarray(can().center) + 0.5 * np.stack(ring, axis=1)
+
+
+@FULL
+def test_scanners_may_stand_around():
+    fit = ij.fit_cylinder_to_points(scanned(around(0, 120, 240)), sigma=SIGMA)
+    assert fit.success
+    assert abs(float(fit.cylinder.radius) - 0.04) < 4 * float(fit.std.radius)
+
+
+@FULL
+def test_a_scale_moves_what_a_moving_sensor_sees_as_it_is_told():
+    points = scanned(around(0, 20, 40, 60))
+    error = 5e-4
+    sensor = ij.ScaleError(ij.ConstantNoise(SIGMA), error)
+    finely = ij.Effort(tolerance=0.01)
+
+    def fitted(scale):
+        larger = points.copy()
+        larger[:, :3] += scale * error * (points[:, :3] - points[:, 3:])
+        return ij.fit_cylinder_to_points(larger, sigma=sensor, effort=finely)
+
+    plain = fitted(0)
+    moved = abs(float(fitted(1).cylinder.radius - plain.cylinder.radius))
+    told = float(plain.std_budget["scale"].radius)
+    assert told == pytest.approx(moved, rel=0.15)
+
+
+def test_a_can_among_points_is_told_from_a_cup(seen):
+    points = points_of(*seen)
+    test = ij.test_taper(of_points(points))
+    assert not test.is_needed()
+    assert test.frustum.source == "points"
+    assert test.frustum.residual.shape == (len(points),)
 
 
 MIXING = ij.FlyingPixels(ij.ConstantNoise(SIGMA))

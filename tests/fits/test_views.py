@@ -218,6 +218,15 @@ def test_lists_of_other_lengths_are_refused(two, change, match):
         fitted(**given)
 
 
+def test_an_outline_needs_a_mask(two, both):
+    # What is near a start ends where that does.
+    for given in ((two[0][0], CAMERA), two[:2]):
+        with pytest.raises(ValueError, match="mask must be given where mask_meaning"):
+            ij.fit_cylinder(
+                *given, sigma=SIGMA, initial=both.cylinder, mask_meaning="outline"
+            )
+
+
 def test_one_image_has_no_lists(two):
     with pytest.raises(ValueError, match="give depth as a list"):
         ij.fit_cylinder(two[0][0], CAMERA, mask=[two[2][0]])
