@@ -27,19 +27,14 @@ def tables(results: Results) -> str:
         return table([head, *NAMES], rows)
 
     rows = []
-    for case in cases:
-        row = [case]
-        for name in OURS:
-            over, reachable, inside = (
-                values.get(f"{case}.{name}.{quantity}")
-                for quantity in ("over_bound", "over_reachable", "inside")
+    for own in (f"{case}.{name}" for case in cases for name in OURS):
+        if (inside := values.get(f"{own}.inside")) is not None:
+            over, reachable = (
+                values.get(f"{own}.{name}") for name in ("over_bound", "over_reachable")
             )
-            shown = None if inside is None else 100 * inside
-            row += [number(over, ".2f"), number(reachable, ".2f"), number(shown, ".1f")]
-        rows.append(row)
-    head = ["ours"]
-    for name in OURS:
-        head += [f"{name}: over bound", "over reachable", "95 % intervals, %"]
+            numbers = number(over, ".2f"), number(reachable, ".2f")
+            rows.append([own, *numbers, number(100 * inside, ".1f")])
+    head = ["error of ours", "over bound", "over reachable", "95 % intervals, %"]
     return "\n\n".join(
         [
             of_all("rmse", "diameter, root mean square error, mm"),
