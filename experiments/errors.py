@@ -53,7 +53,7 @@ def bound(
 
 def joint_bound(
     views: Sequence[View],
-    cameras: Sequence[ij.PinholeCamera],
+    cameras: Sequence[ij.AbstractCamera],
     least_cosine: float = 0.0,
     reachable: bool = False,
 ) -> Float[np.ndarray, " k"]:
@@ -101,7 +101,7 @@ def _least_deviation(jacobian: Float[np.ndarray, "n k"]) -> Float[np.ndarray, " 
 
 
 @jax.jit
-def _derivatives(shape: Shape, camera: ij.PinholeCamera):
+def _derivatives(shape: Shape, camera: ij.AbstractCamera):
     """Of the depths, in the shape's coordinates; cosines of incidence; half-chords.
 
     A half-chord is half the stretch of a ray within the wall, in depth; very long on

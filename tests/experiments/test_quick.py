@@ -36,6 +36,7 @@ LONG = (
     "sensor_models",
     "solids",
     "speed_accuracy",
+    "stem_diameters",
     "synthetic_benchmark",
 )
 """Those that take 5 to 24 seconds; the others take 15 together."""
