@@ -9,7 +9,7 @@ import pytest
 import impostor_jax as ij
 from impostor_jax.fit.body import AbstractBody
 from impostor_jax.fit.fittable import KINDS
-from impostor_jax.fit.outline_solve import sight_of
+from impostor_jax.fit.outline_solve import rays_through
 from impostor_jax.fit.silhouette import coverage_of
 from tests.cases import pose
 from tests.checks import angle_between
@@ -227,8 +227,8 @@ def test_a_cup_is_fitted_where_its_height_is_known():
 def test_coverage_is_that_of_the_exact_outline(degrees):
     row, col = np.mgrid[0:120, 0:160]
     body: AbstractBody = KINDS[ij.Cylinder].body.of(can(degrees))
-    sight = sight_of(CAMERA, jnp.asarray(row.ravel()), jnp.asarray(col.ravel()))
-    found = np.asarray(jax.jit(coverage_of)(body, sight)).reshape(120, 160)
+    rays = rays_through(CAMERA, jnp.asarray(row.ravel()), jnp.asarray(col.ravel()))
+    found = np.asarray(jax.jit(coverage_of)(body, rays)).reshape(120, 160)
     exact = np.asarray(ij.coverage(can(degrees), CAMERA))
     is_crossed = (exact > 0) & (exact < 1)
     off = found - exact
