@@ -16,7 +16,7 @@ import jax
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from impostor_jax.arguments import is_concrete, real_number
+from impostor_jax.arguments import real_number
 from impostor_jax.camera.pinhole import PinholeCamera
 from impostor_jax.fit.request import TooFewReadingsError, checked_mask
 
@@ -94,20 +94,15 @@ class Matte:
 
 
 def checked_matte(mask: Any, camera: PinholeCamera, sigma: Any) -> Matte:
-    """A mask of booleans, integers or coverages, as a caller gives it.
+    """A mask of booleans, integers or coverages, as a caller gives it; concrete.
 
     Raises:
-        ValueError: It is traced or none, has another shape or other values, or sigma is
-            none of it.
+        ValueError: It is none, has another shape or other values, or sigma is none of
+            it.
     """
     if mask is None:
         raise ValueError(
             "mask must be given where depth is None: the silhouette is all there is"
-        )
-    if not is_concrete((mask, camera, sigma)):
-        raise ValueError(
-            "mask, camera and sigma must be concrete where depth is None, got traced "
-            "ones: the edge is found outside JAX"
         )
     values = np.asarray(mask)
     is_hard = not np.issubdtype(values.dtype, np.floating)

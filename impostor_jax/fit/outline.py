@@ -20,7 +20,7 @@ from impostor_jax.arguments import is_concrete, working_precision
 from impostor_jax.camera.pinhole import PinholeCamera
 from impostor_jax.compiling import quickly_compiled
 from impostor_jax.fit.assess import Assessment
-from impostor_jax.fit.body import AbstractBody
+from impostor_jax.fit.body import AbstractBody, change_of
 from impostor_jax.fit.fittable import TUBE, Fittable, no_guess
 from impostor_jax.fit.guess_outline import guess_outlines
 from impostor_jax.fit.matte import Matte, checked_matte
@@ -186,7 +186,7 @@ def _loss(way: Traced) -> float:
 
 def _sized(body: AbstractBody, prior: Prior) -> AbstractBody:
     """A guess, as large or as far away as is expected; as it is where nothing is."""
-    for name in ("radius", "height", "radius1", "radius2", "center"):
+    for name in ("radius", "height", "center"):
         belief = getattr(prior, name)
         if belief is not None and np.isfinite(belief[1]):
             wanted, own = (
@@ -198,8 +198,7 @@ def _sized(body: AbstractBody, prior: Prior) -> AbstractBody:
 
 @jax.jit
 def _magnified(body: AbstractBody, ratio: Float[Array, ""]) -> AbstractBody:
-    # Of larger or smaller by a change, to first order, the inverse.
-    return body.magnified(jnp.where(ratio > 1, ratio - 1, 1 - 1 / ratio))
+    return body.magnified(change_of(ratio))
 
 
 def _differ(first: AbstractBody, second: AbstractBody) -> bool:
@@ -209,8 +208,7 @@ def _differ(first: AbstractBody, second: AbstractBody) -> bool:
 
 @jax.jit
 def _apart(first: AbstractBody, second: AbstractBody) -> Float[Array, ""]:
-    ratio = first.radius / second.radius
-    second = second.magnified(jnp.where(ratio > 1, ratio - 1, 1 - 1 / ratio))
+    second = second.magnified(change_of(first.radius / second.radius))
     seen = jnp.zeros(len(first.ends), bool)
     own = first.readout(first, seen)
 
