@@ -55,7 +55,7 @@ ASIDE = 0.02
 
 def fit_outline(
     kind: Fittable,
-    camera: PinholeCamera,
+    camera: Any,
     mask: Any,
     sigma: Any,
     initial: AbstractPrimitive | None,
@@ -65,7 +65,8 @@ def fit_outline(
 
     Raises:
         ValueError: As there; or the mask is none, or not said to be the outline, the
-            shape is a tube, or something is traced.
+            camera is no pinhole camera, or there are several, the shape is a tube, or
+            something is traced.
     """
     if kind is TUBE:
         raise ValueError(
@@ -79,6 +80,11 @@ def fit_outline(
     if options.errors == "correlated":
         raise ValueError(
             "errors must be 'independent' where depth is None, got 'correlated'"
+        )
+    if not isinstance(camera, PinholeCamera):
+        raise ValueError(
+            "camera must be one PinholeCamera where depth is None, got "
+            f"{type(camera).__name__}"
         )
     check_types(kind.shape, camera, initial)
     given = (mask, camera, sigma, initial, options.prior)

@@ -20,6 +20,7 @@ pytestmark = SMALL_IMAGES
 
 RADIUS = {"radius": (0.04, 0.0001)}
 NOISE = 0.05
+LIDAR = ij.SphericalCamera(np.linspace(0.3, -0.3, 120), np.linspace(-0.4, 0.4, 160))
 
 
 def mask_of(shape, camera=CAMERA):
@@ -154,6 +155,23 @@ def test_a_sigma_that_is_too_small_is_a_poor_fit():
     assert "times the noise given" in fit.reason
 
 
+def test_a_matte_that_is_blurred_needs_a_sigma_of_that_size():
+    truth = can()
+    blurred = cv2.GaussianBlur(np.array(ij.coverage(truth, CAMERA)), (0, 0), 1.0)
+    fit = fit_to(blurred)
+    assert fit.status is ij.FitStatus.POOR_FIT
+    assert float(fit.chi2) > 9
+    assert_close(fit_to(blurred, sigma=0.2), truth)
+
+
+def test_a_mask_of_booleans_is_one_when_it_is_stored_as_floats():
+    mask = mask_of(can(60))
+    fit, of_floats = fit_to(mask), fit_to(mask.astype(np.float32))
+    assert of_floats.status is ij.FitStatus.CONVERGED
+    jax.tree.map(np.testing.assert_array_equal, of_floats.std, fit.std)
+    np.testing.assert_array_equal(of_floats.cylinder.center, fit.cylinder.center)
+
+
 def test_a_bite_out_of_a_mask_changes_little():
     truth = can()
     mask = mask_of(truth)
@@ -184,8 +202,11 @@ def test_an_end_beyond_the_border_is_open_and_the_rest_known():
         ({"mask": np.arange(19200).reshape(120, 160)}, "is it a label image"),
         ({"mask": np.zeros((120, 160), bool)}, "an edge of at least 20 places"),
         ({"sigma": 0.1}, "sigma must be None with a mask of booleans"),
-        ({"sigma": ij.StructuredLight(), "mask": np.zeros((120, 160))}, "sigma must"),
+        ({"sigma": 0.1, "mask": np.eye(120, 160)}, "or of 0 and 1 alone"),
+        ({"sigma": ij.StructuredLight(), "mask": disc() * 0.9}, "sigma must"),
         ({"errors": "correlated"}, "errors must be 'independent'"),
+        ({"camera": LIDAR}, "one PinholeCamera where depth is None, got Spherical"),
+        ({"camera": [CAMERA], "mask": [disc()]}, "is None, got list"),
         ({"fit": ij.fit_tube}, "depth must be given to fit a tube"),
     ],
 )  # fmt: skip
