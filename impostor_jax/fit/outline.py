@@ -9,6 +9,7 @@ is in a fit to depth.
 
 __all__ = ["fit_outline"]
 
+import dataclasses
 from typing import Any
 
 import jax
@@ -95,28 +96,41 @@ def fit_outline(
         )
     with working_precision(options.effort.precision, given) as converted:
         matte = checked_matte(mask, camera, sigma)
-        camera, initial = converted((camera, initial))
-        beliefs = converted(checked_prior(options.prior, kind.parameters, initial))
-        problem = _posed(kind, matte, camera, beliefs, initial, options)
-        if initial is not None:
-            start = in_camera_frame(kind.body.of(initial), camera)
-            return _assessed(problem, _led(problem, start)).fit
-        edge = np.stack([problem.edge.x, problem.edge.y], axis=-1)
-        edge = edge[np.asarray(problem.is_place)]
-        guesses = [
-            _sized(one, problem.prior) for one in guess_outlines(kind.blank, edge)
-        ]
-        if not guesses:
-            return no_guess(kind, np.asarray(matte.beside()))
-        ways = sorted((_led(problem, one) for one in guesses), key=_loss)
-        finalists = ways[:1]
-        for way in ways[1:]:
-            is_near = _loss(way) <= _loss(ways[0]) + MORE
-            if is_near and all(_differ(way.body, other.body) for other in finalists):
-                finalists.append(way)
-        return best_of(
-            [_assessed(problem, one) for one in finalists[: options.effort.starts]]
-        )
+        posed, begin = converted((camera, initial))
+        beliefs = converted(checked_prior(options.prior, kind.parameters, begin))
+        problem = _posed(kind, matte, posed, beliefs, begin, options)
+        if begin is not None:
+            start = in_camera_frame(kind.body.of(begin), posed)
+            fit = _assessed(problem, _led(problem, start)).fit
+        else:
+            finalists = _finalists(kind, problem)[: options.effort.starts]
+            if finalists:
+                fit = best_of([_assessed(problem, one) for one in finalists])
+            else:
+                fit = no_guess(kind, np.asarray(matte.beside()))
+                fit = dataclasses.replace(fit, source="outline")
+    fit.asked.arguments = {
+        "depth": None, "camera": camera, "sigma": sigma, "initial": initial,
+        "options": options,
+        # A caller may write other pixels to it.
+        "mask": np.array(mask),
+    }  # fmt: skip
+    return fit
+
+
+def _finalists(kind: Fittable, problem: OutlineProblem) -> list[Traced]:
+    """Ways to the edge that may be the best: they differ, and end about as near."""
+    edge = np.stack([problem.edge.x, problem.edge.y], axis=-1)
+    edge = edge[np.asarray(problem.is_place)]
+    guesses = guess_outlines(kind.blank, edge)
+    ways = [_led(problem, _sized(one, problem.prior)) for one in guesses]
+    ways.sort(key=_loss)
+    finalists = ways[:1]
+    for way in ways[1:]:
+        is_near = _loss(way) <= _loss(ways[0]) + MORE
+        if is_near and all(_differ(way.body, other.body) for other in finalists):
+            finalists.append(way)
+    return finalists
 
 
 def _posed(

@@ -169,6 +169,7 @@ def assess_outline(problem: OutlineProblem, found: Traced) -> Assessment:
         p_value=jnp.where(has_p_value, p_value, jnp.nan),
         border_chi2=jnp.full_like(chi2, jnp.nan),
         alternatives=no_alternatives(world.shape),
+        source="outline",
     )
     no = jnp.array(False)
     return Assessment(
