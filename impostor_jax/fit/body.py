@@ -12,6 +12,7 @@ __all__ = [
     "Passing",
     "Readout",
     "blunted_root",
+    "change_of",
     "coordinates_of",
     "grown",
     "local_ray",
@@ -416,6 +417,15 @@ def grown(change: Numbers) -> Numbers:
     of long ones would explode, or vanish for ever.
     """
     return (1 + jnp.maximum(change, 0)) / (1 - jnp.minimum(change, 0))
+
+
+def change_of(factor: Numbers) -> Numbers:
+    """Change of a logarithm, to first order, that `grown` makes a factor: its inverse.
+
+    Args:
+        factor: Positive.
+    """
+    return jnp.where(factor > 1, factor - 1, 1 - 1 / factor)
 
 
 def coordinates_of(body: AbstractBody) -> tuple[str, ...]:

@@ -73,8 +73,8 @@ def test_bore(fit: Fit) -> BoreTest:
         p-value is 1: none is needed, and one may be there.
 
     Raises:
-        ValueError: The fit is of another shape, or of a traced call, or it was stacked
-            or made anew since.
+        ValueError: The fit is of another shape, of an outline or of a traced call, or
+            it was stacked or made anew since.
     """
     held = arguments_of_cylinder(fit, "bore")
     options: Options = held["options"]

@@ -1,7 +1,8 @@
 """What a mask says of an outline: where its edge is, and how far that may be off.
 
 A mask of booleans has a pixel where the pixel's center is in the silhouette, a matte
-the part of each pixel that is covered. Where either passes a half between two pixels is
+the part of each pixel that is covered; one of zeros and ones alone is of booleans,
+whatever its type. Where either passes a half between two pixels is
 its edge; only the pixels beside it tell of the outline. At the border of the image
 there is no edge: what lies beyond says nothing.
 """
@@ -16,7 +17,7 @@ import jax
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from impostor_jax.arguments import is_concrete, real_number
+from impostor_jax.arguments import real_number
 from impostor_jax.camera.pinhole import PinholeCamera
 from impostor_jax.fit.request import TooFewReadingsError, checked_mask
 
@@ -94,31 +95,20 @@ class Matte:
 
 
 def checked_matte(mask: Any, camera: PinholeCamera, sigma: Any) -> Matte:
-    """A mask of booleans, integers or coverages, as a caller gives it.
+    """A mask of booleans, integers or coverages, as a caller gives it; concrete.
 
     Raises:
-        ValueError: It is traced or none, has another shape or other values, or sigma is
-            none of it.
+        ValueError: It is none, has another shape or other values, or sigma is none of
+            it.
     """
     if mask is None:
         raise ValueError(
             "mask must be given where depth is None: the silhouette is all there is"
         )
-    if not is_concrete((mask, camera, sigma)):
-        raise ValueError(
-            "mask, camera and sigma must be concrete where depth is None, got traced "
-            "ones: the edge is found outside JAX"
-        )
     values = np.asarray(mask)
     is_hard = not np.issubdtype(values.dtype, np.floating)
     if is_hard:
         values = np.asarray(checked_mask(values, camera))
-        if sigma is not None:
-            raise ValueError(
-                "sigma must be None with a mask of booleans, whose edge is known to a "
-                f"pixel, got {sigma!r}; of a matte of floats it is the standard "
-                "deviation of a coverage"
-            )
     else:
         shape = (camera.height, camera.width)
         if values.shape != shape:
@@ -132,6 +122,15 @@ def checked_matte(mask: Any, camera: PinholeCamera, sigma: Any) -> Matte:
                 "mask must hold coverages from 0 to 1 if it is of floats, got values "
                 f"from {low} to {high}"
             )
+        # Of the errors that are taken for a matte's, each pixel's its own, a mask that
+        # is stored as floats has none: the fit would be up to 31 deviations off.
+        is_hard = bool(np.all((values == 0) | (values == 1)))
+    if is_hard and sigma is not None:
+        raise ValueError(
+            "sigma must be None with a mask of booleans, or of 0 and 1 alone, whose "
+            f"edge is known to a pixel, got {sigma!r}; of a matte of floats it is the "
+            "standard deviation of a coverage"
+        )
     deviation = GRID_SIGMA if is_hard else USUAL_SIGMA
     if sigma is not None:
         deviation = real_number("sigma", sigma, positive=True, unit="parts of a pixel")

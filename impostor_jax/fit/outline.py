@@ -9,6 +9,7 @@ is in a fit to depth.
 
 __all__ = ["fit_outline"]
 
+import dataclasses
 from typing import Any
 
 import jax
@@ -20,7 +21,7 @@ from impostor_jax.arguments import is_concrete, working_precision
 from impostor_jax.camera.pinhole import PinholeCamera
 from impostor_jax.compiling import quickly_compiled
 from impostor_jax.fit.assess import Assessment
-from impostor_jax.fit.body import AbstractBody
+from impostor_jax.fit.body import AbstractBody, change_of
 from impostor_jax.fit.fittable import TUBE, Fittable, no_guess
 from impostor_jax.fit.guess_outline import guess_outlines
 from impostor_jax.fit.matte import Matte, checked_matte
@@ -55,7 +56,7 @@ ASIDE = 0.02
 
 def fit_outline(
     kind: Fittable,
-    camera: PinholeCamera,
+    camera: Any,
     mask: Any,
     sigma: Any,
     initial: AbstractPrimitive | None,
@@ -65,7 +66,8 @@ def fit_outline(
 
     Raises:
         ValueError: As there; or the mask is none, or not said to be the outline, the
-            shape is a tube, or something is traced.
+            camera is no pinhole camera, or there are several, the shape is a tube, or
+            something is traced.
     """
     if kind is TUBE:
         raise ValueError(
@@ -80,6 +82,11 @@ def fit_outline(
         raise ValueError(
             "errors must be 'independent' where depth is None, got 'correlated'"
         )
+    if not isinstance(camera, PinholeCamera):
+        raise ValueError(
+            "camera must be one PinholeCamera where depth is None, got "
+            f"{type(camera).__name__}"
+        )
     check_types(kind.shape, camera, initial)
     given = (mask, camera, sigma, initial, options.prior)
     if not is_concrete(given):
@@ -89,28 +96,41 @@ def fit_outline(
         )
     with working_precision(options.effort.precision, given) as converted:
         matte = checked_matte(mask, camera, sigma)
-        camera, initial = converted((camera, initial))
-        beliefs = converted(checked_prior(options.prior, kind.parameters, initial))
-        problem = _posed(kind, matte, camera, beliefs, initial, options)
-        if initial is not None:
-            start = in_camera_frame(kind.body.of(initial), camera)
-            return _assessed(problem, _led(problem, start)).fit
-        edge = np.stack([problem.edge.x, problem.edge.y], axis=-1)
-        edge = edge[np.asarray(problem.is_place)]
-        guesses = [
-            _sized(one, problem.prior) for one in guess_outlines(kind.blank, edge)
-        ]
-        if not guesses:
-            return no_guess(kind, np.asarray(matte.beside()))
-        ways = sorted((_led(problem, one) for one in guesses), key=_loss)
-        finalists = ways[:1]
-        for way in ways[1:]:
-            is_near = _loss(way) <= _loss(ways[0]) + MORE
-            if is_near and all(_differ(way.body, other.body) for other in finalists):
-                finalists.append(way)
-        return best_of(
-            [_assessed(problem, one) for one in finalists[: options.effort.starts]]
-        )
+        posed, begin = converted((camera, initial))
+        beliefs = converted(checked_prior(options.prior, kind.parameters, begin))
+        problem = _posed(kind, matte, posed, beliefs, begin, options)
+        if begin is not None:
+            start = in_camera_frame(kind.body.of(begin), posed)
+            fit = _assessed(problem, _led(problem, start)).fit
+        else:
+            finalists = _finalists(kind, problem)[: options.effort.starts]
+            if finalists:
+                fit = best_of([_assessed(problem, one) for one in finalists])
+            else:
+                fit = no_guess(kind, np.asarray(matte.beside()))
+                fit = dataclasses.replace(fit, source="outline")
+    fit.asked.arguments = {
+        "depth": None, "camera": camera, "sigma": sigma, "initial": initial,
+        "options": options,
+        # A caller may write other pixels to it.
+        "mask": np.array(mask),
+    }  # fmt: skip
+    return fit
+
+
+def _finalists(kind: Fittable, problem: OutlineProblem) -> list[Traced]:
+    """Ways to the edge that may be the best: they differ, and end about as near."""
+    edge = np.stack([problem.edge.x, problem.edge.y], axis=-1)
+    edge = edge[np.asarray(problem.is_place)]
+    guesses = guess_outlines(kind.blank, edge)
+    ways = [_led(problem, _sized(one, problem.prior)) for one in guesses]
+    ways.sort(key=_loss)
+    finalists = ways[:1]
+    for way in ways[1:]:
+        is_near = _loss(way) <= _loss(ways[0]) + MORE
+        if is_near and all(_differ(way.body, other.body) for other in finalists):
+            finalists.append(way)
+    return finalists
 
 
 def _posed(
@@ -186,7 +206,7 @@ def _loss(way: Traced) -> float:
 
 def _sized(body: AbstractBody, prior: Prior) -> AbstractBody:
     """A guess, as large or as far away as is expected; as it is where nothing is."""
-    for name in ("radius", "height", "radius1", "radius2", "center"):
+    for name in ("radius", "height", "center"):
         belief = getattr(prior, name)
         if belief is not None and np.isfinite(belief[1]):
             wanted, own = (
@@ -198,8 +218,7 @@ def _sized(body: AbstractBody, prior: Prior) -> AbstractBody:
 
 @jax.jit
 def _magnified(body: AbstractBody, ratio: Float[Array, ""]) -> AbstractBody:
-    # Of larger or smaller by a change, to first order, the inverse.
-    return body.magnified(jnp.where(ratio > 1, ratio - 1, 1 - 1 / ratio))
+    return body.magnified(change_of(ratio))
 
 
 def _differ(first: AbstractBody, second: AbstractBody) -> bool:
@@ -209,8 +228,7 @@ def _differ(first: AbstractBody, second: AbstractBody) -> bool:
 
 @jax.jit
 def _apart(first: AbstractBody, second: AbstractBody) -> Float[Array, ""]:
-    ratio = first.radius / second.radius
-    second = second.magnified(jnp.where(ratio > 1, ratio - 1, 1 - 1 / ratio))
+    second = second.magnified(change_of(first.radius / second.radius))
     seen = jnp.zeros(len(first.ends), bool)
     own = first.readout(first, seen)
 

@@ -40,7 +40,8 @@ from impostor_jax.primitives.base import in_world_frame
 from impostor_jax.rendering.half_pixels import halves
 
 MOST_CHI2 = 9.0
-"""Reduced chi-squared up to which coverages may be of the shape, as of depths."""
+"""Reduced chi-squared up to which coverages may be of the shape, as of depths. Here it
+holds for a sigma that is a guess, too: a matte that errs by thrice as much is none."""
 
 MOST_HARD_CHI2 = 2.0
 """The same of a mask of booleans, whose pixels err by no more than the grid does."""
@@ -89,7 +90,7 @@ def assess_outline(problem: OutlineProblem, found: Traced) -> Assessment:
 
     slope = jax.jacfwd(covered)(still) / problem.sigma
     agreement = _agreement(off, slope, problem.is_pixel)
-    chi2, spread, count = agreement.chi2, agreement.spread, agreement.total
+    chi2, count = agreement.chi2, agreement.total
 
     basis = coordinates(problem, body)
     # An end that is not seen is free; the ends are the last coordinates.
@@ -126,8 +127,7 @@ def assess_outline(problem: OutlineProblem, found: Traced) -> Assessment:
         world, change, covariance, shares, directions, free
     )
     most = jnp.where(problem.is_hard, MOST_HARD_CHI2, MOST_CHI2)
-    agrees = jnp.where(problem.is_trusted, chi2 < most, spread < 5)
-    agrees &= places.share_off <= MOST_OFF
+    agrees = (chi2 < most) & (places.share_off <= MOST_OFF)
     finite = jnp.stack([jnp.all(jnp.isfinite(x)) for x in jax.tree.leaves(body)]).all()
     height, told = std.values.get("height"), world.readout(world, places.ends_seen)
     if height is not None:
@@ -169,6 +169,7 @@ def assess_outline(problem: OutlineProblem, found: Traced) -> Assessment:
         p_value=jnp.where(has_p_value, p_value, jnp.nan),
         border_chi2=jnp.full_like(chi2, jnp.nan),
         alternatives=no_alternatives(world.shape),
+        source="outline",
     )
     no = jnp.array(False)
     return Assessment(

@@ -14,7 +14,7 @@ __all__ = [
     "Traced",
     "coordinates",
     "outline_problem",
-    "sight_of",
+    "rays_through",
     "traced",
 ]
 
@@ -31,7 +31,13 @@ from impostor_jax.fit.body import AbstractBody, coordinates_of
 from impostor_jax.fit.prior import Prior, prior_residuals
 from impostor_jax.fit.problem import Settings
 from impostor_jax.fit.robust import KERNELS, robust_residual
-from impostor_jax.fit.silhouette import Sight, coverage_of, distances, moved, nearest
+from impostor_jax.fit.silhouette import (
+    RayDifferentials,
+    coverage_of,
+    distances,
+    moved,
+    nearest,
+)
 from impostor_jax.fit.solve import spread_of
 from impostor_jax.numerics import product
 
@@ -73,9 +79,9 @@ class OutlineProblem(eqx.Module):
         max_steps: Of the solver.
     """
 
-    edge: Sight
+    edge: RayDifferentials
     is_place: Bool[Array, " m"]
-    pixels: Sight
+    pixels: RayDifferentials
     covered: Float[Array, " n"]
     is_pixel: Bool[Array, " n"]
     row: Int[Array, " n"]
@@ -140,9 +146,9 @@ def outline_problem(
     """
     (row, col, cols, rows), (own_row, own_col, covered) = places, pixels
     return OutlineProblem(
-        edge=moved(sight_of(camera, row, col), cols, rows),
+        edge=moved(rays_through(camera, row, col), cols, rows),
         is_place=row < camera.height,
-        pixels=sight_of(camera, own_row, own_col),
+        pixels=rays_through(camera, own_row, own_col),
         covered=covered,
         is_pixel=own_row < camera.height,
         row=own_row,
@@ -157,9 +163,9 @@ def outline_problem(
     )
 
 
-def sight_of(
+def rays_through(
     camera: PinholeCamera, row: Int[Array, " n"], col: Int[Array, " n"]
-) -> Sight:
+) -> RayDifferentials:
     """Rays through pixels; their changes are those from neighbor to neighbor.
 
     Through a lens rays are known through the centers of pixels alone.
@@ -183,7 +189,7 @@ def sight_of(
         return (far_x - x) / count, (far_y - y) / count
 
     x, y = at(row, col)
-    return Sight(x=x, y=y, by_col=change(0, 1), by_row=change(1, 0))
+    return RayDifferentials(x=x, y=y, by_col=change(0, 1), by_row=change(1, 0))
 
 
 def coordinates(problem: OutlineProblem, body: AbstractBody) -> Float[Array, "c c"]:

@@ -404,12 +404,16 @@ def arguments_of_cylinder(fit: Fit, what: str) -> dict[str, Any]:
         what: Of the cylinder, that is tested.
 
     Raises:
-        ValueError: It is of another shape, or of a traced call, or it was stacked or
-            made anew since.
+        ValueError: It is of another shape, of an outline or of a traced call, or it was
+            stacked or made anew since.
     """
     if not isinstance(fit.shape, Cylinder):
         raise ValueError(
             f"fit must be of a cylinder to test its {what}, got a {fit.kind}'s"
+        )
+    if fit.source == "outline":
+        raise ValueError(
+            f"fit must be of depths to test its {what}, got a fit to an outline"
         )
     if fit.asked.arguments is None:
         raise ValueError(

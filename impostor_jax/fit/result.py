@@ -61,6 +61,11 @@ UNSEEN = {
 }
 """What it means where an end is not seen."""
 
+OF_SOURCE = {
+    "points": "  Of points: neither background beside an end nor an outline counts.",
+    "outline": "  Of an outline: scale and distance rest on what was known beforehand.",
+}
+"""What a reader is told of a fit that is of no depth images."""
 
 NOTED_TIMES = 3.0
 """Noises from which the size of residuals is the reason of a poor fit."""
@@ -203,8 +208,8 @@ class Asked:
     """What a fit was asked; no part of its tree, so that any change of that forgets it.
 
     Attributes:
-        arguments: Of `fit_shape`, by name, once that has ended; None where the fit was
-            traced, stacked, or made from another.
+        arguments: Of `fit_shape` or `fit_outline`, by name, once that has ended; None
+            where the fit was traced, stacked, or made from another.
     """
 
     arguments: dict[str, Any] | None = None
@@ -230,7 +235,8 @@ class Fit(eqx.Module):
             to p2, if its p1 is not that of `initial`. Where an end is not seen, it is
             put where the wall was last seen; a frustum's radius is the wall's there.
         std: One standard deviation of each parameter, from `covariance`; all `inf`
-            where the fit failed, but for one that is ambiguous.
+            where the fit failed, but for one that is ambiguous, and for an outline that
+            leaves something undetermined: what that tells is finite.
         std_budget: What these are made of: a user sees what to improve.
         covariance: Of the shape's `coordinates`, in meters and radians; widened where
             the residuals are larger than `sigma` says, and where there are
@@ -266,9 +272,10 @@ class Fit(eqx.Module):
             the others; `inf` where many of them lie elsewhere.
         alternatives: Other solutions that differ by more than five standard deviations.
             They are known where several starts were tried.
-        source: What the readings were: "images", or "points", which show neither
-            background beside an end nor an outline.
-        asked: What `test_taper` and `test_bore` need; the depth image is kept in it.
+        source: What the fit is of: "images", or "points", which show neither
+            background beside an end nor an outline, or "outline", a mask without depth.
+        asked: What `test_taper` and `test_bore` need; the depth image, or the mask of
+            an outline, is kept in it.
     """
 
     shape: AbstractPrimitive
@@ -405,7 +412,7 @@ class Fit(eqx.Module):
 
         It needs a fit to images, as it was returned.
         """
-        if self.asked.arguments is None or self.source != "images":
+        if self.asked.arguments is None or self.source == "points":
             # What looks for attributes, as `inspect` does, goes on.
             raise AttributeError(
                 "fit.pose_in_camera needs a fit to images, as it was returned: one "
@@ -468,10 +475,8 @@ class Fit(eqx.Module):
                 for name in self.told
                 if "radius" in name and np.isfinite(getattr(self.std, name))
             ]
-        if self.source == "points":
-            lines.append(
-                "  Of points: neither background beside an end nor an outline counts."
-            )
+        if self.source in OF_SOURCE:
+            lines.append(OF_SOURCE[self.source])
         if not self.height_observed:
             across = millimeters(self.std.across_axis)
             lines.append(

@@ -7,7 +7,14 @@ that of the outline. A pixel is covered by what all margins leave of it: within 
 of a pixel each is taken for a straight line.
 """
 
-__all__ = ["Places", "Sight", "coverage_of", "distances", "moved", "nearest"]
+__all__ = [
+    "Places",
+    "RayDifferentials",
+    "coverage_of",
+    "distances",
+    "moved",
+    "nearest",
+]
 
 from typing import NamedTuple
 
@@ -34,8 +41,11 @@ the outline crosses), as a whole by less than 0.001 pixels of place; with one pa
 0.009 to 0.026."""
 
 
-class Sight(eqx.Module):
+class RayDifferentials(eqx.Module):
     """Rays through places of the image, and how they change from there.
+
+    References:
+        Igehy (1999), Tracing ray differentials.
 
     Attributes:
         x: Of the direction, whose z is 1.
@@ -64,32 +74,34 @@ class Places(NamedTuple):
 
 
 def moved(
-    sight: Sight, cols: float | Float[Array, " n"], rows: float | Float[Array, " n"]
-) -> Sight:
+    rays: RayDifferentials,
+    cols: float | Float[Array, " n"],
+    rows: float | Float[Array, " n"],
+) -> RayDifferentials:
     """Rays through places so far away, to first order."""
-    (x_col, y_col), (x_row, y_row) = sight.by_col, sight.by_row
-    return Sight(
-        x=sight.x + cols * x_col + rows * x_row,
-        y=sight.y + cols * y_col + rows * y_row,
-        by_col=sight.by_col,
-        by_row=sight.by_row,
+    (x_col, y_col), (x_row, y_row) = rays.by_col, rays.by_row
+    return RayDifferentials(
+        x=rays.x + cols * x_col + rows * x_row,
+        y=rays.y + cols * y_col + rows * y_row,
+        by_col=rays.by_col,
+        by_row=rays.by_row,
     )
 
 
-def distances(body: AbstractBody, sight: Sight) -> Places:
+def distances(body: AbstractBody, rays: RayDifferentials) -> Places:
     """Signed distances of places from the parts of a body's outline.
 
     Args:
         body: In the camera frame, in front of the camera.
-        sight: Rays through the places.
+        rays: Through the places.
 
     Derivatives:
         Of the distance in the body, at the place: exact on the outline.
     """
 
     def insides(x: Float[Array, " n"], y: Float[Array, " n"]) -> Float[Array, "k n"]:
-        rays = Vec3(x[None], y[None], jnp.ones_like(x)[None])
-        seen = body.passing(rays, CHORD * body.radius)
+        direction = Vec3(x[None], y[None], jnp.ones_like(x)[None])
+        seen = body.passing(direction, CHORD * body.radius)
         wall, *ends = body.margins(seen)
         # From the squared half-chord to the distance within the wall, which is linear
         # in the image: at a pixel's distance the square is 2 % off at 25 pixels.
@@ -98,30 +110,30 @@ def distances(body: AbstractBody, sight: Sight) -> Places:
         within = square / (r + safe_sqrt(r * r - square))
         return jnp.concatenate([within, *(-end for end in ends)])
 
-    at = sight.x, sight.y
-    inside, by_col = jax.jvp(insides, at, sight.by_col)
-    _, by_row = jax.jvp(insides, at, sight.by_row)
+    at = rays.x, rays.y
+    inside, by_col = jax.jvp(insides, at, rays.by_col)
+    _, by_row = jax.jvp(insides, at, rays.by_row)
     slope = jax.lax.stop_gradient(jnp.stack([by_col, by_row], axis=-1))
     speed = jnp.sqrt(jnp.sum(slope**2, axis=-1))
     speed = jnp.maximum(speed, jnp.finfo(speed.dtype).tiny)
     return Places(inside / speed, slope / speed[..., None])
 
 
-def coverage_of(body: AbstractBody, sight: Sight) -> Numbers:
+def coverage_of(body: AbstractBody, rays: RayDifferentials) -> Numbers:
     """Part of each pixel that a body covers, in [0, 1].
 
     Args:
         body: In the camera frame, in front of the camera.
-        sight: Rays through the pixels' centers.
+        rays: Through the pixels' centers.
 
     Derivatives:
         In the body, as if the outline moved at the pixel's parts as beside its center;
         0 where no part of it crosses the pixel.
     """
-    n, dtype = sight.x.shape[0], sight.x.dtype
+    n, dtype = rays.x.shape[0], rays.x.dtype
     along = (np.arange(PARTS) + 0.5) / PARTS - 0.5
     rows, cols = np.meshgrid(along, along, indexing="ij")
-    fine = jax.tree.map(lambda part: jnp.repeat(part, PARTS**2), sight)
+    fine = jax.tree.map(lambda part: jnp.repeat(part, PARTS**2), rays)
     shift = np.tile(np.stack([cols.ravel(), rows.ravel()]), n).astype(dtype)
     held = jax.lax.stop_gradient(body)
     places = computed_once(lambda: distances(held, moved(fine, *jnp.asarray(shift))))
@@ -130,7 +142,7 @@ def coverage_of(body: AbstractBody, sight: Sight) -> Numbers:
         lambda s: halves(s, normal).area, (PARTS * least,), (jnp.ones_like(least),)
     )
     # The parts of a pixel move with its center: a fifth of the work for a derivative.
-    middle = distances(body, sight).distance
+    middle = distances(body, rays).distance
     ends_first = places.distance == least[None]
     weight = jnp.where(ends_first, PARTS * slope[None], 0)
     weight = jnp.mean(weight.reshape(-1, n, PARTS**2), axis=2)

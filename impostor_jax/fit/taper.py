@@ -31,8 +31,8 @@ def test_taper(fit: Fit) -> TaperTest:
         fit: As `fit_cylinder` returned it.
 
     Raises:
-        ValueError: It is of another shape, or of a traced call, or it was stacked or
-            made anew since; or its radius was fixed or expected.
+        ValueError: It is of another shape, of an outline or of a traced call, or it was
+            stacked or made anew since; or its radius was fixed or expected.
     """
     held = arguments_of_cylinder(fit, "taper")
     options: Options = held["options"]

@@ -27,7 +27,7 @@ KIND_OF = {
 
 def fit_labels(
     depth: Any,
-    camera: AbstractCamera,
+    camera: Any,
     labels: Any,
     fit: Callable[..., Fit] = fit_cylinder,
     sigma: Any = None,
@@ -40,10 +40,12 @@ def fit_labels(
         print(fits[3].cylinder, fits[3].status)
 
     An object that cannot be fitted fails alone: one with too few readings has the
-    status `no_first_guess`.
+    status `no_first_guess`. Without depth each label is an outline:
+
+        fits = ij.fit_labels(None, camera, labels, mask_meaning="outline", prior=prior)
 
     Args:
-        depth: (H, W), as in `fit_cylinder`.
+        depth: (H, W), as in `fit_cylinder`; None where the labels are outlines.
         camera: The camera that took it.
         labels: (H, W), integers: 0 where there is no object, otherwise its number.
         fit: `fit_cylinder`, `fit_sphere`, `fit_frustum` or `fit_tube`.
@@ -56,12 +58,22 @@ def fit_labels(
 
     Raises:
         TypeError: As in `fit`.
-        ValueError: Likewise; or the labels are no integers, or all 0, or something
-            is traced.
+        ValueError: Likewise; or the labels are no integers, or all 0, or there are
+            several images, or something is traced.
     """
     if fit not in KIND_OF:
         names = ", ".join(known.__name__ for known in KIND_OF)
         raise ValueError(f"fit must be one of {names}; got {fit!r}")
+    if not isinstance(camera, AbstractCamera):
+        raise ValueError(
+            "camera must be one camera, of the one label image, got "
+            f"{type(camera).__name__}"
+        )
+    if isinstance(depth, list | tuple):
+        raise ValueError(
+            "depth must be one image, of the one label image, got "
+            f"{type(depth).__name__}"
+        )
     if not is_concrete((depth, labels, camera, sigma, initial, options)):
         raise ValueError("depth, labels, camera and what is asked must be concrete, "
                          "got traced ones")  # fmt: skip

@@ -48,6 +48,9 @@ MOVES = {
 }
 """How those fields of impostors move with the eye that do."""
 
+UNSHOWN = {"points": "points", "outline": "an outline"}
+"""Sources of fits that have no depth image, in words."""
+
 FRAME_HEIGHT = 640
 """Of the page in a notebook, in pixels."""
 
@@ -92,12 +95,16 @@ def view(result: Any, depth: Any = None, camera: Any = None) -> FitPage:
         camera: That took it; to be given with `depth`, and not without.
 
     Raises:
-        ValueError: The result is another thing, a batch or a fit to points, does not
-            remember its image, or the image is not of the same size.
+        ValueError: The result is another thing, a batch or a fit to points or to an
+            outline, does not remember its image, or the image is not of the same size.
     """
     shown = shown_of(result)
-    if any(one.fit.source == "points" for one in shown):
-        raise ValueError("result must be of images, got a fit to points")
+    for one in shown:
+        if one.fit.source in UNSHOWN:
+            raise ValueError(
+                "result must be of depth images, got a fit to "
+                f"{UNSHOWN[one.fit.source]}"
+            )
     if (depth is None) != (camera is None):
         raise ValueError("depth and camera must be given together, got one of them")
     if depth is None:

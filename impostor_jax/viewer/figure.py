@@ -61,10 +61,19 @@ def overlay_figure(fit: Fit, depth: Any, camera: AbstractCamera) -> Figure:
     """Draw the depth image with the fitted outline, and the residual map.
 
     Args:
-        fit: A single, concrete result.
+        fit: A single, concrete result of one image.
         depth: (H, W) as it was fitted, in meters.
         camera: The camera.
+
+    Raises:
+        ValueError: The fit is of several images, or of points.
     """
+    if fit.source == "points":
+        raise ValueError("fit must be of one image, got a fit to points")
+    if isinstance(fit.region, tuple):
+        raise ValueError(
+            f"fit must be of one image, got one of {len(fit.region)}: ij.view shows all"
+        )
     region = np.asarray(fit.region)
     rows, cols = np.nonzero(region)
     figure = Figure(figsize=(12, 4.8), layout="constrained")

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import impostor_jax as ij
+from impostor_jax.fit.body import change_of, grown
 from impostor_jax.fit.round_body import RoundBody
 from impostor_jax.fit.tube_body import TubeBody
 from impostor_jax.geometry.frames import RigidTransform
@@ -397,3 +398,8 @@ def test_a_body_that_is_drawn_in_keeps_its_wall(kind, seen, height):
     # Nothing of the wall is seen: no extent to draw in to.
     same, _ = body.drawn_in(jnp.asarray(seen), jnp.full(2, -jnp.inf))
     assert float(same.height) == pytest.approx(float(body.height))
+
+
+def test_a_change_of_size_is_that_which_grows_by_its_factor():
+    factor = jnp.array([0.01, 0.5, 1.0, 1.5, 100.0])
+    np.testing.assert_allclose(grown(change_of(factor)), factor, rtol=1e-5)

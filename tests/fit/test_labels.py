@@ -90,3 +90,11 @@ def test_labels_are_fitted_by_fits_alone():
         ij.fit_labels(depth, CAMERA, labels, ij.render)
     with pytest.raises(ValueError, match="must be concrete"):
         jax.jit(lambda depth: ij.fit_labels(depth, CAMERA, labels)[2].rms)(depth)
+
+
+def test_labels_are_of_one_image():
+    depth, labels = two_cans()
+    with pytest.raises(ValueError, match=r"camera must be one camera.*, got list"):
+        ij.fit_labels(depth, [CAMERA], labels)
+    with pytest.raises(ValueError, match=r"depth must be one image.*, got list"):
+        ij.fit_labels([depth], CAMERA, labels)

@@ -9,17 +9,19 @@ import pytest
 import impostor_jax as ij
 from impostor_jax.fit.body import AbstractBody
 from impostor_jax.fit.fittable import KINDS
-from impostor_jax.fit.outline_solve import sight_of
+from impostor_jax.fit.outline_solve import rays_through
 from impostor_jax.fit.silhouette import coverage_of
 from tests.cases import pose
 from tests.checks import angle_between
 from tests.fit.scenes import CAMERA, can
 from tests.groups import FULL, SMALL_IMAGES
+from tests.schemas import validator
 
 pytestmark = SMALL_IMAGES
 
 RADIUS = {"radius": (0.04, 0.0001)}
 NOISE = 0.05
+LIDAR = ij.SphericalCamera(np.linspace(0.3, -0.3, 120), np.linspace(-0.4, 0.4, 160))
 
 
 def mask_of(shape, camera=CAMERA):
@@ -142,6 +144,25 @@ def test_what_is_no_silhouette_of_a_cylinder_is_no_success(make):
     assert fit.status in (ij.FitStatus.POOR_FIT, ij.FitStatus.UNDETERMINED)
 
 
+def test_a_fit_says_that_it_is_of_an_outline():
+    posed = ij.PinholeCamera(
+        150.0, 150.0, 79.5, 59.5, 160, 120, camera_from_world=pose()
+    )
+    fit = fit_to(mask_of(can()), camera=posed)
+    assert fit.source == "outline"
+    assert "Of an outline: scale and distance" in str(fit)
+    record = fit.to_dict()
+    assert record["source"] == "outline"
+    validator("fit").validate(record)
+    np.testing.assert_allclose(
+        np.asarray(fit.pose_in_camera)[:3, 3], can().center, atol=2e-3
+    )
+    assert fit.asked.arguments["depth"] is None
+    for use in (ij.view, ij.test_taper, ij.test_bore):
+        with pytest.raises(ValueError, match="got a fit to an outline"):
+            use(fit)
+
+
 def test_labels_are_fitted_one_by_one():
     labels = np.where(mask_of(can()), 7, 0)
     fits = ij.fit_labels(None, CAMERA, labels, prior=RADIUS, mask_meaning="outline")
@@ -152,6 +173,23 @@ def test_a_sigma_that_is_too_small_is_a_poor_fit():
     fit = fit_to(matte_of(can()), sigma=0.01)
     assert fit.status is ij.FitStatus.POOR_FIT
     assert "times the noise given" in fit.reason
+
+
+def test_a_matte_that_is_blurred_needs_a_sigma_of_that_size():
+    truth = can()
+    blurred = cv2.GaussianBlur(np.array(ij.coverage(truth, CAMERA)), (0, 0), 1.0)
+    fit = fit_to(blurred)
+    assert fit.status is ij.FitStatus.POOR_FIT
+    assert float(fit.chi2) > 9
+    assert_close(fit_to(blurred, sigma=0.2), truth)
+
+
+def test_a_mask_of_booleans_is_one_when_it_is_stored_as_floats():
+    mask = mask_of(can(60))
+    fit, of_floats = fit_to(mask), fit_to(mask.astype(np.float32))
+    assert of_floats.status is ij.FitStatus.CONVERGED
+    jax.tree.map(np.testing.assert_array_equal, of_floats.std, fit.std)
+    np.testing.assert_array_equal(of_floats.cylinder.center, fit.cylinder.center)
 
 
 def test_a_bite_out_of_a_mask_changes_little():
@@ -184,8 +222,11 @@ def test_an_end_beyond_the_border_is_open_and_the_rest_known():
         ({"mask": np.arange(19200).reshape(120, 160)}, "is it a label image"),
         ({"mask": np.zeros((120, 160), bool)}, "an edge of at least 20 places"),
         ({"sigma": 0.1}, "sigma must be None with a mask of booleans"),
-        ({"sigma": ij.StructuredLight(), "mask": np.zeros((120, 160))}, "sigma must"),
+        ({"sigma": 0.1, "mask": np.eye(120, 160)}, "or of 0 and 1 alone"),
+        ({"sigma": ij.StructuredLight(), "mask": disc() * 0.9}, "sigma must"),
         ({"errors": "correlated"}, "errors must be 'independent'"),
+        ({"camera": LIDAR}, "one PinholeCamera where depth is None, got Spherical"),
+        ({"camera": [CAMERA], "mask": [disc()]}, "is None, got list"),
         ({"fit": ij.fit_tube}, "depth must be given to fit a tube"),
     ],
 )  # fmt: skip
@@ -227,8 +268,8 @@ def test_a_cup_is_fitted_where_its_height_is_known():
 def test_coverage_is_that_of_the_exact_outline(degrees):
     row, col = np.mgrid[0:120, 0:160]
     body: AbstractBody = KINDS[ij.Cylinder].body.of(can(degrees))
-    sight = sight_of(CAMERA, jnp.asarray(row.ravel()), jnp.asarray(col.ravel()))
-    found = np.asarray(jax.jit(coverage_of)(body, sight)).reshape(120, 160)
+    rays = rays_through(CAMERA, jnp.asarray(row.ravel()), jnp.asarray(col.ravel()))
+    found = np.asarray(jax.jit(coverage_of)(body, rays)).reshape(120, 160)
     exact = np.asarray(ij.coverage(can(degrees), CAMERA))
     is_crossed = (exact > 0) & (exact < 1)
     off = found - exact

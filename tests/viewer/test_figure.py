@@ -1,3 +1,5 @@
+import dataclasses
+
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
@@ -5,6 +7,7 @@ from matplotlib.path import Path
 
 import impostor_jax as ij
 from impostor_jax.find.found import Found
+from impostor_jax.fit.fittable import CYLINDER, no_guess
 from impostor_jax.viewer.figure import (
     Drawn,
     draw_shapes,
@@ -60,6 +63,17 @@ def test_a_fit_of_any_shape_is_drawn_with_its_outline(function, shape):
     ]
     # The region that was used on the left, and the outline on both.
     assert drawn == [2, 1]
+
+
+@SMALL_IMAGES
+def test_a_fit_of_several_images_or_of_points_is_no_picture():
+    depth, mask = image()
+    fit = no_guess(CYLINDER, mask, mask)
+    with pytest.raises(ValueError, match=r"of one image, got one of 2: ij\.view"):
+        overlay_figure(fit, depth, CAMERA)
+    of_points = dataclasses.replace(no_guess(CYLINDER, mask), source="points")
+    with pytest.raises(ValueError, match="of one image, got a fit to points"):
+        overlay_figure(of_points, depth, CAMERA)
 
 
 NO_PLANES = ij.Plane(np.zeros((0, 3)), np.zeros((0, 3)))
