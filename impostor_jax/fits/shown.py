@@ -254,4 +254,5 @@ def fit_or_failure(
                         checked_depth(view.depth, view.camera).shape, bool
                     )
                 regions.append(np.asarray(region))
-            return no_guess(kind, *regions)
+            failed = no_guess(kind, *regions)
+        return replace(failed, source="outline") if depth is None else failed
