@@ -64,7 +64,8 @@ def cast(primitive, place, is_central):
 @jax.jit(static_argnums=1)
 def hull_of(primitive, is_central):
     hull = primitive.hull
-    return hull.box(), hull.ball(), image_bounds(primitive, is_central)
+    projection = "planar" if is_central else "parallel"
+    return hull.box(), hull.ball(), image_bounds(primitive, projection)
 
 
 def seen_at(primitive, is_central, radius, middle):
@@ -120,7 +121,7 @@ def test_a_heightfield_of_a_function_has_none():
     hill = ij.Heightfield(lambda x, z: x * z, ((-1, 1), (-1, 1)), lipschitz=2.0)
     assert not hill.is_bounded
     assert hill.hull is None
-    assert np.isposinf(image_bounds(hill, True).high).all()
+    assert np.isposinf(image_bounds(hill, "planar").high).all()
 
 
 @pytest.mark.parametrize("name", BOUNDED)

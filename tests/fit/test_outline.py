@@ -73,6 +73,7 @@ def test_a_mask_tells_it_to_parts_of_a_pixel(degrees):
     assert float(fit.chi2) < 1.2
 
 
+@FULL
 def test_an_edge_along_the_grid_is_known_to_a_pixel():
     upright = ij.Cylinder((0.0, 0.0, 0.35), (0.0, 1.0, 0.0), 0.04, 0.12)
     fit = fit_to(mask_of(upright), prior={"radius": (0.04, 1e-6)})
@@ -99,6 +100,7 @@ def test_without_a_length_all_but_the_scale_is_told():
     assert slender == pytest.approx(3, rel=0.02)
 
 
+@FULL
 @pytest.mark.parametrize(
     "known",
     [
@@ -163,18 +165,21 @@ def test_a_fit_says_that_it_is_of_an_outline():
             use(fit)
 
 
+@FULL
 def test_labels_are_fitted_one_by_one():
     labels = np.where(mask_of(can()), 7, 0)
     fits = ij.fit_labels(None, CAMERA, labels, prior=RADIUS, mask_meaning="outline")
     assert_close(fits[7], can())
 
 
+@FULL
 def test_a_sigma_that_is_too_small_is_a_poor_fit():
     fit = fit_to(matte_of(can()), sigma=0.01)
     assert fit.status is ij.FitStatus.POOR_FIT
     assert "times the noise given" in fit.reason
 
 
+@FULL
 def test_a_matte_that_is_blurred_needs_a_sigma_of_that_size():
     truth = can()
     blurred = cv2.GaussianBlur(np.array(ij.coverage(truth, CAMERA)), (0, 0), 1.0)
@@ -192,6 +197,7 @@ def test_a_mask_of_booleans_is_one_when_it_is_stored_as_floats():
     np.testing.assert_array_equal(of_floats.cylinder.center, fit.cylinder.center)
 
 
+@FULL
 def test_a_bite_out_of_a_mask_changes_little():
     truth = can()
     mask = mask_of(truth)

@@ -92,6 +92,7 @@ def test_it_does_not_matter_which_view_is_first(two, both):
     np.testing.assert_array_equal(other.region[1], both.region[0])
 
 
+@FULL
 def test_an_image_given_twice_tells_it_twice(two):
     depth, _, mask = (part[0] for part in two)
     once = ij.fit_cylinder(depth, CAMERA, mask=mask, sigma=SIGMA)
@@ -115,6 +116,7 @@ def test_views_without_a_mask_are_found_by_those_that_have_one(two, both):
     assert int(np.sum(fit.region[1])) > 0.9 * masks[1].sum()
 
 
+@FULL
 def test_views_without_any_mask_are_searched(two):
     fit = fitted(*two[:2], None)
     assert fit.success

@@ -7,7 +7,7 @@ import pytest
 import impostor_jax as ij
 from impostor_jax.camera.spherical import SphericalCamera
 from impostor_jax.io.atomic import write_atomically, write_json
-from impostor_jax.io.camera_file import read_camera, read_pinhole_camera, write_camera
+from impostor_jax.io.camera_file import pinhole_of, read_camera, write_camera
 from impostor_jax.io.depth_image import (
     fitting_scale,
     read_depth,
@@ -96,7 +96,7 @@ def test_spherical_camera_comes_back(tmp_path, is_even):
     np.testing.assert_allclose(again.elevation, camera.elevation, atol=1e-12)
     np.testing.assert_allclose(again.azimuth, camera.azimuth, atol=1e-12)
     with pytest.raises(ValueError, match="must have a pinhole camera, got a spherical"):
-        read_pinhole_camera(path)
+        pinhole_of(again, "scanner.json")
 
 
 @pytest.mark.parametrize(

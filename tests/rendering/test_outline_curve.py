@@ -113,7 +113,7 @@ def test_the_curve_is_the_hull_of_the_two_conics(name, dtype):
 
 @pytest.mark.parametrize("name", ["oblique", "end on", "disc", "rod", "small", "thin"])
 def test_box_is_that_of_the_silhouette(name, dtype):
-    bounds = image_bounds(ij.Cylinder(*shape_of(name)), is_central=True)
+    bounds = image_bounds(ij.Cylinder(*shape_of(name)), "planar")
     polygon = exact.silhouette(shape_of(name))
     # The polygon's vertices miss the extreme point by 1e-7 of the size.
     within = eps(dtype, 16) + 1e-6 * np.ptp(polygon, axis=0).max()
@@ -130,10 +130,10 @@ def test_from_inside_there_is_no_outline_and_no_bounded_box():
     assert not bool(outline.end_on)
     assert all_finite((outline.points(8), outline.lines, outline.arcs))
     for name in ("partly behind the camera", "wide wall, reaching behind"):
-        bounds = image_bounds(ij.Cylinder(*shape_of(name)), is_central=True)
+        bounds = image_bounds(ij.Cylinder(*shape_of(name)), "planar")
         assert np.isneginf(bounds.low).all()
         assert np.isposinf(bounds.high).all()
-    assert np.isposinf(image_bounds(pipe, is_central=True).high).all()
+    assert np.isposinf(image_bounds(pipe, "planar").high).all()
 
 
 @pytest.mark.usefixtures("double")

@@ -240,7 +240,7 @@ def test_bounds_hold_every_pixel_and_are_tight(camera):
     across = ray.direction if camera.is_central else ray.origin
     for shape in shapes_of(4, count=20, types=tuple(MAKERS)):
         mask = np.asarray(ij.render(shape, camera, ("mask",)).mask)
-        bounds = image_bounds(shape, camera.is_central)
+        bounds = image_bounds(shape, camera.projection)
         if not mask.any():
             continue
         whole = getattr(shape, "start_angle", None) is None
@@ -258,8 +258,8 @@ def test_bounds_hold_every_pixel_and_are_tight(camera):
 
 def test_shape_behind_the_camera_is_bounded_by_nothing():
     behind = ij.Sphere((0, 0, -3), 1)
-    assert np.all(np.asarray(image_bounds(behind, True).low) == np.inf)
-    around = image_bounds(ij.Sphere((0, 0, 0.5), 1), True)
+    assert np.all(np.asarray(image_bounds(behind, "planar").low) == np.inf)
+    around = image_bounds(ij.Sphere((0, 0, 0.5), 1), "planar")
     assert np.all(np.asarray(around.low) == -np.inf)
 
 

@@ -146,7 +146,7 @@ def test_sphere_straight_ahead_is_a_disc(dtype):
     # Counterclockwise as one sees it, with y downwards.
     angle = np.unwrap(np.arctan2(-image[:, 1], image[:, 0]))
     np.testing.assert_allclose(np.diff(angle), 2 * np.pi / 40, rtol=1e-5)
-    bounds = image_bounds(ij.Sphere((0, 0, 15), 5), is_central=True)
+    bounds = image_bounds(ij.Sphere((0, 0, 15), 5), "planar")
     reach = tangent + eps(dtype, 8) * (1 + tangent)
     for side, found in ((-1, bounds.low), (1, bounds.high)):
         np.testing.assert_allclose(found, side * reach, rtol=eps(dtype, 8))
@@ -172,7 +172,7 @@ def test_rays_touch_the_sphere_where_the_curve_is(name, dtype):
     scale = np.abs(conic).max() * np.sum(points**2, axis=1)
     assert (np.abs(residual) < eps(dtype, 32) * scale).all()
     assert center @ conic @ center < 0
-    bounds = image_bounds(ij.Sphere(*shape), is_central=True)
+    bounds = image_bounds(ij.Sphere(*shape), "planar")
     low, high = bounds.low, bounds.high
     if name in ELLIPSES or name in ("partly out of view", "close"):
         polygon = silhouette(shape)
