@@ -171,7 +171,6 @@ class FindCommand:
         from impostor_jax.io.atomic import write_json
         from impostor_jax.io.depth_image import read_depth, write_index
         from impostor_jax.io.record import found_record
-        from impostor_jax.page.fit_page import view
         from impostor_jax.viewer.figure import write_overlay
 
         camera, depth_scale_m = file
@@ -194,6 +193,8 @@ class FindCommand:
         write_index(place / PICTURES[0], _index(found.masks))
         write_overlay(place / PICTURES[1], found, depth, camera)
         if self.page is not None:
+            from impostor_jax.page.fit_page import view
+
             view(found, depth, camera).save(self.page)
         write_json(record, found_record(found, camera, seconds, made_from))
         return len(found)

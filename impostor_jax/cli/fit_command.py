@@ -114,7 +114,6 @@ class FitCommand:
         # These start JAX.
         from impostor_jax.io.camera_file import read_camera
         from impostor_jax.io.depth_image import read_depth
-        from impostor_jax.page.fit_page import view
         from impostor_jax.viewer.figure import write_overlay
 
         camera, depth_scale_m = read_camera(self.camera)
@@ -151,6 +150,8 @@ class FitCommand:
                 write_overlay(folder / "overlay.png", fit, depth, camera)
                 succeeded.append(bool(fit.success))
             if self.page is not None:
+                from impostor_jax.page.fit_page import view
+
                 named = {
                     name.replace("_", " ") or fit.kind: fit
                     for name, fit in fits.items()

@@ -35,7 +35,7 @@ from impostor_jax.fit.prior import prior_residuals, scale_left
 from impostor_jax.fit.problem import Problem, View
 from impostor_jax.fit.result import DISAGREEING, Fit, of_images
 from impostor_jax.fit.solve import STAGES, Solution, in_coordinates, spread_of
-from impostor_jax.fit.status import STATUSES, FitStatus
+from impostor_jax.fit.status import STATUSES, FitStatus, code_of_first
 from impostor_jax.fit.uncertainty import free_covariance, score_covariance
 from impostor_jax.numerics import product, safe_divide, safe_sqrt
 
@@ -428,9 +428,7 @@ def _status_code(
         FitStatus.POOR_FIT: ~fits,
         FitStatus.UNDETERMINED: ~determined,
     }
-    codes = [jnp.array(STATUSES.index(status)) for status in wrong]
-    right = jnp.array(STATUSES.index(FitStatus.CONVERGED))
-    return jnp.select(list(wrong.values()), codes, right)
+    return code_of_first(wrong)
 
 
 def _is_as_flat(

@@ -32,7 +32,7 @@ from impostor_jax.fit.result import Fit
 from impostor_jax.fit.robust import KERNELS, robust_residual
 from impostor_jax.fit.silhouette import CHORD, coverage_of, distances, nearest
 from impostor_jax.fit.solve import spread_of
-from impostor_jax.fit.status import STATUSES, FitStatus
+from impostor_jax.fit.status import STATUSES, FitStatus, code_of_first
 from impostor_jax.fit.uncertainty import free_covariance
 from impostor_jax.geometry.vec3 import Vec3
 from impostor_jax.numerics import product, safe_divide
@@ -345,6 +345,4 @@ def _status_code(
         FitStatus.UNDETERMINED: ~determined,
         FitStatus.STEP_LIMIT: ~converged,
     }
-    codes = [jnp.array(STATUSES.index(status)) for status in wrong]
-    right = jnp.array(STATUSES.index(FitStatus.CONVERGED))
-    return jnp.select(list(wrong.values()), codes, right)
+    return code_of_first(wrong)

@@ -15,7 +15,6 @@ __all__ = [
     "checked_prior",
     "checked_readings",
     "checked_settings",
-    "each_of",
     "views_given",
 ]
 
@@ -45,7 +44,7 @@ from impostor_jax.fit.fittable import Fittable
 from impostor_jax.fit.options import Options
 from impostor_jax.fit.prior import Prior
 from impostor_jax.fit.problem import Settings
-from impostor_jax.fit.result import Fit
+from impostor_jax.fit.result import Fit, each_of
 from impostor_jax.numerics import safe_normalize
 from impostor_jax.primitives.base import AbstractPrimitive
 from impostor_jax.primitives.cylinder import Cylinder
@@ -76,11 +75,6 @@ Mask = Bool[np.ndarray, "h w"] | Bool[Array, "h w"]
 
 class TooFewReadingsError(ValueError):
     """An image, or its mask, holds too little for a fit; in a batch it fails alone."""
-
-
-def each_of(value: Any) -> Sequence[Any]:
-    """What is given for each image, of one alone or a list."""
-    return value if isinstance(value, list | tuple) else [value]
 
 
 def views_given(depth: Any, camera: Any, mask: Any, sigma: Any) -> list[Given]:

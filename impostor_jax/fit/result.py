@@ -14,6 +14,7 @@ __all__ = [
     "SphereDeviations",
     "SphereFit",
     "TaperTest",
+    "each_of",
     "named_values",
     "of_images",
 ]
@@ -78,6 +79,11 @@ AGREEING = 20.0
 """Contradiction between border and rest below which nothing else lies there, once it
 has been found to: by chance one in 200 is larger, and costs no more than some readings.
 """
+
+
+def each_of(values: Any) -> Sequence[Any]:
+    """What is told of each image, or given, of one alone or of several."""
+    return values if isinstance(values, list | tuple) else [values]
 
 
 def of_images(values: Sequence[Array]) -> Array | tuple[Array, ...]:
@@ -420,11 +426,10 @@ class Fit(eqx.Module):
                 "few readings; multiply fit.pose by the camera's camera_from_world"
             )
         cameras = self.asked.arguments["camera"]
-        several = cameras if isinstance(cameras, Sequence) else [cameras]
         return of_images(
             [
                 pose_from_camera(self.pose, camera.camera_from_world)
-                for camera in several
+                for camera in each_of(cameras)
             ]
         )
 

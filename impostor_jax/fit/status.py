@@ -1,8 +1,12 @@
 """How a fit may end."""
 
-__all__ = ["STATUSES", "FitStatus"]
+__all__ = ["STATUSES", "FitStatus", "code_of_first"]
 
 import enum
+from collections.abc import Mapping
+
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Int
 
 
 class FitStatus(enum.StrEnum):
@@ -38,3 +42,10 @@ _MEANINGS = {
 
 STATUSES = tuple(FitStatus)
 """Order of the integer codes in which a compiled fit carries its status."""
+
+
+def code_of_first(wrong: Mapping[FitStatus, Bool[Array, ""]]) -> Int[Array, ""]:
+    """Code of the first status that holds, or of success where none does."""
+    codes = [jnp.array(STATUSES.index(status)) for status in wrong]
+    right = jnp.array(STATUSES.index(FitStatus.CONVERGED))
+    return jnp.select(list(wrong.values()), codes, right)

@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 
 from impostor_jax.camera.base import AbstractCamera
+from impostor_jax.fit.result import each_of
 from impostor_jax.glsl.draw_list import calls_of
 from impostor_jax.glsl.html import html_page, textures_message
 from impostor_jax.glsl.orbit_page import upright
@@ -31,7 +32,6 @@ from impostor_jax.page.shown import (
     Shown,
     asked_image,
     image_view,
-    images_of,
     shown_of,
 )
 from impostor_jax.page.told import notes_of, numbers_of
@@ -115,8 +115,8 @@ def view(result: Any, depth: Any = None, camera: Any = None) -> FitPage:
                 "as it was traced, stacked or changed, or nothing was found"
             )
         depth, camera = asked
-    depths, cameras = images_of(depth), images_of(camera)
-    counts = {len(images_of(one.fit.region)) for one in shown} | {len(cameras)}
+    depths, cameras = each_of(depth), each_of(camera)
+    counts = {len(each_of(one.fit.region)) for one in shown} | {len(cameras)}
     if counts | {len(depths)} != {len(depths)}:
         raise ValueError(
             "depth and camera must be those of the fit, one for each of its images, "
@@ -160,7 +160,7 @@ def _limit(shown: Sequence[Shown]) -> float:
         for one in shown
         if one.fit.is_shape
         for residual, inliers in zip(
-            images_of(one.fit.residual), images_of(one.fit.inliers), strict=True
+            each_of(one.fit.residual), each_of(one.fit.inliers), strict=True
         )
     ]
     sizes = np.concatenate([*inliers, np.zeros(0)])

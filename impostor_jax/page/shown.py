@@ -5,7 +5,6 @@ __all__ = [
     "Shown",
     "asked_image",
     "image_view",
-    "images_of",
     "shown_of",
 ]
 
@@ -19,7 +18,7 @@ from jaxtyping import Float, Int
 from impostor_jax.arguments import is_concrete
 from impostor_jax.camera.base import AbstractCamera
 from impostor_jax.find.found import Found
-from impostor_jax.fit.result import Fit
+from impostor_jax.fit.result import Fit, each_of
 
 
 @dataclasses.dataclass(frozen=True)
@@ -117,7 +116,7 @@ def image_view(
     owner, residual = np.full(size, -1), np.zeros(size)
     for owned_by, one in enumerate(shown):
         region, off = (
-            np.asarray(images_of(x)[number]) for x in (one.fit.region, one.fit.residual)
+            np.asarray(each_of(x)[number]) for x in (one.fit.region, one.fit.residual)
         )
         if region.shape != size:
             raise ValueError(
@@ -128,11 +127,6 @@ def image_view(
         owner[used] = owned_by
         residual[used] = off[used] if one.fit.is_shape else np.inf
     return ImageView(readings, camera, owner, residual)
-
-
-def images_of(values: Any) -> Sequence[Any]:
-    """What a fit tells of its images, or is given of them, one by one."""
-    return values if isinstance(values, list | tuple) else [values]
 
 
 def asked_image(shown: Sequence[Shown]) -> tuple[Any, Any] | None:
