@@ -12,6 +12,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from impostor_jax.camera.ray_table import RayTable
 from impostor_jax.compiling import computed_once
+from impostor_jax.fit.across import across_found
 from impostor_jax.fit.agreement import (
     contradiction,
     on_border,
@@ -111,22 +112,26 @@ def assess(problem: Problem, solution: Solution, correlated: bool) -> Assessment
     # The axis is signed so that its largest component in the world is positive.
     sign = problem.in_world(solution.body).sign
     body = solution.body.reversed(jnp.where(settings.keep_ends, 1, sign))
-    of_views = computed_once(lambda: [_readings_of(view, body) for view in views])
+    bodies = [view.own(body) for view in views]
+    of_views = computed_once(
+        lambda: [
+            reading_terms(view.pixels, own, view.noise, pixel=view.pixel)
+            for view, own in zip(views, bodies, strict=True)
+        ]
+    )
     readings = joined_readings(of_views, views, body)
     terms, seen = readings.terms, readings.passing
     last = STAGES[-1]
     edges = [
-        crossing_terms(
-            view.edge, view.own(body), view.noise, settings.is_outline, last.place
-        )
-        for view in views
+        crossing_terms(view.edge, own, view.noise, settings.is_outline, last.place)
+        for view, own in zip(views, bodies, strict=True)
     ]
     edges = joined_terms(edges, views, body)
     used, depth = readings.used, _of_all([view.pixels.depth for view in views])
     count = jnp.sum(used)
     # As the sensor errs: of a scanner along the ray.
     length = _of_all([view.length for view in views])
-    meters = jnp.where(used, (depth - seen.depth) * length, 0)
+    meters = jnp.where(used, -readings.off * length, 0)
     spread = spread_of(terms.residual, used)
 
     def is_near() -> Bool[Array, " n"]:
@@ -298,13 +303,14 @@ def assess(problem: Problem, solution: Solution, correlated: bool) -> Assessment
         p_value=jnp.where(settings.trusts_sigma, p_value, jnp.nan),
         border_chi2=statistic,
         alternatives=no_alternatives(world.shape),
+        across=across_found(views, bodies, of_views, repeats),
     )
     hides = hidden_pixels(problem, estimate)
     cost = cost_of(problem, estimate, of_views, hides)
     hidden = hides / jnp.maximum(count, 1).astype(rms.dtype)
     hides_tilt = problem.nominal > HIDES_TILT * body.radius
     is_clear = success & (hidden <= MOST_HIDDEN) & (~hides_tilt | body.is_long)
-    is_clear &= explains(depth, readings, spread)
+    is_clear &= explains(readings, spread)
     is_deep = problem.nominal > HIDES_TURN * body.radius
     ends_early = (p_value < UNLIKELY) & (hides_tilt | ~jnp.all(ends_seen))
     ends_early |= hides_tilt & ~jnp.asarray(settings.trusts_sigma)
@@ -325,11 +331,6 @@ def _on_border(view: View) -> Bool[Array, " n"]:
     if isinstance(view.camera, RayTable) and not view.camera.is_image:
         return jnp.zeros(view.row.shape, bool)
     return on_border(view.mask, view.row, view.col)
-
-
-def _readings_of(view: View, body: AbstractBody) -> Readings:
-    own = view.own(body)
-    return reading_terms(view.pixels, own, view.noise, pixel=view.pixel)
 
 
 def _of_all(parts: Sequence[Array]) -> Array:

@@ -16,6 +16,7 @@ __all__ = [
     "coordinates_of",
     "grown",
     "local_ray",
+    "shift_to",
 ]
 
 import abc
@@ -31,7 +32,7 @@ from jaxtyping import Array, Bool, Float
 from impostor_jax.geometry.frames import RigidTransform
 from impostor_jax.geometry.rays import Ray
 from impostor_jax.geometry.vec3 import Vec3
-from impostor_jax.numerics import Numbers, product
+from impostor_jax.numerics import Numbers, product, safe_sqrt
 from impostor_jax.primitives.base import AbstractPrimitive
 
 Readout = OrderedDict[str, Array]
@@ -282,6 +283,25 @@ class AbstractBody(eqx.Module):
             on_cap: Rows that compare the depth of a cap's plane, too.
         """
 
+    @property
+    @abc.abstractmethod
+    def bends(self) -> int:
+        """Dimensions of space in which the wall bends: 3 of a ball, 2 of a cylinder."""
+
+    @abc.abstractmethod
+    def wall_square(self, passing: Passing) -> Numbers:
+        """Squared radius of the wall where rays see it."""
+
+    @abc.abstractmethod
+    def moved_across(self, passing: Passing, square: Numbers) -> Passing:
+        """The same of rays moved across themselves, by the least that does it.
+
+        Args:
+            passing: How the rays pass the body.
+            square: Squared half-chord of the moved ones. It is at most that of a ray
+                through the axis, or the center.
+        """
+
     @abc.abstractmethod
     def margins(self, passing: Passing) -> Float[Array, "k n m"]:
         """Margins of which one passes 0 at the outline, positive outside.
@@ -408,6 +428,25 @@ class AbstractBody(eqx.Module):
 
         That looks much the same from afar but for its depth, where `is_square`.
         """
+
+
+def shift_to(passing: Passing, aside: Numbers, square: Numbers) -> Numbers:
+    """Part of its distance from the axis or center by which a ray is moved outward.
+
+    Along a ray the wall's quadric is A (t - n)^2 - A q, so what the squared distance of
+    the nearest approach gains, A q loses.
+
+    Args:
+        passing: How rays pass a body.
+        aside: Squared distance of their nearest approaches.
+        square: Squared half-chord of the moved ray.
+    """
+    tiny = jnp.finfo(aside.dtype).tiny
+    crosses = (passing.inverse != 0) & (aside > tiny)
+    per_inverse = 1 / jnp.where(crosses, passing.inverse, 1)
+    wanted = jnp.maximum(aside + (passing.square - square) * per_inverse, 0)
+    ratio = wanted / jnp.where(crosses, aside, 1)
+    return jnp.where(crosses, safe_sqrt(ratio) - 1, 0)
 
 
 def grown(change: Numbers) -> Numbers:

@@ -32,6 +32,7 @@ __all__ = [
 ]
 
 from collections.abc import Sequence
+from functools import partial
 from typing import NamedTuple
 
 import equinox as eqx
@@ -42,6 +43,7 @@ from jaxtyping import Array, Bool, Float
 
 from impostor_jax.compiling import computed_once
 from impostor_jax.fit.body import AbstractBody, Passing
+from impostor_jax.fit.moved_rays import moved_rays
 from impostor_jax.fit.problem import Edge, Pixels, View, sigma_of
 from impostor_jax.geometry.vec3 import Vec3
 from impostor_jax.numerics import Numbers, safe_divide, safe_sqrt
@@ -124,6 +126,8 @@ class Readings(NamedTuple):
         used: Which are there, and of one surface.
         follows: By how many deviations a term falls as its reading grows by one: 1, and
             less where it grazes.
+        off: Surface less reading, in meters along the ray.
+        is_exact: Which were compared along rays that are exact.
     """
 
     terms: Terms
@@ -131,6 +135,8 @@ class Readings(NamedTuple):
     is_square: Bool[Array, " n"]
     used: Bool[Array, " n"]
     follows: Float[Array, " n"]
+    off: Float[Array, " n"]
+    is_exact: Bool[Array, " n"]
 
 
 def reading_terms(
@@ -171,24 +177,35 @@ def reading_terms(
     # How far in front of the nearest approach the reading lies, or behind from inside.
     sign = seen.sign
     reach = -sign * (seen.nearest + seen.foot - pixels.depth)
-    chord = safe_sqrt(seen.square)
-    grazing = (seen.square < (GRAZING * sigma) ** 2) & ~seen.on_cap & ~coarse
-    grazing &= jnp.abs(reach - chord) < OUTLIER * sigma
     # Its square, or less where it is too far behind the axis to be there by chance.
     fold = FOLD * sigma
     folded = jnp.where(reach < -fold, fold * (2 * reach + 3 * fold), reach * reach)
+    off = seen.depth - pixels.depth
+    if noise.bias.has_exact_rays:
+        weight = jnp.where(used, 1 / sigma, 0)
+        squares = seen.square - folded + sigma * sigma
+        chord = safe_sqrt(seen.square)
+        grazing = (seen.square < (GRAZING * sigma) ** 2) & ~seen.on_cap & ~coarse
+        grazing &= jnp.abs(reach - chord) < OUTLIER * sigma
+        steadiness = 1.0
+    else:
+        moved = computed_once(
+            lambda: moved_rays(pixels, body, noise.bias, seen, sigma, folded)
+        )
+        weight, squares = jnp.where(used, moved.weight, 0), moved.squares
+        steadiness = moved.steadiness
+        grazing = ~seen.on_cap & ~coarse
+        seen = jax.tree.map(partial(jnp.where, grazing), moved.passing, seen)
+        chord = safe_sqrt(seen.square)
     # The standard deviation of the difference of squares, over twice sigma.
     per_square = sign / (2 * jnp.sqrt(chord * chord + sigma * sigma / 2))
     blunted = seen.with_chord(jnp.where(coarse, soft, sigma))
     of_wall = jnp.where(seen.on_cap, 1 - seen.plane_weight, 1)
-    error = jnp.where(
-        grazing,
-        (seen.square - folded + sigma * sigma) * per_square,
-        blunted.depth - pixels.depth,
-    )
+    error = jnp.where(grazing, squares * per_square, blunted.depth - pixels.depth)
     alpha = jnp.where(grazing, 2 * sign * chord * per_square, of_wall)
-    beta = jnp.where(grazing, per_square, sign * of_wall * blunted.half_slope)
-    weight = jnp.where(used, 1 / sigma, 0)
+    beta = jnp.where(
+        grazing, per_square * steadiness, sign * of_wall * blunted.half_slope
+    )
     gradient = body.of_reading(blunted, alpha, beta, seen.on_cap & ~grazing)
     blank = jnp.zeros_like(weight)
     terms = Terms(
@@ -198,7 +215,11 @@ def reading_terms(
         end=blank,
     )
     follows = jnp.where(grazing, jnp.abs(2 * chord * per_square), 1)
-    return Readings(terms, seen, grazing, used, follows)
+    if not noise.bias.has_exact_rays:
+        # The distance along a ray that grazes the wall says little.
+        off = jnp.where(grazing, error, off)
+    is_exact = jnp.full(used.shape, noise.bias.has_exact_rays)
+    return Readings(terms, seen, grazing, used, follows, off, is_exact)
 
 
 def _is_clear(

@@ -14,6 +14,7 @@ from jaxtyping import Array, Bool, Float
 
 from impostor_jax.camera.ray_table import Sight
 from impostor_jax.compiling import quickly_compiled
+from impostor_jax.fit.across import exact_rays
 from impostor_jax.fit.alternatives import no_alternatives
 from impostor_jax.fit.body import AbstractBody, coordinates_of
 from impostor_jax.fit.floor import floor_pixels
@@ -185,4 +186,5 @@ def no_guess(kind: Fittable, *regions: Bool[np.ndarray, "h w"]) -> Fit:
         p_value=jnp.full_like(zero, jnp.nan),
         border_chi2=jnp.full_like(zero, jnp.nan),
         alternatives=no_alternatives(nothing.shape),
+        across=exact_rays(zero.dtype),
     )

@@ -15,6 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from impostor_jax.fit.across import exact_rays
 from impostor_jax.fit.agreement import reduced_chi2, tail
 from impostor_jax.fit.alternatives import no_alternatives
 from impostor_jax.fit.assess import Assessment
@@ -169,6 +170,7 @@ def assess_outline(problem: OutlineProblem, found: Traced) -> Assessment:
         p_value=jnp.where(has_p_value, p_value, jnp.nan),
         border_chi2=jnp.full_like(chi2, jnp.nan),
         alternatives=no_alternatives(world.shape),
+        across=exact_rays(chi2.dtype),
         source="outline",
     )
     no = jnp.array(False)

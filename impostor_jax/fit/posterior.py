@@ -77,7 +77,7 @@ def _loss_of(
     """The part of a view's readings, of a body in its frame."""
     terms, seen, used = readings.terms, readings.passing, readings.used
     depth = view.pixels.depth
-    whitened = (seen.depth - depth) * terms.weight
+    whitened = readings.off * terms.weight
     density = terms.weight * problem.nominal / np.sqrt(2 * np.pi)
     density = (1 - OUTLYING) * density * jnp.exp(-(whitened**2) / 2)
     # A pixel of the object that the body does not cover is as wrong as can be.
@@ -110,15 +110,13 @@ def _is_far_off(
     return jnp.where(seen.on_cap, off_cap, off_wall)
 
 
-def explains(
-    depth: Float[Array, " n"], readings: Readings, spread: Float[Array, ""]
-) -> Bool[Array, ""]:
+def explains(readings: Readings, spread: Float[Array, ""]) -> Bool[Array, ""]:
     """Whether the readings scatter around the body as the sensor says."""
     terms, seen, used = readings.terms, readings.passing, readings.used
-    squares = ((seen.depth - depth) * terms.weight) ** 2
+    squares = (readings.off * terms.weight) ** 2
     is_near = used & (squares < (3 * spread) ** 2)
-    # What grazes is compared otherwise.
-    compared = used & ~readings.is_square
+    # What grazes an exact ray is compared otherwise.
+    compared = used & ~(readings.is_square & readings.is_exact)
     near = compared & is_near & ~seen.is_past_rim
     num_near = jnp.sum(near, dtype=squares.dtype)
     variance = jnp.sum(jnp.where(near, squares, 0)) / jnp.maximum(num_near, 1)

@@ -57,6 +57,8 @@ class Pixels(eqx.Module):
         start: Where the rays begin; None where all begin at the origin.
         length: Distance along a ray over depth, where a sensor measures that; None of
             depths.
+        is_image: Whether they were chosen by their rays, as by a mask; points in any
+            order are by where they lie.
     """
 
     direction: Vec3
@@ -64,6 +66,7 @@ class Pixels(eqx.Module):
     exists: Bool[Array, "*batch"]
     start: Vec3 | None = None
     length: Float[Array, "*batch"] | None = None
+    is_image: bool = eqx.field(static=True, default=True)
 
 
 class Edge(eqx.Module):
@@ -345,6 +348,7 @@ def gather_pixels(
         exists=exists,
         start=None if camera.is_central else rays.origin,
         length=rays.direction.norm() if isinstance(camera, RayTable) else None,
+        is_image=not isinstance(camera, RayTable) or camera.is_image,
     )
 
 

@@ -54,6 +54,11 @@ def fit_record(
         "num_pixels": int(fit.num_pixels),
         "rms_m": numbers(fit.rms),
         "chi2": numbers(fit.chi2),
+        "across_ray": {
+            "deviation_m": numbers(fit.across.deviation),
+            "found_m": numbers(fit.across.found),
+            "score": numbers(fit.across.score),
+        },
         "taper": None if taper is None else _test(taper, "frustum"),
         "bore": None if bore is None else _test(bore, "tube"),
         "seconds": seconds,

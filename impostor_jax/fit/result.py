@@ -30,6 +30,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from impostor_jax.fit.across import AcrossRays
 from impostor_jax.fit.alternatives import Alternatives
 from impostor_jax.fit.pose import pose_from_camera, pose_of
 from impostor_jax.fit.record import fit_record
@@ -278,6 +279,8 @@ class Fit(eqx.Module):
             the others; `inf` where many of them lie elsewhere.
         alternatives: Other solutions that differ by more than five standard deviations.
             They are known where several starts were tried.
+        across: What readings err by across their rays: what the noise model, or the
+            points' grid, says, and what was learned from the residuals.
         source: What the fit is of: "images", or "points", which show neither
             background beside an end nor an outline, or "outline", a mask without depth.
         asked: What `test_taper` and `test_bore` need; the depth image, or the mask of
@@ -305,6 +308,7 @@ class Fit(eqx.Module):
     p_value: Float[Array, "*batch"]
     border_chi2: Float[Array, "*batch"]
     alternatives: Alternatives
+    across: AcrossRays
     source: str = eqx.field(static=True, default="images")
     asked: Asked = dataclasses.field(default_factory=Asked, repr=False)
 
@@ -480,6 +484,11 @@ class Fit(eqx.Module):
                 for name in self.told
                 if "radius" in name and np.isfinite(getattr(self.std, name))
             ]
+        if self.across.deviation > 0:
+            lines.append(
+                f"  Readings err by {millimeters(self.across.deviation)} mm across "
+                "their rays."
+            )
         if self.source in OF_SOURCE:
             lines.append(OF_SOURCE[self.source])
         if not self.height_observed:

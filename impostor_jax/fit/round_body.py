@@ -19,6 +19,7 @@ from impostor_jax.fit.body import (
     blunted_root,
     grown,
     local_ray,
+    shift_to,
 )
 from impostor_jax.geometry.frames import RigidTransform
 from impostor_jax.geometry.so3 import tangent_basis
@@ -350,6 +351,30 @@ class RoundBody(AbstractBody):
         by_x, by_e = tilt * alpha + lever * beta, lever * alpha + q * tilt * beta
         tilts = [x1 * by_x + e1 * by_e, x2 * by_x + e2 * by_e]
         return tilts, [e1 * alpha + x1 * beta, e2 * alpha + x2 * beta], radii
+
+    @property
+    @override
+    def bends(self) -> int:
+        return 2
+
+    @override
+    def wall_square(self, passing: Passing) -> Numbers:
+        r = self.radius
+        if self.growth is None:
+            return r * r * jnp.ones_like(passing.square)
+        # Beside the point that is seen.
+        return (r + self.slope * passing.along) ** 2
+
+    @override
+    def moved_across(self, passing: Passing, square: Numbers) -> Passing:
+        (o1, o2, _), (e1, e2, _) = _in_frame(passing)
+        n = passing.nearest
+        x1, x2 = o1 + n * e1, o2 + n * e2
+        more = shift_to(passing, x1 * x1 + x2 * x2, square)
+        origin = Vec3(o1 + more * x1, o2 + more * x2, passing.local.origin.z)
+        return eqx.tree_at(
+            lambda p: (p.local.origin, p.square), passing, (origin, square)
+        )
 
     @override
     def margins(self, passing: Passing) -> Float[Array, "k n m"]:

@@ -28,6 +28,7 @@ from impostor_jax.fit.body import AbstractBody
 from impostor_jax.fit.border import fit_of_one_surface
 from impostor_jax.fit.by_point import told_by_point
 from impostor_jax.fit.fittable import Fittable, no_guess
+from impostor_jax.fit.learned import fit_with_learned_rays
 from impostor_jax.fit.options import Options
 from impostor_jax.fit.prior import Prior
 from impostor_jax.fit.problem import Settings, Shown, posed
@@ -81,11 +82,13 @@ def fit_shape(
     initial: AbstractPrimitive | None,
     options: Options,
     places: Sequence[Any] | None = None,
+    rounding: float | None = None,
 ) -> Fit:
     """Fit a shape; the arguments are those of `fit_cylinder`.
 
     A mask must be given unless something is traced. Where the images are made of
-    points, `places` are those of `told_by_point`.
+    points, `places` are those of `told_by_point`, and `rounding` is the standard
+    deviation that their coordinates were rounded with.
     """
     effort, prior = options.effort, options.prior
     views = views_given(depth, camera, mask, sigma)
@@ -117,7 +120,7 @@ def fit_shape(
             warn_of_units(one.image, one.region, one.noise)
 
         # Without types of arrays, which would be looked up at each call, in 20 us.
-        def fitted(parts: Any, correlated: bool) -> Fit:
+        def fitted(parts: Any, correlated: bool, start: Any = start) -> Fit:
             asked = settings
             if any(part.region is not one.region for part, one in zip(parts, seen)):  # noqa: B905
                 # Only of the whole one a caller says that its edge is the silhouette.
@@ -127,8 +130,14 @@ def fit_shape(
 
         correlated = any(options.correlated(noise) for noise in noises)
 
-        def fitted_to(parts: Any) -> Fit:
+        def to_surface(parts: Any) -> Fit:
             return fit_of_one_surface(fitted, kind.body, parts, correlated)
+
+        def resumed(parts: Any, shape: Any) -> Fit:
+            return fitted(parts, correlated, shape)
+
+        def fitted_to(parts: Any) -> Fit:
+            return fit_with_learned_rays(to_surface, resumed, parts, rounding)
 
         fit = fitted_to(seen)
         if kind.foreign is not None:

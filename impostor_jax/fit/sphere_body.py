@@ -18,6 +18,7 @@ from impostor_jax.fit.body import (
     blunted_root,
     grown,
     local_ray,
+    shift_to,
 )
 from impostor_jax.geometry.frames import RigidTransform
 from impostor_jax.geometry.vec3 import Vec3
@@ -133,6 +134,24 @@ class SphereBody(AbstractBody):
             *(by_center.x, by_center.y, by_center.z),
             self.radius * self.radius * outward,
         ]
+
+    @property
+    @override
+    def bends(self) -> int:
+        return 3
+
+    @override
+    def wall_square(self, passing: Passing) -> Numbers:
+        return self.radius**2 * jnp.ones_like(passing.square)
+
+    @override
+    def moved_across(self, passing: Passing, square: Numbers) -> Passing:
+        o, d = passing.local.origin, passing.local.direction
+        aside = o + d * passing.nearest
+        more = shift_to(passing, aside.dot(aside), square)
+        return eqx.tree_at(
+            lambda p: (p.local.origin, p.square), passing, (o + aside * more, square)
+        )
 
     @override
     def margins(self, passing: Passing) -> Float[Array, "k n m"]:

@@ -183,6 +183,20 @@ class TubeBody(AbstractBody):
             leave_along=outer.leave_along,
         )
 
+    @property
+    @override
+    def bends(self) -> int:
+        return self.outer.bends
+
+    @override
+    def wall_square(self, passing: Passing) -> Numbers:
+        r = jnp.where(passing.within, self.inner_radius, self.radius)
+        return r * r
+
+    @override
+    def moved_across(self, passing: Passing, square: Numbers) -> Passing:
+        return self.outer.moved_across(passing, square)
+
     def _is_through(self, passing: Passing) -> Bool[Array, "*batch"]:
         """Rays that fall through the bore and see nothing of it."""
         beyond = passing.along * jnp.sign(passing.local.direction.z)

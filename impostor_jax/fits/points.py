@@ -24,6 +24,7 @@ from impostor_jax.fit.regions import BUCKETS
 from impostor_jax.fit.request import check_types, checked_noise
 from impostor_jax.fit.result import Fit
 from impostor_jax.fit.shapes import fit_shape
+from impostor_jax.fits.grid import rounding_of
 from impostor_jax.geometry.frames import RigidTransform
 from impostor_jax.numerics import eps
 from impostor_jax.primitives.cylinder import Cylinder
@@ -59,7 +60,8 @@ def fit_cylinder_to_points(
             from which the sensor saw it.
         origin: (3,), that place where it is one for all.
         sigma: Standard deviation of a range in meters, or a noise model of single
-            readings, as in `fit_cylinder`.
+            readings, as in `fit_cylinder`. What they err by across their rays is
+            learned unless the model says it.
         initial: Start of the fit, in the world frame; found from the points if None.
         options: What `FitOptions` lists, but for `mask_meaning` and `errors`, which are
             of images.
@@ -94,7 +96,8 @@ def fit_cylinder_to_points(
         depths, cameras, masks = depths[0], cameras[0], masks[0]
     places = [view.places for view in views]
     given = depths, cameras, masks, sigma
-    return fit_shape(CYLINDER, *given, initial, asked, places)
+    rounding = rounding_of(ends, _type_of(points))
+    return fit_shape(CYLINDER, *given, initial, asked, places, rounding)
 
 
 class _View(NamedTuple):

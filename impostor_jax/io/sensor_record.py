@@ -69,6 +69,9 @@ def sensor_record(sensor: AbstractDepthNoise) -> dict[str, Any]:
     record: dict[str, Any] = {"type": names[0]}
     for field in dataclasses.fields(sensor):
         value = getattr(sensor, field.name)
+        if value is None:
+            # What is not known is left out, as what has its default.
+            continue
         if isinstance(value, AbstractDepthNoise):
             record[field.name] = sensor_record(value)
         else:

@@ -160,6 +160,9 @@ class Bias(eqx.Module):
             along.
         scales: Errors of all depths of an image.
         fields: Errors that are smooth over some pixels.
+        across: Standard deviation of a reading's place across its ray, along each of
+            two directions, in meters; None where rays are exact.
+        angle: The same of the ray's direction, in radians.
     """
 
     edge_reach: Reach = 0
@@ -167,6 +170,21 @@ class Bias(eqx.Module):
     outline: Reach = 0
     scales: tuple[ScaleLaw, ...] = ()
     fields: tuple[SmoothField, ...] = ()
+    across: Scalar | None = None
+    angle: Scalar | None = None
+
+    @property
+    def has_exact_rays(self) -> bool:
+        """Whether readings err along their rays alone; known before anything runs."""
+        return self.across is None and self.angle is None
+
+    def across_at(self, reach: Numbers) -> Numbers:
+        """Standard deviation across the ray at a distance along it, in meters."""
+        across, angle = (
+            jnp.asarray(0 if part is None else part, reach.dtype)
+            for part in (self.across, self.angle)
+        )
+        return jnp.hypot(across, angle * reach)
 
     def score_covariance(
         self,

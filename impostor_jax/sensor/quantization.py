@@ -17,6 +17,7 @@ from impostor_jax.arguments import bounded_number, real_number
 from impostor_jax.camera.base import AbstractCamera, check_depth_along_z
 from impostor_jax.compiling import compiled
 from impostor_jax.numerics import Numbers, Scalar
+from impostor_jax.sensor.across import errors_across, moved_across
 from impostor_jax.sensor.base import NO_READING, AbstractDepthNoise, Depths, Normals
 from impostor_jax.sensor.bias import Bias
 from impostor_jax.sensor.draws import normal_draws
@@ -41,6 +42,9 @@ class StereoDisparity(AbstractDepthNoise):
         baseline: Distance of the two cameras in meters.
         deviation: Standard deviation of the disparity before rounding, in pixels.
         step: Step of the disparity in pixels; 0 for none.
+        across: Standard deviation of a reading's place across its ray, along each of
+            two directions, in meters; None where nobody knows: a fit learns it.
+        angle: The same of the direction of the ray, in radians.
 
     References:
         The defaults are of the order of an active stereo camera (RealSense D4xx): 0.05
@@ -51,6 +55,8 @@ class StereoDisparity(AbstractDepthNoise):
     baseline: Scalar
     deviation: Scalar
     step: Scalar
+    across: Scalar | None
+    angle: Scalar | None
 
     def __init__(
         self,
@@ -58,6 +64,8 @@ class StereoDisparity(AbstractDepthNoise):
         baseline: Any = 0.05,
         deviation: Any = 0.08,
         step: Any = 1 / 32,
+        across: Any = None,
+        angle: Any = None,
     ):
         self.focal_length = real_number(
             "focal_length", focal_length, positive=True, unit="pixels"
@@ -67,6 +75,7 @@ class StereoDisparity(AbstractDepthNoise):
             "deviation", deviation, positive=True, unit="pixels"
         )
         self.step = bounded_number("step", step, "0 or positive, in pixels")
+        self.across, self.angle = errors_across(across, angle)
 
     @staticmethod
     def sensor(
@@ -122,7 +131,7 @@ class StereoDisparity(AbstractDepthNoise):
     @property
     @override
     def bias(self) -> Bias:
-        return Bias()
+        return Bias(across=self.across, angle=self.angle)
 
     @override
     @compiled
@@ -130,6 +139,7 @@ class StereoDisparity(AbstractDepthNoise):
         self, key: PRNGKeyArray, depth: Depths, normal: Normals, camera: AbstractCamera
     ) -> Depths:
         check_depth_along_z(camera)
+        key, depth = moved_across(key, depth, normal, camera, self.bias)
         scale, step = self._scale(depth), jnp.asarray(self.step, depth.dtype)
         seen = has_surface(depth)
         draw = normal_draws(key, depth.shape, depth.dtype)

@@ -18,6 +18,7 @@ from impostor_jax.arguments import angle_below_grazing, bounded_number, real_num
 from impostor_jax.camera.base import AbstractCamera, check_depth_along_z
 from impostor_jax.compiling import compiled
 from impostor_jax.numerics import Numbers, Scalar, eps, safe_sqrt
+from impostor_jax.sensor.across import errors_across, moved_across
 from impostor_jax.sensor.base import (
     AbstractDepthNoise,
     Depths,
@@ -96,6 +97,9 @@ class StructuredLight(AbstractDepthNoise):
         best_depth: Depth of the smallest standard deviation, in meters.
         grazing: Factor of the term of the incidence, in meters^1.5.
         max_angle: Incidence in radians from which sigma is held constant.
+        across: Standard deviation of a reading's place across its ray, along each of
+            two directions, in meters; None where nobody knows: a fit learns it.
+        angle: The same of the direction of the ray, in radians.
 
     References:
         Nguyen, Izadi and Lovell, Modeling Kinect sensor noise for improved 3D
@@ -107,6 +111,8 @@ class StructuredLight(AbstractDepthNoise):
     best_depth: Scalar
     grazing: Scalar
     max_angle: Scalar
+    across: Scalar | None
+    angle: Scalar | None
 
     def __init__(
         self,
@@ -115,6 +121,8 @@ class StructuredLight(AbstractDepthNoise):
         best_depth: Any = 0.4,
         grazing: Any = 0.0001,
         max_angle: Any = MAX_ANGLE,
+        across: Any = None,
+        angle: Any = None,
     ):
         self.floor = real_number("floor", floor, positive=True, unit="meters")
         self.growth = bounded_number("growth", growth, "0 or positive, in 1/meters")
@@ -123,6 +131,7 @@ class StructuredLight(AbstractDepthNoise):
             "grazing", grazing, "0 or positive, in meters^1.5"
         )
         self.max_angle = angle_below_grazing("max_angle", max_angle)
+        self.across, self.angle = errors_across(across, angle)
 
     @staticmethod
     def sensor(native_scale: Any = 1.0) -> AbstractDepthNoise:
@@ -151,7 +160,7 @@ class StructuredLight(AbstractDepthNoise):
     @property
     @override
     def bias(self) -> Bias:
-        return Bias()
+        return Bias(across=self.across, angle=self.angle)
 
     @override
     @compiled
@@ -159,4 +168,5 @@ class StructuredLight(AbstractDepthNoise):
         self, key: PRNGKeyArray, depth: Depths, normal: Normals, camera: AbstractCamera
     ) -> Depths:
         check_depth_along_z(camera)
+        key, depth = moved_across(key, depth, normal, camera, self.bias)
         return scattered(key, depth, self.sigma(depth, cos_incidence(normal, camera)))

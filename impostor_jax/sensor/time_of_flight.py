@@ -17,6 +17,7 @@ from impostor_jax.arguments import angle_below_grazing, bounded_number, real_num
 from impostor_jax.camera.base import AbstractCamera
 from impostor_jax.compiling import compiled
 from impostor_jax.numerics import Numbers, Scalar
+from impostor_jax.sensor.across import errors_across, moved_across
 from impostor_jax.sensor.base import (
     AbstractDepthNoise,
     Depths,
@@ -46,6 +47,9 @@ class TimeOfFlight(AbstractDepthNoise):
         floor: Standard deviation near the camera, in meters, positive.
         growth: Of the standard deviation with the square of the depth, in 1/meters.
         max_angle: Incidence in radians from which sigma is held constant.
+        across: Standard deviation of a reading's place across its ray, along each of
+            two directions, in meters; None where nobody knows: a fit learns it.
+        angle: The same of the direction of the ray, in radians.
 
     References:
         Lange and Seitz, Solid-state time-of-flight range camera, IEEE J. Quantum
@@ -57,13 +61,21 @@ class TimeOfFlight(AbstractDepthNoise):
     floor: Scalar
     growth: Scalar
     max_angle: Scalar
+    across: Scalar | None
+    angle: Scalar | None
 
     def __init__(
-        self, floor: Any = 0.001, growth: Any = 0.001, max_angle: Any = MAX_ANGLE
+        self,
+        floor: Any = 0.001,
+        growth: Any = 0.001,
+        max_angle: Any = MAX_ANGLE,
+        across: Any = None,
+        angle: Any = None,
     ):
         self.floor = real_number("floor", floor, positive=True, unit="meters")
         self.growth = bounded_number("growth", growth, "0 or positive, in 1/meters")
         self.max_angle = angle_below_grazing("max_angle", max_angle)
+        self.across, self.angle = errors_across(across, angle)
 
     @staticmethod
     def sensor(native_scale: Any = 1.0) -> AbstractDepthNoise:
@@ -95,11 +107,12 @@ class TimeOfFlight(AbstractDepthNoise):
     @property
     @override
     def bias(self) -> Bias:
-        return Bias()
+        return Bias(across=self.across, angle=self.angle)
 
     @override
     @compiled
     def sample(
         self, key: PRNGKeyArray, depth: Depths, normal: Normals, camera: AbstractCamera
     ) -> Depths:
+        key, depth = moved_across(key, depth, normal, camera, self.bias)
         return scattered(key, depth, self.sigma(depth, cos_incidence(normal, camera)))

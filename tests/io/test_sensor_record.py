@@ -13,6 +13,7 @@ from impostor_jax.io.sensor_record import (
 
 MODELS = [
     ij.ConstantNoise(0.002),
+    ij.TimeOfFlight(across=0.0, angle=1e-4),
     ij.StructuredLight(floor=0.001),
     ij.StereoDisparity(500.0, baseline=0.1),
     ij.LateralNoise(ij.ConstantNoise(0.001), floor=0.3),

@@ -1,0 +1,108 @@
+"""What readings say of their errors across the rays, by the residuals that they leave.
+
+Along a ray that meets the wall steeply a reading errs by what the sensor errs along it;
+where it grazes, by what it errs across. So the squares of the residuals, regressed on
+the two parts of their variance, tell both apart: on a round wall the incidence runs
+through all angles.
+"""
+
+__all__ = ["AcrossRays", "across_found", "exact_rays"]
+
+from collections.abc import Sequence
+
+import equinox as eqx
+import jax.numpy as jnp
+from jax.typing import DTypeLike
+from jaxtyping import Array, Float
+
+from impostor_jax.fit.body import AbstractBody
+from impostor_jax.fit.evidence import Readings
+from impostor_jax.fit.problem import View, sigma_of
+from impostor_jax.numerics import product, safe_divide, safe_sqrt
+
+WITHIN = 4.0
+"""Standard deviations within which readings tell; others may be outliers."""
+
+LEAST_ASSUMED = 0.1
+"""Error across the ray, in errors along it, with which readings are weighed at least:
+a few that graze most would tell all."""
+
+
+class AcrossRays(eqx.Module):
+    """Errors of readings across their rays, in meters.
+
+    Attributes:
+        deviation: Standard deviation that the fit took for them, along each of two
+            directions; where it grows with the range, that of the middle reading.
+        found: What the residuals say that it is, if the noise along the rays is right.
+        score: Standard deviations by which it is found larger than 0.
+        scale: Standard deviation along the rays that is found, over what was given.
+    """
+
+    deviation: Float[Array, "*batch"]
+    found: Float[Array, "*batch"]
+    score: Float[Array, "*batch"]
+    scale: Float[Array, "*batch"]
+
+
+def exact_rays(dtype: DTypeLike) -> AcrossRays:
+    """Of a fit that says nothing of them."""
+    zero = jnp.zeros((), dtype)
+    return AcrossRays(zero, zero, zero, jnp.ones((), dtype))
+
+
+def across_found(
+    views: Sequence[View],
+    bodies: Sequence[AbstractBody],
+    readings: Sequence[Readings],
+    repeats: Float[Array, ""],
+) -> AcrossRays:
+    """What the readings of some views say at an estimate.
+
+    Args:
+        views: The views.
+        bodies: The estimate, in the frame of each.
+        readings: What each says, as it is compared with the estimate.
+        repeats: Readings that tell as much as one whose error is its own.
+    """
+    normal, right = jnp.zeros((2, 2), repeats.dtype), jnp.zeros(2, repeats.dtype)
+    taken = weight = jnp.zeros_like(repeats)
+    for view, body, told in zip(views, bodies, readings, strict=True):
+        seen, pixels, bias = told.passing, view.pixels, view.noise.bias
+        d = seen.local.direction
+        length = d.dot(d)
+        inverse = jnp.abs(seen.inverse)
+        near = jnp.where(told.used, pixels.depth, 1)
+        along = sigma_of(view.noise, pixels, near, seen.cos_incidence) ** 2
+        h = jnp.maximum(seen.square, 0)
+        radius = body.wall_square(seen)
+        own = h * along + along * along / 2
+        other = jnp.maximum(radius * inverse * inverse - h / length, 0)
+        across = bias.across_at(near * jnp.sqrt(length)) ** 2
+        variance = own + across * other
+        assumed = own + jnp.maximum(across, LEAST_ASSUMED**2 * along) * other
+        z = told.terms.residual
+        counts = told.used & ~seen.on_cap & (jnp.abs(z) < WITHIN)
+        rows = jnp.stack([own, other, z * z * variance]) / assumed[None]
+        rows = jnp.where(counts[None], rows, 0)
+        moments = product(rows, rows.T)
+        normal += moments[:2, :2]
+        right += moments[:2, 2]
+        ones = jnp.where(counts, 1, 0).astype(repeats.dtype)
+        taken += jnp.sum(ones * jnp.sqrt(across))
+        weight += jnp.sum(ones)
+    determinant = normal[0, 0] * normal[1, 1] - normal[0, 1] ** 2
+    # Where the incidence hardly changes the two are not told apart.
+    is_told = determinant > 1e-3 * normal[0, 0] * normal[1, 1]
+    inverse = jnp.where(is_told, 1 / jnp.where(is_told, determinant, 1), 0)
+    own = (normal[1, 1] * right[0] - normal[0, 1] * right[1]) * inverse
+    other = (normal[0, 0] * right[1] - normal[0, 1] * right[0]) * inverse
+    # Squares of normal residuals vary by twice their square.
+    deviation = safe_sqrt(2 * normal[0, 0] * inverse * repeats)
+    scale = jnp.where(is_told & (own > 0), safe_sqrt(own), 1)
+    return AcrossRays(
+        deviation=safe_divide(taken, weight),
+        found=safe_sqrt(other) / scale,
+        score=safe_divide(other, deviation * scale**2),
+        scale=scale,
+    )

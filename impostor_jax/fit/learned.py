@@ -1,0 +1,101 @@
+"""Errors across the rays, learned with the fit where nobody said how large they are.
+
+Readings are fitted as if rays were exact, or erred by a guess. The residuals tell by
+how much they do, and the fit goes on from its estimate with that, until the two agree.
+Then it is made anew, from all starts.
+"""
+
+__all__ = ["FIRST_GUESS", "fit_with_learned_rays"]
+
+from collections.abc import Callable, Sequence
+
+import jax.numpy as jnp
+import numpy as np
+
+from impostor_jax.fit.result import Fit, each_of
+from impostor_jax.fit.seen import Seen
+from impostor_jax.primitives.base import AbstractPrimitive
+from impostor_jax.sensor.across import AcrossRay
+
+FIRST_GUESS = 1 / 3
+"""Error across the ray with which points are fitted first, in errors along it: with any
+that is not 0 a fit ends so near the truth that its residuals tell the right one."""
+
+SPEAKS = 3.5
+"""Standard deviations from which the residuals of an image speak for errors across the
+rays. Of exact rays one in a thousand fits is taken for more, and is hardly worse."""
+
+MOST_ROUNDS = 8
+"""Fits with an error that is learned."""
+
+SETTLED = 0.03
+"""Change of that error, over itself, with which it is known."""
+
+
+def fit_with_learned_rays(
+    fitted: Callable[[Sequence[Seen]], Fit],
+    resumed: Callable[[Sequence[Seen], AbstractPrimitive], Fit],
+    seen: Sequence[Seen],
+    known: float | None,
+) -> Fit:
+    """The fit of an object whose readings may err across their rays.
+
+    Args:
+        fitted: How to fit what is seen of it.
+        resumed: How to go on with that from an estimate, with no other start.
+        seen: The object in each of its images.
+        known: Standard deviation that rounding alone makes, in all directions; None for
+            images, whose rays are exact until their readings say otherwise.
+    """
+    if not all(one.noise.bias.has_exact_rays for one in seen):
+        # The caller says what they are.
+        return fitted(seen)
+    if known is None:
+        fit = fitted(seen)
+        if not (fit.is_shape and fit.across.score.item() > SPEAKS):
+            return fit
+        across, known = fit.across.found.item(), 0.0
+    else:
+        guess = FIRST_GUESS * _along(seen)
+        fit = fitted(_erring(seen, max(guess, known), known))
+        across = _found(fit, known)
+    for _ in range(MOST_ROUNDS):
+        if not fit.is_shape:
+            break
+        fit = resumed(_erring(_within(seen, fit), across, known), fit.shape)
+        found = _found(fit, known)
+        settled = abs(found - across) <= SETTLED * across
+        across = found
+        if settled:
+            break
+    return fitted(_erring(seen, across, known))
+
+
+def _found(fit: Fit, known: float) -> float:
+    """What the residuals say, and no less than is known."""
+    return max(float(fit.across.found), known)
+
+
+def _along(seen: Sequence[Seen]) -> float:
+    """Standard deviation along the rays of a reading in the middle."""
+    middles = []
+    for one in seen:
+        depth = one.image[one.region & (one.image > 0)]
+        middle = jnp.asarray(np.median(depth) if len(depth) else 1.0, one.image.dtype)
+        middles.append(float(one.noise.sigma(middle, jnp.ones_like(middle))))
+    return float(np.median(middles))
+
+
+def _erring(seen: Sequence[Seen], across: float, along: float) -> list[Seen]:
+    """The same with noise across the rays, and more along them."""
+    dtype = seen[0].image.dtype
+    errors = jnp.asarray(across, dtype), jnp.asarray(along, dtype)
+    return [one._replace(noise=AcrossRay(one.noise, *errors)) for one in seen]
+
+
+def _within(seen: Sequence[Seen], fit: Fit) -> list[Seen]:
+    """What a fit took for the object's."""
+    regions = [np.asarray(region) for region in each_of(fit.region)]
+    return [
+        one._replace(region=region) for one, region in zip(seen, regions, strict=True)
+    ]

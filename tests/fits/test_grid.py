@@ -1,0 +1,71 @@
+"""The grid that coordinates were rounded to."""
+
+import numpy as np
+import pytest
+
+import impostor_jax as ij
+from impostor_jax.fits.grid import rounding_of
+from tests.groups import FULL, SMALL_IMAGES
+
+pytestmark = SMALL_IMAGES
+
+
+def cloud(count=500):
+    return np.random.default_rng(0).uniform(-3, 3, (count, 3))
+
+
+@pytest.mark.parametrize("step", [0.00025, 0.001, 0.01])
+def test_a_grid_is_found(step):
+    points = np.round(cloud() / step) * step + np.array([0.5, 12.0, 3.0])
+    assert rounding_of(points, points.dtype) == pytest.approx(step / np.sqrt(12))
+    # Stored in single precision, too.
+    rounded = points.astype(np.float32)
+    found = rounding_of(rounded.astype(float), rounded.dtype)
+    assert found == pytest.approx(step / np.sqrt(12), rel=0.02)
+
+
+def test_without_a_grid_there_is_the_spacing_of_the_type():
+    points = cloud()
+    assert rounding_of(points, np.dtype(np.float64)) < 1e-15
+    found = rounding_of(points, np.dtype(np.float32))
+    assert found == pytest.approx(3 * 2**-23 / np.sqrt(12), rel=0.1)
+
+
+def test_few_points_show_no_grid():
+    points = np.round(cloud(15), 3)
+    assert rounding_of(points, points.dtype) < 1e-15
+
+
+def stem(random, count=3000):
+    """Near half of a stem of 0.18 m, 10 m away, and where it is seen from."""
+    origin, center, radius = np.array([0, 0, 1.7]), np.array([4.0, 9.0, 1.5]), 0.18
+    axis = np.array([0.03, -0.02, 1.0]) / np.linalg.norm([0.03, -0.02, 1.0])
+    normal = random.normal(size=(3 * count, 3))
+    normal -= (normal @ axis)[:, None] * axis
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    height = random.uniform(-1.5, 1.5, (3 * count, 1))
+    points = center + height * axis + radius * normal
+    faces = np.sum((points - origin) * normal, axis=1) < 0
+    points = points[faces][:count]
+    ray = (points - origin) / np.linalg.norm(points - origin, axis=1, keepdims=True)
+    return points + ray * random.normal(0, 0.003, (len(points), 1)), ray, origin
+
+
+@pytest.mark.parametrize(
+    "kind", ["grid", "all directions", pytest.param("beam", marks=FULL)]
+)
+def test_points_that_err_across_their_rays(kind):
+    random = np.random.default_rng(3)
+    points, ray, origin = stem(random)
+    if kind == "grid":
+        points, across = np.round(points, 3), 0.001 / np.sqrt(12)
+    else:
+        across = 0.003 if kind == "all directions" else 0.001
+        off = random.normal(0, across, points.shape)
+        points = points + off - np.sum(off * ray, axis=1, keepdims=True) * ray
+    fit = ij.fit_cylinder_to_points(points, origin, sigma=0.003)
+    assert fit.success
+    std = float(fit.std.radius)
+    assert std < 0.0005
+    assert abs(float(fit.cylinder.radius) - 0.18) < 3 * std
+    assert float(fit.across.deviation) == pytest.approx(across, rel=0.15)
