@@ -1,0 +1,1 @@
+"""Errors across the ray: what they do to fits, told, learned or left out."""
