@@ -36,6 +36,7 @@ from impostor_jax.fit.pose import pose_from_camera, pose_of
 from impostor_jax.fit.record import fit_record
 from impostor_jax.fit.status import STATUSES, FitStatus
 from impostor_jax.fit.text import line, millimeters, plain
+from impostor_jax.numerics import nan_where
 from impostor_jax.primitives.base import AbstractPrimitive
 from impostor_jax.primitives.cylinder import Cylinder
 from impostor_jax.primitives.frustum import Frustum
@@ -270,13 +271,11 @@ class Fit(eqx.Module):
         rms: Root mean square of the inliers' residuals, in meters.
         chi2: Mean square of the inliers' residuals, in standard deviations of the
             noise: 1 where that is right.
-        p_value: Probability of a larger `chi2` if the noise is what `sigma` says and no
-            two readings share an error, to a normal approximation; NaN where no `sigma`
-            was given. Of thousands of readings it tells a noise that is 5 percent too
-            large, so the status goes by `chi2`.
+        tail: `p_value`, or -1 where no `sigma` was given: no compiled program returns
+            NaN.
         border_chi2: Chi-squared, of as many degrees of freedom as there are
             coordinates or less, by which readings beside the region's border contradict
-            the others; `inf` where many of them lie elsewhere.
+            the others; `inf` where many of them lie elsewhere, 0 of an outline.
         alternatives: Other solutions that differ by more than five standard deviations.
             They are known where several starts were tried.
         across: What readings err by across their rays: what the noise model, or the
@@ -305,7 +304,7 @@ class Fit(eqx.Module):
     num_pixels: Int[Array, "*batch"]
     rms: Float[Array, "*batch"]
     chi2: Float[Array, "*batch"]
-    p_value: Float[Array, "*batch"]
+    tail: Float[Array, "*batch"]
     border_chi2: Float[Array, "*batch"]
     alternatives: Alternatives
     across: AcrossRays
@@ -331,6 +330,16 @@ class Fit(eqx.Module):
     def tube(self) -> Tube:
         """What the estimate is given by, where it is a tube."""
         return as_tube(self._shape_of(Solid))
+
+    @property
+    def p_value(self) -> Float[Array, "*batch"]:
+        """Probability of a larger `chi2` if the noise is what `sigma` says.
+
+        And if no two readings share an error, to a normal approximation; NaN where no
+        `sigma` was given. Of thousands of readings it tells a noise that is 5 percent
+        too large, so the status goes by `chi2`.
+        """
+        return nan_where(self.tail < 0, self.tail)
 
     @property
     def kind(self) -> str:
