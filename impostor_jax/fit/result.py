@@ -218,9 +218,11 @@ class Asked:
     Attributes:
         arguments: Of `fit_shape` or `fit_outline`, by name, once that has ended; None
             where the fit was traced, stacked, or made from another.
+        measured: What is told of the noise, where no `sigma` was given.
     """
 
     arguments: dict[str, Any] | None = None
+    measured: str = ""
 
     def tree_flatten(self) -> tuple[tuple[()], None]:
         """No leaves."""
@@ -336,7 +338,7 @@ class Fit(eqx.Module):
         """Probability of a larger `chi2` if the noise is what `sigma` says.
 
         And if no two readings share an error, to a normal approximation; NaN where no
-        `sigma` was given. Of thousands of readings it tells a noise that is 5 percent
+        `sigma` was given, nor measured in the image. Of thousands of readings it tells a noise that is 5 percent
         too large, so the status goes by `chi2`.
         """
         return nan_where(self.tail < 0, self.tail)
@@ -383,8 +385,9 @@ class Fit(eqx.Module):
             return self.status.meaning
         times = float(np.sqrt(self.chi2))
         if times >= NOTED_TIMES and not np.isnan(self.p_value):
+            known = "measured" if self.asked.measured else "given"
             return (
-                f"The residuals are {times:.1f} times the noise given: the shape or "
+                f"The residuals are {times:.1f} times the noise {known}: the shape or "
                 "sigma is wrong."
             )
         if 2 * self.num_inliers < int(self.num_pixels):
@@ -498,6 +501,8 @@ class Fit(eqx.Module):
                 f"  Readings err by {millimeters(self.across.deviation)} mm across "
                 "their rays."
             )
+        if self.asked.measured:
+            lines.append(f"  {self.asked.measured}")
         if self.source in OF_SOURCE:
             lines.append(OF_SOURCE[self.source])
         if not self.height_observed:

@@ -29,6 +29,7 @@ from impostor_jax.fit.border import fit_of_one_surface
 from impostor_jax.fit.by_point import told_by_point
 from impostor_jax.fit.fittable import Fittable, no_guess
 from impostor_jax.fit.learned import fit_with_learned_rays
+from impostor_jax.fit.measured import with_measured
 from impostor_jax.fit.options import Options
 from impostor_jax.fit.prior import Prior
 from impostor_jax.fit.problem import Settings, Shown, posed
@@ -95,6 +96,9 @@ def fit_shape(
     for view in views:
         check_types(kind.shape, view.camera, initial)
     given = (depth, mask, camera, sigma, initial, prior)
+    told = ""
+    if places is None and is_concrete(given):
+        views, sigma, told = with_measured(views, sigma)
     with working_precision(effort.precision, given) as converted:
         settings = checked_settings(kind, options, initial, sigma)
         beliefs = checked_prior(prior, kind.parameters, initial)
@@ -155,6 +159,7 @@ def fit_shape(
         fit.asked.arguments = {
             "camera": given, "initial": initial, "options": options, **known,
         }  # fmt: skip
+        fit.asked.measured = told
         return fit
 
 
