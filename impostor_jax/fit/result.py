@@ -338,8 +338,8 @@ class Fit(eqx.Module):
         """Probability of a larger `chi2` if the noise is what `sigma` says.
 
         And if no two readings share an error, to a normal approximation; NaN where no
-        `sigma` was given, nor measured in the image. Of thousands of readings it tells a noise that is 5 percent
-        too large, so the status goes by `chi2`.
+        `sigma` was given, nor measured in the image. Of thousands of readings it tells
+        a noise that is 5 percent too large, so the status goes by `chi2`.
         """
         return nan_where(self.tail < 0, self.tail)
 
