@@ -12,7 +12,7 @@ one, so it is counted with them as with `StructuredLight.sensor`; white noise is
 a scene that was drawn.
 """
 
-__all__ = ["MeasuredNoise", "measured_noise", "with_measured"]
+__all__ = ["NOT_MEASURED", "MeasuredNoise", "measured_noise", "with_measured"]
 
 import math
 from collections.abc import Sequence
@@ -107,9 +107,8 @@ class MeasuredNoise(NamedTuple):
     text: str
 
 
-NOT_MEASURED = (
-    "The noise is not measured in the image: 1 mm is taken, and held against nothing."
-)
+NOT_MEASURED = "The noise is not measured: 1 mm is taken, and held against nothing."
+"""What a reader is told where nothing tells the noise."""
 
 
 def with_measured(views: Sequence[Given], sigma: Any) -> tuple[list[Given], Any, str]:
