@@ -248,6 +248,11 @@ def _checked_points(
 
 
 def _as_numbers(name: str, value: Any) -> Float[np.ndarray, "..."]:
+    if np.ma.is_masked(value):
+        raise ValueError(
+            f"{name} must hold no masked values, got {np.ma.count_masked(value)}: "
+            "leave their rows out"
+        )
     try:
         values = np.asarray(value, np.float64)
     except (TypeError, ValueError) as error:
