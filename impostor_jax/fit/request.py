@@ -148,6 +148,11 @@ def checked_settings(
     fixed, effort = tuple(options.fixed), options.effort
     for name in fixed:
         one_of("fixed", name, kind.parameters)
+        if isinstance(options.prior, Mapping) and name in options.prior:
+            raise ValueError(
+                f"prior must be of parameters that are free, got {name!r}, which "
+                f"fixed={fixed} holds: leave it out of one of them"
+            )
     if len(set(fixed)) == len(kind.parameters):
         raise ValueError(
             f"fixed must leave a parameter to fit, got all: {kind.parameters}"

@@ -219,10 +219,13 @@ class Asked:
         arguments: Of `fit_shape` or `fit_outline`, by name, once that has ended; None
             where the fit was traced, stacked, or made from another.
         measured: What is told of the noise, where no `sigma` was given.
+        contradiction: In words, what of that which was stated the readings exclude;
+            None if nothing, or where the fit was traced or stacked.
     """
 
     arguments: dict[str, Any] | None = None
     measured: str = ""
+    contradiction: str | None = None
 
     def tree_flatten(self) -> tuple[tuple[()], None]:
         """No leaves."""
@@ -381,6 +384,8 @@ class Fit(eqx.Module):
     @property
     def reason(self) -> str:
         """What is behind `status`, in words; needs a single, concrete result."""
+        if self.status is FitStatus.CONTRADICTED and self.asked.contradiction:
+            return self.asked.contradiction
         if self.status is not FitStatus.POOR_FIT:
             return self.status.meaning
         times = float(np.sqrt(self.chi2))
@@ -410,6 +415,18 @@ class Fit(eqx.Module):
                 lambda x: jnp.full_like(x, jnp.inf), self.std_budget
             ),
         )
+
+    def contradicted(self, reason: str) -> "Fit":
+        """The same as a failure, since readings exclude what was stated.
+
+        Args:
+            reason: What, and what the readings say, in a sentence or more.
+        """
+        asked = dataclasses.replace(
+            self.asked, contradiction=reason[:1].upper() + reason[1:]
+        )
+        failed = self.failed(FitStatus.CONTRADICTED)
+        return dataclasses.replace(failed, asked=asked)
 
     @property
     def told(self) -> dict[str, tuple[Array, Array]]:

@@ -51,9 +51,10 @@ def fit_cylinder(
     are known to the run alone, it takes at most 15872 of them.
 
     Args:
-        depth: (H, W), planar depth in meters; 0, NaN and infinity mean no reading. Of a
-            `SphericalCamera` ranges along the rays. Or a list of several images. None
-            where there is none, and the mask is an outline.
+        depth: (H, W), planar depth in meters; 0, NaN, infinity and what a NumPy masked
+            array masks mean no reading. Of a `SphericalCamera` ranges along the rays.
+            Or a list of several images. None where there is none, and the mask is an
+            outline.
         camera: The camera that took it; a list of as many, each with its pose.
         mask: (H, W), True on pixels of the object, wall and caps together; or one
             integer there and 0 elsewhere. A label image is for `fit_labels`. Where

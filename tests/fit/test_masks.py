@@ -185,7 +185,7 @@ def test_a_held_radius_that_is_wrong_is_no_success():
     fit = ij.fit_cylinder(
         depth, CAMERA, mask=mask, sigma=SIGMA, initial=start, fixed=("radius",)
     )
-    assert fit.status is ij.FitStatus.POOR_FIT
+    assert fit.status is ij.FitStatus.CONTRADICTED
     assert np.isposinf(np.asarray(fit.std.center)).all()
 
 
