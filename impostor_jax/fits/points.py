@@ -26,6 +26,7 @@ from impostor_jax.fit.regions import BUCKETS
 from impostor_jax.fit.request import check_types, checked_noise
 from impostor_jax.fit.result import Fit
 from impostor_jax.fit.shapes import fit_shape
+from impostor_jax.fits.facing import tested_by_facing
 from impostor_jax.fits.grid import rounding_of
 from impostor_jax.fits.rough import with_shared_errors
 from impostor_jax.fits.viewless import seen_across
@@ -41,8 +42,11 @@ WIDEST = 55.0
 """Angle in degrees, from the middle of all rays, up to which one frame holds them;
 beyond, they are those of the six faces of a cube."""
 
-MOST_LEVELS, SAME_LEVEL = 4, 0.1
-"""Fits with a level of noise that is learned, and how well it then is known."""
+MOST_LEVELS = 3
+"""Fits with another level of noise than the first."""
+
+SAME_LEVEL = 0.1
+"""Change of that level, over itself, with which it is known."""
 
 MOST_ROUNDED = 0.1
 """Part of the noise that the rounding of coordinates may be."""
@@ -67,10 +71,12 @@ def fit_cylinder_to_points(
     Args:
         points: (N, 3), in meters, in the world frame; or (N, 6), each with the place
             from which the sensor saw it.
-        origin: (3,), that place where it is one for all. If None, of points (N, 3) as
-            of clouds that were merged, they err by `sigma` in all directions, and what
-            lies off the wall near which half of them lie, as caps and branches, is left
-            out; they may then surround it.
+        origin: (3,), that place where it is one for all. Where it is wrong, points of
+            the wall face away from it: the fit is `CONTRADICTED`, and `reason` says
+            which share of them. If None, of points (N, 3) as of clouds that were
+            merged, they err by `sigma` in all directions, and what lies off the wall
+            near which half of them lie, as caps and branches, is left out; they may
+            then surround it.
         sigma: Standard deviation of a range in meters, or a noise model of single
             readings, as in `fit_cylinder`. What they err by across their rays is
             learned unless the model says it. If None, it is measured: how far points
@@ -98,9 +104,13 @@ def fit_cylinder_to_points(
         )
     ends, starts = _checked_points(points, origin)
     cloud = _Cloud(ends, starts, _type_of(points), np.ones(len(ends), bool))
-    if starts is not None and sigma is not None:
-        return _fit_cloud(cloud, sigma, initial, asked)
-    return _fit_untold(cloud, sigma, initial, asked)
+    if starts is None:
+        return _fit_viewless(cloud, sigma, initial, asked)
+    if sigma is None:
+        fit = _fit_with_level(cloud, initial, asked)
+    else:
+        fit = _fit_cloud(cloud, sigma, initial, asked)
+    return tested_by_facing(fit, ends, starts)
 
 
 class _Cloud(NamedTuple):
@@ -141,38 +151,51 @@ def _fit_cloud(
     return fit_shape(CYLINDER, *given, initial, asked, places, rounding_of(ends, dtype))
 
 
-def _fit_untold(
+def _fit_viewless(
     cloud: _Cloud, sigma: Any, initial: Cylinder | None, asked: Options
 ) -> Fit:
-    """The same where the points must tell from where they were seen, or their noise."""
+    """The same where nobody tells from where they were seen."""
     wall = wall_of(cloud.ends)
-    # What single precision tells of coordinates as large.
-    least = float(np.abs(cloud.ends).max()) * eps(np.float32, 16)
-    if cloud.starts is None:
-        if wall is None or not wall.is_known:
-            nothing = no_guess(CYLINDER, np.ones((1, len(cloud.ends)), bool))
-            return told_by_point(nothing, [np.arange(len(cloud.ends))])
-        level = max(wall.scatter, least) if sigma is None else sigma
-        seen = seen_across(cloud.ends, wall)
-        cloud = cloud._replace(starts=seen.starts, counts=seen.is_near)
-        start = seen.start if initial is None else initial
-        fit = _fit_cloud(cloud, _in_all_directions(level), start, asked)
-    else:
-        if wall is None or not wall.is_known:
-            fit = _fit_cloud(cloud, None, initial, asked)
-            fit.asked.measured = NOT_MEASURED
-            return fit
-        level = max(wall.scatter, least)
-        for _ in range(MOST_LEVELS):
-            fit = _fit_cloud(cloud, level, initial, asked)
-            if not fit.is_shape or abs(fit.across.scale.item() - 1) < SAME_LEVEL:
-                break
-            level *= fit.across.scale.item()
-    if sigma is None:
-        told = f"Measured in the points: noise of {1e3 * level:.3g} mm."
-        fit = with_shared_errors(fit, cloud.ends, level)
-        fit.asked.measured = told
+    if wall is None or not wall.is_known:
+        nothing = no_guess(CYLINDER, np.ones((1, len(cloud.ends)), bool))
+        return told_by_point(nothing, [np.arange(len(cloud.ends))])
+    level = max(wall.scatter, _resolution(cloud))
+    seen = seen_across(cloud.ends, wall)
+    cloud = cloud._replace(starts=seen.starts, counts=seen.is_near)
+    noise = _in_all_directions(level if sigma is None else sigma)
+    start = seen.start if initial is None else initial
+    fit = _fit_cloud(cloud, noise, start, asked)
+    return _with_told_level(fit, cloud, level) if sigma is None else fit
+
+
+def _fit_with_level(cloud: _Cloud, initial: Cylinder | None, asked: Options) -> Fit:
+    """The same where nobody tells how large the noise is."""
+    wall = wall_of(cloud.ends)
+    if wall is None or not wall.is_known:
+        fit = _fit_cloud(cloud, None, initial, asked)
+        fit.asked.measured = NOT_MEASURED
+        return fit
+    level = max(wall.scatter, _resolution(cloud))
+    fit = _fit_cloud(cloud, level, initial, asked)
+    for _ in range(MOST_LEVELS):
+        scale = fit.across.scale.item()
+        if not fit.is_shape or abs(scale - 1) < SAME_LEVEL:
+            break
+        level *= scale
+        fit = _fit_cloud(cloud, level, initial, asked)
+    return _with_told_level(fit, cloud, level)
+
+
+def _with_told_level(fit: Fit, cloud: _Cloud, level: float) -> Fit:
+    """A fit whose noise was measured, that says so."""
+    fit = with_shared_errors(fit, cloud.ends, level)
+    fit.asked.measured = f"Measured in the points: noise of {1e3 * level:.3g} mm."
     return fit
+
+
+def _resolution(cloud: _Cloud) -> float:
+    """What single precision tells of coordinates as large, in meters."""
+    return float(np.abs(cloud.ends).max()) * eps(np.float32, 16)
 
 
 def _in_all_directions(sigma: Any) -> AbstractDepthNoise:

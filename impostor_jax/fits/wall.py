@@ -5,7 +5,7 @@ It is rough beside a fit, but needs no start, no noise and no viewpoint, and hal
 points may be others'.
 """
 
-__all__ = ["Wall", "wall_of"]
+__all__ = ["Wall", "wall_near", "wall_of"]
 
 from typing import NamedTuple
 
@@ -13,13 +13,14 @@ import numpy as np
 from jaxtyping import Float
 
 from impostor_jax.camera.ray_table import turned_to
+from impostor_jax.primitives.cylinder import Cylinder
 
 MOST_POINTS = 600
 """Points that are looked at, evenly spread over all in their order."""
 
-CIRCLES = 1500
+CIRCLES = 300
 """Through three points each, about each axis; where half of the points are the wall's,
-all but one in 1e70 of such draws hold one that is of the wall alone."""
+all but one in 1e17 of such draws hold one that is of the wall alone."""
 
 REFINED = 2
 """Axes about which the best circle is refined."""
@@ -80,13 +81,19 @@ class Wall(NamedTuple):
         return np.linalg.norm(self.across(points), axis=1) - self.radius
 
 
-def wall_of(
-    points: Float[np.ndarray, "n 3"], axis: Float[np.ndarray, "3"] | None = None
-) -> Wall | None:
+def wall_near(points: Float[np.ndarray, "n 3"], cylinder: Cylinder) -> Wall | None:
+    """The wall near which points lie, from one that is nearly it; None if none is."""
+    parts = cylinder.axis, cylinder.center
+    axis, center = (np.asarray(part, np.float64) for part in parts)
+    size = float(np.linalg.norm(points - np.median(points, axis=0), axis=1).max())
+    return _refined(points, axis, center, float(cylinder.radius), size)
+
+
+def wall_of(points: Float[np.ndarray, "n 3"]) -> Wall | None:
     """The wall with the least median distance from points; None where there is none.
 
-    It is looked for about an axis that is given, the principal ones of the points, and
-    those of the world: stems and pipes stand or lie.
+    It is looked for about the principal axes of the points and those of the world:
+    stems and pipes stand or lie.
 
     References:
         Rousseeuw, Least median of squares regression (1984), for the circle about each
@@ -98,8 +105,6 @@ def wall_of(
     size = float(np.linalg.norm(points - middle, axis=1).max())
     _, _, principal = np.linalg.svd(points - middle, full_matrices=False)
     axes = [*principal, *np.eye(3)]
-    if axis is not None and np.all(np.isfinite(axis)) and np.any(axis):
-        axes.append(axis)
     circles = [_circle_about(points - middle, size, one) for one in axes]
     order = np.argsort([circle.median for circle in circles])
     walls = [
