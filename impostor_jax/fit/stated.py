@@ -14,7 +14,7 @@ from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Array, Float
 
 from impostor_jax.fit.body import AbstractBody
 from impostor_jax.fit.fittable import Fittable
@@ -141,7 +141,7 @@ def _contradiction(kind: Fittable, stated: Stated, alone: Fit) -> str | None:
     away = float(np.sqrt(off[known] @ np.linalg.pinv(total) @ off[known]))
     if not away > MOST_APART:
         return None
-    read = np.asarray(getattr(body, stated.name), np.float64)
+    read = np.asarray(_value(body, stated.name), np.float64)
     if stated.name == "axis" and read @ stated.value < 0:
         read = -read
     said = np.sqrt(np.diagonal(covariance).max())
@@ -159,19 +159,26 @@ def _apart(
     """Stated value less that of a body, in coordinates of its covariance."""
     name, value = stated.name, stated.value
     if name == "axis":
-        basis = np.asarray(tangent_basis(body.axis), np.float64)
+        basis = np.asarray(tangent_basis(_value(body, "axis")), np.float64)
         toward = value / np.linalg.norm(value)
         # Either sign will do.
-        side = 1.0 if toward @ np.asarray(body.axis, np.float64) > 0 else -1.0
+        side = (
+            1.0 if toward @ np.asarray(_value(body, "axis"), np.float64) > 0 else -1.0
+        )
         return basis @ toward * side, body.coordinates["axis"]
-    away = np.atleast_1d(value - np.asarray(getattr(body, name), np.float64))
+    away = np.atleast_1d(value - np.asarray(_value(body, name), np.float64))
     if name in body.coordinates:
         return away, body.coordinates[name]
     # The center of a shape with an axis.
-    axis = np.asarray(body.axis, np.float64)
-    across = np.asarray(tangent_basis(body.axis), np.float64) @ away
+    axis = np.asarray(_value(body, "axis"), np.float64)
+    across = np.asarray(tangent_basis(_value(body, "axis")), np.float64) @ away
     names = (*body.coordinates["across_axis"], *body.coordinates["along_axis"])
     return np.append(across, axis @ away), names
+
+
+def _value(body: AbstractBody, name: str) -> Array:
+    """A parameter that this kind of body has."""
+    return getattr(body, name)
 
 
 def _with_unit(name: str, value: Any, deviation: float) -> str:
