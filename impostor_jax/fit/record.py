@@ -59,6 +59,7 @@ def fit_record(
             "found_m": numbers(fit.across.found),
             "score": numbers(fit.across.score),
         },
+        "outline_gap": _outline_gap(fit.outline_gap),
         "taper": None if taper is None else _test(taper, "frustum"),
         "bore": None if bore is None else _test(bore, "tube"),
         "seconds": seconds,
@@ -78,6 +79,13 @@ def estimate_record(fit: Any) -> dict[str, Any]:
     values = {name: value for name, (value, _) in told.items()}
     budget = {name: of_all(std) for name, std in fit.std_budget.some.items()}
     return _named(values) | {"std": of_all(fit.std), "std_budget": budget}
+
+
+def _outline_gap(gap: Any) -> dict[str, Any] | None:
+    """The record of an `OutlineGap`, if there is one."""
+    if gap is None:
+        return None
+    return {name: numbers(value) for name, value in gap._asdict().items()}
 
 
 def _test(test: Any, shape: str) -> dict[str, Any]:

@@ -11,6 +11,7 @@ __all__ = [
     "FitResult",
     "FrustumDeviations",
     "FrustumFit",
+    "OutlineGap",
     "SphereDeviations",
     "SphereFit",
     "TaperTest",
@@ -22,7 +23,7 @@ __all__ = [
 import dataclasses
 from collections import Counter, OrderedDict
 from collections.abc import Sequence
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import equinox as eqx
 import jax
@@ -72,6 +73,9 @@ OF_SOURCE = {
 
 NOTED_TIMES = 3.0
 """Noises from which the size of residuals is the reason of a poor fit."""
+
+NOTED_GAP, LARGE_GAP = 2.0, 0.1
+"""Deviations, or radii, from which a reader is told of an outline gap."""
 
 DISAGREEING = 50.0
 """Contradiction between border and rest, of 7 degrees of freedom in a cylinder, from
@@ -210,6 +214,30 @@ class Directions(eqx.Module):
     deviation: Float[Array, "*batch m"]
 
 
+class OutlineGap(NamedTuple):
+    """How far a wall's silhouette in the image lies from that of the fit.
+
+    Positive where the image shows the surface beyond the fit's outline, which is then
+    too small or beside it; negative where it shows background within. Of both sides of
+    the wall, and of several images, it is the one with the most deviations.
+
+    Attributes:
+        pixels: The gap, as the median along the wall's side; 0 where the outline lies
+            between the last reading of the surface and the first of the background.
+        radii: The same in radii of the fit.
+        deviations: The same in standard deviations, those of the next two together.
+        fit_pixels: Standard deviation of the fit's outline.
+        edge_pixels: Of the edge in the image: a pixel, and what the sensor may move an
+            edge by.
+    """
+
+    pixels: float
+    radii: float
+    deviations: float
+    fit_pixels: float
+    edge_pixels: float
+
+
 @jax.tree_util.register_pytree_node_class
 @dataclasses.dataclass
 class Asked:
@@ -219,13 +247,15 @@ class Asked:
         arguments: Of `fit_shape` or `fit_outline`, by name, once that has ended; None
             where the fit was traced, stacked, or made from another.
         measured: What is told of the noise, where no `sigma` was given.
-        contradiction: In words, what of that which was stated the readings exclude;
-            None if nothing, or where the fit was traced or stacked.
+        contradiction: In words, what of that which was stated, or of the outline, the
+            readings exclude; None if nothing, or where the fit was traced or stacked.
+        outline_gap: Of the fit; None where no image shows the outline, or likewise.
     """
 
     arguments: dict[str, Any] | None = None
     measured: str = ""
     contradiction: str | None = None
+    outline_gap: OutlineGap | None = None
 
     def tree_flatten(self) -> tuple[tuple[()], None]:
         """No leaves."""
@@ -377,6 +407,15 @@ class Fit(eqx.Module):
         return STATUSES[int(self.status_code)]
 
     @property
+    def outline_gap(self) -> OutlineGap | None:
+        """How far the image's outline of a cylinder's wall lies from the fit's.
+
+        None where no image shows it: without background behind the wall's sides, of
+        other shapes, of points, and of a fit that was traced, stacked or failed.
+        """
+        return self.asked.outline_gap
+
+    @property
     def is_shape(self) -> bool:
         """Whether the shape is one that explains the readings, if not the only one."""
         return self.status in (FitStatus.CONVERGED, FitStatus.AMBIGUOUS)
@@ -520,6 +559,15 @@ class Fit(eqx.Module):
             )
         if self.asked.measured:
             lines.append(f"  {self.asked.measured}")
+        gap = self.outline_gap
+        if gap is not None and (
+            abs(gap.deviations) >= NOTED_GAP or abs(gap.radii) >= LARGE_GAP
+        ):
+            lines.append(
+                f"  The image's outline is {gap.pixels:+.1f} pixels off the fit's: "
+                f"{100 * gap.radii:+.0f} % of the radius, {gap.deviations:+.1f} "
+                "deviations."
+            )
         if self.source in OF_SOURCE:
             lines.append(OF_SOURCE[self.source])
         if not self.height_observed:

@@ -31,6 +31,7 @@ from impostor_jax.fit.fittable import Fittable, no_guess
 from impostor_jax.fit.learned import fit_with_learned_rays
 from impostor_jax.fit.measured import with_measured
 from impostor_jax.fit.options import Options
+from impostor_jax.fit.outline_gap import compared_with_outline
 from impostor_jax.fit.prior import Prior
 from impostor_jax.fit.problem import Settings, Shown, posed
 from impostor_jax.fit.regions import (
@@ -135,6 +136,9 @@ def fit_shape(
         also = effort, correlated, rounding
         fit = _fit_seen(kind, seen, start, beliefs, settings, *also)
         fit = tested_by_readings(kind, fit, options, start, fitted_as)
+        if places is None:
+            is_outline = options.mask_meaning == "outline"
+            fit = compared_with_outline(fit, seen, is_outline)
         # A caller may write other pixels to a mask, and the depth is a copy.
         regions = [np.array(one) for one in masks]
         known = {"depth": images, "sigma": [v.sigma for v in checked], "mask": regions}
