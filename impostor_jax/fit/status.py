@@ -39,7 +39,7 @@ _MEANINGS = {
     FitStatus.UNDETERMINED: "The readings do not determine radius and place.",
     FitStatus.AMBIGUOUS: "Two solutions explain the readings.",
     FitStatus.NOT_FINITE: "The solver met a number that is not finite.",
-    FitStatus.CONTRADICTED: "The readings exclude what was stated beforehand.",
+    FitStatus.CONTRADICTED: "The readings exclude what was stated, or the outline.",
 }
 
 STATUSES = tuple(FitStatus)

@@ -132,7 +132,7 @@ def test_a_failed_one_of_several_says_so_alone():
     )  # fmt: skip
     first = jax.tree.map(lambda values: values[0], fits)
     assert first.status is ij.FitStatus.CONTRADICTED
-    assert first.reason == "The readings exclude what was stated beforehand."
+    assert first.reason == "The readings exclude what was stated, or the outline."
 
 
 def test_a_prior_on_a_held_parameter_is_refused():
