@@ -5,6 +5,7 @@ Shapes and dtypes are known while tracing and are always checked.
 """
 
 __all__ = [
+    "FAR",
     "angle_below_grazing",
     "bounded_number",
     "check_direction",
@@ -14,7 +15,9 @@ __all__ = [
     "float_arrays",
     "image_size",
     "is_concrete",
+    "is_exact",
     "one_of",
+    "place_of",
     "real_number",
     "unmasked",
     "whole_number",
@@ -42,6 +45,10 @@ from impostor_jax.plain_arguments import (
 )
 
 Values = TypeVar("Values")
+
+FAR = 64.0
+"""Meters from the origin from which a place keeps double precision: single precision
+rounds it there by 4 micrometers, and by more beyond; a good fit is sure to 40."""
 
 
 @contextlib.contextmanager
@@ -212,6 +219,34 @@ def float_arrays(
             f"{', '.join(map(str, batches))}"
         )
     return [array.astype(dtype) for array in arrays]
+
+
+def place_of(
+    given: Any, rounded: Float[Array, "..."]
+) -> Float[Array, "..."] | Float[np.ndarray, "..."]:
+    """A place in double precision where it is known so, and single one would round it.
+
+    It is a NumPy array then: it takes the precision of what it meets, and is rounded
+    where a program is compiled for it. What has a camera is moved near before that.
+
+    Args:
+        given: Concrete numbers, in meters, the last axis x, y and z; or traced ones.
+        rounded: The same in JAX's precision.
+    """
+    if rounded.dtype == np.float64 or not is_concrete(given):
+        return rounded
+    values = np.asarray(given)
+    if values.dtype in (np.float16, np.float32):
+        return rounded
+    values = np.array(values, np.float64)
+    # NaN, which a failed fit has, stays in the type of its camera's world.
+    is_near = np.all(np.linalg.norm(values, axis=-1) < FAR)
+    return rounded if is_near else values
+
+
+def is_exact(place: Any) -> bool:
+    """Whether a place keeps double precision beside JAX's own; see `place_of`."""
+    return isinstance(place, np.ndarray) and place.dtype == np.float64
 
 
 def check_positive(name: str, value: Float[Array, "..."], unit: str) -> None:

@@ -10,6 +10,8 @@ import equinox as eqx
 import jax
 import numpy as np
 
+from impostor_jax.arguments import is_exact
+
 MOST_VALUES = 9
 """A larger array is told by its shape."""
 
@@ -60,11 +62,12 @@ def _value(value: Any, unit: str) -> str:
     if array.size > MOST_VALUES:
         text = f"of shape {array.shape}"
     else:
-        text = _numbers(array)
+        # What lies far off is known to more digits.
+        text = _numbers(array, ".10g" if is_exact(value) else ".6g")
     return f"{text} {unit}".rstrip()
 
 
-def _numbers(array: np.ndarray | np.number) -> str:
+def _numbers(array: np.ndarray | np.number, form: str) -> str:
     if array.ndim == 0:
-        return f"{array:.6g}"
-    return f"({', '.join(_numbers(part) for part in array)})"
+        return format(float(array), form)
+    return f"({', '.join(_numbers(part, form) for part in array)})"

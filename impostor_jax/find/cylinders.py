@@ -2,6 +2,7 @@
 
 __all__ = ["MOST_PIXELS", "find_cylinders"]
 
+import dataclasses
 from collections.abc import Mapping
 from typing import Any
 
@@ -19,9 +20,11 @@ from impostor_jax.find.planes import PlaneRegions, primitives_of
 from impostor_jax.find.search import Detection, Request, search
 from impostor_jax.find.sectors import sectors_of, view_of_sector
 from impostor_jax.find.view import View, view_of
+from impostor_jax.fit.far import near_prior, told_in_world
 from impostor_jax.fit.fittable import CYLINDER
 from impostor_jax.fit.options import Options
 from impostor_jax.fit.request import checked_prior, checked_readings
+from impostor_jax.primitives.local_world import LocalWorld
 from impostor_jax.primitives.plane import Plane
 from impostor_jax.rendering.render import render
 from impostor_jax.sensor.base import AbstractDepthNoise
@@ -91,6 +94,20 @@ def find_cylinders(
         raise ValueError(f"camera must be a camera, got {type(camera).__name__}")
     options = Options.of({"effort": effort, "prior": prior})
     checked_prior(prior, CYLINDER.parameters, None)
+    world = LocalWorld.of([camera])
+    if world is not None:
+        # Nothing that is found near it lies far from the origin of that.
+        found = find_cylinders(
+            depth,
+            world.seen_by(camera),
+            sigma,
+            min_pixels=min_pixels,
+            min_arc=min_arc,
+            radius_range=radius_range,
+            prior=near_prior(world, prior),
+            effort=effort,
+        )
+        return _told_in_world(world, found, camera, options)
     request = Request(
         min_pixels=whole_number("min_pixels", min_pixels, 1),
         min_arc=real_number("min_arc", min_arc, positive=True, unit="radians"),
@@ -122,6 +139,24 @@ def find_cylinders(
         inside=np.array([one.entry.evidence.wall.side < 0 for one in detections], bool),
         planes=_planes(parts, [part.planes for part in found]),
     )
+
+
+def _told_in_world(
+    world: LocalWorld, found: Found, camera: AbstractCamera, options: Options
+) -> Found:
+    """What was found in a local world, in the world that a camera is in."""
+    fits = []
+    for fit in found.fits:
+        asked = fit.asked.arguments
+        start = None if asked is None else asked["initial"]
+        known = {
+            "camera": camera,
+            "initial": None if start is None else world.told_in_world(start),
+            "options": options,
+        }
+        fits.append(told_in_world(world, fit, known))
+    planes = world.told_in_world(found.planes)
+    return dataclasses.replace(found, fits=tuple(fits), planes=planes)
 
 
 def _parts(

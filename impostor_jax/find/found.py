@@ -3,16 +3,23 @@
 __all__ = ["Found"]
 
 import dataclasses
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float
 
+from impostor_jax.arguments import is_exact
 from impostor_jax.fit.result import Fit
 from impostor_jax.fit.text import millimeters
 from impostor_jax.primitives.cylinder import Cylinder
 from impostor_jax.primitives.plane import Plane
+
+
+def stacked(*parts: Any) -> Any:
+    """Arrays one above the other, those that lie far off as precisely as they are."""
+    return (np if any(map(is_exact, parts)) else jnp).stack(parts)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -48,9 +55,7 @@ class Found:
             nothing = np.zeros((0,), jnp.result_type(float))
             vectors = np.zeros((0, 3), nothing.dtype)
             return Cylinder(vectors, vectors, nothing, nothing)
-        return jax.tree.map(
-            lambda *parts: jnp.stack(parts), *(fit.cylinder for fit in self.fits)
-        )
+        return jax.tree.map(stacked, *(fit.cylinder for fit in self.fits))
 
     def __str__(self) -> str:
         lines = [f"{len(self)} found, {self.planes.batch_shape[0]} planes taken away"]

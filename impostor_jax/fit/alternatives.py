@@ -16,6 +16,9 @@ from impostor_jax.primitives.base import AbstractPrimitive
 MOST_ALTERNATIVES = 2
 """How many are told of."""
 
+Named = dict[str, Array | np.ndarray]
+"""Parameters of shapes by name; those that lie far off are NumPy's."""
+
 
 class Alternatives(eqx.Module):
     """Solutions beside a fit's own, the likeliest first.
@@ -32,8 +35,8 @@ class Alternatives(eqx.Module):
     weight: Float[Array, "*batch k"]
 
     def told(
-        self, named: Callable[[AbstractPrimitive], dict[str, Array]]
-    ) -> list[tuple[float, dict[str, Array]]]:
+        self, named: Callable[[AbstractPrimitive], Named]
+    ) -> list[tuple[float, Named]]:
         """Weight and named values of those that there are; needs those of one fit.
 
         Args:

@@ -48,6 +48,7 @@ from impostor_jax.fit.shapes import fit_shape
 from impostor_jax.numerics import nan_where
 from impostor_jax.primitives.base import in_camera_frame
 from impostor_jax.primitives.cylinder import Cylinder
+from impostor_jax.primitives.local_world import LocalWorld
 from impostor_jax.primitives.tube import Tube
 
 NAMES = {"radius": "outer_radius"}
@@ -136,18 +137,22 @@ def _costs(held: dict[str, Any]) -> Any:
     names = "depth", "camera", "mask", "sigma"
     views = views_given(*(held[name] for name in names))
     given = (held["depth"], held["camera"], sigma)
+    world = LocalWorld.of(view.camera for view in views)
 
     def cost(kind: Fittable, shape: Any) -> float:
         with working_precision(effort.precision, given) as converted:
+            cameras = [view.camera for view in views]
+            if world is not None:
+                shape, cameras = world.near(shape), list(map(world.seen_by, cameras))
             shape = converted(shape)
             seen = [
                 seen_by(
                     np.asarray(view.depth),
                     view.mask,
-                    converted(view.camera),
+                    converted(camera),
                     converted(checked_noise(view.sigma)),
                 )
-                for view in views
+                for view, camera in zip(views, cameras, strict=True)
             ]
             shown = tuple(pixels_shown(one, effort.readings) for one in seen)
             settings = checked_settings(kind, plain, None, sigma)

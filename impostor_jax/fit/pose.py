@@ -1,11 +1,13 @@
 """Poses of what is fitted: the frame at a shape's center, with z along its axis."""
 
-__all__ = ["pose_from_camera", "pose_of"]
+__all__ = ["Pose", "pose_from_camera", "pose_of"]
 
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
-from impostor_jax.geometry.frames import RigidTransform
+from impostor_jax.arguments import is_exact
+from impostor_jax.geometry.frames import Points, RigidTransform
 from impostor_jax.geometry.so3 import tangent_basis
 from impostor_jax.geometry.vec3 import unit
 from impostor_jax.primitives.base import AbstractPrimitive
@@ -14,7 +16,7 @@ from impostor_jax.primitives.frustum import Frustum
 from impostor_jax.primitives.sphere import Sphere
 from impostor_jax.primitives.tube import as_tube
 
-Pose = Float[Array, "*batch 4 4"]
+Pose = Float[Array, "*batch 4 4"] | Float[np.ndarray, "*batch 4 4"]
 
 
 def pose_of(shape: AbstractPrimitive) -> Pose:
@@ -61,9 +63,11 @@ def pose_from_camera(pose: Pose, camera_from_world: RigidTransform | None) -> Po
     return _homogeneous(jnp.swapaxes(axes, -1, -2), center)
 
 
-def _homogeneous(
-    rotation: Float[Array, "*batch 3 3"], center: Float[Array, "*batch 3"]
-) -> Pose:
+def _homogeneous(rotation: Float[Array, "*batch 3 3"], center: Points) -> Pose:
+    if is_exact(center):
+        matrix = np.broadcast_to(np.eye(4), (*center.shape[:-1], 4, 4)).copy()
+        matrix[..., :3, :3], matrix[..., :3, 3] = rotation, center
+        return matrix
     upper = jnp.concatenate([rotation, center[..., None]], axis=-1)
     last = jnp.zeros_like(upper[..., :1, :]).at[..., 3].set(1)
     return jnp.concatenate([upper, last], axis=-2)

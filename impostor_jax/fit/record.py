@@ -9,7 +9,8 @@ __all__ = ["FIT_VERSION", "estimate_record", "fit_record", "numbers"]
 from typing import Any
 
 import numpy as np
-from jaxtyping import Array
+
+from impostor_jax.fit.alternatives import Named
 
 FIT_VERSION = 1
 """Of the records that are written: one more for each change that a reader must know."""
@@ -17,7 +18,7 @@ FIT_VERSION = 1
 
 def fit_record(
     fit: Any,
-    alternatives: list[tuple[float, dict[str, Array]]],
+    alternatives: list[tuple[float, Named]],
     seconds: float | None,
     taper: Any,
     bore: Any,
@@ -100,7 +101,7 @@ def _test(test: Any, shape: str) -> dict[str, Any]:
     }
 
 
-def _named(values: dict[str, Array]) -> dict[str, Any]:
+def _named(values: Named) -> dict[str, Any]:
     """Lengths, points and an axis, by name and unit."""
     return {
         name if name == "axis" else f"{name}_m": numbers(value)

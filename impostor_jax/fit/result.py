@@ -32,8 +32,8 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from impostor_jax.fit.across import AcrossRays
-from impostor_jax.fit.alternatives import Alternatives
-from impostor_jax.fit.pose import pose_from_camera, pose_of
+from impostor_jax.fit.alternatives import Alternatives, Named
+from impostor_jax.fit.pose import Pose, pose_from_camera, pose_of
 from impostor_jax.fit.record import fit_record
 from impostor_jax.fit.status import STATUSES, FitStatus
 from impostor_jax.fit.text import line, millimeters, plain
@@ -97,7 +97,7 @@ def of_images(values: Sequence[Array]) -> Array | tuple[Array, ...]:
     return values[0] if len(values) == 1 else tuple(values)
 
 
-def named_values(shape: AbstractPrimitive) -> dict[str, Array]:
+def named_values(shape: AbstractPrimitive) -> Named:
     """What a reader is told of a shape, or a batch of them, by name."""
     held = as_tube(shape) if isinstance(shape, Solid) else shape
     return {name: getattr(held, name) for name in TOLD[type(shape)]}
@@ -468,7 +468,7 @@ class Fit(eqx.Module):
         return dataclasses.replace(failed, asked=asked)
 
     @property
-    def told(self) -> dict[str, tuple[Array, Array]]:
+    def told(self) -> dict[str, tuple[Array | np.ndarray, Array]]:
         """Value and standard deviation of what a reader is told, by name."""
         values = named_values(self.shape)
         return {
@@ -476,7 +476,7 @@ class Fit(eqx.Module):
         }
 
     @property
-    def pose(self) -> Float[Array, "*batch 4 4"]:
+    def pose(self) -> Pose:
         """`world_from_object`: the frame at the center, with z along the axis.
 
         A frustum's center is midway between its ends, and a sphere's frame is not
@@ -485,7 +485,7 @@ class Fit(eqx.Module):
         return pose_of(self.shape)
 
     @property
-    def pose_in_camera(self) -> Float[Array, "4 4"] | tuple[Float[Array, "4 4"], ...]:
+    def pose_in_camera(self) -> Pose | tuple[Pose, ...]:
         """`camera_from_object`, of the same frame; of several images one for each.
 
         It needs a fit to images, as it was returned.

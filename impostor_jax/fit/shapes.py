@@ -27,6 +27,7 @@ from impostor_jax.fit.assess import Assessment, assess
 from impostor_jax.fit.body import AbstractBody
 from impostor_jax.fit.border import fit_of_one_surface
 from impostor_jax.fit.by_point import told_by_point
+from impostor_jax.fit.far import fitted_near
 from impostor_jax.fit.fittable import Fittable, no_guess
 from impostor_jax.fit.learned import fit_with_learned_rays
 from impostor_jax.fit.measured import with_measured
@@ -76,6 +77,7 @@ MOST_LOOKS = 2
 its corner."""
 
 
+@fitted_near
 def fit_shape(
     kind: Fittable,
     depth: Any,

@@ -9,7 +9,7 @@ from typing import Any, Unpack
 import jax
 import numpy as np
 
-from impostor_jax.arguments import is_concrete, unmasked
+from impostor_jax.arguments import is_concrete, is_exact, unmasked
 from impostor_jax.camera.base import AbstractCamera
 from impostor_jax.fit.batch import side_by_side
 from impostor_jax.fit.fittable import CYLINDER
@@ -18,6 +18,7 @@ from impostor_jax.fit.request import check_types
 from impostor_jax.fit.result import Fit
 from impostor_jax.fits.shown import fit_or_failure
 from impostor_jax.primitives.cylinder import Cylinder
+from impostor_jax.primitives.local_world import LocalWorld
 
 ALIGNMENT = 64
 """Bytes to whose multiples XLA aligns what it computes with on processors."""
@@ -74,6 +75,9 @@ def fit_cylinders(
 
     asked = Options.of(options)
     stacked: list[np.ndarray] = []
+    exact: list[bool] = []
+    # The farthest first, of whose types the others are stacked.
+    order = sorted(range(count), key=lambda k: -_distance(cameras[k]))
 
     def fit(index: int) -> Any:
         mask = None if masks is None else masks[index]
@@ -85,17 +89,32 @@ def fit_cylinders(
         if not stacked:
             # The first fit, which is made alone.
             stacked.extend(_aligned((count, *one.shape), one.dtype) for one in leaves)
+            exact.extend(map(is_exact, leaves))
         # By NumPy, and at once: JAX would compile a program for each number of images,
         # in 0.5 s, and need fresh memory for the images of all fits, 0.3 ms each.
         for place, leaf in zip(stacked, leaves, strict=True):
             place[index] = leaf
         return tree
 
-    tree = side_by_side(fit, range(count))[0]
+    tree = side_by_side(fit, order)[0]
     # In the precision of the fits, which is the effort's.
-    is_double = any(place.dtype == np.float64 for place in stacked)
+    is_double = any(
+        one.dtype == np.float64 and not far
+        for one, far in zip(stacked, exact, strict=True)
+    )
     with jax.enable_x64(is_double):
-        return tree.unflatten(jax.device_put(stacked))
+        # What lies far off stays NumPy's, as in a single fit.
+        near = [one for one, far in zip(stacked, exact, strict=True) if not far]
+        put = iter(jax.device_put(near))
+        return tree.unflatten(
+            one if far else next(put) for one, far in zip(stacked, exact, strict=True)
+        )
+
+
+def _distance(camera: AbstractCamera) -> float:
+    """From the origin, in meters, if its place is known in double precision."""
+    world = LocalWorld.of([camera])
+    return 0.0 if world is None else float(np.linalg.norm(world.place))
 
 
 def _aligned(shape: tuple[int, ...], dtype: np.dtype) -> np.ndarray:

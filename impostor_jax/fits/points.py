@@ -34,6 +34,7 @@ from impostor_jax.fits.wall import wall_of
 from impostor_jax.geometry.frames import RigidTransform
 from impostor_jax.numerics import eps
 from impostor_jax.primitives.cylinder import Cylinder
+from impostor_jax.primitives.local_world import LocalWorld
 from impostor_jax.sensor.base import AbstractDepthNoise
 from impostor_jax.sensor.bias import is_none
 from impostor_jax.sensor.gaussian import ConstantNoise
@@ -92,9 +93,9 @@ def fit_cylinder_to_points(
     Raises:
         TypeError: An option is unknown.
         ValueError: An argument has a wrong shape or value, or there are fewer than 50
-            points, or they lie so far from the origin of the world that their
-            coordinates, rounded, would err as much as the sensor: subtract an offset,
-            or let the effort's precision be "float64".
+            points, or they came in single precision, and so far from the origin of
+            the world that it rounds their coordinates by a tenth of the noise: give
+            them in double precision, or subtract an offset.
     """
     asked = Options.of(options)
     _check_options(asked)
@@ -136,8 +137,12 @@ def _fit_cloud(
     ends, starts, dtype, counts = cloud
     assert starts is not None
     with working_precision(asked.effort.precision, ()):
-        _check_rounding(dtype, ends, starts, _checked_noise(sigma))
         views = _views_of(ends, starts)
+        # From a frame that lies far off, they are told in double precision.
+        is_far = LocalWorld.of(view.camera for view in views) is not None
+        own = np.dtype(np.float64 if is_far else jnp.result_type(float))
+        dtype = min(own, dtype, key=lambda dtype: dtype.itemsize)
+        _check_rounding(dtype, ends, starts, _checked_noise(sigma))
     for view in views:
         check_types(Cylinder, view.camera, initial)
         view.mask[0, : len(view.places)] &= counts[view.places]
@@ -148,7 +153,7 @@ def _fit_cloud(
         depths, cameras, masks = depths[0], cameras[0], masks[0]
     places = [view.places for view in views]
     given = depths, cameras, masks, sigma
-    return fit_shape(CYLINDER, *given, initial, asked, places, rounding_of(ends, dtype))
+    return fit_shape(CYLINDER, *given, initial, asked, places, rounding_of(ends, cloud.dtype))
 
 
 def _fit_viewless(
@@ -194,8 +199,10 @@ def _with_told_level(fit: Fit, cloud: _Cloud, level: float) -> Fit:
 
 
 def _resolution(cloud: _Cloud) -> float:
-    """What single precision tells of coordinates as large, in meters."""
-    return float(np.abs(cloud.ends).max()) * eps(np.float32, 16)
+    """What numbers tell of coordinates, in meters: single precision beside a point."""
+    around = np.abs(cloud.ends - np.median(cloud.ends, axis=0)).max()
+    own = np.abs(cloud.ends).max() * eps(cloud.dtype)
+    return float(max(around * eps(np.float32, 16), own))
 
 
 def _in_all_directions(sigma: Any) -> AbstractDepthNoise:
@@ -304,13 +311,12 @@ def _type_of(points: Any) -> np.dtype:
 
 
 def _check_rounding(
-    given: np.dtype,
+    dtype: np.dtype,
     ends: Float[np.ndarray, "n 3"],
     starts: Float[np.ndarray, "n 3"],
     noise: AbstractDepthNoise,
 ) -> None:
     """Raise where coordinates, rounded, would err as much as the sensor."""
-    dtype = min(np.dtype(jnp.result_type(float)), given, key=lambda d: d.itemsize)
     largest = max(np.abs(ends).max(), np.abs(starts).max())
     reach = np.median(np.linalg.norm(ends - starts, axis=1))
     own = jnp.result_type(float)

@@ -24,6 +24,7 @@ from impostor_jax.find.normals import stray
 from impostor_jax.find.objects import objects_of
 from impostor_jax.find.planes import planes_of
 from impostor_jax.find.view import view_of
+from impostor_jax.fit.far import fitted_near
 from impostor_jax.fit.fittable import CYLINDER, Fittable, no_guess
 from impostor_jax.fit.options import Options
 from impostor_jax.fit.outline import fit_outline
@@ -50,6 +51,7 @@ MOST_OBJECTS = 5
 """How many objects are fitted, the largest first."""
 
 
+@fitted_near
 def fit_shown(
     kind: Fittable,
     depth: Any,
@@ -232,6 +234,7 @@ def _objects(
     return [(labels == number) & (image > 0) for number in range(1, count + 1)]
 
 
+@fitted_near
 def fit_or_failure(
     kind: Fittable,
     depth: Any,

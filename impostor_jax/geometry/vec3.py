@@ -10,6 +10,7 @@ __all__ = ["Vec3", "unit"]
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from impostor_jax.numerics import eps, safe_divide, safe_sqrt
@@ -23,8 +24,11 @@ class Vec3(eqx.Module):
     z: Float[Array, "*batch"]
 
     @staticmethod
-    def from_array(vectors: Float[Array, "*batch 3"]) -> "Vec3":
+    def from_array(
+        vectors: Float[Array, "*batch 3"] | Float[np.ndarray, "*batch 3"],
+    ) -> "Vec3":
         """Take the last axis apart."""
+        vectors = jnp.asarray(vectors)
         return Vec3(vectors[..., 0], vectors[..., 1], vectors[..., 2])
 
     def stack(self) -> Float[Array, "*batch 3"]:

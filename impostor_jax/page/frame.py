@@ -8,12 +8,14 @@ __all__ = ["PageFrame", "page_frame"]
 
 import dataclasses
 from collections.abc import Sequence
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
+from impostor_jax.arguments import is_exact
 from impostor_jax.camera.base import AbstractCamera
 from impostor_jax.camera.pinhole import PinholeCamera
 from impostor_jax.geometry.frames import RigidTransform
@@ -104,7 +106,12 @@ def _pose(
 def _single(shape: AbstractPrimitive) -> AbstractPrimitive:
     """A shape in the default precision, whichever it was fitted in."""
     default = jnp.result_type(float)
-    return jax.tree.map(lambda x: jnp.asarray(np.asarray(x), default), shape)
+
+    def converted(x: Any) -> Any:
+        # What lies far off keeps its digits until it is told from near.
+        return x if is_exact(x) else jnp.asarray(np.asarray(x), default)
+
+    return jax.tree.map(converted, shape)
 
 
 def _looking(frame: PageFrame) -> PinholeCamera:

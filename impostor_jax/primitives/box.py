@@ -36,9 +36,14 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 from typing_extensions import override
 
-from impostor_jax.arguments import check_positive, check_rotation, float_arrays
+from impostor_jax.arguments import (
+    check_positive,
+    check_rotation,
+    float_arrays,
+    place_of,
+)
 from impostor_jax.compiling import computed_apart
-from impostor_jax.geometry.frames import RigidTransform
+from impostor_jax.geometry.frames import Points, RigidTransform
 from impostor_jax.geometry.hull import DiscHull
 from impostor_jax.geometry.rays import Hit, Interval, Ray, slab_interval
 from impostor_jax.geometry.vec3 import Vec3
@@ -71,16 +76,17 @@ class Box(AbstractPrimitive):
         ValueError: A concrete value is out of range, or a shape does not fit.
     """
 
-    center: Float[Array, "*batch 3"]
+    center: Points
     rotation: Float[Array, "*batch 3 3"]
     size: Float[Array, "*batch 3"]
 
     def __init__(self, center: Any, rotation: Any, size: Any):
-        self.center, self.rotation, self.size = float_arrays(
+        middle, self.rotation, self.size = float_arrays(
             center=(center, (3,), "meters"),
             rotation=(rotation, (3, 3), "numbers"),
             size=(size, (3,), "meters"),
         )
+        self.center = place_of(center, middle)
         check_rotation("rotation", self.rotation)
         check_positive("size", self.size, "meters")
 
@@ -92,7 +98,7 @@ class Box(AbstractPrimitive):
     @property
     @override
     def dtype(self) -> np.dtype:
-        return self.center.dtype
+        return self.size.dtype
 
     @property
     @override

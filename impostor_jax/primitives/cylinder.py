@@ -44,9 +44,14 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 from typing_extensions import override
 
-from impostor_jax.arguments import check_direction, check_positive, float_arrays
+from impostor_jax.arguments import (
+    check_direction,
+    check_positive,
+    float_arrays,
+    place_of,
+)
 from impostor_jax.compiling import computed_apart
-from impostor_jax.geometry.frames import RigidTransform
+from impostor_jax.geometry.frames import Points, RigidTransform
 from impostor_jax.geometry.hull import DiscHull
 from impostor_jax.geometry.rays import (
     Hit,
@@ -106,7 +111,7 @@ class Cylinder(AbstractPrimitive):
         ValueError: A concrete value is out of range, or a shape does not fit.
     """
 
-    center: Float[Array, "*batch 3"]
+    center: Points
     axis: Float[Array, "*batch 3"]
     radius: Float[Array, "*batch"]
     height: Float[Array, "*batch"]
@@ -128,12 +133,13 @@ class Cylinder(AbstractPrimitive):
         caps: bool = True,
         cut_faces: bool | None = None,
     ):
-        self.center, axis, self.radius, self.height = float_arrays(
+        middle, axis, self.radius, self.height = float_arrays(
             center=(center, (3,), "meters"),
             axis=(axis, (3,), "numbers"),
             radius=(radius, (), "meters"),
             height=(height, (), "meters"),
         )
+        self.center = place_of(center, middle)
         check_positive("radius", self.radius, "meters")
         check_positive("height", self.height, "meters")
         check_direction("axis", axis)

@@ -15,8 +15,8 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 from typing_extensions import override
 
-from impostor_jax.arguments import float_arrays, is_concrete
-from impostor_jax.geometry.frames import RigidTransform
+from impostor_jax.arguments import float_arrays, is_concrete, place_of
+from impostor_jax.geometry.frames import Points, RigidTransform
 from impostor_jax.geometry.hull import DiscHull
 from impostor_jax.geometry.rays import Hit, Ray
 from impostor_jax.geometry.vec3 import Vec3
@@ -64,8 +64,8 @@ class Frustum(AbstractPrimitive):
         ValueError: A concrete value is out of range, or a shape does not fit.
     """
 
-    p1: Float[Array, "*batch 3"]
-    p2: Float[Array, "*batch 3"]
+    p1: Points
+    p2: Points
     radius1: Float[Array, "*batch"]
     radius2: Float[Array, "*batch"]
     start_angle: Float[Array, "*batch"] | None
@@ -86,16 +86,17 @@ class Frustum(AbstractPrimitive):
         caps: bool = True,
         cut_faces: bool | None = None,
     ):
-        self.p1, self.p2, self.radius1, self.radius2 = float_arrays(
+        *ends, self.radius1, self.radius2 = float_arrays(
             p1=(p1, (3,), "meters"),
             p2=(p2, (3,), "meters"),
             radius1=(radius1, (), "meters"),
             radius2=(radius2, (), "meters"),
         )
+        self.p1, self.p2 = map(place_of, (p1, p2), ends)
         points, radii = (self.p1, self.p2), (self.radius1, self.radius2)
         if is_concrete(radii):
-            ends = np.stack(radii)
-            if np.any(ends < 0) or not np.all(np.any(ends > 0, axis=0)):
+            both = np.stack(radii)
+            if np.any(both < 0) or not np.all(np.any(both > 0, axis=0)):
                 raise ValueError(
                     "radius1 and radius2 must not be negative, in meters, and one of "
                     f"them positive, got {radii[0]} and {radii[1]}"
@@ -111,7 +112,7 @@ class Frustum(AbstractPrimitive):
     @property
     def axis(self) -> Float[Array, "*batch 3"]:
         """Unit vector from p1 to p2."""
-        return safe_normalize(self.p2 - self.p1)
+        return safe_normalize(jnp.asarray(self.p2 - self.p1))
 
     @property
     def _is_whole(self) -> bool:

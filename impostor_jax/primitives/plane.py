@@ -28,8 +28,8 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 from typing_extensions import override
 
-from impostor_jax.arguments import check_direction, float_arrays
-from impostor_jax.geometry.frames import RigidTransform
+from impostor_jax.arguments import check_direction, float_arrays, place_of
+from impostor_jax.geometry.frames import Points, RigidTransform
 from impostor_jax.geometry.rays import Hit, Ray
 from impostor_jax.geometry.vec3 import Vec3, unit
 from impostor_jax.numerics import Numbers, safe_normalize, smallest_slope
@@ -61,13 +61,14 @@ class Plane(AbstractPrimitive):
         ValueError: A concrete value is out of range, or a shape does not fit.
     """
 
-    point: Float[Array, "*batch 3"]
+    point: Points
     unit_normal: Float[Array, "*batch 3"]
 
     def __init__(self, point: Any, normal: Any):
-        self.point, normal = float_arrays(
+        place, normal = float_arrays(
             point=(point, (3,), "meters"), normal=(normal, (3,), "numbers")
         )
+        self.point = place_of(point, place)
         check_direction("normal", normal)
         self.unit_normal = safe_normalize(normal)
 
@@ -79,7 +80,7 @@ class Plane(AbstractPrimitive):
     @property
     @override
     def dtype(self) -> np.dtype:
-        return self.point.dtype
+        return self.unit_normal.dtype
 
     @property
     @override

@@ -40,8 +40,8 @@ from jax.custom_derivatives import zero_from_primal
 from jaxtyping import Array, Bool, Float, Int
 from typing_extensions import override
 
-from impostor_jax.arguments import is_concrete
-from impostor_jax.geometry.frames import RigidTransform
+from impostor_jax.arguments import is_concrete, is_exact
+from impostor_jax.geometry.frames import Points, RigidTransform
 from impostor_jax.geometry.hull import AbstractHull
 from impostor_jax.geometry.rays import Hit, Ray
 from impostor_jax.geometry.vec3 import Vec3
@@ -82,7 +82,7 @@ class Solid(AbstractPrimitive):
     shapes: tuple[AbstractPrimitive, ...]
     expression: Expression = eqx.field(static=True)
     rotation: Float[Array, "*batch 3 3"]
-    translation: Float[Array, "*batch 3"]
+    translation: Points
 
     @property
     @override
@@ -92,7 +92,7 @@ class Solid(AbstractPrimitive):
     @property
     @override
     def dtype(self) -> np.dtype:
-        return self.translation.dtype
+        return self.rotation.dtype
 
     @property
     @override
@@ -115,7 +115,11 @@ class Solid(AbstractPrimitive):
     @override
     def hull(self) -> AbstractHull | None:
         hull = hull_of(self.expression, self.shapes)
-        return None if hull is None else hull.moved(self.rotation, self.translation)
+        return (
+            None
+            if hull is None
+            else hull.moved(self.rotation, jnp.asarray(self.translation))
+        )
 
     @override
     def intersect(self, ray: Ray) -> Hit:
@@ -300,6 +304,10 @@ def _combined(name: str, shapes: Sequence[Any]) -> Solid:
             f"shapes must be single ones, or batches of one size, got {sorted(batches)}"
         )
     batch = batches.pop() if batches else ()
+    place = _far_place(shapes)
+    if place is not None:
+        near_from_world = RigidTransform(np.eye(3), -place)
+        shapes = [shape.transformed(near_from_world) for shape in shapes]
     dtype = jnp.result_type(*(shape.dtype for shape in shapes))
     leaves: list[AbstractPrimitive] = []
     terms = tuple(_taken_apart(shape, leaves) for shape in shapes)
@@ -314,12 +322,25 @@ def _combined(name: str, shapes: Sequence[Any]) -> Solid:
 
         return jax.tree.map(convert, shape)
 
+    zeros = jnp.zeros((*batch, 3), dtype)
     return Solid(
         shapes=tuple(map(converted, leaves)),
         expression=(name, terms),
         rotation=jnp.broadcast_to(jnp.eye(3, dtype=dtype), (*batch, 3, 3)),
-        translation=jnp.zeros((*batch, 3), dtype),
+        translation=zeros if place is None else np.zeros(zeros.shape) + place,
     )
+
+
+def _far_place(shapes: Sequence[AbstractPrimitive]) -> Float[np.ndarray, "3"] | None:
+    """A place among shapes that lie so far off that they keep double precision.
+
+    It is where their own frame is, in which they lie near; None if none lies far off.
+    """
+    leaves = [leaf for leaf in jax.tree.leaves(shapes) if is_exact(leaf)]
+    if not leaves:
+        return None
+    places = np.concatenate([leaf.reshape(-1, 3) for leaf in leaves])
+    return places[np.argmax(np.linalg.norm(places, axis=1))]
 
 
 def _taken_apart(

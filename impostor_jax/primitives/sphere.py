@@ -25,9 +25,9 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 from typing_extensions import override
 
-from impostor_jax.arguments import check_positive, float_arrays
+from impostor_jax.arguments import check_positive, float_arrays, place_of
 from impostor_jax.compiling import computed_apart
-from impostor_jax.geometry.frames import RigidTransform
+from impostor_jax.geometry.frames import Points, RigidTransform
 from impostor_jax.geometry.hull import BallHull
 from impostor_jax.geometry.rays import Hit, Ray, ball_interval
 from impostor_jax.geometry.vec3 import Vec3
@@ -56,13 +56,14 @@ class Sphere(AbstractPrimitive):
         ValueError: A concrete value is out of range, or a shape does not fit.
     """
 
-    center: Float[Array, "*batch 3"]
+    center: Points
     radius: Float[Array, "*batch"]
 
     def __init__(self, center: Any, radius: Any):
-        self.center, self.radius = float_arrays(
+        middle, self.radius = float_arrays(
             center=(center, (3,), "meters"), radius=(radius, (), "meters")
         )
+        self.center = place_of(center, middle)
         check_positive("radius", self.radius, "meters")
 
     @property

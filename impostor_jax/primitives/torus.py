@@ -44,9 +44,10 @@ from impostor_jax.arguments import (
     check_positive,
     float_arrays,
     is_concrete,
+    place_of,
 )
 from impostor_jax.compiling import computed_apart
-from impostor_jax.geometry.frames import RigidTransform
+from impostor_jax.geometry.frames import Points, RigidTransform
 from impostor_jax.geometry.hull import DiscHull
 from impostor_jax.geometry.rays import Hit, Ray
 from impostor_jax.geometry.vec3 import Vec3, unit
@@ -85,18 +86,19 @@ class Torus(AbstractPrimitive):
         ValueError: A concrete value is out of range, or a shape does not fit.
     """
 
-    center: Float[Array, "*batch 3"]
+    center: Points
     axis: Float[Array, "*batch 3"]
     major_radius: Float[Array, "*batch"]
     minor_radius: Float[Array, "*batch"]
 
     def __init__(self, center: Any, axis: Any, major_radius: Any, minor_radius: Any):
-        self.center, axis, self.major_radius, self.minor_radius = float_arrays(
+        middle, axis, self.major_radius, self.minor_radius = float_arrays(
             center=(center, (3,), "meters"),
             axis=(axis, (3,), "numbers"),
             major_radius=(major_radius, (), "meters"),
             minor_radius=(minor_radius, (), "meters"),
         )
+        self.center = place_of(center, middle)
         check_direction("axis", axis)
         self.axis = safe_normalize(axis)
         major, minor = self.major_radius, self.minor_radius

@@ -59,7 +59,7 @@ from jax.typing import DTypeLike
 from jaxtyping import Array, Bool, Float, Int
 from typing_extensions import override
 
-from impostor_jax.arguments import float_array, is_concrete
+from impostor_jax.arguments import float_array, is_concrete, place_of
 from impostor_jax.compiling import computed_apart
 from impostor_jax.geometry.frames import RigidTransform
 from impostor_jax.geometry.hull import DiscHull
@@ -101,12 +101,13 @@ class Triangle(AbstractPrimitive):
             does not fit.
     """
 
-    vertices: Float[Array, "*batch 3 3"]
+    vertices: Float[Array, "*batch 3 3"] | Float[np.ndarray, "*batch 3 3"]
 
     def __init__(self, vertices: Any):
-        self.vertices = float_array("vertices", vertices, (3, 3), "meters")
+        rounded = float_array("vertices", vertices, (3, 3), "meters")
+        self.vertices = place_of(vertices, rounded)
         if is_concrete(self.vertices):
-            thin = is_thin(np.asarray(self.vertices), self.vertices.dtype)
+            thin = is_thin(np.asarray(self.vertices), rounded.dtype)
             if np.any(thin):
                 first = np.asarray(self.vertices)[thin][0]
                 raise ValueError(
@@ -122,7 +123,8 @@ class Triangle(AbstractPrimitive):
     @property
     @override
     def dtype(self) -> np.dtype:
-        return self.vertices.dtype
+        # In the type that rays meet it in.
+        return jax.dtypes.canonicalize_dtype(self.vertices.dtype)
 
     @property
     @override

@@ -14,7 +14,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from impostor_jax.arguments import is_concrete
+from impostor_jax.arguments import is_concrete, is_exact
+from impostor_jax.geometry.frames import Points
 from impostor_jax.geometry.vec3 import unit
 from impostor_jax.numerics import Numbers, product
 from impostor_jax.primitives.base import AbstractPrimitive
@@ -36,7 +37,7 @@ class Tube(NamedTuple):
         height: Distance of the ends, in meters.
     """
 
-    center: Float[Array, "*batch 3"]
+    center: Points
     axis: Float[Array, "*batch 3"]
     outer_radius: Numbers
     inner_radius: Numbers
@@ -45,16 +46,21 @@ class Tube(NamedTuple):
     @property
     def solid(self) -> Solid:
         """What is rendered; the values are not checked."""
+        batch, dtype = self.center.shape[:-1], self.outer_radius.dtype
+        zeros = jnp.zeros((*batch, 3), dtype)
+        # What lies far off keeps its digits as a place of what lies near.
+        center, place = self.center, zeros
+        if isinstance(center, np.ndarray):
+            center, place = zeros, center
         outer, inner = (
-            _cylinder(self.center, self.axis, radius, self.height)
+            _cylinder(center, self.axis, radius, self.height)
             for radius in (self.outer_radius, self.inner_radius)
         )
-        batch, dtype = self.center.shape[:-1], self.center.dtype
         return Solid(
             shapes=(outer, inner),
             expression=CUT,
             rotation=jnp.broadcast_to(jnp.eye(3, dtype=dtype), (*batch, 3, 3)),
-            translation=jnp.zeros((*batch, 3), dtype),
+            translation=place,
         )
 
 
@@ -134,8 +140,11 @@ def as_tube(solid: AbstractPrimitive) -> Tube:
     def turned(vector: Float[Array, "*batch 3"]) -> Float[Array, "*batch 3"]:
         return product(solid.rotation, vector[..., None])[..., 0]
 
+    center = turned(jnp.asarray(outer.center))
+    if is_exact(solid.translation):
+        center = np.asarray(center, np.float64)
     return Tube(
-        center=turned(outer.center) + solid.translation,
+        center=center + solid.translation,
         axis=turned(unit(outer.axis)),
         outer_radius=outer.radius,
         inner_radius=inner.radius,

@@ -18,6 +18,7 @@ from jaxtyping import Array, Float
 from impostor_jax.camera.base import AbstractCamera
 from impostor_jax.camera.pixels import Tile
 from impostor_jax.primitives.base import AbstractPrimitive
+from impostor_jax.primitives.local_world import near_its_camera
 from impostor_jax.rendering.image_curve import image_curve
 from impostor_jax.rendering.polygon import BLOCK, MARGIN, polygon_coverage
 
@@ -30,6 +31,7 @@ px in 99 of 100 extreme scenes, 1.5 px in the worst of 3400.
 """
 
 
+@near_its_camera
 @jax.jit
 def coverage(
     primitive: AbstractPrimitive, camera: AbstractCamera, tile: Tile | None = None

@@ -15,6 +15,7 @@ from jaxtyping import Array, Float, Int
 from impostor_jax.camera.base import AbstractCamera
 from impostor_jax.numerics import safe_divide, safe_norm
 from impostor_jax.primitives.base import AbstractPrimitive
+from impostor_jax.primitives.local_world import near_its_camera
 from impostor_jax.rendering.image_curve import image_curve
 
 CHORDS = 48
@@ -27,6 +28,7 @@ direction by more than 1e-3.
 """
 
 
+@near_its_camera
 @jax.jit
 def signed_distance(
     primitive: AbstractPrimitive,

@@ -16,9 +16,13 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Int
 
+from impostor_jax.arguments import is_concrete, is_exact
+from impostor_jax.geometry.frames import RigidTransform
 from impostor_jax.primitives.base import AbstractPrimitive
 from impostor_jax.primitives.heightfield import Heightfield
 from impostor_jax.primitives.solid import Solid
+
+Leaf = Array | np.ndarray
 
 GROWTH = 4
 """Sizes of buckets are its powers."""
@@ -35,6 +39,17 @@ class Group(eqx.Module):
 
     primitives: AbstractPrimitive
     index: Int[Array, " n"]
+
+    def transformed(self, target_from_source: RigidTransform) -> "Group":
+        """Express the shapes in another frame, by numbers that Python can read."""
+        shapes = self.primitives
+        if isinstance(shapes, Heightfield):
+            # One alone, whose pose is no batch.
+            one = jax.tree.map(lambda x: x[0], shapes).transformed(target_from_source)
+            shapes = jax.tree.map(lambda x: x[None], one)
+        else:
+            shapes = shapes.transformed(target_from_source)
+        return Group(shapes, self.index)
 
 
 def grouped(shapes: Sequence[AbstractPrimitive]) -> tuple[Group, ...]:
@@ -96,7 +111,9 @@ def _batches(
 def _as_batch(shape: AbstractPrimitive, dtype: np.dtype) -> AbstractPrimitive:
     """The shape as a batch (n,), in the precision of the scene."""
 
-    def converted(x: Array) -> Array:
+    def converted(x: Leaf) -> Leaf:
+        if is_exact(x):
+            return x if shape.batch_shape else x[None]
         x = jnp.asarray(x)
         x = x.astype(dtype) if jnp.issubdtype(x.dtype, jnp.floating) else x
         return x if shape.batch_shape else x[None]
@@ -118,9 +135,12 @@ def _group(alike: list[tuple[AbstractPrimitive, np.ndarray]]) -> Group:
     size = padded_size(len(index)) if is_searched(batches[0]) else len(index)
     spare = size - len(index)
 
-    def joined(*leaves: Array) -> Array:
-        filler = jnp.broadcast_to(leaves[0][:1], (spare, *leaves[0].shape[1:]))
-        return jnp.concatenate([*leaves, filler])
+    def joined(*leaves: Leaf) -> Leaf:
+        # What lies far off keeps its digits until it is seen from near.
+        is_host = any(map(is_exact, leaves)) and is_concrete(leaves)
+        xp = np if is_host else jnp
+        filler = xp.broadcast_to(leaves[0][:1], (spare, *leaves[0].shape[1:]))
+        return xp.concatenate([*leaves, filler])
 
     index = np.concatenate([index, np.full(spare, -1)])
     return Group(jax.tree.map(joined, *batches), jnp.asarray(index, dtype=jnp.int32))

@@ -33,8 +33,9 @@ from impostor_jax.arguments import (
     float_array,
     is_concrete,
     one_of,
+    place_of,
 )
-from impostor_jax.geometry.frames import RigidTransform
+from impostor_jax.geometry.frames import Points, RigidTransform
 from impostor_jax.geometry.vec3 import Vec3
 from impostor_jax.numerics import Numbers, Scalar, safe_divide, safe_normalize
 
@@ -112,19 +113,20 @@ class PointLight(AbstractLight):
             intensity is that at 1 meter.
     """
 
-    position: Float[Array, "3"]
+    position: Points
     intensity: Intensity
     falloff: Literal["none", "inverse_square"] = eqx.field(static=True)
 
     def __init__(self, position: Any, intensity: Any, falloff: str = "none"):
-        self.position = float_array("position", position, (3,), "meters")
+        rounded = float_array("position", position, (3,), "meters")
+        self.position = place_of(position, rounded)
         self.intensity = _intensity(intensity)
         one_of("falloff", falloff, ("none", "inverse_square"))
         self.falloff = falloff  # pyright: ignore[reportAttributeAccessIssue]
 
     @override
     def towards(self, point: Vec3) -> Vec3:
-        position = self.position.astype(point.x.dtype)
+        position = jnp.asarray(self.position, point.x.dtype)
         return Vec3.from_array(position) - point
 
     @property

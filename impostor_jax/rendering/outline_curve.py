@@ -30,6 +30,7 @@ from impostor_jax.primitives.base import (
     in_camera_frame,
 )
 from impostor_jax.primitives.cylinder import Cylinder
+from impostor_jax.primitives.local_world import near_its_camera
 from impostor_jax.primitives.sphere import Sphere
 from impostor_jax.rendering.outline_base import AbstractOutline, Place
 from impostor_jax.rendering.sphere_outline import sphere_outline
@@ -175,6 +176,7 @@ class Outline(AbstractOutline):
         return jnp.stack([body.center, a * (body.height / 2), across[0], across[1]])
 
 
+@near_its_camera
 @jax.jit
 def outline(primitive: AbstractPrimitive, camera: AbstractCamera) -> AbstractOutline:
     """Outline of a shape for a camera, in closed form.

@@ -16,6 +16,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from impostor_jax.camera.base import AbstractCamera
+from impostor_jax.geometry.frames import RigidTransform
 from impostor_jax.geometry.rays import Hit, Ray
 from impostor_jax.geometry.vec3 import Vec3
 from impostor_jax.primitives.base import AbstractPrimitive, in_camera_frame
@@ -125,6 +126,11 @@ class Scene(eqx.Module):
         put = jnp.where(given < 0, given.shape[0], given)
         places = jnp.zeros_like(place).at[put].set(place, mode="drop")
         return places[jnp.maximum(index, 0)]
+
+    def transformed(self, target_from_source: RigidTransform) -> "Scene":
+        """Express the shapes in another frame."""
+        groups = tuple(group.transformed(target_from_source) for group in self.groups)
+        return eqx.tree_at(lambda scene: scene.groups, self, groups)
 
     def seen_by(self, camera: AbstractCamera) -> "Scene":
         """Express the shapes in the frame of a camera."""

@@ -17,6 +17,7 @@ from jaxtyping import Array, Bool, Float
 from impostor_jax.arguments import bounded_number, float_array
 from impostor_jax.camera.base import AbstractCamera
 from impostor_jax.geometry.vec3 import Vec3
+from impostor_jax.primitives.local_world import seen_near
 from impostor_jax.rendering.lights import AbstractLight, reflected
 from impostor_jax.rendering.maps import GeometryMaps
 
@@ -69,7 +70,8 @@ def shade(
         exponent = bounded_number("exponent", exponent, "a number, not negative")
     color = _color("color", color, shape)
     background = _color("background", background, shape)
-    return _shaded(maps, camera, list(lights), color, exponent, background, coverage)
+    camera, *lights = seen_near(camera, *lights)
+    return _shaded(maps, camera, lights, color, exponent, background, coverage)
 
 
 @jax.jit

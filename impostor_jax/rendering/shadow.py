@@ -22,6 +22,7 @@ from impostor_jax.camera.pinhole import PinholeCamera
 from impostor_jax.geometry.rays import Ray
 from impostor_jax.geometry.vec3 import Vec3
 from impostor_jax.numerics import eps
+from impostor_jax.primitives.local_world import near_its_camera
 from impostor_jax.primitives.plane import Plane
 from impostor_jax.rendering.scene import Scene
 
@@ -30,6 +31,7 @@ CLEARANCE = 1000
 single precision. Two rays to one point of a slanted surface differ by less."""
 
 
+@near_its_camera
 def lit(
     scene: Scene,
     camera: PinholeCamera,

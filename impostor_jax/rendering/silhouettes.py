@@ -17,6 +17,7 @@ from impostor_jax.camera.base import AbstractCamera, check_planar
 from impostor_jax.camera.pinhole import PinholeCamera
 from impostor_jax.camera.pixels import PixelBox, linear_pixel_box
 from impostor_jax.primitives.base import AbstractPrimitive, in_camera_frame
+from impostor_jax.primitives.local_world import near_its_camera
 from impostor_jax.rendering.blocks import Rectangles, Tiling, rectangles_of
 from impostor_jax.rendering.bounds import image_bounds
 
@@ -68,6 +69,7 @@ class _Found(eqx.Module):
         return _Found(count, low, high)
 
 
+@near_its_camera
 def silhouettes(
     shapes: AbstractPrimitive, camera: AbstractCamera, margin: Margin = (0, 0)
 ) -> Silhouettes:

@@ -13,12 +13,14 @@ from impostor_jax.primitives.base import (
     check_single,
     in_camera_frame,
 )
+from impostor_jax.primitives.local_world import near_its_camera
 from impostor_jax.rendering.bounds import image_bounds
 
 STEP = 16
 """Sides of a tile are multiples of this many pixels, so that few sizes are compiled."""
 
 
+@near_its_camera
 @jax.jit
 def outline_box(primitive: AbstractPrimitive, camera: AbstractCamera) -> PixelBox:
     """Smallest box of pixels that holds all whose center ray can meet the shape.

@@ -25,6 +25,7 @@ from impostor_jax.compiling import kept
 from impostor_jax.effort import Effort, effort_of
 from impostor_jax.geometry.rays import Ray
 from impostor_jax.geometry.vec3 import Vec3
+from impostor_jax.primitives.local_world import seen_near
 from impostor_jax.rendering.edges import Cast, nearest_line
 from impostor_jax.rendering.group import padded_size
 from impostor_jax.rendering.half_pixels import halves
@@ -124,6 +125,8 @@ def trace(
         )
     given = (scene, camera, tile, list(lights), _padded(made), background)
     with working_precision(effort.precision, given) as converted:
+        camera, scene, *lights = seen_near(camera, scene, *lights)
+        given = (scene, camera, tile, lights, *given[4:])
         scene, camera, tile, *rest = converted(given)
         return _traced(
             scene, camera, tile, *rest,

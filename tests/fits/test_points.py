@@ -117,18 +117,20 @@ def test_points_of_another_world_are_moved_with_it(seen):
 
 def test_coordinates_that_rounding_spoils_are_refused(seen):
     offset = np.array([5e5, 5.4e6, 300.0])
-    points = points_of(*seen) + offset
-    with pytest.raises(ValueError, match="subtract an offset"):
+    points = (points_of(*seen) + offset).astype(np.float32)
+    with pytest.raises(ValueError, match=r"float32 rounds by .* subtract an offset"):
         of_points(points, offset)
 
 
-@FULL
-def test_in_double_precision_no_offset_is_needed(seen):
+@pytest.mark.parametrize("precision", [None, pytest.param("float64", marks=FULL)])
+def test_points_in_double_precision_need_no_offset(seen, precision):
     offset = np.array([5e5, 5.4e6, 300.0])
     points = points_of(*seen)
-    effort = ij.Effort(precision="float64")
+    effort = ij.Effort(precision=precision)
     far = of_points(points + offset, offset, effort=effort)
     near = of_points(points)
+    assert far.success
+    assert far.cylinder.center.dtype == np.float64
     np.testing.assert_allclose(far.cylinder.radius, near.cylinder.radius, atol=2e-6)
     np.testing.assert_allclose(
         np.asarray(far.cylinder.center) - offset, near.cylinder.center, atol=1e-5

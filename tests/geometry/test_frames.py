@@ -58,3 +58,21 @@ def test_tangent_basis_completes_a_right_handed_frame(axis, dtype):
     frame = np.stack([first, second, axis])
     np.testing.assert_allclose(frame @ frame.T, np.eye(3), atol=eps(dtype, 8))
     np.testing.assert_allclose(np.cross(first, second), axis, atol=eps(dtype, 8))
+
+
+def test_a_transform_that_reaches_far_keeps_its_digits():
+    place = np.array([512345.678, 5412345.678, 250.0])
+    rotation = np.asarray(pose().rotation, float)
+    # Of a rotation of single precision: it is not orthogonal to double precision.
+    far = RigidTransform(rotation, -rotation @ place)
+    points = np.array([[0.25, -0.5, 2.0], [0.0, 0.0, 0.0]])
+    np.testing.assert_allclose(
+        far.apply(place + points), points @ rotation.T, atol=1e-8
+    )
+    back = far.inverse()
+    np.testing.assert_allclose(back.translation, place, rtol=0, atol=1e-8)
+    whole = far @ back
+    np.testing.assert_allclose(whole.translation, np.zeros(3), atol=1e-8)
+    # Beside what is near it is of JAX again.
+    assert isinstance(far.apply(place + points), jnp.ndarray)
+    assert isinstance(whole.translation, jnp.ndarray)

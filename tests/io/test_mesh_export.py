@@ -8,7 +8,7 @@ import pytest
 import impostor_jax as ij
 from impostor_jax.geometry.vec3 import Vec3
 from impostor_jax.io.mesh_export import to_mesh, write_mesh
-from tests.cases import TURNED, pose
+from tests.cases import PRIMITIVES, TURNED, pose
 from tests.groups import RELEASE
 
 trimesh = pytest.importorskip("trimesh")
@@ -383,3 +383,13 @@ def test_a_solid_is_seen_where_its_mesh_is(seed):
     off = np.abs(np.asarray(maps.depth)[both] - t[both]) * slope[both]
     # Off a chord to either side; where it bends, so does its slope.
     assert np.max(off) < 2 * tolerance
+
+
+@pytest.mark.parametrize("name", ["cylinder", "bored can", "triangle"])
+def test_a_mesh_far_off_is_as_fine_as_one_near(name):
+    place = np.array([512345.678, 5412345.678, 250.0])
+    shape = PRIMITIVES[name]()
+    near = ij.to_mesh(shape, 0.01)
+    far = ij.to_mesh(shape.transformed(ij.RigidTransform(np.eye(3), place)), 0.01)
+    np.testing.assert_array_equal(far.faces, near.faces)
+    np.testing.assert_allclose(far.vertices - place, near.vertices, rtol=0, atol=1e-6)

@@ -1,0 +1,100 @@
+"""Fits to images of cameras that lie far from the origin of the world.
+
+They run in the frame of a `LocalWorld`, in which start, prior and poses are near, and
+what they find is told from the origin again: in double precision, of which single one
+would round off more than a fit is unsure of.
+"""
+
+__all__ = ["fitted_near", "near_prior", "told_in_world"]
+
+import dataclasses
+import functools
+import inspect
+from collections.abc import Callable, Mapping
+from typing import Any, TypeVar, cast
+
+import numpy as np
+
+from impostor_jax.arguments import is_concrete, working_precision
+from impostor_jax.fit.options import Options
+from impostor_jax.fit.result import Fit, each_of
+from impostor_jax.primitives.base import AbstractPrimitive
+from impostor_jax.primitives.local_world import LocalWorld
+
+Fitting = TypeVar("Fitting", bound=Callable[..., Fit])
+
+FARTHEST_TRACED = 1000.0
+"""Meters from the origin up to which a fit may be traced, which is told in single
+precision: that rounds a place there by 0.03 mm."""
+
+
+def fitted_near(function: Fitting) -> Fitting:
+    """Let a fit run near the origin, whose arguments are those of `fit_shape`.
+
+    Raises:
+        ValueError: A camera is far off, and something is traced: the fit, told in
+            single precision, would be rounded by more than it says.
+    """
+    signature = inspect.signature(function)
+
+    @functools.wraps(function)
+    def fitted(*args: Any, **kwargs: Any) -> Fit:
+        given = signature.bind(*args, **kwargs)
+        asked = given.arguments
+        cameras = each_of(asked["camera"])
+        world = LocalWorld.of(cameras)
+        if world is None:
+            return function(*args, **kwargs)
+        options: Options = asked["options"]
+        values = [value for name, value in asked.items() if name != "kind"]
+        is_too_far = np.linalg.norm(world.place) > FARTHEST_TRACED
+        if is_too_far and not is_concrete((values, options.prior)):
+            raise ValueError(
+                "camera must be near the origin of the world in a traced fit, got one "
+                f"at {world.place.tolist()} m, where single precision rounds the "
+                "result: subtract an offset from poses and start, or set "
+                "jax_enable_x64"
+            )
+        known = {name: asked[name] for name in ("camera", "initial", "options")}
+        with working_precision(options.effort.precision, ()):
+            local = [world.seen_by(camera) for camera in cameras]
+            if isinstance(asked["initial"], AbstractPrimitive):
+                asked["initial"] = world.near(asked["initial"])
+        asked["camera"] = (
+            local if isinstance(known["camera"], list | tuple) else local[0]
+        )
+        prior = near_prior(world, options.prior)
+        asked["options"] = dataclasses.replace(options, prior=prior)
+        return told_in_world(world, function(*given.args, **given.kwargs), known)
+
+    return cast(Fitting, fitted)
+
+
+def near_prior(world: LocalWorld, prior: Any) -> Any:
+    """A prior as a caller gives it, whose place is told in a local world."""
+    belief = prior.get("center") if isinstance(prior, Mapping) else None
+    is_pair = isinstance(belief, tuple | list) and len(belief) == 2
+    if not is_pair or np.shape(belief[0]) != (3,) or not is_concrete(belief):
+        # What is wrong, the fit says; what is traced, is single already.
+        return prior
+    place = np.asarray(belief[0], np.float64) - world.place
+    return {**prior, "center": (place, *belief[1:])}
+
+
+def told_in_world(world: LocalWorld, fit: Fit, known: Mapping[str, Any]) -> Fit:
+    """A fit in the world, of one in a local world.
+
+    Args:
+        world: The local world.
+        fit: As it was found there.
+        known: What the caller asked, by name.
+    """
+    others = fit.alternatives
+    others = dataclasses.replace(others, shape=world.told_in_world(others.shape))
+    asked = fit.asked.arguments
+    fit = dataclasses.replace(
+        fit, shape=world.told_in_world(fit.shape), alternatives=others
+    )
+    if asked is not None:
+        fit.asked.arguments = {**asked, **known}
+    return fit
