@@ -72,13 +72,14 @@ def fitted_near(function: Fitting) -> Fitting:
 
 def near_prior(world: LocalWorld, prior: Any) -> Any:
     """A prior as a caller gives it, whose place is told in a local world."""
-    belief = prior.get("center") if isinstance(prior, Mapping) else None
-    is_pair = isinstance(belief, tuple | list) and len(belief) == 2
-    if not is_pair or np.shape(belief[0]) != (3,) or not is_concrete(belief):
-        # What is wrong, the fit says; what is traced, is single already.
+    # What is wrong, the fit says; what is traced, is single already.
+    if not isinstance(prior, Mapping) or not is_concrete(prior):
         return prior
-    place = np.asarray(belief[0], np.float64) - world.place
-    return {**prior, "center": (place, *belief[1:])}
+    match prior.get("center"):
+        case (center, deviation) if np.shape(center) == (3,):
+            place = np.asarray(center, np.float64) - world.place
+            return {**prior, "center": (place, deviation)}
+    return prior
 
 
 def told_in_world(world: LocalWorld, fit: Fit, known: Mapping[str, Any]) -> Fit:

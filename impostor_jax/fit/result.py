@@ -47,6 +47,7 @@ from impostor_jax.primitives.tube import Tube, as_tube
 from impostor_jax.text import described, text_or_repr
 
 Shape = TypeVar("Shape", bound=AbstractPrimitive)
+Image = TypeVar("Image")
 
 TOLD = {
     Cylinder: ("center", "axis", "radius", "height"),
@@ -92,7 +93,7 @@ def each_of(values: Any) -> Sequence[Any]:
     return values if isinstance(values, list | tuple) else [values]
 
 
-def of_images(values: Sequence[Array]) -> Array | tuple[Array, ...]:
+def of_images(values: Sequence[Image]) -> Image | tuple[Image, ...]:
     """What a fit tells of its images: of one alone that, of several all of them."""
     return values[0] if len(values) == 1 else tuple(values)
 

@@ -85,6 +85,7 @@ class RigidTransform(eqx.Module):
             rotation, translation = self._in_double()
             moved = np.asarray(points, np.float64) @ rotation.T + translation
             return place_of(moved, jnp.asarray(moved))
+        points = jnp.asarray(points)
         offset = self.translation.astype(points.dtype)
         return self.rotate(points) + jnp.broadcast_to(offset, points.shape)
 
@@ -111,7 +112,7 @@ class RigidTransform(eqx.Module):
             rotation, translation = other._in_double()
             return RigidTransform(turned @ rotation, turned @ translation + moved)
         return RigidTransform(
-            product(self.rotation, other.rotation),
+            product(jnp.asarray(self.rotation), jnp.asarray(other.rotation)),
             self.apply(other.translation),
         )
 

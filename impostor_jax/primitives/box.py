@@ -114,7 +114,8 @@ class Box(AbstractPrimitive):
     @override
     def hull(self) -> DiscHull:
         half = self.size / 2
-        return DiscHull.of_cuboid(-half, half, self.rotation, self.center)
+        center = jnp.asarray(self.center)
+        return DiscHull.of_cuboid(-half, half, self.rotation, center)
 
     @override
     def intersect(self, ray: Ray) -> Hit:

@@ -178,9 +178,8 @@ class Cylinder(AbstractPrimitive):
     @property
     @override
     def hull(self) -> DiscHull:
-        return DiscHull.of_cylinder(
-            self.center, self.axis, self.radius, self.height / 2
-        )
+        center = jnp.asarray(self.center)
+        return DiscHull.of_cylinder(center, self.axis, self.radius, self.height / 2)
 
     @override
     def intersect(self, ray: Ray) -> Hit:

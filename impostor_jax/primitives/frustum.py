@@ -142,7 +142,8 @@ class Frustum(AbstractPrimitive):
     @property
     @override
     def hull(self) -> DiscHull:
-        return DiscHull.of_ends(self.p1, self.p2, self.axis, self.radius1, self.radius2)
+        ends = jnp.asarray(self.p1), jnp.asarray(self.p2)
+        return DiscHull.of_ends(*ends, self.axis, self.radius1, self.radius2)
 
     @override
     def intersect(self, ray: Ray) -> Hit:

@@ -384,7 +384,7 @@ def _in_the_world(solid: Solid) -> Sequence[AbstractPrimitive]:
     def moved(
         shapes: tuple[AbstractPrimitive, ...],
         rotation: Float[Array, "3 3"],
-        translation: Float[Array, "3"],
+        translation: Points,
     ) -> tuple[AbstractPrimitive, ...]:
         world_from_shapes = RigidTransform(rotation, translation)
         return tuple(shape.transformed(world_from_shapes) for shape in shapes)

@@ -89,7 +89,7 @@ class Sphere(AbstractPrimitive):
     @property
     @override
     def hull(self) -> BallHull:
-        return BallHull(self.center, self.radius)
+        return BallHull(jnp.asarray(self.center), self.radius)
 
     @override
     def intersect(self, ray: Ray) -> Hit:

@@ -133,7 +133,8 @@ class Torus(AbstractPrimitive):
     @override
     def hull(self) -> DiscHull:
         outer = self.major_radius + self.minor_radius
-        return DiscHull.of_cylinder(self.center, self.axis, outer, self.minor_radius)
+        center = jnp.asarray(self.center)
+        return DiscHull.of_cylinder(center, self.axis, outer, self.minor_radius)
 
     @override
     def intersect(self, ray: Ray) -> Hit:

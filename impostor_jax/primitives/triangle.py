@@ -139,7 +139,7 @@ class Triangle(AbstractPrimitive):
     @property
     @override
     def hull(self) -> DiscHull:
-        return DiscHull.of_points(self.vertices)
+        return DiscHull.of_points(jnp.asarray(self.vertices))
 
     @override
     def intersect(self, ray: Ray) -> Hit:

@@ -118,8 +118,16 @@ def test_what_is_near_is_not_moved():
 def test_what_no_place_is_known_of_is_left_single():
     """In a trace numbers are rounded before they can be moved; it must still run."""
     can, _ = shapes_at(PLACE)
-    depth = jax.jit(lambda can: ij.render(can, AWAY, outputs=("depth",)).depth)(can)
-    assert np.isfinite(np.asarray(depth)).any()
+
+    def depth_of(can, camera):
+        return ij.render(can, camera, outputs=("depth",)).depth
+
+    for depth in (
+        jax.jit(lambda can: depth_of(can, AWAY))(can),
+        jax.jit(lambda camera: depth_of(can, camera))(AWAY),
+        jax.jit(depth_of)(can, AWAY),
+    ):
+        assert np.isfinite(np.asarray(depth)).any()
 
 
 def test_derivatives_in_sizes_are_those_near():
