@@ -35,7 +35,8 @@ class Found:
             percent of the radius.
         inside: Whether each is seen from inside, as a pipe is looked into.
         planes: The m planes that were taken away before the search, in the world frame.
-            Each faces the camera.
+            Each faces the camera. Far from the origin their points are NumPy arrays
+            in double precision, as the places of the fits are.
     """
 
     fits: tuple[Fit, ...]

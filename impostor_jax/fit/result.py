@@ -278,6 +278,8 @@ class Fit(eqx.Module):
             that its largest component is positive, and so is that of a frustum from p1
             to p2, if its p1 is not that of `initial`. Where an end is not seen, it is
             put where the wall was last seen; a frustum's radius is the wall's there.
+            Where a camera is 64 m from the origin or more, as in map coordinates, its
+            places are NumPy arrays in double precision.
         std: One standard deviation of each parameter, from `covariance`; all `inf`
             where the fit failed, but for one that is ambiguous, and for an outline that
             leaves something undetermined: what that tells is finite.

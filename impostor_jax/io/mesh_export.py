@@ -89,7 +89,8 @@ def write_mesh(path: Path, mesh: "trimesh.Trimesh", scale: Any = 1.0) -> None:
 
     Args:
         path: File name.
-        mesh: In meters.
+        mesh: In meters. PLY, STL and GLB hold single precision: subtract an offset
+            from what lies far off.
         scale: Meters in a unit of the file, as `read_mesh` has it: 0.001 of one in
             millimeters.
 

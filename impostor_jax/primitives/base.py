@@ -40,7 +40,11 @@ UNITS = {
 
 
 class AbstractPrimitive(eqx.Module):
-    """A shape that rays are cast at: a solid, or an open sheet; lengths in meters."""
+    """A shape that rays are cast at: a solid, or an open sheet; lengths in meters.
+
+    Of a place that is given in double precision and lies 64 m or more from the origin
+    all digits are kept, in a NumPy array, until a camera nearby sees it.
+    """
 
     @property
     @abc.abstractmethod
