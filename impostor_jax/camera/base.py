@@ -18,7 +18,7 @@ from jaxtyping import Array, Bool, Float
 from typing_extensions import override
 
 from impostor_jax.camera.pixels import PixelBox, Pixels, Tile
-from impostor_jax.geometry.frames import RigidTransform
+from impostor_jax.geometry.frames import Points, RigidTransform
 from impostor_jax.geometry.rays import Ray
 
 Projection = Literal["planar", "parallel", "spherical"]
@@ -120,7 +120,7 @@ class AbstractCamera(AbstractRays):
         """
 
     @abc.abstractmethod
-    def project(self, points: Float[Array, "*batch 3"]) -> Float[Array, "*batch 2"]:
+    def project(self, points: Points) -> Float[Array, "*batch 2"]:
         """Image coordinates (u, v), in pixels, of points of the camera frame.
 
         Of a planar projection those with z > 0 have some, of a spherical one all but

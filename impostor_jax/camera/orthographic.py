@@ -18,7 +18,7 @@ from impostor_jax.camera.pixels import (
     linear_pixel_box,
     strided_intrinsics,
 )
-from impostor_jax.geometry.frames import RigidTransform
+from impostor_jax.geometry.frames import Points, RigidTransform
 from impostor_jax.geometry.rays import Ray
 from impostor_jax.geometry.vec3 import Vec3
 from impostor_jax.numerics import Scalar
@@ -105,6 +105,7 @@ class OrthographicCamera(AbstractCamera):
         return linear_pixel_box(self, low, high)
 
     @override
-    def project(self, points: Float[Array, "*batch 3"]) -> Float[Array, "*batch 2"]:
+    def project(self, points: Points) -> Float[Array, "*batch 2"]:
+        points = jnp.asarray(points)
         u = self.fx * points[..., 0] + self.cx
         return jnp.stack([u, self.fy * points[..., 1] + self.cy], axis=-1)

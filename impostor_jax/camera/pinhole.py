@@ -31,7 +31,7 @@ from impostor_jax.camera.pixels import (
     linear_pixel_box,
     strided_intrinsics,
 )
-from impostor_jax.geometry.frames import RigidTransform
+from impostor_jax.geometry.frames import Points, RigidTransform
 from impostor_jax.geometry.rays import Ray
 from impostor_jax.geometry.vec3 import Vec3
 from impostor_jax.numerics import Scalar
@@ -196,7 +196,8 @@ class PinholeCamera(AbstractCamera):
         return linear_pixel_box(self, low, high)
 
     @override
-    def project(self, points: Float[Array, "*batch 3"]) -> Float[Array, "*batch 2"]:
+    def project(self, points: Points) -> Float[Array, "*batch 2"]:
+        points = jnp.asarray(points)
         x, y = points[..., 0] / points[..., 2], points[..., 1] / points[..., 2]
         if self.distortion is not None:
             x, y = distort(x, y, self.distortion.astype(points.dtype), self.fisheye)

@@ -24,7 +24,7 @@ from impostor_jax.arguments import (
 )
 from impostor_jax.camera.base import AbstractCamera, Projection
 from impostor_jax.camera.pixels import PixelBox, Pixels, first_and_last
-from impostor_jax.geometry.frames import RigidTransform
+from impostor_jax.geometry.frames import Points, RigidTransform
 from impostor_jax.geometry.rays import Ray
 from impostor_jax.geometry.vec3 import Vec3
 from impostor_jax.numerics import has_square, safe_norm
@@ -195,7 +195,7 @@ class SphericalCamera(AbstractCamera):
         )
 
     @override
-    def project(self, points: Float[Array, "*batch 3"]) -> Float[Array, "*batch 2"]:
+    def project(self, points: Points) -> Float[Array, "*batch 2"]:
         """Image coordinates (u, v), in pixels, of points of the camera frame.
 
         Between rows, and between columns, in proportion to the angle; beyond the first
@@ -207,6 +207,7 @@ class SphericalCamera(AbstractCamera):
         Derivatives:
             0 in u for points straight above or below, whose azimuth counts as 0.
         """
+        points = jnp.asarray(points)
         x, y, z = (points[..., k] for k in range(3))
         across = safe_norm(points[..., ::2])
         # Their squares divide the derivatives of the angles.

@@ -37,7 +37,7 @@ def read_mesh(path: str | Path, scale: Any = 1.0) -> Triangle:
     limit = float(np.finfo(dtype).max) ** 0.5
     if not np.all(np.abs(corners) < limit):
         raise ValueError(f"{what} must hold finite corners, of less than {limit:.3g} m")
-    corners = np.asarray(place_of(corners, corners.astype(dtype)))
+    corners = np.asarray(place_of(corners, jnp.asarray(corners, dtype)))
     corners = corners[~is_thin(corners, dtype)]
     if not len(corners):
         raise ValueError(f"{what} must hold triangles, got none that spans an area")

@@ -112,3 +112,12 @@ def test_missing_extra_is_named(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "trimesh", None)
     with pytest.raises(ValueError, match=r"pip install 'impostor-jax\[mesh\]'"):
         read_mesh(tmp_path / "a.ply")
+
+
+def test_corners_of_a_map_keep_their_digits(tmp_path):
+    place = np.array([512345.678, 5412345.678, 250.0])
+    path = tmp_path / "given.obj"
+    rows = ["v " + " ".join(f"{x:.4f}" for x in place + x) for x in np.eye(3)]
+    path.write_text("\n".join([*rows, "f 1 2 3"]))
+    corners = ij.read_mesh(path).vertices
+    np.testing.assert_allclose(corners - place, [np.eye(3)], rtol=0, atol=1e-8)
