@@ -153,7 +153,9 @@ def _fit_cloud(
         depths, cameras, masks = depths[0], cameras[0], masks[0]
     places = [view.places for view in views]
     given = depths, cameras, masks, sigma
-    return fit_shape(CYLINDER, *given, initial, asked, places, rounding_of(ends, cloud.dtype))
+    return fit_shape(
+        CYLINDER, *given, initial, asked, places, rounding_of(ends, cloud.dtype)
+    )
 
 
 def _fit_viewless(
