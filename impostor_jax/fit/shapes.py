@@ -27,6 +27,7 @@ from impostor_jax.fit.assess import Assessment, assess
 from impostor_jax.fit.body import AbstractBody
 from impostor_jax.fit.border import fit_of_one_surface
 from impostor_jax.fit.by_point import told_by_point
+from impostor_jax.fit.copied import counted_copies
 from impostor_jax.fit.fittable import Fittable, no_guess
 from impostor_jax.fit.learned import fit_with_learned_rays
 from impostor_jax.fit.options import Options
@@ -128,7 +129,9 @@ def fit_shape(
             shown = tuple(pixels_shown(part, effort.readings) for part in parts)
             return _fit_pixels(kind, shown, start, beliefs, asked, effort, correlated)
 
-        correlated = any(options.correlated(noise) for noise in noises)
+        if places is None:
+            seen = counted_copies(seen)
+        correlated = any(options.correlated(one.noise) for one in seen)
 
         def to_surface(parts: Any) -> Fit:
             return fit_of_one_surface(fitted, kind.body, parts, correlated)
