@@ -235,8 +235,8 @@ def assess(problem: Problem, solution: Solution, correlated: bool) -> Assessment
         parts["warp"], of_scales = shared
         parts["scale"] += of_scales
         if leans:
-            pull = _leaning(problem, scores, bodies, of_views)
-            parts["alignment"] = pull[:, None] * pull[None]
+            lean = _leaning(problem, scores, bodies, of_views)
+            parts["alignment"] = lean[:, None] * lean[None]
     shares = {
         name: product(independent, part, independent) for name, part in parts.items()
     }
@@ -404,7 +404,7 @@ def _leaning(
     views = zip(problem.views, scores, bodies, of_views, strict=True)
     for view, score, body, told in views:
         seen = told.passing
-        # A reading that leans by more of a ray's length leans by as much more in all.
+        # Per meter of depth, in which the lean is told.
         score = score * view.length[None]
         pulls.append(
             view.noise.bias.lean_pull(
