@@ -18,6 +18,8 @@ NOISE = ij.ConstantNoise(SIGMA)
 def aligned(scale=1.44, seed=0):
     """A can in an image that was aligned, and its mask."""
     maps = ij.render(can(), CAMERA, outputs=("depth", "normal"))
+    assert maps.depth is not None
+    assert maps.normal is not None
     sensor = ij.AlignedDepth(NOISE, scale)
     depth = sensor.sample(jax.random.key(seed), maps.depth, maps.normal, CAMERA)
     depth = np.asarray(depth)
@@ -87,7 +89,7 @@ def test_what_walls_lean_by_is_counted_where_it_is_recognized():
 def test_a_sensor_that_is_said_to_be_aligned_counts_the_same():
     found, told = fitted(NOISE), fitted(ij.AlignedDepth(NOISE, 1.44))
     assert float(told.std.radius) == pytest.approx(float(found.std.radius), rel=1e-3)
-    assert float(told.shape.radius) == pytest.approx(float(found.shape.radius))
+    assert float(told.cylinder.radius) == pytest.approx(float(found.cylinder.radius))
 
 
 @SMALL_IMAGES
