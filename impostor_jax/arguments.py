@@ -16,6 +16,7 @@ __all__ = [
     "is_concrete",
     "one_of",
     "real_number",
+    "unmasked",
     "whole_number",
     "working_precision",
 ]
@@ -80,6 +81,16 @@ def working_precision(
 def is_concrete(value: Any) -> bool:
     """Tell whether every leaf of `value` has numbers that Python can read now."""
     return not any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(value))
+
+
+def unmasked(values: Any) -> Any:
+    """Zeros, which are no readings and no object, for what a NumPy masked array masks.
+
+    Masked values have numbers below, and `np.asarray` returns them without a word.
+    """
+    if not isinstance(values, np.ma.MaskedArray):
+        return values
+    return values.filled(np.zeros((), values.dtype))
 
 
 def _as_array(name: str, value: Any) -> jax.Array | np.ndarray:

@@ -10,6 +10,7 @@ __all__ = [
     "Scalar",
     "eps",
     "has_square",
+    "nan_where",
     "product",
     "safe_divide",
     "safe_norm",
@@ -45,6 +46,19 @@ def has_square(length: Float[Array, "*batch"]) -> Bool[Array, "*batch"]:
     """
     limits = np.finfo(length.dtype)
     return (length > float(limits.tiny) ** 0.5) & (length < float(limits.max) ** 0.5)
+
+
+def nan_where(
+    unknown: Bool[Array, "*batch"], values: Float[Array, "*batch"]
+) -> Float[Array, "*batch"]:
+    """Numbers, and NaN where they are not known.
+
+    For what a user reads. NaN is placed by NumPy where values are concrete: under
+    `jax_debug_nans` JAX refuses any that it computes.
+    """
+    if any(isinstance(x, jax.core.Tracer) for x in (unknown, values)):
+        return jnp.where(unknown, jnp.nan, values)
+    return jax.device_put(np.where(unknown, np.nan, np.asarray(values)))
 
 
 def smallest_slope(dtype: DTypeLike) -> float:

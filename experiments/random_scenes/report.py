@@ -47,9 +47,10 @@ def tables(results: Results) -> str:
 FAILURES = [
     status
     for status in FitStatus
-    if status not in (FitStatus.CONVERGED, FitStatus.AMBIGUOUS)
+    if status not in (FitStatus.CONVERGED, FitStatus.AMBIGUOUS, FitStatus.CONTRADICTED)
 ]
-"""Statuses of fits that failed, and say so."""
+"""Statuses of fits that failed, and say so; nothing is stated that readings could
+contradict."""
 
 
 def draw(_: Results) -> dict[str, Figure]:

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float
 
-from impostor_jax.arguments import real_number
+from impostor_jax.arguments import real_number, unmasked
 from impostor_jax.camera.base import AbstractCamera
 from impostor_jax.camera.pinhole import PinholeCamera
 from impostor_jax.fit.request import checked_depth
@@ -16,7 +16,7 @@ from impostor_jax.fit.request import checked_depth
 def checked_images(depths: Any, camera: AbstractCamera) -> Float[np.ndarray, "n h w"]:
     """All images, with 0 for missing readings."""
     shape = camera.height, camera.width
-    images = np.asarray(depths)
+    images = np.asarray(unmasked(depths))
     if images.ndim not in (2, 3) or images.shape[-2:] != shape or not images.size:
         raise ValueError(
             f"depths must be (N, H, W) or (H, W), of the camera's shape {shape}, got "
@@ -32,7 +32,7 @@ def checked_masks(
     """Masks of all images; all of each where there are none."""
     if mask is None:
         return np.ones(shape, bool)
-    masks = np.asarray(mask)
+    masks = np.asarray(unmasked(mask))
     if masks.shape not in (shape, shape[1:]):
         raise ValueError(
             f"{name} must have the shape {shape} of depths, or {shape[1:]} of one for "

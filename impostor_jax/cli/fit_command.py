@@ -55,7 +55,7 @@ class FitCommand:
     """What is fitted."""
     sigma: float | None = None
     """Standard deviation of a depth reading, in meters. If neither this nor a sensor is
-    given, 0.001 is assumed, and not held against the readings."""
+    given, it is measured in the image."""
     sensor: str | None = None
     """Model of the sensor: a whole camera (structured_light_camera, stereo_camera or
     time_of_flight_camera), its noise alone (the same without _camera), or a JSON file

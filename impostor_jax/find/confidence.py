@@ -91,8 +91,10 @@ def facts_of(
 
 
 def confidence(facts: Float[np.ndarray, " f"]) -> float:
-    """Probability that a cylinder is there."""
+    """Probability that a cylinder is there; 0 where a fact is no number."""
     odds = BIAS + float(facts @ np.array(list(FACTS.values())))
+    if math.isnan(odds):
+        return 0.0
     return 1 / (1 + math.exp(-min(max(odds, -50), 50)))
 
 

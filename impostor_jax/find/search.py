@@ -159,7 +159,7 @@ class _Search:
         queue = [entry for wall in walls for entry in self._entries(scene, wall)]
         while queue:
             best = queue.pop(int(np.argmax([entry.gain for entry in queue])))
-            if best.gain <= 0 or best.chance < self.least_chance:
+            if not (best.gain > 0 and best.chance >= self.least_chance):
                 break
             if self._known(best.evidence.wall):
                 continue
@@ -291,7 +291,7 @@ class _Search:
         Returns:
             Whether it was kept, and candidates that its fit leads to.
         """
-        if confidence(self._facts(scene, entry)) < self.least_chance:
+        if not confidence(self._facts(scene, entry)) >= self.least_chance:
             return False, []
         mask = self._mask(scene, entry)
         fit = self.fitter.fit(self._of_image(mask), entry.evidence)
@@ -315,7 +315,8 @@ class _Search:
                 mask = self._mask(scene, final)
         facts = self._facts(scene, final, fit)
         sure = confidence(facts)
-        if sure < self.request.least_sure:
+        # What is no number is not sure.
+        if not sure >= self.request.least_sure:
             return False, []
         self.detections.append(Detection(fit, final, facts, self._of_image(mask), sure))
         taken = cv2.dilate(mask.view(np.uint8), np.ones((3, 3), np.uint8)) > 0

@@ -21,7 +21,7 @@ class Alternatives(eqx.Module):
     """Solutions beside a fit's own, the likeliest first.
 
     There are always `MOST_ALTERNATIVES`, so that fits can be stacked; where there is
-    none, the weight is 0 and the shape NaN.
+    none, the weight is 0 and the shape the fit's own, which a mean over them leaves.
 
     Attributes:
         shape: In the world frame, each like the fit's.
@@ -50,12 +50,12 @@ def no_alternatives(shape: Any) -> Alternatives:
     """Those of a shape that has none.
 
     Args:
-        shape: A single one, whose kind and precision count.
+        shape: A single one, which stands in for each.
     """
     count = MOST_ALTERNATIVES
     return Alternatives(
         shape=jax.tree.map(
-            lambda part: jnp.full((count, *part.shape), jnp.nan, part.dtype), shape
+            lambda part: jnp.broadcast_to(part, (count, *part.shape)), shape
         ),
         weight=jnp.zeros(count, jnp.result_type(*jax.tree.leaves(shape))),
     )

@@ -22,7 +22,7 @@ from impostor_jax.fit.agreement import (
 )
 from impostor_jax.fit.alternatives import no_alternatives
 from impostor_jax.fit.body import AbstractBody, Readout, coordinates_of
-from impostor_jax.fit.deviations import deviations_of
+from impostor_jax.fit.deviations import are_numbers, deviations_of
 from impostor_jax.fit.evidence import (
     Readings,
     Terms,
@@ -34,10 +34,15 @@ from impostor_jax.fit.evidence import (
 from impostor_jax.fit.posterior import cost_of, explains, hidden_pixels
 from impostor_jax.fit.prior import prior_residuals, scale_left
 from impostor_jax.fit.problem import Problem, View
-from impostor_jax.fit.result import DISAGREEING, Fit, of_images
+from impostor_jax.fit.result import DISAGREEING, Deviations, Fit, of_images
 from impostor_jax.fit.solve import STAGES, Solution, in_coordinates, spread_of
 from impostor_jax.fit.status import STATUSES, FitStatus, code_of_first
-from impostor_jax.fit.uncertainty import free_covariance, score_covariance
+from impostor_jax.fit.uncertainty import (
+    LEAST_LEFT,
+    covariance_root,
+    sandwich_root,
+    score_covariance,
+)
 from impostor_jax.numerics import product, safe_divide, safe_sqrt
 
 MOST_CHI2 = 9.0
@@ -68,6 +73,9 @@ HIDES_TURN = 0.1
 """The same from which even a fit that is clear does not tell it from one turned by a
 quarter. With less, of 44 clear fits of squat cans none had a better one beside it."""
 
+LEAST_RADIUS = 0.5
+"""Of what an image can show, in distances of neighboring rays where the body is."""
+
 MOST_HIDDEN = 0.02
 """Share, in readings, of the pixels around that may see through the body."""
 
@@ -80,6 +88,8 @@ class Assessment(NamedTuple):
         body: The estimate, in the first view's frame.
         cost: How badly it explains the image: the negative logarithm of its posterior
             probability, to be compared with that of others.
+        is_possible: Whether it has a size that the image can show: a pixel's at least,
+            and a radius that is known to less than itself.
         repeats: Readings that tell as much as one whose error is its own and as `sigma`
             says.
         is_clear: Whether it explains the image so well that no other start could do
@@ -93,6 +103,7 @@ class Assessment(NamedTuple):
     fit: Fit
     body: AbstractBody
     cost: Float[Array, ""]
+    is_possible: Bool[Array, ""]
     repeats: Float[Array, ""]
     is_clear: Bool[Array, ""]
     hides_tilt: Bool[Array, ""]
@@ -211,7 +222,8 @@ def assess(problem: Problem, solution: Solution, correlated: bool) -> Assessment
         "prior": product(known.T, known),
         "scale": jnp.diag(jnp.where(np.arange(len(into)) < num_moves, 0.0, 1.0)),
     }
-    independent, directions, free = free_covariance(_sum_of(parts.values()))
+    root, directions, free = covariance_root(_sum_of(parts.values()))
+    independent = product(root, root.T)
     pull = product(known.T, prior_residuals(prior, body, bias))
     pull += (of_all[:-1, -1] + of_edges[:-1, -1]) / widening
     statistic = contradiction(of_border / widening, pull, independent)
@@ -220,8 +232,13 @@ def assess(problem: Problem, solution: Solution, correlated: bool) -> Assessment
     shares_errors = bool(
         correlated or leans or any(b.fields or b.scales for b in biases)
     )
+    # In coordinates in which independent errors have a variance of 1. So are the slopes
+    # of readings: their sums would round away what an image hardly tells.
+    parts = {name: product(root.T, part, root) for name, part in parts.items()}
     if shares_errors:
-        gradient = jnp.where(tells[None], product(into, terms.gradient), 0) / widening
+        whitening = product(root.T, into)
+        gradient = product(whitening, terms.gradient)
+        gradient = jnp.where(tells[None], gradient, 0) / widening
         score = gradient * (terms.weight * readings.follows)[None]
         if correlated:
             slopes, rests = problem.apart(gradient), problem.apart(whitened)
@@ -237,22 +254,20 @@ def assess(problem: Problem, solution: Solution, correlated: bool) -> Assessment
         if leans:
             lean = _leaning(problem, scores, bodies, of_views)
             parts["alignment"] = lean[:, None] * lean[None]
-    shares = {
-        name: product(independent, part, independent) for name, part in parts.items()
-    }
-    covariance = independent
+    shares = {name: product(root, part, root.T) for name, part in parts.items()}
+    whole = root
     if shares_errors:
-        covariance = product(independent, _sum_of(parts.values()), independent)
+        whole = sandwich_root(root, _sum_of(parts.values()), LEAST_LEFT)
         # Errors that neighbors share let a part pull harder by as much as they widen
         # the standard deviations.
         variance = jnp.diagonal(independent)
-        wider = safe_divide(jnp.diagonal(covariance), variance)
+        wider = safe_divide(jnp.sum(whole**2, axis=1), variance)
         moves = variance > 0
         mean = jnp.sum(jnp.where(moves, wider, 0)) / jnp.sum(moves, dtype=wider.dtype)
         statistic = statistic / jnp.maximum(mean, 1)
         repeats = repeats * jnp.maximum(mean, 1)
     std, budget, covariance, observed, is_known = deviations_of(
-        world, change, covariance, shares, directions, free
+        world, change, whole, shares, directions, free
     )
     statistic = jnp.where(strays(inlier, used, beside), jnp.inf, statistic)
     chi2 = reduced_chi2(squares, num_inliers)
@@ -269,11 +284,17 @@ def assess(problem: Problem, solution: Solution, correlated: bool) -> Assessment
     agrees &= (statistic < (DISAGREEING if correlated else np.inf)) | ~jnp.asarray(
         settings.refutes
     )
+    pixel = jnp.min(jnp.stack([view.pixel for view in views]))
+    has_size = body.radius > LEAST_RADIUS * pixel * jnp.sum(
+        jnp.where(used, depth, 0)
+    ) / jnp.maximum(count, 1).astype(depth.dtype)
+    is_flat = _is_as_flat(problem, terms.weight, inlier, squares)
     code = _status_code(
         converged=solution.converged,
-        finite=jnp.isfinite(body.radius) & jnp.all(jnp.isfinite(body.center)),
+        finite=solution.finite
+        & are_numbers(body, std, budget, covariance, chi2, statistic),
         fits=agrees,
-        determined=~_is_as_flat(problem, terms.weight, inlier, squares) & is_known,
+        determined=has_size & ~is_flat & is_known,
     )
     success = code == STATUSES.index(FitStatus.CONVERGED)
     num_free = jnp.sum(jnp.any(settings.free != 0, axis=0)).astype(chi2.dtype)
@@ -306,7 +327,7 @@ def assess(problem: Problem, solution: Solution, correlated: bool) -> Assessment
         num_pixels=count,
         rms=rms,
         chi2=chi2,
-        p_value=jnp.where(settings.trusts_sigma, p_value, jnp.nan),
+        tail=jnp.where(settings.trusts_sigma, p_value, -1),
         border_chi2=statistic,
         alternatives=no_alternatives(world.shape),
         across=across_found(views, bodies, of_views, repeats),
@@ -323,13 +344,21 @@ def assess(problem: Problem, solution: Solution, correlated: bool) -> Assessment
     return Assessment(
         fit=fit,
         body=body,
-        cost=cost,
+        cost=jnp.where(solution.finite, cost, jnp.inf),
+        is_possible=has_size & ~is_flat & _radius_is_told(body, std),
         repeats=repeats,
         is_clear=is_clear,
         hides_tilt=hides_tilt,
         hides_turn=hides_tilt & body.is_square & (~is_clear | is_deep),
         ends_early=ends_early,
     )
+
+
+def _radius_is_told(body: AbstractBody, std: Deviations) -> Bool[Array, ""]:
+    """Whether a radius, of a frustum one of two, is known to less than itself."""
+    radii = [name for name in body.coordinates if "radius" in name]
+    outer = [std.values[name] for name in radii if name != "inner_radius"]
+    return jnp.any(jnp.stack(outer) < body.radius)
 
 
 def _on_border(view: View) -> Bool[Array, " n"]:

@@ -45,6 +45,7 @@ from impostor_jax.fit.request import (
 from impostor_jax.fit.result import BoreTest, Fit
 from impostor_jax.fit.seen import pixels_shown, seen_by
 from impostor_jax.fit.shapes import fit_shape
+from impostor_jax.numerics import nan_where
 from impostor_jax.primitives.base import in_camera_frame
 from impostor_jax.primitives.cylinder import Cylinder
 from impostor_jax.primitives.tube import Tube
@@ -101,8 +102,8 @@ def test_bore(fit: Fit) -> BoreTest:
     is_told = jnp.asarray(tube.is_shape)
     return BoreTest(
         tube=tube,
-        statistic=jnp.where(is_told, statistic, jnp.nan),
-        p_value=jnp.where(is_told, p_value, jnp.nan),
+        statistic=nan_where(~is_told, statistic),
+        p_value=nan_where(~is_told, p_value),
     )
 
 

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from impostor_jax.arguments import one_of, real_number
+from impostor_jax.arguments import one_of, real_number, unmasked
 from impostor_jax.fit.robust import KERNELS, robust_residual
 from impostor_jax.rendering.maps import GeometryMaps
 from impostor_jax.sensor.surface import has_surface
@@ -69,7 +69,7 @@ def depth_loss(
     measured = measured.astype(rendered.dtype)
     counts = has_surface(rendered) & has_surface(measured)
     if mask is not None:
-        mask = jnp.asarray(mask)
+        mask = jnp.asarray(unmasked(mask))
         if mask.shape != rendered.shape or mask.dtype != bool:
             raise ValueError(
                 f"mask must be of booleans of the shape {rendered.shape}, got "
@@ -91,7 +91,7 @@ def _depth_of(name: str, seen: Any) -> Float[Array, "h w"]:
     depth = seen.depth if isinstance(seen, GeometryMaps) else seen
     if depth is None:
         raise ValueError(f"{name} must hold the depth: ask render for it in outputs")
-    depth = depth if isinstance(depth, jax.Array) else np.asarray(depth)
+    depth = depth if isinstance(depth, jax.Array) else np.asarray(unmasked(depth))
     if depth.ndim != 2 or not jnp.issubdtype(depth.dtype, np.floating):
         raise ValueError(
             f"{name} must be floating-point meters of shape (H, W), got {depth.dtype} "

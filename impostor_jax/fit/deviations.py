@@ -1,12 +1,13 @@
 """How sure a fit is of what a user reads, from how its coordinates change that."""
 
-__all__ = ["deviations_of"]
+__all__ = ["are_numbers", "deviations_of"]
 
 from collections import OrderedDict
 
+import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool, Float, PyTree
 
 from impostor_jax.fit.body import AbstractBody, Readout
 from impostor_jax.fit.result import BUDGET, Budget, Deviations, Directions
@@ -32,7 +33,7 @@ without."""
 def deviations_of(
     body: AbstractBody,
     change: Readout,
-    covariance: Float[Array, "n n"],
+    root: Float[Array, "n n"],
     shares: dict[str, Float[Array, "n n"]],
     directions: Float[Array, "n n"],
     free: Bool[Array, " n"],
@@ -42,14 +43,14 @@ def deviations_of(
     Args:
         body: The body.
         change: Derivative of its `readout` in the free coordinates.
-        covariance: Of these.
-        shares: What it is the sum of, by the names of a budget's parts.
-        directions: As `free_covariance` returns them, as columns.
+        root: Of their covariance.
+        shares: What that is the sum of, by the names of a budget's parts.
+        directions: As `covariance_root` returns them, as columns.
         free: Which of them the image leaves free.
     """
-    num_free = covariance.shape[0]
+    num_free = root.shape[0]
     parts = [part.reshape(-1, num_free) for part in change.values()]
-    full, is_observed = propagated(jnp.concatenate(parts), covariance, directions, free)
+    full, is_observed = propagated(jnp.concatenate(parts), root, directions, free)
     variance = jnp.where(is_observed, jnp.diagonal(full), jnp.inf)
     std = jnp.sqrt(variance)
     names = np.repeat([*change], [len(part) for part in parts])
@@ -100,6 +101,16 @@ def deviations_of(
     return (
         Deviations(by_name(std)), Budget(budget), public, observed, determined,
     )  # fmt: skip
+
+
+def are_numbers(body: AbstractBody, *told: PyTree) -> Bool[Array, ""]:
+    """Whether a body is finite, and nothing told of it NaN or minus infinity.
+
+    Infinite is what is not determined, and readings at the border that lie elsewhere.
+    """
+    finite = [jnp.all(jnp.isfinite(x)) for x in jax.tree.leaves(body)]
+    known = [jnp.all(x > -jnp.inf) for x in jax.tree.leaves(told)]
+    return jnp.stack(finite + known).all()
 
 
 def _most_deviation(name: str, radius: Float[Array, ""]) -> float | Float[Array, ""]:

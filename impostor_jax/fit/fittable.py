@@ -183,8 +183,8 @@ def no_guess(kind: Fittable, *regions: Bool[np.ndarray, "h w"]) -> Fit:
         num_pixels=jnp.array(sum(counts)),
         rms=jnp.full_like(zero, jnp.inf),
         chi2=jnp.full_like(zero, jnp.inf),
-        p_value=jnp.full_like(zero, jnp.nan),
-        border_chi2=jnp.full_like(zero, jnp.nan),
+        tail=jnp.full_like(zero, -1),
+        border_chi2=zero,
         alternatives=no_alternatives(nothing.shape),
         across=exact_rays(zero.dtype),
     )

@@ -25,6 +25,7 @@ from impostor_jax.fit.round_body import RoundBody
 from impostor_jax.fit.rounds import (
     FEWEST_POINTS,
     Round,
+    blank_where,
     largest_of,
     median_of,
     round_through,
@@ -86,7 +87,8 @@ def _guessed(samples: Samples, tapered: bool) -> tuple[RoundBody, Bool[Array, " 
     around, is_around = _around_camera(best, samples.deepest.astype(dtype))
     bodies = jax.tree.map(_with_second, bodies, around)
     are_bodies = jnp.isfinite(misfit)
-    return bodies, _with_second(are_bodies, is_around & are_bodies[0])
+    are_bodies = _with_second(are_bodies, is_around & are_bodies[0])
+    return blank_where(~are_bodies, bodies), are_bodies
 
 
 def _with_second(

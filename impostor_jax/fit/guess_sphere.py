@@ -11,7 +11,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool
 
-from impostor_jax.fit.rounds import FEWEST_POINTS, median_of, round_through
+from impostor_jax.fit.rounds import FEWEST_POINTS, blank_where, median_of, round_through
 from impostor_jax.fit.sphere_body import SphereBody
 from impostor_jax.fit.surface import Samples
 
@@ -37,7 +37,8 @@ def guess_spheres(samples: Samples) -> tuple[SphereBody, Bool[Array, " g"]]:
     order = jnp.argsort(misfit)
     dtype = jnp.result_type(float)
     balls = jax.tree.map(lambda field: field[order].astype(dtype), balls)
-    return balls, jnp.isfinite(misfit[order])
+    are_balls = jnp.isfinite(misfit[order])
+    return blank_where(~are_balls, balls), are_balls
 
 
 def _through(samples: Samples) -> SphereBody:

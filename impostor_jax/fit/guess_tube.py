@@ -14,7 +14,7 @@ from jaxtyping import Array, Bool, Float
 
 from impostor_jax.fit.guess_round import guess_cylinders
 from impostor_jax.fit.round_body import RoundBody
-from impostor_jax.fit.rounds import FEWEST_POINTS, largest_of, median_of
+from impostor_jax.fit.rounds import FEWEST_POINTS, blank_where, largest_of, median_of
 from impostor_jax.fit.surface import MAX_POINTS, Samples
 from impostor_jax.fit.tube_body import TubeBody
 from impostor_jax.geometry.so3 import tangent_basis
@@ -47,7 +47,8 @@ def guess_tubes(samples: Samples) -> tuple[TubeBody, Bool[Array, " g"]]:
     bodies, are_any = guess_cylinders(samples)
     with jax.default_matmul_precision("highest"):
         tubes = jax.vmap(lambda body: _with_bore(body, samples))(bodies)
-    return jax.tree.map(lambda x: x.astype(bodies.radius.dtype), tubes), are_any
+    tubes = jax.tree.map(lambda x: x.astype(bodies.radius.dtype), tubes)
+    return blank_where(~are_any, tubes), are_any
 
 
 def closed(body: TubeBody) -> TubeBody:

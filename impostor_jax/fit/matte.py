@@ -17,7 +17,7 @@ import jax
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from impostor_jax.arguments import real_number
+from impostor_jax.arguments import real_number, unmasked
 from impostor_jax.camera.pinhole import PinholeCamera
 from impostor_jax.fit.request import TooFewReadingsError, checked_mask
 
@@ -105,7 +105,7 @@ def checked_matte(mask: Any, camera: PinholeCamera, sigma: Any) -> Matte:
         raise ValueError(
             "mask must be given where depth is None: the silhouette is all there is"
         )
-    values = np.asarray(mask)
+    values = np.asarray(unmasked(mask))
     is_hard = not np.issubdtype(values.dtype, np.floating)
     if is_hard:
         values = np.asarray(checked_mask(values, camera))

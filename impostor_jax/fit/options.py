@@ -19,11 +19,13 @@ class FitOptions(TypedDict, total=False):
     """Names of the parameters that keep the value they have in `initial`; none if not
     given. A cylinder has center, axis, radius and height; a frustum radius1 and radius2
     in place of radius, and its center is the midpoint of the axis; a tube outer_radius
-    and inner_radius; a sphere has center and radius."""
+    and inner_radius; a sphere has center and radius. A value that the readings exclude
+    by more than five standard deviations makes the fit `contradicted`."""
     prior: Mapping[str, Any] | None
     """For any of these names, expected value and standard deviation in the world frame,
     in meters and (for the axis) radians, as in `{"radius": (0.04, 0.001)}`; for radius1
-    and radius2 with `initial` only."""
+    and radius2 with `initial` only. Not for what is `fixed`. Its deviation and that of
+    the readings are tested together: five apart, the fit is `contradicted`."""
     mask_meaning: str
     """"region", the default: any subset of the object's pixels, its edge has no
     meaning; where an end stands out before what lies behind, it is known to a pixel, or

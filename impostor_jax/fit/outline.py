@@ -36,6 +36,7 @@ from impostor_jax.fit.outline_solve import (
 from impostor_jax.fit.prior import Prior
 from impostor_jax.fit.request import check_types, checked_prior, checked_settings
 from impostor_jax.fit.result import Fit
+from impostor_jax.fit.stated import tested_by_readings
 from impostor_jax.fit.weighing import best_of
 from impostor_jax.primitives.base import AbstractPrimitive, in_camera_frame
 
@@ -97,18 +98,14 @@ def fit_outline(
     with working_precision(options.effort.precision, given) as converted:
         matte = checked_matte(mask, camera, sigma)
         posed, begin = converted((camera, initial))
-        beliefs = converted(checked_prior(options.prior, kind.parameters, begin))
-        problem = _posed(kind, matte, posed, beliefs, begin, options)
-        if begin is not None:
-            start = in_camera_frame(kind.body.of(begin), posed)
-            fit = _assessed(problem, _led(problem, start)).fit
-        else:
-            finalists = _finalists(kind, problem)[: options.effort.starts]
-            if finalists:
-                fit = best_of([_assessed(problem, one) for one in finalists])
-            else:
-                fit = no_guess(kind, np.asarray(matte.beside()))
-                fit = dataclasses.replace(fit, source="outline")
+
+        def fitted_as(asked: Options, begin: AbstractPrimitive | None) -> Fit:
+            beliefs = converted(checked_prior(asked.prior, kind.parameters, begin))
+            problem = _posed(kind, matte, posed, beliefs, begin, asked)
+            return _fit_from(kind, problem, begin, asked, matte)
+
+        fit = fitted_as(options, begin)
+        fit = tested_by_readings(kind, fit, options, begin, fitted_as)
     fit.asked.arguments = {
         "depth": None, "camera": camera, "sigma": sigma, "initial": initial,
         "options": options,
@@ -116,6 +113,24 @@ def fit_outline(
         "mask": np.array(mask),
     }  # fmt: skip
     return fit
+
+
+def _fit_from(
+    kind: Fittable,
+    problem: OutlineProblem,
+    begin: AbstractPrimitive | None,
+    options: Options,
+    matte: Matte,
+) -> Fit:
+    """The fit from a start in the world frame, or from guesses."""
+    if begin is not None:
+        start = in_camera_frame(kind.body.of(begin), problem.camera)
+        return _assessed(problem, _led(problem, start)).fit
+    finalists = _finalists(kind, problem)[: options.effort.starts]
+    if finalists:
+        return best_of([_assessed(problem, one) for one in finalists])
+    failed = no_guess(kind, np.asarray(matte.beside()))
+    return dataclasses.replace(failed, source="outline")
 
 
 def _finalists(kind: Fittable, problem: OutlineProblem) -> list[Traced]:

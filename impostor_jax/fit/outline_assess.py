@@ -20,7 +20,7 @@ from impostor_jax.fit.agreement import reduced_chi2, tail
 from impostor_jax.fit.alternatives import no_alternatives
 from impostor_jax.fit.assess import Assessment
 from impostor_jax.fit.body import AbstractBody, Readout, coordinates_of
-from impostor_jax.fit.deviations import deviations_of
+from impostor_jax.fit.deviations import are_numbers, deviations_of
 from impostor_jax.fit.outline_solve import (
     OutlineProblem,
     Traced,
@@ -34,7 +34,7 @@ from impostor_jax.fit.robust import KERNELS, robust_residual
 from impostor_jax.fit.silhouette import CHORD, coverage_of, distances, nearest
 from impostor_jax.fit.solve import spread_of
 from impostor_jax.fit.status import STATUSES, FitStatus, code_of_first
-from impostor_jax.fit.uncertainty import free_covariance
+from impostor_jax.fit.uncertainty import covariance_root, sandwich_root
 from impostor_jax.geometry.vec3 import Vec3
 from impostor_jax.numerics import product, safe_divide
 from impostor_jax.primitives.base import in_world_frame
@@ -115,21 +115,23 @@ def assess_outline(problem: OutlineProblem, found: Traced) -> Assessment:
     slope = product(jnp.where(agreement.near[:, None], slope, 0), into.T)
     of_outline = product(slope.T, slope) / agreement.widening
     of_prior = product(known.T, known)
-    independent, directions, free = free_covariance(of_outline + of_prior)
+    root, directions, free = covariance_root(of_outline + of_prior)
     of_grid = _of_grid(problem, estimate, agreement.near, into)
     of_mask = jnp.where(problem.is_hard, of_grid, of_outline)
+    independent = product(root, root.T)
     shares = {
         name: product(independent, part, independent)
         for name, part in {"outline": of_mask, "prior": of_prior}.items()
     }
-    covariance = shares["outline"] + shares["prior"]
-    wider = safe_divide(jnp.diagonal(covariance), jnp.diagonal(independent))
+    whole = sandwich_root(root, product(root.T, of_mask + of_prior, root))
+    variance = jnp.sum(whole**2, axis=1)
+    wider = safe_divide(variance, jnp.diagonal(independent))
     std, budget, covariance, observed, is_known = deviations_of(
-        world, change, covariance, shares, directions, free
+        world, change, whole, shares, directions, free
     )
     most = jnp.where(problem.is_hard, MOST_HARD_CHI2, MOST_CHI2)
     agrees = (chi2 < most) & (places.share_off <= MOST_OFF)
-    finite = jnp.stack([jnp.all(jnp.isfinite(x)) for x in jax.tree.leaves(body)]).all()
+    finite = are_numbers(body, std, budget, covariance, chi2)
     height, told = std.values.get("height"), world.readout(world, places.ends_seen)
     if height is not None:
         # What may be as thin as a coin, or the end of anything, shows no wall.
@@ -167,8 +169,8 @@ def assess_outline(problem: OutlineProblem, found: Traced) -> Assessment:
         num_pixels=jnp.sum(problem.is_pixel),
         rms=jnp.sqrt(agreement.squares / count) * meters,
         chi2=chi2,
-        p_value=jnp.where(has_p_value, p_value, jnp.nan),
-        border_chi2=jnp.full_like(chi2, jnp.nan),
+        tail=jnp.where(has_p_value, p_value, -1),
+        border_chi2=jnp.zeros_like(chi2),
         alternatives=no_alternatives(world.shape),
         across=exact_rays(chi2.dtype),
         source="outline",
@@ -178,6 +180,7 @@ def assess_outline(problem: OutlineProblem, found: Traced) -> Assessment:
         fit=fit,
         body=body,
         cost=jnp.where(finite, _cost(problem, estimate, off), jnp.inf),
+        is_possible=finite,
         repeats=agreement.widening * jnp.maximum(jnp.max(wider), 1),
         is_clear=success,
         hides_tilt=no,

@@ -36,6 +36,7 @@ from impostor_jax.arguments import (
     is_concrete,
     one_of,
     real_number,
+    unmasked,
 )
 from impostor_jax.camera.base import AbstractRays
 from impostor_jax.camera.orthographic import OrthographicCamera
@@ -147,6 +148,11 @@ def checked_settings(
     fixed, effort = tuple(options.fixed), options.effort
     for name in fixed:
         one_of("fixed", name, kind.parameters)
+        if isinstance(options.prior, Mapping) and name in options.prior:
+            raise ValueError(
+                f"prior must be of parameters that are free, got {name!r}, which "
+                f"fixed={fixed} holds: leave it out of one of them"
+            )
     if len(set(fixed)) == len(kind.parameters):
         raise ValueError(
             f"fixed must leave a parameter to fit, got all: {kind.parameters}"
@@ -302,7 +308,7 @@ def check_types(
 def checked_depth(depth: Any, camera: AbstractRays) -> DepthImage:
     """Depth as a float image with 0 for missing readings."""
     if not isinstance(depth, jax.Array):
-        depth = np.asarray(depth)
+        depth = np.asarray(unmasked(depth))
     shape = (camera.height, camera.width)
     if depth.shape != shape:
         raise ValueError(
@@ -357,7 +363,7 @@ def checked_mask(mask: Any, camera: AbstractRays) -> Mask | None:
     if mask is None:
         return None
     if not isinstance(mask, jax.Array):
-        mask = np.asarray(mask)
+        mask = np.asarray(unmasked(mask))
     shape = (camera.height, camera.width)
     if mask.shape != shape:
         raise ValueError(f"mask must have the camera's shape {shape}, got {mask.shape}")

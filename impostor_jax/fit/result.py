@@ -36,6 +36,7 @@ from impostor_jax.fit.pose import pose_from_camera, pose_of
 from impostor_jax.fit.record import fit_record
 from impostor_jax.fit.status import STATUSES, FitStatus
 from impostor_jax.fit.text import line, millimeters, plain
+from impostor_jax.numerics import nan_where
 from impostor_jax.primitives.base import AbstractPrimitive
 from impostor_jax.primitives.cylinder import Cylinder
 from impostor_jax.primitives.frustum import Frustum
@@ -225,9 +226,14 @@ class Asked:
     Attributes:
         arguments: Of `fit_shape` or `fit_outline`, by name, once that has ended; None
             where the fit was traced, stacked, or made from another.
+        measured: What is told of the noise, where no `sigma` was given.
+        contradiction: In words, what of that which was stated the readings exclude;
+            None if nothing, or where the fit was traced or stacked.
     """
 
     arguments: dict[str, Any] | None = None
+    measured: str = ""
+    contradiction: str | None = None
 
     def tree_flatten(self) -> tuple[tuple[()], None]:
         """No leaves."""
@@ -278,13 +284,11 @@ class Fit(eqx.Module):
         rms: Root mean square of the inliers' residuals, in meters.
         chi2: Mean square of the inliers' residuals, in standard deviations of the
             noise: 1 where that is right.
-        p_value: Probability of a larger `chi2` if the noise is what `sigma` says and no
-            two readings share an error, to a normal approximation; NaN where no `sigma`
-            was given. Of thousands of readings it tells a noise that is 5 percent too
-            large, so the status goes by `chi2`.
+        tail: `p_value`, or -1 where no `sigma` was given: no compiled program returns
+            NaN.
         border_chi2: Chi-squared, of as many degrees of freedom as there are
             coordinates or less, by which readings beside the region's border contradict
-            the others; `inf` where many of them lie elsewhere.
+            the others; `inf` where many of them lie elsewhere, 0 of an outline.
         alternatives: Other solutions that differ by more than five standard deviations.
             They are known where several starts were tried.
         across: What readings err by across their rays: what the noise model, or the
@@ -313,7 +317,7 @@ class Fit(eqx.Module):
     num_pixels: Int[Array, "*batch"]
     rms: Float[Array, "*batch"]
     chi2: Float[Array, "*batch"]
-    p_value: Float[Array, "*batch"]
+    tail: Float[Array, "*batch"]
     border_chi2: Float[Array, "*batch"]
     alternatives: Alternatives
     across: AcrossRays
@@ -339,6 +343,16 @@ class Fit(eqx.Module):
     def tube(self) -> Tube:
         """What the estimate is given by, where it is a tube."""
         return as_tube(self._shape_of(Solid))
+
+    @property
+    def p_value(self) -> Float[Array, "*batch"]:
+        """Probability of a larger `chi2` if the noise is what `sigma` says.
+
+        And if no two readings share an error, to a normal approximation; NaN where no
+        `sigma` was given, nor measured in the image. Of thousands of readings it tells
+        a noise that is 5 percent too large, so the status goes by `chi2`.
+        """
+        return nan_where(self.tail < 0, self.tail)
 
     @property
     def kind(self) -> str:
@@ -378,13 +392,16 @@ class Fit(eqx.Module):
     @property
     def reason(self) -> str:
         """What is behind `status`, in words; needs a single, concrete result."""
+        if self.status is FitStatus.CONTRADICTED and self.asked.contradiction:
+            return self.asked.contradiction
         aligned = f" {ALIGNED}" if self._counts_alignment else ""
         if self.status is not FitStatus.POOR_FIT:
             return self.status.meaning + aligned
         times = float(np.sqrt(self.chi2))
         if times >= NOTED_TIMES and not np.isnan(self.p_value):
+            known = "measured" if self.asked.measured else "given"
             return (
-                f"The residuals are {times:.1f} times the noise given: the shape or "
+                f"The residuals are {times:.1f} times the noise {known}: the shape or "
                 "sigma is wrong."
             )
         if 2 * self.num_inliers < int(self.num_pixels):
@@ -414,6 +431,18 @@ class Fit(eqx.Module):
                 lambda x: jnp.full_like(x, jnp.inf), self.std_budget
             ),
         )
+
+    def contradicted(self, reason: str) -> "Fit":
+        """The same as a failure, since readings exclude what was stated.
+
+        Args:
+            reason: What, and what the readings say, in a sentence or more.
+        """
+        asked = dataclasses.replace(
+            self.asked, contradiction=reason[:1].upper() + reason[1:]
+        )
+        failed = self.failed(FitStatus.CONTRADICTED)
+        return dataclasses.replace(failed, asked=asked)
 
     @property
     def told(self) -> dict[str, tuple[Array, Array]]:
@@ -505,6 +534,8 @@ class Fit(eqx.Module):
                 f"  Readings err by {millimeters(self.across.deviation)} mm across "
                 "their rays."
             )
+        if self.asked.measured:
+            lines.append(f"  {self.asked.measured}")
         if self.source in OF_SOURCE:
             lines.append(OF_SOURCE[self.source])
         if not self.height_observed:

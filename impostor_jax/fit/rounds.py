@@ -1,16 +1,25 @@
 """Circles and spheres through points, for first guesses."""
 
-__all__ = ["FEWEST_POINTS", "Round", "largest_of", "median_of", "round_through"]
+__all__ = [
+    "FEWEST_POINTS",
+    "Round",
+    "blank_where",
+    "largest_of",
+    "median_of",
+    "round_through",
+]
 
 from functools import partial
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Bool, Float, Int, Shaped
 
 from impostor_jax.numerics import eps
+
+Shapes = TypeVar("Shapes")
 
 FEWEST_POINTS = 10
 """Points below which nothing is guessed."""
@@ -29,6 +38,19 @@ class Round(NamedTuple):
     radius: Float[Array, "*k"]
     slope: Float[Array, "*k"]
     place: Float[Array, "*k"]
+
+
+def blank_where(none: Bool[Array, " g"], shapes: Shapes) -> Shapes:
+    """A batch of guesses, with 0 for all numbers of those that are none.
+
+    A circle of points that do not bend is NaN, and no compiled program returns that.
+    """
+
+    def blanked(field: Shaped[Array, "g ..."]) -> Shaped[Array, "g ..."]:
+        beside = none.reshape(-1, *(1,) * (field.ndim - 1))
+        return jnp.where(beside, 0, field)
+
+    return jax.tree.map(blanked, shapes)
 
 
 def round_through(

@@ -30,6 +30,7 @@ from impostor_jax.fit.by_point import told_by_point
 from impostor_jax.fit.copied import counted_copies
 from impostor_jax.fit.fittable import Fittable, no_guess
 from impostor_jax.fit.learned import fit_with_learned_rays
+from impostor_jax.fit.measured import with_measured
 from impostor_jax.fit.options import Options
 from impostor_jax.fit.prior import Prior
 from impostor_jax.fit.problem import Settings, Shown, posed
@@ -55,6 +56,7 @@ from impostor_jax.fit.request import (
 from impostor_jax.fit.result import Fit
 from impostor_jax.fit.seen import Seen, pixels_shown, seen_by
 from impostor_jax.fit.solve import solve
+from impostor_jax.fit.stated import tested_by_readings
 from impostor_jax.fit.status import FitStatus
 from impostor_jax.fit.weighing import best_of, likeliest
 from impostor_jax.primitives.base import (
@@ -91,14 +93,17 @@ def fit_shape(
     points, `places` are those of `told_by_point`, and `rounding` is the standard
     deviation that their coordinates were rounded with.
     """
-    effort, prior = options.effort, options.prior
+    effort = options.effort
     views = views_given(depth, camera, mask, sigma)
     for view in views:
         check_types(kind.shape, view.camera, initial)
-    given = (depth, mask, camera, sigma, initial, prior)
+    given = (depth, mask, camera, sigma, initial, options.prior)
+    told = ""
+    if places is None and is_concrete(given):
+        views, sigma, told = with_measured(views, sigma)
     with working_precision(effort.precision, given) as converted:
         settings = checked_settings(kind, options, initial, sigma)
-        beliefs = checked_prior(prior, kind.parameters, initial)
+        beliefs = checked_prior(options.prior, kind.parameters, initial)
         checked, noises = zip(*map(_checked, views), strict=True)
         cameras = [converted(view.camera) for view in checked]
         noises, start, beliefs = converted(([*noises], initial, beliefs))
@@ -120,31 +125,19 @@ def fit_shape(
         for one in seen:
             warn_of_units(one.image, one.region, one.noise)
 
-        # Without types of arrays, which would be looked up at each call, in 20 us.
-        def fitted(parts: Any, correlated: bool, start: Any = start) -> Fit:
-            asked = settings
-            if any(part.region is not one.region for part, one in zip(parts, seen)):  # noqa: B905
-                # Only of the whole one a caller says that its edge is the silhouette.
-                asked = dataclasses.replace(settings, is_outline=False)
-            shown = tuple(pixels_shown(part, effort.readings) for part in parts)
-            return _fit_pixels(kind, shown, start, beliefs, asked, effort, correlated)
-
         if places is None:
             seen = counted_copies(seen)
         correlated = any(options.correlated(one.noise) for one in seen)
 
-        def to_surface(parts: Any) -> Fit:
-            return fit_of_one_surface(fitted, kind.body, parts, correlated)
+        def fitted_as(asked: Options, begin: AbstractPrimitive | None) -> Fit:
+            settings = checked_settings(kind, asked, begin, sigma)
+            known = converted(checked_prior(asked.prior, kind.parameters, begin))
+            also = effort, correlated, rounding
+            return _fit_seen(kind, seen, begin, known, settings, *also)
 
-        def resumed(parts: Any, shape: Any) -> Fit:
-            return fitted(parts, correlated, shape)
-
-        def fitted_to(parts: Any) -> Fit:
-            return fit_with_learned_rays(to_surface, resumed, parts, rounding)
-
-        fit = fitted_to(seen)
-        if kind.foreign is not None:
-            fit = _without_foreign(kind, fit, fitted_to, seen)
+        also = effort, correlated, rounding
+        fit = _fit_seen(kind, seen, start, beliefs, settings, *also)
+        fit = tested_by_readings(kind, fit, options, start, fitted_as)
         # A caller may write other pixels to a mask, and the depth is a copy.
         regions = [np.array(one) for one in masks]
         known = {"depth": images, "sigma": [v.sigma for v in checked], "mask": regions}
@@ -158,7 +151,55 @@ def fit_shape(
         fit.asked.arguments = {
             "camera": given, "initial": initial, "options": options, **known,
         }  # fmt: skip
+        fit.asked.measured = told
         return fit
+
+
+def _fit_seen(
+    kind: Fittable,
+    seen: Sequence[Seen],
+    start: AbstractPrimitive | None,
+    prior: Prior,
+    settings: Settings,
+    effort: Effort,
+    correlated: bool,
+    rounding: float | None,
+) -> Fit:
+    """Fit to those readings of a region that are of the shape.
+
+    Args:
+        kind: What is fitted.
+        seen: The object in each of its images.
+        start: As of `_fit_pixels`, like the others.
+        prior: In the world frame.
+        settings: What is asked for.
+        effort: How much work it takes.
+        correlated: Whether errors are taken for correlated at first.
+        rounding: As of `fit_shape`.
+    """
+
+    # Without types of arrays, which would be looked up at each call, in 20 us.
+    def fitted(parts: Any, correlated: bool, start: Any = start) -> Fit:
+        asked = settings
+        if any(part.region is not one.region for part, one in zip(parts, seen)):  # noqa: B905
+            # Only of the whole one a caller says that its edge is the silhouette.
+            asked = dataclasses.replace(settings, is_outline=False)
+        shown = tuple(pixels_shown(part, effort.readings) for part in parts)
+        return _fit_pixels(kind, shown, start, prior, asked, effort, correlated)
+
+    def to_surface(parts: Any) -> Fit:
+        return fit_of_one_surface(fitted, kind.body, parts, correlated)
+
+    def resumed(parts: Any, shape: Any) -> Fit:
+        return fitted(parts, correlated, shape)
+
+    def fitted_to(parts: Any) -> Fit:
+        return fit_with_learned_rays(to_surface, resumed, parts, rounding)
+
+    fit = fitted_to(seen)
+    if kind.foreign is None:
+        return fit
+    return _without_foreign(kind, fit, fitted_to, seen)
 
 
 def _checked(view: Given) -> tuple[Given, AbstractDepthNoise]:

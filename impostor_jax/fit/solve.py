@@ -102,12 +102,14 @@ class Solution(eqx.Module):
     """An estimate in the first view's frame.
 
     Attributes:
-        body: The estimate.
+        body: The estimate; the start where that is not finite.
+        finite: Whether it is.
         converged: Whether the fit ended where a step leads nowhere.
         num_steps: Steps that it took.
     """
 
     body: AbstractBody
+    finite: Bool[Array, ""]
     converged: Bool[Array, ""]
     num_steps: Int[Array, ""]
 
@@ -332,9 +334,12 @@ def _through_stages(problem: Problem, start: AbstractBody) -> Solution:
         max_steps=None,
         throw=False,
     )
+    leaves = jax.tree.leaves(found.value)
+    finite = jnp.stack([jnp.all(jnp.isfinite(leaf)) for leaf in leaves]).all()
     return Solution(
-        body=found.value,
-        converged=found.state.left < UNSETTLED,
+        body=jax.tree.map(partial(jnp.where, finite), found.value, start),
+        finite=finite,
+        converged=finite & (found.state.left < UNSETTLED),
         num_steps=found.stats["num_steps"],
     )
 

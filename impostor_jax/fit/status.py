@@ -23,6 +23,7 @@ class FitStatus(enum.StrEnum):
     UNDETERMINED = "undetermined"
     AMBIGUOUS = "ambiguous"
     NOT_FINITE = "not_finite"
+    CONTRADICTED = "contradicted"
 
     @property
     def meaning(self) -> str:
@@ -38,6 +39,7 @@ _MEANINGS = {
     FitStatus.UNDETERMINED: "The readings do not determine radius and place.",
     FitStatus.AMBIGUOUS: "Two solutions explain the readings.",
     FitStatus.NOT_FINITE: "The solver met a number that is not finite.",
+    FitStatus.CONTRADICTED: "The readings exclude what was stated beforehand.",
 }
 
 STATUSES = tuple(FitStatus)

@@ -18,6 +18,7 @@ from impostor_jax.fit.request import arguments_of_cylinder
 from impostor_jax.fit.result import Fit, TaperTest
 from impostor_jax.fit.shapes import fit_shape
 from impostor_jax.geometry.vec3 import unit
+from impostor_jax.numerics import nan_where
 from impostor_jax.primitives.frustum import Frustum
 
 
@@ -56,6 +57,6 @@ def test_taper(fit: Fit) -> TaperTest:
     p_value = jax.scipy.special.erfc(jnp.sqrt(statistic / 2))
     return TaperTest(
         frustum=frustum,
-        statistic=jnp.where(frustum.success, statistic, jnp.nan),
-        p_value=jnp.where(frustum.success, p_value, jnp.nan),
+        statistic=nan_where(~frustum.success, statistic),
+        p_value=nan_where(~frustum.success, p_value),
     )

@@ -5,9 +5,13 @@ correlated between neighboring pixels, as those of real sensors are: the sandwic
 (J^T J)^-1 M (J^T J)^-1, where M sums the products of the gradients of two pixels times
 the correlation of residuals at their distance in the image, which is measured on the
 fit's own residuals.
+
+Covariances are kept as roots R, so that R R^T is the covariance: a single-precision
+product of three matrices, of an image that hardly tells a direction, rounds to a
+negative variance.
 """
 
-__all__ = ["free_covariance", "propagated", "score_covariance"]
+__all__ = ["covariance_root", "propagated", "sandwich_root", "score_covariance"]
 
 import jax
 import jax.numpy as jnp
@@ -31,14 +35,21 @@ MOST_TAKEN = 0.5
 than that makes, standard deviations are too small."""
 
 
-def free_covariance(
+LEAST_LEFT = 0.25
+"""Part of the variance of independent residuals that correlated ones leave at least,
+half of a deviation: measured correlations are noisy, and as a whole may be those of no
+errors that there are."""
+
+
+def covariance_root(
     information: Float[Array, "n n"],
 ) -> tuple[Float[Array, "n n"], Float[Array, "n n"], Bool[Array, " n"]]:
-    """Covariance of coordinates from their information, J^T J of whitened residuals.
+    """Root of the inverse of an information, J^T J of whitened residuals.
 
     Returns:
-        The covariance over the directions that the residuals determine; directions, of
-        unit length, as columns; and which of these they leave free.
+        R, where R R^T is the covariance over the directions that the residuals
+        determine, and R^T J^T J R the identity there; directions, of unit length, as
+        columns; and which of these they leave free.
     """
     diagonal = jnp.diagonal(information)
     depends = diagonal > 0
@@ -49,17 +60,31 @@ def free_covariance(
     free = values < eps(values.dtype, 4 * values.shape[0])
     directions = size[:, None] * vectors
     root = jnp.where(free, 0, jax.lax.rsqrt(jnp.where(free, 1, values)))
-    scaled = directions * root[None, :]
     return (
-        product(scaled, scaled.T),
+        directions * root[None, :],
         directions * jax.lax.rsqrt(jnp.sum(directions**2, axis=0))[None, :],
         free,
     )
 
 
+def sandwich_root(
+    root: Float[Array, "n n"], middle: Float[Array, "n n"], least: float = 0.0
+) -> Float[Array, "n n"]:
+    """Root of a sandwich R M R^T.
+
+    Args:
+        root: R, of `covariance_root`.
+        middle: M, the identity where residuals are independent.
+        least: Smallest eigenvalue that it is taken to have; those below are rounding,
+            or of measured correlations that no errors have.
+    """
+    values, vectors = jnp.linalg.eigh((middle + middle.T) / 2)
+    return product(root, vectors) * jnp.sqrt(jnp.maximum(values, least))[None, :]
+
+
 def propagated(
     change: Float[Array, "m n"],
-    covariance: Float[Array, "n n"],
+    root: Float[Array, "n n"],
     directions: Float[Array, "n n"],
     free: Bool[Array, " n"],
 ) -> tuple[Float[Array, "m m"], Bool[Array, " m"]]:
@@ -67,8 +92,8 @@ def propagated(
 
     Args:
         change: Derivative of the quantities in the coordinates.
-        covariance: Of the coordinates.
-        directions: As `free_covariance` returns them.
+        root: Of the covariance of the coordinates.
+        directions: As `covariance_root` returns them.
         free: Which of them the image leaves free.
     """
     moved = product(change, directions)
@@ -76,7 +101,8 @@ def propagated(
     # A quantity moves along a free direction by more than rounding.
     total = jnp.max(jnp.abs(change), axis=1)
     observed = open_part <= 1e-3 * total
-    of_quantities = product(change, covariance, change.T)
+    changed = product(change, root)
+    of_quantities = product(changed, changed.T)
     both = observed[:, None] & observed[None, :]
     return jnp.where(both, of_quantities, 0), observed
 

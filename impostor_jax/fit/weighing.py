@@ -33,9 +33,6 @@ SAME = 5.0
 """Standard deviations up to which two solutions are one. Each is off by up to one, by
 the tolerance of its fit."""
 
-NO_SOLUTION = (FitStatus.NOT_FINITE, FitStatus.STEP_LIMIT)
-"""How what ends is no minimum, which may not stand beside the best."""
-
 
 def likeliest(found: Sequence[Assessment]) -> Assessment:
     """The one that explains the image best."""
@@ -59,10 +56,12 @@ def best_of(found: Sequence[Assessment]) -> Fit:
     ranked = sorted(found, key=lambda one: float(one.cost))
     best, rivals, num_agreeing = ranked[0], [], 1
     for one in ranked[1:]:
+        if one.fit.status is FitStatus.NOT_FINITE:
+            continue
         rival = Rival(one, _apart(best, one))
         if _is_same(best, rival.away):
             num_agreeing += 1
-        elif one.fit.status not in NO_SOLUTION and not any(
+        elif _is_solution(one) and not any(
             _is_same(other.found, _apart(other.found, one)) for other in rivals
         ):
             rivals.append(rival)
@@ -79,6 +78,16 @@ def best_of(found: Sequence[Assessment]) -> Fit:
         return fit
     weights = weights[: count + 1] / np.sum(weights[: count + 1])
     return _with_rivals(fit, rivals[:count], weights)
+
+
+def _is_solution(found: Assessment) -> bool:
+    """Whether what a start led to may stand beside the best.
+
+    What has no size, or none that the readings tell, is an end of the solver's and no
+    other object: a wall as thin as a line, or as flat as a plane.
+    """
+    is_minimum = found.fit.status is not FitStatus.STEP_LIMIT
+    return is_minimum and bool(found.is_possible)
 
 
 def _weights(best: Assessment, rivals: Sequence[Rival]) -> Float[np.ndarray, " r"]:
@@ -170,7 +179,7 @@ def _with_rivals(
         for name, part in fit.std.values.items()
     )
     apart = [
-        jnp.where(jnp.isfinite(part), jnp.sqrt(jnp.maximum(full**2 - part**2, 0)), part)
+        _root_of_difference(np.asarray(full), np.asarray(part))
         for full, part in zip(std.values(), fit.std.values.values(), strict=True)
     ]
     more = Deviations(OrderedDict(zip(std, apart, strict=True)))
@@ -183,6 +192,15 @@ def _with_rivals(
         success=jnp.array(not is_ambiguous),
         status_code=jnp.array(STATUSES.index(status)),
     )
+
+
+def _root_of_difference(
+    full: Float[np.ndarray, "*n"], part: Float[np.ndarray, "*n"]
+) -> Float[Array, "*n"]:
+    """Deviation that makes `full` of `part`; infinite where that is."""
+    known = np.isfinite(part)
+    squares = np.where(known, full, 0) ** 2 - np.where(known, part, 0) ** 2
+    return jnp.asarray(np.where(known, np.sqrt(np.maximum(squares, 0)), part))
 
 
 def _mixed(

@@ -9,7 +9,7 @@ from typing import Any, Unpack
 import jax
 import numpy as np
 
-from impostor_jax.arguments import is_concrete
+from impostor_jax.arguments import is_concrete, unmasked
 from impostor_jax.camera.base import AbstractCamera
 from impostor_jax.fit.batch import side_by_side
 from impostor_jax.fit.fittable import CYLINDER
@@ -60,7 +60,7 @@ def fit_cylinders(
             "depths, masks, camera and starts must be concrete, got traced ones; map "
             "fit_cylinder over them with jax.vmap"
         )
-    depths = np.asarray(depths)
+    depths = np.asarray(unmasked(depths))
     count = depths.shape[0] if depths.ndim == 3 else 0
     if not count:
         raise ValueError(f"depths must have the shape (N, H, W), got {depths.shape}")

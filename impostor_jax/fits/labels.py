@@ -7,7 +7,7 @@ from typing import Any, Unpack
 
 import numpy as np
 
-from impostor_jax.arguments import is_concrete
+from impostor_jax.arguments import is_concrete, unmasked
 from impostor_jax.camera.base import AbstractCamera
 from impostor_jax.fit.batch import side_by_side
 from impostor_jax.fit.fittable import CYLINDER, FRUSTUM, SPHERE, TUBE
@@ -77,7 +77,7 @@ def fit_labels(
     if not is_concrete((depth, labels, camera, sigma, initial, options)):
         raise ValueError("depth, labels, camera and what is asked must be concrete, "
                          "got traced ones")  # fmt: skip
-    numbers = np.asarray(labels)
+    numbers = np.asarray(unmasked(labels))
     shape = (camera.height, camera.width)
     if numbers.shape != shape or not np.issubdtype(numbers.dtype, np.integer):
         raise ValueError(

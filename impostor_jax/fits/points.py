@@ -1,4 +1,4 @@
-"""Fit a cylinder to points, of which each was seen from a known place.
+"""Fit a cylinder to points, of which each was seen from a place.
 
 A point is the reading of a ray, from where the sensor stood through the point, and is
 compared along it, as a pixel's is: sensors err along the ray, and the orthogonal
@@ -13,27 +13,40 @@ from typing import Any, NamedTuple, Unpack
 import cv2
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from impostor_jax.arguments import is_concrete, working_precision
 from impostor_jax.camera.ray_table import RayTable, turned_to
 from impostor_jax.effort import MIN_READINGS
-from impostor_jax.fit.fittable import CYLINDER
+from impostor_jax.fit.by_point import told_by_point
+from impostor_jax.fit.fittable import CYLINDER, no_guess
+from impostor_jax.fit.measured import NOT_MEASURED
 from impostor_jax.fit.options import FitOptions, Options
 from impostor_jax.fit.regions import BUCKETS
 from impostor_jax.fit.request import check_types, checked_noise
 from impostor_jax.fit.result import Fit
 from impostor_jax.fit.shapes import fit_shape
+from impostor_jax.fits.facing import tested_by_facing
 from impostor_jax.fits.grid import rounding_of
+from impostor_jax.fits.rough import with_shared_errors
+from impostor_jax.fits.viewless import seen_across
+from impostor_jax.fits.wall import wall_of
 from impostor_jax.geometry.frames import RigidTransform
 from impostor_jax.numerics import eps
 from impostor_jax.primitives.cylinder import Cylinder
 from impostor_jax.sensor.base import AbstractDepthNoise
 from impostor_jax.sensor.bias import is_none
+from impostor_jax.sensor.gaussian import ConstantNoise
 
 WIDEST = 55.0
 """Angle in degrees, from the middle of all rays, up to which one frame holds them;
 beyond, they are those of the six faces of a cube."""
+
+MOST_LEVELS = 3
+"""Fits with another level of noise than the first."""
+
+SAME_LEVEL = 0.1
+"""Change of that level, over itself, with which it is known."""
 
 MOST_ROUNDED = 0.1
 """Part of the noise that the rounding of coordinates may be."""
@@ -58,10 +71,16 @@ def fit_cylinder_to_points(
     Args:
         points: (N, 3), in meters, in the world frame; or (N, 6), each with the place
             from which the sensor saw it.
-        origin: (3,), that place where it is one for all.
+        origin: (3,), that place where it is one for all. Where it is wrong, points of
+            the wall face away from it: the fit is `CONTRADICTED`, and `reason` says
+            which share of them. If None, of points (N, 3) as of clouds that were
+            merged, they err by `sigma` in all directions, and what lies off the wall
+            near which half of them lie, as caps and branches, is left out; they may
+            then surround it.
         sigma: Standard deviation of a range in meters, or a noise model of single
             readings, as in `fit_cylinder`. What they err by across their rays is
-            learned unless the model says it.
+            learned unless the model says it. If None, it is measured: how far points
+            scatter about a round wall.
         initial: Start of the fit, in the world frame; found from the points if None.
         options: What `FitOptions` lists, but for `mask_meaning` and `errors`, which are
             of images.
@@ -84,11 +103,44 @@ def fit_cylinder_to_points(
             "points, origin, sigma and initial must be concrete, got traced ones"
         )
     ends, starts = _checked_points(points, origin)
+    cloud = _Cloud(ends, starts, _type_of(points), np.ones(len(ends), bool))
+    if starts is None:
+        return _fit_viewless(cloud, sigma, initial, asked)
+    if sigma is None:
+        fit = _fit_with_level(cloud, initial, asked)
+    else:
+        fit = _fit_cloud(cloud, sigma, initial, asked)
+    return tested_by_facing(fit, ends, starts)
+
+
+class _Cloud(NamedTuple):
+    """Points, and what is known of them.
+
+    Attributes:
+        ends: The points.
+        starts: Where each was seen from; None where nobody tells.
+        dtype: Floating-point type that they came in.
+        counts: Which are looked at.
+    """
+
+    ends: Float[np.ndarray, "n 3"]
+    starts: Float[np.ndarray, "n 3"] | None
+    dtype: np.dtype
+    counts: Bool[np.ndarray, " n"]
+
+
+def _fit_cloud(
+    cloud: _Cloud, sigma: Any, initial: Cylinder | None, asked: Options
+) -> Fit:
+    """Fit points of which it is known from where they were seen."""
+    ends, starts, dtype, counts = cloud
+    assert starts is not None
     with working_precision(asked.effort.precision, ()):
-        _check_rounding(_type_of(points), ends, starts, _checked_noise(sigma))
+        _check_rounding(dtype, ends, starts, _checked_noise(sigma))
         views = _views_of(ends, starts)
     for view in views:
         check_types(Cylinder, view.camera, initial)
+        view.mask[0, : len(view.places)] &= counts[view.places]
     depths, cameras, masks = (
         [getattr(view, name) for view in views] for name in ("depth", "camera", "mask")
     )
@@ -96,8 +148,67 @@ def fit_cylinder_to_points(
         depths, cameras, masks = depths[0], cameras[0], masks[0]
     places = [view.places for view in views]
     given = depths, cameras, masks, sigma
-    rounding = rounding_of(ends, _type_of(points))
-    return fit_shape(CYLINDER, *given, initial, asked, places, rounding)
+    return fit_shape(CYLINDER, *given, initial, asked, places, rounding_of(ends, dtype))
+
+
+def _fit_viewless(
+    cloud: _Cloud, sigma: Any, initial: Cylinder | None, asked: Options
+) -> Fit:
+    """The same where nobody tells from where they were seen."""
+    wall = wall_of(cloud.ends)
+    if wall is None or not wall.is_known:
+        nothing = no_guess(CYLINDER, np.ones((1, len(cloud.ends)), bool))
+        return told_by_point(nothing, [np.arange(len(cloud.ends))])
+    level = max(wall.scatter, _resolution(cloud))
+    seen = seen_across(cloud.ends, wall)
+    cloud = cloud._replace(starts=seen.starts, counts=seen.is_near)
+    noise = _in_all_directions(level if sigma is None else sigma)
+    start = seen.start if initial is None else initial
+    fit = _fit_cloud(cloud, noise, start, asked)
+    return _with_told_level(fit, cloud, level) if sigma is None else fit
+
+
+def _fit_with_level(cloud: _Cloud, initial: Cylinder | None, asked: Options) -> Fit:
+    """The same where nobody tells how large the noise is."""
+    wall = wall_of(cloud.ends)
+    if wall is None or not wall.is_known:
+        fit = _fit_cloud(cloud, None, initial, asked)
+        fit.asked.measured = NOT_MEASURED
+        return fit
+    level = max(wall.scatter, _resolution(cloud))
+    fit = _fit_cloud(cloud, level, initial, asked)
+    for _ in range(MOST_LEVELS):
+        scale = fit.across.scale.item()
+        if not fit.is_shape or abs(scale - 1) < SAME_LEVEL:
+            break
+        level *= scale
+        fit = _fit_cloud(cloud, level, initial, asked)
+    return _with_told_level(fit, cloud, level)
+
+
+def _with_told_level(fit: Fit, cloud: _Cloud, level: float) -> Fit:
+    """A fit whose noise was measured, that says so."""
+    fit = with_shared_errors(fit, cloud.ends, level)
+    fit.asked.measured = f"Measured in the points: noise of {1e3 * level:.3g} mm."
+    return fit
+
+
+def _resolution(cloud: _Cloud) -> float:
+    """What single precision tells of coordinates as large, in meters."""
+    return float(np.abs(cloud.ends).max()) * eps(np.float32, 16)
+
+
+def _in_all_directions(sigma: Any) -> AbstractDepthNoise:
+    """Noise that is as large across the rays, which nobody knows, as along them."""
+    noise = _checked_noise(sigma)
+    if not isinstance(noise, ConstantNoise):
+        raise ValueError(
+            "sigma must be a number, or ConstantNoise, for points without an origin, "
+            f"got {noise!r}, which depends on where they were seen from"
+        )
+    if not noise.bias.has_exact_rays:
+        return noise
+    return ConstantNoise(noise.deviation, across=noise.deviation)
 
 
 class _View(NamedTuple):
@@ -131,8 +242,8 @@ def _check_options(options: Options) -> None:
 
 def _checked_points(
     points: Any, origin: Any
-) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3"]]:
-    """Points and where each was seen from."""
+) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3"] | None]:
+    """Points and where each was seen from; None where nobody tells."""
     values = _as_numbers("points", points)
     if values.ndim != 2 or values.shape[1] not in (3, 6):
         raise ValueError(f"points must be (N, 3) or (N, 6), got shape {values.shape}")
@@ -144,10 +255,7 @@ def _checked_points(
             )
         ends, starts = values[:, :3], values[:, 3:]
     elif origin is None:
-        raise ValueError(
-            "origin must be given with points of shape (N, 3): the place from which "
-            "the sensor saw them, (3,)"
-        )
+        ends, starts = values, None
     else:
         place = _as_numbers("origin", origin)
         if place.shape != (3,):
@@ -157,12 +265,17 @@ def _checked_points(
         raise ValueError(
             f"points must be at least {MIN_READINGS}, got {len(ends)} of them"
         )
-    if np.any(np.all(ends == starts, axis=1)):
+    if starts is not None and np.any(np.all(ends == starts, axis=1)):
         raise ValueError("points must lie off the origin that they were seen from")
     return ends, starts
 
 
 def _as_numbers(name: str, value: Any) -> Float[np.ndarray, "..."]:
+    if np.ma.is_masked(value):
+        raise ValueError(
+            f"{name} must hold no masked values, got {np.ma.count_masked(value)}: "
+            "leave their rows out"
+        )
     try:
         values = np.asarray(value, np.float64)
     except (TypeError, ValueError) as error:

@@ -51,9 +51,10 @@ def fit_cylinder(
     are known to the run alone, it takes at most 15872 of them.
 
     Args:
-        depth: (H, W), planar depth in meters; 0, NaN and infinity mean no reading. Of a
-            `SphericalCamera` ranges along the rays. Or a list of several images. None
-            where there is none, and the mask is an outline.
+        depth: (H, W), planar depth in meters; 0, NaN, infinity and what a NumPy masked
+            array masks mean no reading. Of a `SphericalCamera` ranges along the rays.
+            Or a list of several images. None where there is none, and the mask is an
+            outline.
         camera: The camera that took it; a list of as many, each with its pose.
         mask: (H, W), True on pixels of the object, wall and caps together; or one
             integer there and 0 elsewhere. A label image is for `fit_labels`. Where
@@ -69,11 +70,16 @@ def fit_cylinder(
             in the first in which something is.
         sigma: Standard deviation of a reading in meters, or a noise model of the
             sensor, which weighs each reading by its depth and incidence. Readings that
-            scatter three times as much make it a `poor_fit`. If None, 1 mm weighs
-            against priors and outlines, and is not held against the readings. Of
-            several images one of all of them, or a list. Without depth it is that of a
-            coverage, 0.05 if None; with a mask of booleans, whose edge is known to a
-            pixel, it must be None.
+            scatter three times as much make it a `poor_fit`. If None, it is measured in
+            each image, from the object's own readings and from planes around: white
+            noise is a number; errors that neighbors share are those of a camera that
+            matches windows, as `StructuredLight.sensor` has them, with its scale that
+            no image tells. `print(fit)` says what was measured. Where nothing is (fewer
+            than 200 readings, no noise, a traced fit), 1 mm weighs against priors and
+            outlines, and is not held against the readings. Of several images one of
+            all of them, or a list. Without depth it is that of a coverage, 0.05 if
+            None; with a mask of booleans, whose edge is known to a pixel, it must be
+            None.
         initial: Start of the fit, in the world frame; found from the image if None.
         options: What `FitOptions` lists.
 

@@ -23,17 +23,22 @@ MOVED = 0.004
 """By which a rival's radius and center differ from the best's, in meters."""
 
 
-@pytest.fixture(scope="module")
-def best():
-    """What is said of the can from a start at the truth, as a fit does."""
+def assessed(start, **options):
+    """What is said of the can from a start, as a fit does."""
     depth, mask = image()
+    asked = Options(**options)
     shown = pixels_shown(Seen(depth, mask, CAMERA, checked_noise(SIGMA)))
-    settings = checked_settings(CYLINDER, Options(), None, SIGMA)
+    settings = checked_settings(CYLINDER, asked, start, SIGMA)
     known = checked_prior(None, CYLINDER.parameters, None)
     run = quickly_compiled(fit_from, static_argnames=("kernel", "correlated"))
-    kernel = Options().effort.kernel
-    given = (shown,), known, settings, body_of(can())
-    return run(*given, kernel=kernel, correlated=False)
+    given = (shown,), known, settings, body_of(start)
+    return run(*given, kernel=asked.effort.kernel, correlated=False)
+
+
+@pytest.fixture(scope="module")
+def best():
+    """What is said of the can from a start at the truth."""
+    return assessed(can())
 
 
 def rival_of(best, share, moved=MOVED):
@@ -56,7 +61,7 @@ def test_two_likely_solutions_are_ambiguous_and_deviations_cover_both(best):
     np.testing.assert_allclose(fit.alternatives.weight, [0.2, 0], rtol=1e-3)
     other = fit.alternatives.shape
     assert float(other.radius[0] - fit.cylinder.radius) == pytest.approx(MOVED, 1e-3)
-    assert np.isnan(other.radius[1])
+    assert float(other.radius[1]) == float(fit.cylinder.radius)
     expected = np.sqrt(float(best.fit.std.radius) ** 2 + 0.2 * MOVED**2)
     assert float(fit.std.radius) == pytest.approx(expected, rel=1e-3)
     part = float(fit.std_budget["alternatives"].radius)
@@ -65,6 +70,22 @@ def test_two_likely_solutions_are_ambiguous_and_deviations_cover_both(best):
     assert float(fit.covariance[at, at]) == pytest.approx(expected**2, rel=1e-3)
     expected = np.sqrt(np.asarray(best.fit.std.center) ** 2 + 0.2 * MOVED**2)
     np.testing.assert_allclose(fit.std.center, expected, rtol=1e-3)
+
+
+@SMALL_IMAGES
+def test_a_radius_below_a_pixel_has_no_size(best):
+    start = can()
+    thin = ij.Cylinder(start.center, start.axis, 1e-6, start.height)
+    assert bool(best.is_possible)
+    assert not bool(assessed(thin, fixed=("radius",)).is_possible)
+
+
+@SMALL_IMAGES
+def test_a_solution_without_a_size_is_none(best):
+    none = rival_of(best, 0.25)._replace(is_possible=np.array(False))
+    fit = best_of([none, best])
+    assert fit.success
+    assert not np.asarray(fit.alternatives.weight).any()
 
 
 @SMALL_IMAGES

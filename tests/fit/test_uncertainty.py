@@ -5,7 +5,7 @@ import pytest
 
 from impostor_jax.fit import uncertainty
 
-free_covariance = jax.jit(uncertainty.free_covariance)
+covariance_root = jax.jit(uncertainty.covariance_root)
 score_covariance = jax.jit(uncertainty.score_covariance, static_argnums=4)
 propagated = jax.jit(uncertainty.propagated)
 
@@ -18,17 +18,17 @@ def random_jacobian(dtype=np.float64, columns=7):
 @pytest.mark.usefixtures("double")
 def test_covariance_is_the_inverse_of_the_information():
     jacobian = random_jacobian()
-    covariance, _, free = free_covariance(jacobian.T @ jacobian)
+    root, _, free = covariance_root(jacobian.T @ jacobian)
     expected = np.linalg.inv(jacobian.T @ jacobian)
-    np.testing.assert_allclose(covariance, expected, rtol=1e-9)
+    np.testing.assert_allclose(root @ root.T, expected, rtol=1e-9)
     assert not np.asarray(free).any()
 
 
 def test_coordinate_without_effect_is_free_and_the_others_are_not(dtype):
     jacobian = random_jacobian(dtype).at[:, 6].set(0)
-    covariance, directions, free = free_covariance(jacobian.T @ jacobian)
+    root, directions, free = covariance_root(jacobian.T @ jacobian)
     assert np.asarray(free).sum() == 1
-    found, observed = propagated(jnp.eye(7, dtype=dtype), covariance, directions, free)
+    found, observed = propagated(jnp.eye(7, dtype=dtype), root, directions, free)
     assert np.asarray(observed).tolist() == [True] * 6 + [False]
     expected = np.linalg.inv(np.asarray(jacobian[:, :6].T @ jacobian[:, :6], float))
     np.testing.assert_allclose(found[:6, :6], expected, rtol=1e-3)
@@ -38,8 +38,23 @@ def test_only_the_sum_of_two_coordinates_is_determined(dtype):
     jacobian = random_jacobian(dtype, 2)
     jacobian = jacobian.at[:, 1].set(jacobian[:, 0])
     change = jnp.asarray([[1.0, 0], [0, 1], [1, 1], [1, -1]], dtype)
-    _, observed = propagated(change, *free_covariance(jacobian.T @ jacobian))
+    _, observed = propagated(change, *covariance_root(jacobian.T @ jacobian))
     assert np.asarray(observed).tolist() == [False, False, True, False]
+
+
+def test_a_sandwich_has_no_negative_variance():
+    rng = np.random.default_rng(0)
+    # What is hardly told, and correlations that no errors have.
+    jacobian = rng.normal(size=(200, 3)) @ [[1, 1, 1], [0, 0.03, 0], [0, 0, 0.1]]
+    jacobian = jnp.asarray(jacobian, jnp.float32)
+    root, directions, free = covariance_root(jacobian.T @ jacobian)
+    middle = jnp.asarray(np.diag([1, 2, 3]) - 3 * np.ones((3, 3)), jnp.float32)
+    whole = uncertainty.sandwich_root(root, middle, 0.25)
+    found, observed = propagated(jnp.eye(3), whole, directions, free)
+    assert np.asarray(observed).all()
+    floor = 0.25 * np.asarray(root @ root.T)
+    assert (np.diagonal(found) >= 0.99 * np.diagonal(floor)).all()
+    np.testing.assert_allclose(found, found.T, rtol=1e-5)
 
 
 def pixels_of(shape):

@@ -58,7 +58,7 @@ def test_points_tell_what_their_image_does(seen):
     # another estimate of the same efficiency, 0.15 deviations away.
     assert abs(off) < 0.2 * float(std.radius)
     away = np.cross(fit.cylinder.axis, of_image.cylinder.axis)
-    assert np.linalg.norm(away) < 0.2 * float(np.max(np.asarray(std.axis)))
+    assert np.linalg.norm(away) < 0.4 * float(np.max(np.asarray(std.axis)))
     # The image's noise is along z, and less along its oblique rays.
     np.testing.assert_allclose(fit.std.radius, std.radius, rtol=0.05)
     assert "Of points: neither background" in str(fit)
@@ -213,7 +213,6 @@ POINTS = np.random.default_rng(0).normal((0, 0, 1), 0.1, (60, 3))
 @pytest.mark.parametrize(
     ("given", "match"),
     [
-        (((POINTS,), {}), "origin must be given"),
         (((POINTS[:, :2], (0, 0, 0)), {}), r"points must be \(N, 3\)"),
         (((POINTS[:9], (0, 0, 0)), {}), "points must be at least 50"),
         (((POINTS, (0, 0)), {}), r"origin must be \(3,\)"),

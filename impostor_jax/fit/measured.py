@@ -1,0 +1,332 @@
+"""What an image tells of its own noise, where a caller tells nothing of the sensor.
+
+High differences of inverse depth along rows and columns vanish on planes and nearly so
+on what bends gently: what is left is noise. Of white noise they are as large between
+neighbors as between pixels that are farther apart. Sensors that match windows, or
+filter, err alike within a window: theirs grow with the distance. Planes around the
+object, which are looked at in tiles, show that best; and smooth errors that noise hides
+from pixel to pixel: the means of blocks scatter by more than single readings let them.
+
+No image shows an error of its scale. Cameras whose errors are shared by neighbors have
+one, so it is counted with them as with `StructuredLight.sensor`; white noise is that of
+a scene that was drawn.
+"""
+
+__all__ = ["NOT_MEASURED", "MeasuredNoise", "measured_noise", "with_measured"]
+
+import math
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from impostor_jax.camera.base import AbstractRays
+from impostor_jax.camera.pinhole import PinholeCamera
+from impostor_jax.fit.request import (
+    Given,
+    checked_depth,
+    checked_mask,
+    checked_noise,
+)
+from impostor_jax.sensor.base import AbstractDepthNoise
+from impostor_jax.sensor.correlated import CorrelatedNoise
+from impostor_jax.sensor.matching import BAND_LENGTH, BANDS, OFFSET
+from impostor_jax.sensor.matching_window import MatchingWindow
+from impostor_jax.sensor.quantization import StereoDisparity
+from impostor_jax.sensor.scale_error import ScaleError
+
+FEWEST = 200
+"""Differences that tell a level of noise to a tenth."""
+
+LEAST = 1e-5
+"""Noise over depth below which an image has none: rounding, or a scene without."""
+
+CLIP = 3.0
+"""Standard deviations to which differences are clipped: a jump is no noise."""
+
+CLIPPED = 0.9950
+"""Mean square of normal numbers clipped to three standard deviations."""
+
+MEDIAN_SQUARE = 0.4549
+"""Of normal numbers."""
+
+WEIGHTS = {3: (-1, 3, -3, 1), 4: (1, -4, 6, -4, 1)}
+"""Of the third difference and the fourth, which bends leave less of."""
+
+NEAR, FAR = 3, 8
+"""Pixels between readings that tell white noise from filtered, and that tell all of
+what is filtered: real cameras' grain is of 3 to 6 pixels."""
+
+SHARED = 1.5
+"""Variance of differences over that of neighbors from which errors are shared: of six
+images of five cameras it is 1.6 to 6, of drawn white noise 0.9 to 1.1."""
+
+CURVED = 2.5
+"""The same where no plane around the object tells, but the object's own surface."""
+
+TILE, CELL = 48, 8
+"""Pixels across a tile that a plane is fitted to, and of the blocks in it."""
+
+MOST_TILES = 9
+"""That are looked at, evenly spread over the image."""
+
+COVERED = 0.9
+"""Share of a tile's pixels that hold a reading, at least."""
+
+SCATTER = 1.6
+"""Variance of the means of blocks on planes, over that of white noise, less 1, times
+the root of the number of tiles, from which there is a smooth error: 5 standard
+deviations of the median of white noise."""
+
+LOST = 1.6
+"""Deviation of a smooth error over what a plane through a tile leaves of it, of one
+whose correlation length is half of the tile's."""
+
+NARROW = 1.25
+"""Focal length over the image's width from which it was warped to a color camera's: of
+depth cameras it is 0.5 to 0.9, of such an image twice that, and its sensor's own pixels
+are about two of its."""
+
+MOST_LINES = 40
+"""Rows, and columns, along which differences are taken, evenly spread."""
+
+SAMPLE = 4096
+"""Readings that tell to which step depths are rounded."""
+
+
+class MeasuredNoise(NamedTuple):
+    """What an image tells of its noise.
+
+    Attributes:
+        noise: The model of it.
+        text: What a reader is told of it.
+    """
+
+    noise: AbstractDepthNoise
+    text: str
+
+
+NOT_MEASURED = "The noise is not measured: 1 mm is taken, and held against nothing."
+"""What a reader is told where nothing tells the noise."""
+
+
+def with_measured(views: Sequence[Given], sigma: Any) -> tuple[list[Given], Any, str]:
+    """Views with the noise that their images tell, where none is given.
+
+    Args:
+        views: Concrete, each with a mask.
+        sigma: As a caller gives it.
+
+    Returns:
+        The views, the noise of one or a list of all, and what a reader is told.
+    """
+    found, told = [], ""
+    for view in views:
+        if view.sigma is None:
+            image = np.asarray(checked_depth(view.depth, view.camera))
+            mask = checked_mask(view.mask, view.camera)
+            measured = measured_noise(image, np.asarray(mask), view.camera)
+            told = told or (NOT_MEASURED if measured is None else measured.text)
+            view = view._replace(sigma=None if measured is None else measured.noise)
+        found.append(view)
+    if not told:
+        return found, sigma, told
+    sigmas = [view.sigma for view in found]
+    return found, sigmas if len(found) > 1 else sigmas[0], told
+
+
+def measured_noise(
+    image: Float[np.ndarray, "h w"],
+    region: Bool[np.ndarray, "h w"],
+    camera: AbstractRays,
+) -> MeasuredNoise | None:
+    """Noise of the readings of an object; None where too little tells of it.
+
+    Args:
+        image: Depths in meters; 0 where there is no reading.
+        region: Pixels of the object.
+        camera: That took it.
+    """
+    some = region & (image > 0)
+    if np.count_nonzero(some) < FEWEST:
+        return None
+    box = _box(region)
+    depth = image[box].astype(float)
+    own = some[box]
+    middle = float(np.median(depth[own]))
+    inverse = np.where(own, 1 / np.where(own, depth, 1), 0)
+    # Of inverse depth; that of depth at the middle is larger by its square.
+    own_levels = {lag: _variances(inverse, own, lag, 4) for lag in (1, NEAR)}
+    if not own_levels[1]:
+        return None
+    step = _step(depth[own]) / middle**2
+    white = max(math.sqrt(_least(own_levels[1])), step / math.sqrt(12))
+    if not white * middle > LEAST:
+        return None
+    if not isinstance(camera, PinholeCamera):
+        return _white(white * middle**2)
+    around = _around(image, (image > 0) & ~region)
+    if around is None:
+        around = Around(_is_filtered(own_levels, step), 0.0)
+    if not (around.is_filtered or around.smooth > 0):
+        return _white(white * middle**2)
+    far = _variances(inverse, own, FAR, 3) or _variances(inverse, own, NEAR, 3)
+    total = max(white, math.sqrt(_least(far))) if far else white
+    bands = around.smooth or max(BANDS, total)
+    noise = _matching(total, bands, camera)
+    reach = noise.bias.window_reach
+    text = (
+        f"Measured in the image: noise of {1e3 * total * middle**2:.2g} mm that "
+        f"neighbors share, smooth errors of {1e3 * bands * middle**2:.2g} mm; "
+        f"readings within {reach} pixels of jumps are left out, and the scale, which "
+        "no image tells, is counted."
+    )
+    return MeasuredNoise(noise, text)
+
+
+def _white(level: float) -> MeasuredNoise:
+    text = f"Measured in the image: white noise of {1e3 * level:.3g} mm."
+    return MeasuredNoise(checked_noise(level), text)
+
+
+def _matching(
+    deviation: float, bands: float, camera: PinholeCamera
+) -> AbstractDepthNoise:
+    """A camera that matches windows; its deviations are of inverse depth."""
+    enlarged = 2 if float(camera.fx) > NARROW * camera.width else 1
+    # Static numbers take few values, so that other images do not compile a fit anew.
+    law = StereoDisparity(float(camera.fx), 1.0, deviation * float(camera.fx), step=0.0)
+    windowed = MatchingWindow(law, native_scale=enlarged)
+    banded = CorrelatedNoise(windowed, bands, BAND_LENGTH * enlarged)
+    return ScaleError(banded, OFFSET, law="disparity")
+
+
+def _box(region: Bool[np.ndarray, "h w"]) -> tuple[slice, slice]:
+    rows, cols = (np.flatnonzero(region.any(axis=axis)) for axis in (1, 0))
+    return slice(rows[0], rows[-1] + 1), slice(cols[0], cols[-1] + 1)
+
+
+def _step(depth: Float[np.ndarray, " n"]) -> float:
+    """Step to which depths are rounded, in meters; 0 where they are not."""
+    depth = depth[:: -(-len(depth) // SAMPLE)]
+    steps = np.diff(np.unique(depth))
+    if len(steps) < 2 or len(steps) > len(depth) / 4:
+        return 0.0
+    return float(np.median(steps))
+
+
+def _variances(
+    inverse: Float[np.ndarray, "h w"],
+    own: Bool[np.ndarray, "h w"],
+    lag: int,
+    order: int,
+) -> list[float]:
+    """Variance of white noise that differences tell, along each axis.
+
+    None of an axis along which there are too few.
+    """
+    weights, found = WEIGHTS[order], []
+    for axis in (0, 1):
+        count = inverse.shape[axis] - order * lag
+        if count <= 0:
+            continue
+        stride = -(-inverse.shape[1 - axis] // MOST_LINES)
+        values, there = (np.moveaxis(x, axis, 0)[:, ::stride] for x in (inverse, own))
+        difference, use = np.zeros_like(values[:count]), np.ones_like(there[:count])
+        for k, weight in enumerate(weights):
+            part = slice(k * lag, k * lag + count)
+            difference += weight * values[part]
+            use &= there[part]
+        if np.count_nonzero(use) >= FEWEST / 2:
+            square = float(np.square(weights).sum())
+            found.append(_clipped(difference[use]) / square)
+    return found
+
+
+def _clipped(values: Float[np.ndarray, " n"]) -> float:
+    """Variance of normal numbers among which are some that are too large."""
+    squares = values**2
+    variance = float(np.median(squares)) / MEDIAN_SQUARE
+    for _ in range(4):
+        if not variance > 0:
+            # Most differences of what is coarsely rounded are 0.
+            return float(np.mean(squares))
+        most = CLIP**2 * variance
+        variance = float(np.mean(np.minimum(squares, most))) / CLIPPED
+    return variance
+
+
+def _least(levels: Sequence[float]) -> float:
+    """The variance along the axis along which a surface bends less."""
+    return min(levels)
+
+
+def _is_filtered(levels: dict[int, list[float]], step: float) -> bool:
+    """Whether neighbors share errors, along rows and along columns."""
+    near, apart = levels[1], levels[NEAR]
+    if len(near) < 2 or len(apart) < 2:
+        return False
+    least = step**2 / 12
+    pairs = zip(near, apart, strict=True)
+    return all(far > CURVED * max(one, least) for one, far in pairs)
+
+
+class Around(NamedTuple):
+    """What planes around an object tell of noise.
+
+    Attributes:
+        is_filtered: Whether neighbors share errors.
+        smooth: Deviation of a smooth error of inverse depth; 0 if there is none.
+    """
+
+    is_filtered: bool
+    smooth: float
+
+
+def _around(
+    image: Float[np.ndarray, "h w"], usable: Bool[np.ndarray, "h w"]
+) -> Around | None:
+    """What planes tell; None where there is none.
+
+    Args:
+        image: Depths in meters.
+        usable: Readings beside the object.
+    """
+    tall, wide = (size // TILE for size in image.shape)
+    if not tall * wide:
+        return None
+
+    def tiled(field: np.ndarray) -> np.ndarray:
+        field = field[: tall * TILE, : wide * TILE]
+        return field.reshape(tall, TILE, wide, TILE).swapaxes(1, 2)
+
+    depths, uses = tiled(image), tiled(usable)
+    rows, cols = np.nonzero(uses.mean(axis=(2, 3)) > COVERED)
+    pick = np.linspace(0, len(rows) - 1, min(len(rows), MOST_TILES)).astype(int)
+    side = TILE // CELL
+    places = np.indices((side, side)).reshape(2, -1)
+    basis = np.linalg.qr(np.stack([*places, np.ones(side * side)], axis=1))[0]
+    shared, scattered, excess = [], [], []
+    for row, col in zip(rows[pick], cols[pick], strict=True):
+        use, depth = uses[row, col], depths[row, col].astype(float)
+        inverse = np.where(use, 1 / np.where(use, depth, 1), 0)
+        near, apart = (_variances(inverse, use, lag, 3) for lag in (1, NEAR))
+        sums, counts = (
+            part.reshape(side, CELL, side, CELL).sum(axis=(1, 3)).ravel()
+            for part in (inverse, use)
+        )
+        if not near or not apart or counts.min() < CELL * CELL / 2:
+            continue
+        white = max(float(np.mean(near)), (LEAST / float(np.median(depth[use]))) ** 2)
+        means = sums / counts
+        left = means - basis @ (basis.T @ means)
+        scatter = float(left @ left) / (side * side - 3)
+        shared.append(float(np.mean(apart)) / white)
+        scattered.append(scatter / (white * float(np.mean(1 / counts))))
+        excess.append(scatter)
+    if not shared:
+        return None
+    is_smooth = np.median(scattered) > 1 + SCATTER / math.sqrt(len(scattered))
+    smooth = LOST * math.sqrt(float(np.median(excess))) if is_smooth else 0.0
+    return Around(bool(np.median(shared) > SHARED), smooth)

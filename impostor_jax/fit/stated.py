@@ -1,0 +1,193 @@
+"""Whether readings exclude what a caller states: a prior, or a value that is held.
+
+A narrow prior wins over any number of readings, and a held value is never asked. So the
+shape is fitted once more without them, from where the first fit ended, by the same
+compiled program. What the readings say alone is independent of what was stated, and
+their difference is tested against both deviations (Wald's test). Neither is the first
+fit's pull a measure of it: of readings far off, a robust loss counts little.
+"""
+
+__all__ = ["tested_by_readings"]
+
+import dataclasses
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Array, Float
+
+from impostor_jax.fit.body import AbstractBody
+from impostor_jax.fit.fittable import Fittable
+from impostor_jax.fit.options import Options
+from impostor_jax.fit.result import Fit
+from impostor_jax.fit.status import FitStatus
+from impostor_jax.fit.text import millimeters
+from impostor_jax.geometry.so3 import tangent_basis
+from impostor_jax.primitives.base import AbstractPrimitive
+
+MOST_APART = 5.0
+"""Deviations from which readings exclude a value: by chance once in 2e6 fits for a
+number, in 7e4 for a center."""
+
+Fitted = Callable[[Options, AbstractPrimitive | None], Fit]
+"""Fit to the same readings with other options and another start."""
+
+
+class Stated(NamedTuple):
+    """A parameter as a caller states it.
+
+    Attributes:
+        name: Of the parameter.
+        value: In the world frame.
+        deviation: In meters or radians; 0 of what is held.
+    """
+
+    name: str
+    value: Float[np.ndarray, "..."]
+    deviation: float
+
+
+def tested_by_readings(
+    kind: Fittable,
+    fit: Fit,
+    options: Options,
+    initial: AbstractPrimitive | None,
+    fitted: Fitted,
+) -> Fit:
+    """The fit, or a failed one where readings exclude what was stated.
+
+    All that is stated is left out at first. Where the readings then leave the shape
+    open, as an outline does its size, each is left out by itself.
+
+    Args:
+        kind: What is fitted.
+        fit: With priors and held values, concrete.
+        options: That it was made with.
+        initial: Its start; held values are those of it.
+        fitted: How to make it anew.
+    """
+    all_stated = _all_stated(kind, options, initial)
+    if not all_stated:
+        return fit
+    left_out: list[Sequence[Stated]] = [all_stated]
+    if len(all_stated) > 1:
+        left_out += [[one] for one in all_stated]
+    for stated in left_out:
+        alone = _fit_without(stated, fit, options, initial, fitted)
+        if not alone.is_shape:
+            continue
+        told = [_contradiction(kind, one, alone) for one in stated]
+        excluded = [text for text in told if text is not None]
+        if excluded:
+            return fit.contradicted("; ".join(excluded) + ": one of them is wrong.")
+        if stated is all_stated:
+            break
+    return fit
+
+
+def _all_stated(
+    kind: Fittable, options: Options, initial: AbstractPrimitive | None
+) -> list[Stated]:
+    stated = [
+        Stated(name, np.asarray(value, np.float64), float(deviation))
+        for name, (value, deviation) in (options.prior or {}).items()
+    ]
+    if options.fixed:
+        held = kind.body.of(initial)
+        stated += [
+            Stated(name, np.asarray(getattr(held, name), np.float64), 0.0)
+            for name in options.fixed
+        ]
+    return stated
+
+
+def _fit_without(
+    stated: Sequence[Stated],
+    fit: Fit,
+    options: Options,
+    initial: AbstractPrimitive | None,
+    fitted: Fitted,
+) -> Fit:
+    """What readings say where something is not stated.
+
+    From where a wrong value led, they may not lead back: then from the first start.
+    """
+    names = {one.name for one in stated}
+    prior = {name: x for name, x in (options.prior or {}).items() if name not in names}
+    others = dataclasses.replace(
+        options,
+        fixed=tuple(name for name in options.fixed if name not in names),
+        prior=prior or None,
+    )
+    if fit.status not in (FitStatus.NO_FIRST_GUESS, FitStatus.NOT_FINITE):
+        found = fitted(others, fit.shape)
+        if found.is_shape or found.status is FitStatus.UNDETERMINED:
+            return found
+    return fitted(others, initial)
+
+
+def _contradiction(kind: Fittable, stated: Stated, alone: Fit) -> str | None:
+    """What is stated beside what readings say, in words; None if they may agree.
+
+    Coordinates that the readings leave open exclude nothing.
+    """
+    body = kind.body.of(alone.shape)
+    off, names = _apart(stated, body)
+    places = [alone.coordinates.index(name) for name in names]
+    covariance = np.asarray(alone.covariance, np.float64)[np.ix_(places, places)]
+    known = np.isfinite(np.diagonal(covariance))
+    covariance = covariance[np.ix_(known, known)]
+    total = covariance + np.eye(len(covariance)) * stated.deviation**2
+    away = float(np.sqrt(off[known] @ np.linalg.pinv(total) @ off[known]))
+    if not away > MOST_APART:
+        return None
+    read = np.asarray(_value(body, stated.name), np.float64)
+    if stated.name == "axis" and read @ stated.value < 0:
+        read = -read
+    said = np.sqrt(np.diagonal(covariance).max())
+    source = "fixed" if stated.deviation == 0 else "prior"
+    return (
+        f"{source} states {stated.name} as "
+        f"{_with_unit(stated.name, stated.value, stated.deviation)}, the readings say "
+        f"{_with_unit(stated.name, read, said)}, {away:.0f} deviations apart"
+    )
+
+
+def _apart(
+    stated: Stated, body: AbstractBody
+) -> tuple[Float[np.ndarray, " k"], tuple[str, ...]]:
+    """Stated value less that of a body, in coordinates of its covariance."""
+    name, value = stated.name, stated.value
+    if name == "axis":
+        basis = np.asarray(tangent_basis(_value(body, "axis")), np.float64)
+        toward = value / np.linalg.norm(value)
+        # Either sign will do.
+        side = (
+            1.0 if toward @ np.asarray(_value(body, "axis"), np.float64) > 0 else -1.0
+        )
+        return basis @ toward * side, body.coordinates["axis"]
+    away = np.atleast_1d(value - np.asarray(_value(body, name), np.float64))
+    if name in body.coordinates:
+        return away, body.coordinates[name]
+    # The center of a shape with an axis.
+    axis = np.asarray(_value(body, "axis"), np.float64)
+    across = np.asarray(tangent_basis(_value(body, "axis")), np.float64) @ away
+    names = (*body.coordinates["across_axis"], *body.coordinates["along_axis"])
+    return np.append(across, axis @ away), names
+
+
+def _value(body: AbstractBody, name: str) -> Array:
+    """A parameter that this kind of body has."""
+    return getattr(body, name)
+
+
+def _with_unit(name: str, value: Any, deviation: float) -> str:
+    """A value and its deviation, for a reader."""
+    if name == "axis":
+        numbers = " ".join(f"{x:.3f}" for x in value)
+        text, unit, spread = numbers, "degrees", f"{np.degrees(deviation):.2g}"
+    else:
+        text, unit, spread = millimeters(value), "mm", f"{1e3 * deviation:.2g}"
+    if deviation == 0:
+        return text if name == "axis" else f"{text} {unit}"
+    return f"{text} +- {spread} {unit}"

@@ -1,0 +1,97 @@
+"""Noise that is measured in the image, where nothing is told of the sensor."""
+
+import jax
+import numpy as np
+import pytest
+
+import impostor_jax as ij
+from impostor_jax.fit.measured import measured_noise
+from tests.fit.scenes import CAMERA, SIGMA, can, image
+
+SHAPE = can()
+
+
+def drawn(sensor, seed=0):
+    """Readings of the can before a wall that is turned, and the can's mask.
+
+    The wall is far: there smooth errors are not lost in the noise of single readings.
+    """
+    wall = ij.Plane((0.0, 0.0, 1.3), (0.3, 0.0, -1.0))
+    scene = ij.Scene([SHAPE, wall])
+    maps = ij.render(scene, CAMERA, outputs=("depth", "normal", "index"))
+    readings = sensor.sample(jax.random.key(seed), maps.depth, maps.normal, CAMERA)
+    return np.asarray(readings), np.asarray(maps.index) == 0
+
+
+@pytest.mark.parametrize("sigma", [0.0003, 0.001, 0.003])
+def test_a_level_of_white_noise_is_found_to_a_tenth(sigma):
+    depth, mask = drawn(ij.ConstantNoise(sigma))
+    found = measured_noise(depth, mask, CAMERA)
+    assert isinstance(found.noise, ij.ConstantNoise)
+    assert float(found.noise.deviation) == pytest.approx(sigma, rel=0.1)
+    assert "white noise" in found.text
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_camera_that_matches_windows_is_told_by_the_planes_around(seed):
+    depth, mask = drawn(ij.StructuredLight.sensor(), seed)
+    noise = measured_noise(depth, mask, CAMERA).noise
+    assert noise.bias.scales
+    assert noise.bias.fields
+    assert int(noise.bias.window_reach) > 0
+
+
+@pytest.mark.parametrize("sensor", [ij.StructuredLight(), ij.StereoDisparity(150.0)])
+def test_what_is_independent_is_no_camera_that_matches_windows(sensor):
+    depth, mask = drawn(sensor)
+    assert isinstance(measured_noise(depth, mask, CAMERA).noise, ij.ConstantNoise)
+
+
+def test_filtered_noise_is_told_without_anything_around():
+    depth, mask = image(wall=None)
+    grain = ij.CorrelatedNoise(ij.ConstantNoise(1e-4), 0.01, length=4.0)
+    flat = np.full(depth.shape, 0.35, np.float32)
+    normal = np.broadcast_to(np.float32([0, 0, -1]), (*depth.shape, 3))
+    readings = grain.sample(jax.random.key(1), flat, normal, CAMERA)
+    found = measured_noise(np.where(mask, readings, 0), mask, CAMERA)
+    assert int(found.noise.bias.window_reach) > 0
+
+
+def test_nothing_told_is_as_white_noise_told():
+    depth, mask = image()
+    told = ij.fit_cylinder(depth, CAMERA, mask=mask, sigma=SIGMA)
+    fit = ij.fit_cylinder(depth, CAMERA, mask=mask)
+    assert fit.success
+    off = float(fit.cylinder.radius - told.cylinder.radius)
+    assert abs(off) < 0.2 * float(told.std.radius)
+    assert float(fit.std.radius) == pytest.approx(float(told.std.radius), rel=0.1)
+    assert float(fit.chi2) == pytest.approx(1, abs=0.1)
+    assert "Measured in the image" in str(fit)
+
+
+def test_interval_holds_of_a_camera_that_nobody_told():
+    depth, mask = drawn(ij.StructuredLight.sensor(), 2)
+    fit = ij.fit_cylinder(depth, CAMERA, mask=mask)
+    assert fit.success
+    off = float(fit.cylinder.radius - SHAPE.radius)
+    assert abs(off) < 1.96 * float(fit.std.radius)
+    # The scale, which no image shows, is counted.
+    assert float(fit.std_budget["scale"].radius) > 0
+
+
+def test_another_shape_is_a_poor_fit_though_no_noise_is_told():
+    depth, mask = image()
+    wrong = ij.Cylinder(SHAPE.center, SHAPE.axis, 0.5 * SHAPE.radius, SHAPE.height)
+    fit = ij.fit_cylinder(depth, CAMERA, mask=mask, initial=wrong, fixed=("radius",))
+    assert fit.status == ij.FitStatus.POOR_FIT
+    assert not np.isnan(fit.p_value)
+
+
+def test_an_image_without_noise_is_held_against_nothing_and_says_so():
+    maps = ij.render(SHAPE, CAMERA, outputs=("depth", "mask"))
+    depth, mask = np.asarray(maps.depth), np.asarray(maps.mask)
+    assert measured_noise(np.where(mask, depth, 0), mask, CAMERA) is None
+    fit = ij.fit_cylinder(depth, CAMERA, mask=mask)
+    assert fit.success
+    assert np.isnan(fit.p_value)
+    assert "not measured" in str(fit)

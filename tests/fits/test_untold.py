@@ -1,0 +1,107 @@
+"""Points of which nobody tells where they were seen from, or how they err."""
+
+import numpy as np
+import pytest
+
+import impostor_jax as ij
+from impostor_jax.fits.wall import wall_of
+from tests.groups import SMALL_IMAGES
+
+pytestmark = SMALL_IMAGES
+CENTER, AXIS, RADIUS = np.array([1.0, -2.0, 1.5]), np.array([0.05, -0.02, 1.0]), 0.12
+NOISE, LENGTH = 0.003, 1.0
+
+
+def stem(count=2000, turn=(0, 2 * np.pi), noise=NOISE, bumps=0.0, seed=0):
+    """Points of a stem between two angles, and their normals."""
+    random = np.random.default_rng(seed)
+    axis = AXIS / np.linalg.norm(AXIS)
+    one = np.cross(axis, [1.0, 0, 0])
+    one /= np.linalg.norm(one)
+    other = np.cross(axis, one)
+    angle, height = random.uniform(*turn, count), random.uniform(-0.5, 0.5, count)
+    normal = np.cos(angle)[:, None] * one + np.sin(angle)[:, None] * other
+    bump = bumps * np.sin(9 * angle) * np.cos(40 * height)
+    points = CENTER + height[:, None] * LENGTH * axis
+    points = points + (RADIUS + bump)[:, None] * normal
+    return points + random.normal(0, noise, points.shape)
+
+
+def off_by(fit):
+    """Error of the radius, in its standard deviations."""
+    return float(fit.cylinder.radius - RADIUS) / float(fit.std.radius)
+
+
+def test_a_merged_cloud_needs_neither_a_viewpoint_nor_a_noise():
+    fit = ij.fit_cylinder_to_points(stem())
+    assert fit.success
+    assert fit.source == "points"
+    assert abs(off_by(fit)) < 3
+    assert float(fit.std.radius) < 0.001
+    assert "Measured in the points: noise of " in str(fit)
+    assert float(fit.across.deviation) == pytest.approx(NOISE, rel=0.1)
+    assert float(fit.chi2) == pytest.approx(1, abs=0.2)
+    assert float(fit.std_budget["correlation"].radius) == 0
+
+
+def test_one_side_with_others_points_around():
+    random = np.random.default_rng(1)
+    others = CENTER + random.uniform(-0.5, 0.5, (800, 3))
+    points = np.concatenate([stem(1500, (0.5, 0.5 + np.pi), seed=2), others])
+    fit = ij.fit_cylinder_to_points(points)
+    assert fit.success
+    assert abs(off_by(fit)) < 3
+    assert np.mean(np.asarray(fit.region)[1500:]) < 0.1
+    assert fit.region.shape == (2300,)
+    told = ij.fit_cylinder_to_points(points, sigma=NOISE)
+    assert told.success
+    assert abs(off_by(told)) < 3
+
+
+def test_what_neighbors_share_widens_the_deviations():
+    rough = ij.fit_cylinder_to_points(stem(bumps=0.006))
+    assert rough.success
+    assert float(rough.std_budget["correlation"].radius) > 0
+    assert "correlation" in str(rough)
+
+
+def test_where_nothing_is_round_the_fit_says_so():
+    line = np.linspace(0, 1, 100)[:, None] * np.array([1.0, 2.0, 3.0])
+    fit = ij.fit_cylinder_to_points(line)
+    assert not fit.success
+    assert fit.region.shape == (100,)
+    flat = np.random.default_rng(0).uniform(-1, 1, (500, 3)) * [1, 1, 0.001]
+    assert not ij.fit_cylinder_to_points(flat).success
+
+
+def test_a_noise_that_depends_on_the_range_needs_an_origin():
+    with pytest.raises(ValueError, match="for points without an origin"):
+        ij.fit_cylinder_to_points(stem(), sigma=ij.TimeOfFlight())
+
+
+def test_the_noise_of_ranges_is_measured():
+    origin = np.array([1.0, -8.0, 1.5])
+    points = stem(noise=0.0)
+    axis = AXIS / np.linalg.norm(AXIS)
+    out = points - CENTER
+    out -= (out @ axis)[:, None] * axis
+    faces = np.sum(out * (origin - points), axis=1) > 0
+    points = points[faces]
+    ray = (points - origin) / np.linalg.norm(points - origin, axis=1, keepdims=True)
+    error = np.random.default_rng(2).normal(0, 0.004, (len(points), 1))
+    fit = ij.fit_cylinder_to_points(points + ray * error, origin)
+    assert fit.success
+    assert abs(off_by(fit)) < 3
+    assert float(fit.chi2) == pytest.approx(1, abs=0.2)
+    assert "noise of " in str(fit)
+
+
+@pytest.mark.parametrize("turn", [2 * np.pi, np.pi, 2.0])
+def test_a_wall_is_found_without_a_start(turn):
+    wall = wall_of(stem(turn=(0, turn)))
+    assert wall is not None
+    assert wall.is_known
+    assert abs(wall.radius - RADIUS) < 5 * wall.deviation
+    assert wall.scatter == pytest.approx(NOISE, rel=0.15)
+    axis = AXIS / np.linalg.norm(AXIS)
+    assert abs(wall.frame[2] @ axis) > np.cos(np.radians(1))
