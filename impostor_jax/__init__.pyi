@@ -67,6 +67,7 @@ from .rendering.silhouettes import Silhouettes, silhouettes
 from .rendering.sphere_outline import SphereOutline
 from .rendering.tile import outline_box, outline_tile
 from .rendering.trace import trace
+from .sensor.aligned import AlignedDepth
 from .sensor.base import AbstractDepthNoise
 from .sensor.correlated import CorrelatedNoise
 from .sensor.dropout import Dropout
@@ -83,6 +84,7 @@ __all__ = [
     "AbstractCamera",
     "AbstractDepthNoise",
     "AbstractPrimitive",
+    "AlignedDepth",
     "Alternatives",
     "AmbientLight",
     "BoreTest",

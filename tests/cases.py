@@ -18,6 +18,7 @@ from impostor_jax.primitives.solid import Solid
 from impostor_jax.primitives.sphere import Sphere
 from impostor_jax.primitives.torus import Torus
 from impostor_jax.primitives.triangle import Triangle
+from impostor_jax.sensor.aligned import AlignedDepth
 from impostor_jax.sensor.correlated import CorrelatedNoise
 from impostor_jax.sensor.dropout import Dropout
 from impostor_jax.sensor.flying_pixels import FlyingPixels
@@ -102,6 +103,7 @@ NOISES = {
     # Of hardly any error, which `sigma` leaves out.
     "correlated": lambda: CorrelatedNoise(ConstantNoise(0.002), 1e-5, 30.0, power=1),
     "scale": lambda: ScaleError(ConstantNoise(0.002), 1e-5, law="disparity"),
+    "aligned": lambda: AlignedDepth(ConstantNoise(0.002), 1.4),
     "all parts": lambda: Dropout(FlyingPixels(LateralNoise(StereoDisparity(525.0)))),
 }
 

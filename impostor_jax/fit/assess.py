@@ -228,7 +228,10 @@ def assess(problem: Problem, solution: Solution, correlated: bool) -> Assessment
     pull += (of_all[:-1, -1] + of_edges[:-1, -1]) / widening
     statistic = contradiction(of_border / widening, pull, independent)
     biases = [view.noise.bias for view in views]
-    shares_errors = bool(correlated or any(b.fields or b.scales for b in biases))
+    leans = any(b.lean is not None for b in biases)
+    shares_errors = bool(
+        correlated or leans or any(b.fields or b.scales for b in biases)
+    )
     # In coordinates in which independent errors have a variance of 1. So are the slopes
     # of readings: their sums would round away what an image hardly tells.
     parts = {name: product(root.T, part, root) for name, part in parts.items()}
@@ -248,6 +251,9 @@ def assess(problem: Problem, solution: Solution, correlated: bool) -> Assessment
         shared = _shared(problem, scores, problem.apart(seen.depth * length), body)
         parts["warp"], of_scales = shared
         parts["scale"] += of_scales
+        if leans:
+            lean = _leaning(problem, scores, bodies, of_views)
+            parts["alignment"] = lean[:, None] * lean[None]
     shares = {name: product(root, part, root.T) for name, part in parts.items()}
     whole = root
     if shares_errors:
@@ -407,6 +413,34 @@ def _shared(
         of_one = product(together.T, together)
         of_scales = jnp.where(problem.settings.one_sensor, of_one, of_scales)
     return _sum_of(warps), of_scales
+
+
+def _leaning(
+    problem: Problem,
+    scores: Sequence[Float[Array, "c n"]],
+    bodies: Sequence[AbstractBody],
+    of_views: Sequence[Readings],
+) -> Float[Array, " c"]:
+    """Sum of a score times a deviation of what walls lean by, in all views alike.
+
+    Args:
+        problem: What was given.
+        scores: As of `_shared`.
+        bodies: The estimate, in each view's frame.
+        of_views: What each view's readings say of it.
+    """
+    pulls = []
+    views = zip(problem.views, scores, bodies, of_views, strict=True)
+    for view, score, body, told in views:
+        seen = told.passing
+        # Per meter of depth, in which the lean is told.
+        score = score * view.length[None]
+        pulls.append(
+            view.noise.bias.lean_pull(
+                score, seen.depth, seen.cos_incidence, view.pixel, body.radius
+            )
+        )
+    return jnp.sum(jnp.stack(pulls), axis=0)
 
 
 def _sum_of(parts: Iterable[Float[Array, "c c"]]) -> Float[Array, "c c"]:

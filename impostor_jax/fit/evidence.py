@@ -390,6 +390,9 @@ def crossing_terms(
     bias = noise.bias
     shared = bias.edge_reach + bias.window_reach
     shared = jnp.where(is_outline, bias.outline, shared).astype(r.dtype)
+    if bias.lean is not None:
+        # All within are as likely, with that standard deviation.
+        shared += 3**0.5 * jnp.asarray(bias.lean, r.dtype)
     variance = jnp.where(is_wall, alike * place**2, (1 + alike * 4 * shared**2) / 12)
     weight = jnp.where(counts, jax.lax.rsqrt(jnp.where(counts, variance, 1)) / step, 0)
 

@@ -62,6 +62,9 @@ class Options:
         if self.errors is not None:
             return self.errors == "correlated"
         bias = noise.bias
+        if bias.lean is not None:
+            # Copies have the same error.
+            return True
         return not (is_none(bias.window_reach) or bias.fields)
 
     @staticmethod

@@ -108,6 +108,12 @@ def _name_of(kind: type[AbstractPrimitive]) -> str:
     return "tube" if kind is Solid else kind.__name__.lower()
 
 
+ALIGNED = (
+    "Readings were copied to several pixels, as where depth is aligned to color, and "
+    "walls lean outward: native depth is better."
+)
+
+
 class Deviations(eqx.Module):
     """Standard deviations by name, as in `std.radius`; `inf` where undetermined.
 
@@ -145,6 +151,7 @@ BUDGET: tuple[str, ...] = (
     "correlation",
     "warp",
     "scale",
+    "alignment",
     "outline",
     "prior",
     "alternatives",
@@ -162,6 +169,7 @@ class Budget(eqx.Module):
     * `correlation`: What residuals of neighbors have in common, beyond that.
     * `warp`: Smooth errors that the sensor says it has.
     * `scale`: Errors of all depths alike, in so far as no prior tells them.
+    * `alignment`: What walls lean by where readings were copied to several pixels.
     * `outline`: The place of the ends, and of a silhouette, in the image.
     * `prior`: What was expected beforehand.
     * `alternatives`: That another solution may be the true one.
@@ -428,8 +436,9 @@ class Fit(eqx.Module):
         """What is behind `status`, in words; needs a single, concrete result."""
         if self.status is FitStatus.CONTRADICTED and self.asked.contradiction:
             return self.asked.contradiction
+        aligned = f" {ALIGNED}" if self._counts_alignment else ""
         if self.status is not FitStatus.POOR_FIT:
-            return self.status.meaning
+            return self.status.meaning + aligned
         times = float(np.sqrt(self.chi2))
         if times >= NOTED_TIMES and not np.isnan(self.p_value):
             known = "measured" if self.asked.measured else "given"
@@ -445,6 +454,13 @@ class Fit(eqx.Module):
                 "is too large, or errors are correlated."
             )
         return "Part of the region lies off the shape: it, or the mask, is wrong."
+
+    @property
+    def _counts_alignment(self) -> bool:
+        shares = self.std_budget["alignment"].values.values()
+        return any(
+            bool(np.any(np.isfinite(x) & (x > 0))) for x in map(np.asarray, shares)
+        )
 
     def failed(self, status: FitStatus) -> "Fit":
         """The same estimate as a failure, with infinite standard deviations."""
@@ -549,7 +565,7 @@ class Fit(eqx.Module):
         )
         told = [line(name, *values) for name, values in self.told.items()]
         lines = [head, *told, rms, *self._alternatives_told()]
-        if {"correlation", "warp", "scale"} & set(self.std_budget.some):
+        if {"correlation", "warp", "scale", "alignment"} & set(self.std_budget.some):
             lines += [
                 f"  std of {name}: {_made_of(self.std_budget.of(name))} mm"
                 for name in self.told

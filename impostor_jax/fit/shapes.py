@@ -27,6 +27,7 @@ from impostor_jax.fit.assess import Assessment, assess
 from impostor_jax.fit.body import AbstractBody
 from impostor_jax.fit.border import fit_of_one_surface
 from impostor_jax.fit.by_point import told_by_point
+from impostor_jax.fit.copied import counted_copies
 from impostor_jax.fit.far import fitted_near
 from impostor_jax.fit.fittable import Fittable, no_guess
 from impostor_jax.fit.learned import fit_with_learned_rays
@@ -127,7 +128,9 @@ def fit_shape(
         for one in seen:
             warn_of_units(one.image, one.region, one.noise)
 
-        correlated = any(options.correlated(noise) for noise in noises)
+        if places is None:
+            seen = counted_copies(seen)
+        correlated = any(options.correlated(one.noise) for one in seen)
 
         def fitted_as(asked: Options, begin: AbstractPrimitive | None) -> Fit:
             settings = checked_settings(kind, asked, begin, sigma)

@@ -298,7 +298,8 @@ def _checked_noise(sigma: Any) -> AbstractDepthNoise:
     """Noise of single readings: what pixels of an image share has no meaning."""
     noise = checked_noise(sigma)
     bias = noise.bias
-    if bias.fields or not (is_none(bias.edge_reach) and is_none(bias.window_reach)):
+    shares = bias.fields or bias.lean is not None
+    if shares or not (is_none(bias.edge_reach) and is_none(bias.window_reach)):
         raise ValueError(
             "sigma must be a number or a noise model of single readings for points, "
             f"got {noise!r}, which says how pixels of an image err together"

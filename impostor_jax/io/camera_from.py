@@ -17,6 +17,11 @@ def camera_from(
     has them, the center of the first pixel at 0: COLMAP's by half a pixel. Lenses are
     converted where OpenCV's models hold them exactly, and refused otherwise.
 
+    Give the camera that took the depth. Many drivers deliver depth that is aligned to a
+    color camera (`rs.align`, `aligned_depth_to_color`, `depth_registered`), which makes
+    walls lean outward (see `AlignedDepth`); where the native image can be had, take
+    that, and the intrinsics of the depth stream.
+
     Args:
         camera: One of these, or a mapping with the same names, such as their JSON or
             YAML:

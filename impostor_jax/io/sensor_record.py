@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from impostor_jax.io.json_file import read_json_object, typed_record
+from impostor_jax.sensor.aligned import AlignedDepth
 from impostor_jax.sensor.base import AbstractDepthNoise
 from impostor_jax.sensor.correlated import CorrelatedNoise
 from impostor_jax.sensor.dropout import Dropout
@@ -40,6 +41,7 @@ SENSORS: dict[str, type[AbstractDepthNoise]] = {
     "matching_window": MatchingWindow,
     "correlated_noise": CorrelatedNoise,
     "scale_error": ScaleError,
+    "aligned_depth": AlignedDepth,
 }
 """By the name that a record has."""
 

@@ -17,7 +17,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int, PRNGKeyArray
 
-from impostor_jax.numerics import Numbers, Scalar, product, safe_sqrt
+from impostor_jax.numerics import Numbers, Scalar, product, safe_divide, safe_sqrt
 from impostor_jax.sensor.draws import normal_draws
 from impostor_jax.sensor.surface import has_surface
 
@@ -163,6 +163,8 @@ class Bias(eqx.Module):
         across: Standard deviation of a reading's place across its ray, along each of
             two directions, in meters; None where rays are exact.
         angle: The same of the ray's direction, in radians.
+        lean: Standard deviation, in pixels, by which what is nearer reaches over what
+            is farther, all over the image; None where it does not.
     """
 
     edge_reach: Reach = 0
@@ -172,6 +174,7 @@ class Bias(eqx.Module):
     fields: tuple[SmoothField, ...] = ()
     across: Scalar | None = None
     angle: Scalar | None = None
+    lean: Scalar | None = None
 
     @property
     def has_exact_rays(self) -> bool:
@@ -221,6 +224,35 @@ class Bias(eqx.Module):
         """Sums over pixels of a score times a deviation of each error of all depths."""
         pulls = [jnp.sum(score * law.shift(depth)[None], axis=1) for law in self.scales]
         return jnp.stack(pulls) if pulls else jnp.zeros((0, len(score)), score.dtype)
+
+    def lean_pull(
+        self,
+        score: Float[Array, "k n"],
+        depth: Float[Array, " n"],
+        cos_incidence: Float[Array, " n"],
+        pixel: Float[Array, ""],
+        radius: Float[Array, ""],
+    ) -> Float[Array, " k"]:
+        """Sum over pixels of a score times a deviation of what walls lean by.
+
+        Args:
+            score: Per meter; 0 for what does not count.
+            depth: Of the surface, in meters.
+            cos_incidence: Cosine between its normal and the ray.
+            pixel: Distance of neighboring rays over the depth.
+            radius: Of the surface, in meters.
+        """
+        if self.lean is None:
+            return jnp.zeros(len(score), score.dtype)
+        lean = jnp.asarray(self.lean, depth.dtype)
+        counts = jnp.any(score != 0, axis=0)
+        cosine = jnp.where(counts, cos_incidence, 1)
+        sine = safe_sqrt(1 - cosine * cosine)
+        outward = lean * pixel * jnp.where(counts, depth, 0) * sine
+        # By e / cos, and less where that bends: a circle that is larger by e.
+        bent = safe_sqrt(cosine * cosine + 2 * outward / radius)
+        nearer = safe_divide(2 * outward, cosine + bent)
+        return -jnp.sum(score * nearer[None], axis=1)
 
     @property
     def without_scales(self) -> "Bias":

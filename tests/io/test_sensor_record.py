@@ -23,6 +23,7 @@ MODELS = [
     ij.TimeOfFlight(growth=0.002),
     ij.CorrelatedNoise(ij.ConstantNoise(0.001), 0.002, 30.0, power=1),
     ij.ScaleError(ij.ConstantNoise(0.001), 0.01, law="disparity"),
+    ij.AlignedDepth(ij.ConstantNoise(0.001), 1.44),
 ]
 
 

@@ -12,13 +12,14 @@ SHAPE = (CAMERA.height, CAMERA.width)
 COUNT = 16
 
 
-def readings(noise, depth, angle=0.0, seed=0):
+def readings(noise, depth, angle=0.0, seed=0, normal=None):
     """`COUNT` images, (COUNT, h, w), of a depth image at an incidence in radians.
 
-    In single precision: the contract tests run both.
+    Or of one whose normal is given. In single precision: the contract tests run both.
     """
     depth = np.broadcast_to(depth, SHAPE).astype(np.float32)
-    normal = np.where(np.isfinite(depth)[..., None], normals(angle), 0)
+    normal = normals(angle) if normal is None else normal
+    normal = np.where(np.isfinite(depth)[..., None], normal, 0)
     return np.asarray(_read(noise, jax.random.key(seed), depth, np.float32(normal)))
 
 
