@@ -97,7 +97,7 @@ def unmasked(values: Any) -> Any:
     """
     if not isinstance(values, np.ma.MaskedArray):
         return values
-    return values.filled(np.zeros((), values.dtype))
+    return values.filled(values.dtype.type(0))
 
 
 def _as_array(name: str, value: Any) -> jax.Array | np.ndarray:

@@ -24,6 +24,7 @@ import functools
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.core import Tracer
 from jax.typing import DTypeLike
 from jaxtyping import Array, Bool, Float
 
@@ -56,7 +57,7 @@ def nan_where(
     For what a user reads. NaN is placed by NumPy where values are concrete: under
     `jax_debug_nans` JAX refuses any that it computes.
     """
-    if any(isinstance(x, jax.core.Tracer) for x in (unknown, values)):
+    if any(isinstance(x, Tracer) for x in (unknown, values)):
         return jnp.where(unknown, jnp.nan, values)
     return jax.device_put(np.where(unknown, np.nan, np.asarray(values)))
 

@@ -79,9 +79,10 @@ def _orthogonal(_: Case, reading: Reading) -> Estimate | None:
 def _circle(_: Case, reading: Reading) -> Estimate | None:
     """Through all points, seen along the true axis (Kasa's)."""
     frame = turned_to(np.asarray(reading.truth.axis, np.float64))
-    x, y, _ = ((reading.points - reading.points.mean(axis=0)) @ frame.T).T
+    flat = (reading.points - reading.points.mean(axis=0)) @ frame[:2].T
+    x, y = flat.T
     design = np.stack([x, y, np.ones_like(x)], axis=1)
-    (a, b, c), *_ = np.linalg.lstsq(design, x**2 + y**2)
+    a, b, c = np.linalg.lstsq(design, x**2 + y**2)[0]
     return Estimate(float(np.sqrt(c + (a**2 + b**2) / 4)))
 
 

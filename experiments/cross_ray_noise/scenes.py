@@ -187,7 +187,7 @@ def _image_of(case: Case, rng: np.random.Generator) -> Reading:
     points = far[..., None] * unit
     depth = far if case.source == "scan" else points[..., 2]
     origin = np.zeros(3)
-    return Reading(truth, points[seen], origin, np.float32(depth), mask, camera)
+    return Reading(truth, points[seen], origin, depth.astype(np.float32), mask, camera)
 
 
 def _cast(

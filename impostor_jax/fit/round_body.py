@@ -77,16 +77,16 @@ class RoundBody(AbstractBody):
     def of(shape: Cylinder | Frustum) -> "RoundBody":
         if isinstance(shape, Cylinder):
             return RoundBody(
-                center=shape.center,
+                center=jnp.asarray(shape.center),
                 axis=unit(shape.axis),
                 radius=shape.radius,
                 height=shape.height,
             )
         return RoundBody(
-            center=(shape.p1 + shape.p2) / 2,
+            center=jnp.asarray((shape.p1 + shape.p2) / 2),
             axis=shape.axis,
             radius=(shape.radius1 + shape.radius2) / 2,
-            height=safe_norm(shape.p2 - shape.p1),
+            height=safe_norm(jnp.asarray(shape.p2 - shape.p1)),
             growth=(shape.radius2 - shape.radius1) / 2,
         )
 

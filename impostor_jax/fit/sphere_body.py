@@ -35,7 +35,7 @@ class SphereBody(AbstractBody):
     @staticmethod
     @override
     def of(shape: Sphere) -> "SphereBody":
-        return SphereBody(shape.center, shape.radius)
+        return SphereBody(jnp.asarray(shape.center), shape.radius)
 
     @property
     @override
@@ -187,7 +187,8 @@ class SphereBody(AbstractBody):
 
     @override
     def transformed(self, target_from_source: RigidTransform) -> "SphereBody":
-        return SphereBody(target_from_source.apply(self.center), self.radius)
+        center = jnp.asarray(target_from_source.apply(self.center))
+        return SphereBody(center, self.radius)
 
     @override
     def magnified(self, change: Numbers) -> "SphereBody":

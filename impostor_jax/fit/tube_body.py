@@ -73,7 +73,7 @@ class TubeBody(AbstractBody):
     @override
     def of(shape: Solid) -> "TubeBody":
         tube = as_tube(shape)
-        return TubeBody(*tube)
+        return TubeBody(jnp.asarray(tube.center), *tube[1:])
 
     @property
     @override

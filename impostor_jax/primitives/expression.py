@@ -94,7 +94,7 @@ def hull_of(
 def ball_of(shape: AbstractPrimitive) -> Ball:
     """Where a shape is: a ball that holds it, a plane's point, a ground's extent."""
     if isinstance(shape, Plane):
-        return shape.point, jnp.zeros(shape.batch_shape, shape.dtype)
+        return jnp.asarray(shape.point), jnp.zeros(shape.batch_shape, shape.dtype)
     if is_endless_function(shape):
         assert isinstance(shape, Heightfield)
         return jnp.zeros(3, shape.dtype), jnp.max(jnp.abs(shape.extent))

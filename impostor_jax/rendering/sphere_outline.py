@@ -93,7 +93,7 @@ class SphereOutline(AbstractOutline):
 
 def sphere_outline(sphere: Sphere) -> SphereOutline:
     """Outline of a sphere: `sphere` is a single one, in the camera frame."""
-    c, r = sphere.center, sphere.radius
+    c, r = jnp.asarray(sphere.center), sphere.radius
     distance = safe_norm(c)
     # At the center any direction serves.
     forward = jnp.array([0, 0, 1], c.dtype)
