@@ -51,6 +51,8 @@ def _words(value: Any) -> str:
             if isinstance(part, AbstractDepthNoise)
             else f"{name} {float(part):.4g}"
             for name, part in parts.items()
+            # What is not known is not told.
+            if part is not None
         ]
         return f"{type(value).__name__}({', '.join(words)})"
     return str(value)

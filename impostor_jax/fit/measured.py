@@ -88,6 +88,10 @@ NARROW = 1.25
 depth cameras it is 0.5 to 0.9, of such an image twice that, and its sensor's own pixels
 are about two of its."""
 
+MOST_SMOOTH = 10 * BANDS
+"""Deviation of the means of blocks, in inverse depth, beyond which a tile is no plane:
+depth cameras' smooth errors are of some `BANDS`."""
+
 MOST_LINES = 40
 """Rows, and columns, along which differences are taken, evenly spread."""
 
@@ -322,6 +326,9 @@ def _around(
         means = sums / counts
         left = means - basis @ (basis.T @ means)
         scatter = float(left @ left) / (side * side - 3)
+        if scatter > MOST_SMOOTH**2:
+            # Of two surfaces, or one that bends.
+            continue
         shared.append(float(np.mean(apart)) / white)
         scattered.append(scatter / (white * float(np.mean(1 / counts))))
         excess.append(scatter)

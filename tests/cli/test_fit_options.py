@@ -162,7 +162,7 @@ def test_a_frustum_is_fitted_from_a_start(fit, folder):
 
 def test_what_is_fixed_keeps_its_value_in_the_start(fit, folder):
     truth = can()
-    start = ij.Cylinder(truth.center, truth.axis, 0.0403, 0.12)
+    start = ij.Cylinder(truth.center, truth.axis, 0.04001, 0.12)
     write_scene(folder / "start.json", [start])
     _, _, err = fit(
         "can.npy", "--mask", "can.png", "--initial", "start.json",
@@ -170,7 +170,7 @@ def test_what_is_fixed_keeps_its_value_in_the_start(fit, folder):
     )  # fmt: skip
     assert err == ""
     record = record_of(folder)
-    assert record["radius_m"] == pytest.approx(0.0403, rel=1e-6)
+    assert record["radius_m"] == pytest.approx(0.04001, rel=1e-6)
     assert record["std"]["height_m"] == 0
 
 
@@ -194,8 +194,8 @@ def test_a_sensor_is_a_name_or_a_file(fit, folder, sensor):
 
 def test_depth_in_millimeters_gets_a_hint_on_one_line(fit, folder):
     np.save(folder / "far.npy", 1000 * image()[0])
-    code, _, err = fit("far.npy", "--mask", "can.png")
-    assert code == 1
+    # The noise, measured in the image, is a thousand times as large, too.
+    _, _, err = fit("far.npy", "--mask", "can.png")
     assert len(err.splitlines()) == 1
     assert err.startswith("impostor-jax: warning: depth must be in meters")
 
