@@ -285,9 +285,10 @@ def assess(problem: Problem, solution: Solution, correlated: bool) -> Assessment
         settings.refutes
     )
     pixel = jnp.min(jnp.stack([view.pixel for view in views]))
-    has_size = body.radius > LEAST_RADIUS * pixel * jnp.sum(
-        jnp.where(used, depth, 0)
-    ) / jnp.maximum(count, 1).astype(depth.dtype)
+    # The harmonic mean of depths: a reading may be as far off as can be.
+    nearness = jnp.sum(jnp.where(used, 1 / jnp.where(used, depth, 1), 0))
+    middle = jnp.maximum(count, 1).astype(depth.dtype) / jnp.maximum(nearness, 1e-6)
+    has_size = body.radius > LEAST_RADIUS * pixel * middle
     is_flat = _is_as_flat(problem, terms.weight, inlier, squares)
     code = _status_code(
         converged=solution.converged,

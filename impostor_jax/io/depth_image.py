@@ -29,7 +29,6 @@ import cv2
 import numpy as np
 from jaxtyping import Bool, Float, UInt8
 
-from impostor_jax.arguments import unmasked
 from impostor_jax.io.atomic import write_atomically
 from impostor_jax.io.image_file import (
     Size,
@@ -187,7 +186,7 @@ def write_depth_tiff(path: Path, depth: Any) -> None:
 
 def write_mask(path: Path, mask: Any) -> None:
     """Write a mask as an 8-bit PNG of 0 and 255."""
-    write_image(path, np.where(np.asarray(unmasked(mask)), 255, 0).astype(np.uint8))
+    write_image(path, np.where(np.ma.filled(mask, False), 255, 0).astype(np.uint8))
 
 
 def write_index(path: Path, index: Any) -> None:
@@ -236,7 +235,7 @@ def png_bytes(values: np.ndarray) -> bytes:
 
 
 def _finite(depth: Any) -> Float[np.ndarray, "h w"]:
-    values = np.asarray(unmasked(depth))
+    values = np.ma.filled(np.ma.asanyarray(depth), 0)
     return np.where(np.isfinite(values), values, 0)
 
 

@@ -86,4 +86,7 @@ def in_double(name: str):
     with jax.enable_x64(False):
         shape = (BODIES | FAR)[name]()
     with jax.enable_x64(True):
-        return jax.tree.map(lambda x: jnp.asarray(np.asarray(x), float), shape)
+        # What is far keeps double precision.
+        return jax.tree.map(
+            lambda x: jnp.asarray(np.asarray(x, np.float32), float), shape
+        )
