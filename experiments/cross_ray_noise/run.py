@@ -28,7 +28,7 @@ class Config:
     """Measure how far off radii are whose readings err across their rays."""
 
     run: RunConfig = RunConfig()
-    seeds: int = 60
+    seeds: int = 10
     """Readings of each case."""
     seed: int = 0
     """Of all draws."""
