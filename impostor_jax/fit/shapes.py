@@ -50,6 +50,7 @@ from impostor_jax.fit.request import (
     check_readings,
     check_types,
     checked_mask,
+    checked_noise,
     checked_prior,
     checked_readings,
     checked_settings,
@@ -126,7 +127,9 @@ def fit_shape(
             for image, one, *by in zip(images, masks, cameras, noises, strict=True)
         ]
         for one in seen:
-            warn_of_units(one.image, one.region, one.noise)
+            # Noise that was measured is in the same units.
+            usual = checked_noise(None) if told else one.noise
+            warn_of_units(one.image, one.region, usual)
 
         if places is None:
             seen = counted_copies(seen)
