@@ -8,6 +8,7 @@ cache.
 import pytest
 
 SMALL_IMAGES = pytest.mark.xdist_group("fits of small images")
+OF_POINTS = pytest.mark.xdist_group("fits of points")
 LARGE_IMAGES = pytest.mark.xdist_group("fits of large images")
 DATASETS = pytest.mark.xdist_group("datasets")
 

@@ -11,9 +11,9 @@ from impostor_jax.fit.fittable import CYLINDER, SPHERE
 from impostor_jax.fit.problem import Pixels
 from impostor_jax.geometry.vec3 import Vec3
 from tests.fit.scenes import CAMERA, SIGMA, can, image
-from tests.groups import FULL, SMALL_IMAGES
+from tests.groups import FULL, OF_POINTS
 
-pytestmark = SMALL_IMAGES
+pytestmark = OF_POINTS
 ALONG, ACROSS = 0.001, 0.0007
 BESIDE = 0.0015
 COUNT = 100_000

@@ -7,9 +7,9 @@ import impostor_jax as ij
 from impostor_jax.fits.facing import share_away
 from tests.fit.scenes import SIGMA, image
 from tests.fits.test_points import points_of
-from tests.groups import SMALL_IMAGES
+from tests.groups import OF_POINTS
 
-pytestmark = SMALL_IMAGES
+pytestmark = OF_POINTS
 RADIUS = 0.25
 NOISE = 0.003
 

@@ -7,9 +7,9 @@ import pytest
 
 import impostor_jax as ij
 from tests.fit.scenes import CAMERA, SIGMA, can, image
-from tests.groups import FULL, SMALL_IMAGES
+from tests.groups import FULL, OF_POINTS
 
-pytestmark = SMALL_IMAGES
+pytestmark = OF_POINTS
 
 PLACE = np.array([512345.678, 5412345.678, 250.0])
 KNOWN = {"radius": (0.04, 0.001), "center": ((0.01, 0.005, 0.35), 0.01)}

@@ -5,9 +5,9 @@ import pytest
 
 import impostor_jax as ij
 from impostor_jax.fits.grid import rounding_of
-from tests.groups import FULL, SMALL_IMAGES
+from tests.groups import FULL, OF_POINTS
 
-pytestmark = SMALL_IMAGES
+pytestmark = OF_POINTS
 
 
 def cloud(count=500):

@@ -9,9 +9,9 @@ from impostor_jax.fit.matte import checked_matte
 from impostor_jax.fit.request import checked_depth, checked_mask
 from impostor_jax.io.depth_image import read_depth, write_depth_tiff
 from tests.fit.scenes import CAMERA, SIGMA, image
-from tests.groups import SMALL_IMAGES
+from tests.groups import OF_POINTS
 
-pytestmark = SMALL_IMAGES
+pytestmark = OF_POINTS
 
 
 @pytest.fixture(scope="module")

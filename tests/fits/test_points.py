@@ -8,10 +8,10 @@ import impostor_jax as ij
 from impostor_jax.geometry.rays import Ray
 from impostor_jax.geometry.vec3 import Vec3
 from tests.fit.scenes import CAMERA, SIGMA, can, image
-from tests.groups import FULL, RELEASE, SMALL_IMAGES
+from tests.groups import FULL, OF_POINTS, RELEASE
 from tests.schemas import validator
 
-pytestmark = SMALL_IMAGES
+pytestmark = OF_POINTS
 
 
 def points_of(depth, mask):

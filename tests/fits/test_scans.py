@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 import impostor_jax as ij
-from tests.groups import SMALL_IMAGES
+from tests.groups import OF_POINTS
 
-pytestmark = SMALL_IMAGES
+pytestmark = OF_POINTS
 
 SIGMA = 0.002
 

@@ -5,9 +5,9 @@ import pytest
 
 import impostor_jax as ij
 from impostor_jax.fits.wall import wall_of
-from tests.groups import SMALL_IMAGES
+from tests.groups import OF_POINTS
 
-pytestmark = SMALL_IMAGES
+pytestmark = OF_POINTS
 CENTER, AXIS, RADIUS = np.array([1.0, -2.0, 1.5]), np.array([0.05, -0.02, 1.0]), 0.12
 NOISE, LENGTH = 0.003, 1.0
 
