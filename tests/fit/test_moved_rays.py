@@ -11,7 +11,7 @@ from impostor_jax.fit.fittable import CYLINDER, SPHERE
 from impostor_jax.fit.problem import Pixels
 from impostor_jax.geometry.vec3 import Vec3
 from tests.fit.scenes import CAMERA, SIGMA, can, image
-from tests.groups import FULL, OF_POINTS
+from tests.groups import OF_POINTS, RELEASE
 
 pytestmark = OF_POINTS
 ALONG, ACROSS = 0.001, 0.0007
@@ -151,7 +151,7 @@ def displaced(random):
     return np.where(on_wall, far * unit[..., 2], 0).astype(np.float32)
 
 
-@pytest.mark.parametrize("kind", ["across", pytest.param("angle", marks=FULL)])
+@pytest.mark.parametrize("kind", ["across", pytest.param("angle", marks=RELEASE)])
 def test_an_image_speaks_for_errors_across_its_rays(kind):
     depth = displaced(np.random.default_rng(4))
     fit = ij.fit_cylinder(depth, CAMERA, mask=depth > 0, sigma=SIGMA)

@@ -23,7 +23,7 @@ def debug_nans():
     jax.config.update("jax_debug_nans", False)
 
 
-@FULL
+@RELEASE
 @pytest.mark.usefixtures("debug_nans")
 def test_fits_and_searches_run_where_jax_checks_for_nan():
     depth, mask = image()

@@ -7,7 +7,7 @@ import impostor_jax as ij
 from impostor_jax.fits.facing import share_away
 from tests.fit.scenes import SIGMA, image
 from tests.fits.test_points import points_of
-from tests.groups import OF_POINTS
+from tests.groups import FULL, OF_POINTS
 
 pytestmark = OF_POINTS
 RADIUS = 0.25
@@ -58,6 +58,7 @@ def test_scattered_points_have_no_wall():
     assert away(cloud, 8.0, 0.0, 0.3) in (None, 0)
 
 
+@FULL
 def test_a_wrong_origin_is_no_success():
     points = points_of(*image())
     middle = points.mean(axis=0)

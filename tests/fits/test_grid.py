@@ -5,7 +5,7 @@ import pytest
 
 import impostor_jax as ij
 from impostor_jax.fits.grid import rounding_of
-from tests.groups import FULL, OF_POINTS
+from tests.groups import OF_POINTS, RELEASE
 
 pytestmark = OF_POINTS
 
@@ -52,7 +52,7 @@ def stem(random, count=3000):
 
 
 @pytest.mark.parametrize(
-    "kind", ["grid", "all directions", pytest.param("beam", marks=FULL)]
+    "kind", ["grid", "all directions", pytest.param("beam", marks=RELEASE)]
 )
 def test_points_that_err_across_their_rays(kind):
     random = np.random.default_rng(3)

@@ -5,7 +5,7 @@ import pytest
 
 import impostor_jax as ij
 from impostor_jax.fits.wall import wall_of
-from tests.groups import OF_POINTS
+from tests.groups import FULL, OF_POINTS
 
 pytestmark = OF_POINTS
 CENTER, AXIS, RADIUS = np.array([1.0, -2.0, 1.5]), np.array([0.05, -0.02, 1.0]), 0.12
@@ -44,6 +44,7 @@ def test_a_merged_cloud_needs_neither_a_viewpoint_nor_a_noise():
     assert float(fit.std_budget["correlation"].radius) == 0
 
 
+@FULL
 def test_one_side_with_others_points_around():
     random = np.random.default_rng(1)
     others = CENTER + random.uniform(-0.5, 0.5, (800, 3))
@@ -58,6 +59,7 @@ def test_one_side_with_others_points_around():
     assert abs(off_by(told)) < 3
 
 
+@FULL
 def test_what_neighbors_share_widens_the_deviations():
     rough = ij.fit_cylinder_to_points(stem(bumps=0.006))
     assert rough.success
@@ -79,6 +81,7 @@ def test_a_noise_that_depends_on_the_range_needs_an_origin():
         ij.fit_cylinder_to_points(stem(), sigma=ij.TimeOfFlight())
 
 
+@FULL
 def test_the_noise_of_ranges_is_measured():
     origin = np.array([1.0, -8.0, 1.5])
     points = stem(noise=0.0)
