@@ -101,7 +101,7 @@ def check(scene):
 
 
 @FULL
-@settings(max_examples=12)
+@settings(max_examples=4)
 @given(scenes)
 def test_a_success_is_made_of_numbers(scene):
     check(scene)
