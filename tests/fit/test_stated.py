@@ -60,7 +60,9 @@ def test_a_prior_that_readings_exclude_is_no_success(deviation):
     assert fit.to_dict()["reason"] == fit.reason
 
 
-@pytest.mark.parametrize("name", ["height", "center", pytest.param("axis", marks=RELEASE)])
+@pytest.mark.parametrize(
+    "name", ["height", "center", pytest.param("axis", marks=RELEASE)]
+)
 def test_a_prior_on_any_parameter_is_tested(name):
     assert_contradicted(fit_of(prior={name: (WRONG[name], 1e-5)}), name)
 
