@@ -8,6 +8,7 @@ taken has a finite derivative too.
 __all__ = [
     "Numbers",
     "Scalar",
+    "all_finite",
     "eps",
     "has_square",
     "nan_where",
@@ -26,7 +27,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
 from jax.typing import DTypeLike
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool, Float, PyTree
 
 Numbers = Float[Array, "*batch"]
 """One number of each of a batch, of any shape: of rays, points or pixels."""
@@ -47,6 +48,11 @@ def has_square(length: Float[Array, "*batch"]) -> Bool[Array, "*batch"]:
     """
     limits = np.finfo(length.dtype)
     return (length > float(limits.tiny) ** 0.5) & (length < float(limits.max) ** 0.5)
+
+
+def all_finite(tree: PyTree) -> Bool[Array, ""]:
+    """Whether all numbers of a tree are finite."""
+    return jnp.stack([jnp.all(jnp.isfinite(x)) for x in jax.tree.leaves(tree)]).all()
 
 
 def nan_where(

@@ -20,6 +20,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from impostor_jax.calibrate.flats import Flat
+from impostor_jax.fit.surface import at_most
 
 PER_LENGTH = 2.0
 """Cells a correlation length."""
@@ -131,8 +132,7 @@ def warp_of(
     ]
     if not tiles:
         return None
-    few = np.linspace(0, len(tiles) - 1, min(len(tiles), MOST_TILES)).astype(int)
-    tiles = [tiles[k] for k in few]
+    tiles = [tiles[k] for k in at_most(len(tiles), MOST_TILES)]
     extent = max(np.ptp(part) + 1 for cells in tiles for part in cells[:2])
     likelihood = _Likelihood(
         tiles, [_noise_covariance(cells, grain, size) for cells in tiles], size

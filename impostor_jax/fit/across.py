@@ -17,6 +17,7 @@ from jaxtyping import Array, Float
 
 from impostor_jax.fit.body import AbstractBody
 from impostor_jax.fit.evidence import Readings
+from impostor_jax.fit.moved_rays import parts_of_variance
 from impostor_jax.fit.problem import View, sigma_of
 from impostor_jax.numerics import product, safe_divide, safe_sqrt
 
@@ -75,9 +76,8 @@ def across_found(
         near = jnp.where(told.used, pixels.depth, 1)
         along = sigma_of(view.noise, pixels, near, seen.cos_incidence) ** 2
         h = jnp.maximum(seen.square, 0)
-        radius = body.wall_square(seen)
-        own = h * along + along * along / 2
-        other = jnp.maximum(radius * inverse * inverse - h / length, 0)
+        steep = body.wall_square(seen) * inverse * inverse
+        own, other = parts_of_variance(h, along, steep, 1 / length)
         across = bias.across_at(near * jnp.sqrt(length)) ** 2
         variance = own + across * other
         assumed = own + jnp.maximum(across, LEAST_ASSUMED**2 * along) * other

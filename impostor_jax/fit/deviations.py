@@ -12,7 +12,7 @@ from jaxtyping import Array, Bool, Float, PyTree
 from impostor_jax.fit.body import AbstractBody, Readout
 from impostor_jax.fit.result import BUDGET, Budget, Deviations, Directions
 from impostor_jax.fit.uncertainty import propagated
-from impostor_jax.numerics import product
+from impostor_jax.numerics import all_finite, product
 
 MOST_TILT = 0.5
 """Standard deviation of an axis, in radians, up to which a shape is known."""
@@ -108,9 +108,8 @@ def are_numbers(body: AbstractBody, *told: PyTree) -> Bool[Array, ""]:
 
     Infinite is what is not determined, and readings at the border that lie elsewhere.
     """
-    finite = [jnp.all(jnp.isfinite(x)) for x in jax.tree.leaves(body)]
     known = [jnp.all(x > -jnp.inf) for x in jax.tree.leaves(told)]
-    return jnp.stack(finite + known).all()
+    return jnp.stack([all_finite(body), *known]).all()
 
 
 def _most_deviation(name: str, radius: Float[Array, ""]) -> float | Float[Array, ""]:

@@ -43,7 +43,7 @@ from jaxtyping import Array, Bool, Float
 
 from impostor_jax.compiling import computed_once
 from impostor_jax.fit.body import AbstractBody, Passing
-from impostor_jax.fit.moved_rays import moved_rays
+from impostor_jax.fit.moved_rays import OUTLIER, moved_rays
 from impostor_jax.fit.problem import Edge, Pixels, View, sigma_of
 from impostor_jax.geometry.vec3 import Vec3
 from impostor_jax.numerics import Numbers, safe_divide, safe_sqrt
@@ -57,11 +57,6 @@ GRAZING = 4.0
 From there on the bend of the square root moves a reading's expectation by less than
 1/32 of its standard deviation.
 """
-
-OUTLIER = 4.0
-"""Standard deviations beyond which a reading is not squared, which would make it a
-lever: squares of outliers only ever widen a wall. With 10, ten percent of them within
-0.1 m took up to 14 standard deviations off the radii of thin rods."""
 
 FOLD = 3.0
 """Standard deviations by which a grazing reading may lie behind the nearest approach by

@@ -5,13 +5,14 @@ how much they do, and the fit goes on from its estimate with that, until the two
 Then it is made anew, from all starts.
 """
 
-__all__ = ["FIRST_GUESS", "fit_with_learned_rays"]
+__all__ = ["fit_with_learned_rays"]
 
 from collections.abc import Callable, Sequence
 
 import jax.numpy as jnp
 import numpy as np
 
+from impostor_jax.fit.regions import typical_sigma
 from impostor_jax.fit.result import Fit, each_of
 from impostor_jax.fit.seen import Seen
 from impostor_jax.primitives.base import AbstractPrimitive
@@ -56,8 +57,9 @@ def fit_with_learned_rays(
             return fit
         across, known = fit.across.found.item(), 0.0
     else:
-        guess = FIRST_GUESS * _along(seen)
-        fit = fitted(_erring(seen, max(guess, known), known))
+        along = [typical_sigma(one.image, one.region, one.noise) for one in seen]
+        guess = max(FIRST_GUESS * float(np.median(along)), known)
+        fit = fitted(_erring(seen, guess, known))
         across = _found(fit, known)
     for _ in range(MOST_ROUNDS):
         if not fit.is_shape:
@@ -74,16 +76,6 @@ def fit_with_learned_rays(
 def _found(fit: Fit, known: float) -> float:
     """What the residuals say, and no less than is known."""
     return max(float(fit.across.found), known)
-
-
-def _along(seen: Sequence[Seen]) -> float:
-    """Standard deviation along the rays of a reading in the middle."""
-    middles = []
-    for one in seen:
-        depth = one.image[one.region & (one.image > 0)]
-        middle = jnp.asarray(np.median(depth) if len(depth) else 1.0, one.image.dtype)
-        middles.append(float(one.noise.sigma(middle, jnp.ones_like(middle))))
-    return float(np.median(middles))
 
 
 def _erring(seen: Sequence[Seen], across: float, along: float) -> list[Seen]:

@@ -29,6 +29,7 @@ from impostor_jax.fit.request import (
     checked_mask,
     checked_noise,
 )
+from impostor_jax.fit.surface import at_most, cropped
 from impostor_jax.sensor.base import AbstractDepthNoise
 from impostor_jax.sensor.correlated import CorrelatedNoise
 from impostor_jax.sensor.matching import BAND_LENGTH, BANDS, OFFSET
@@ -155,7 +156,7 @@ def measured_noise(
     some = region & (image > 0)
     if np.count_nonzero(some) < FEWEST:
         return None
-    box = _box(region)
+    box = cropped(region)
     depth = image[box].astype(float)
     own = some[box]
     middle = float(np.median(depth[own]))
@@ -204,11 +205,6 @@ def _matching(
     windowed = MatchingWindow(law, native_scale=enlarged)
     banded = CorrelatedNoise(windowed, bands, BAND_LENGTH * enlarged)
     return ScaleError(banded, OFFSET, law="disparity")
-
-
-def _box(region: Bool[np.ndarray, "h w"]) -> tuple[slice, slice]:
-    rows, cols = (np.flatnonzero(region.any(axis=axis)) for axis in (1, 0))
-    return slice(rows[0], rows[-1] + 1), slice(cols[0], cols[-1] + 1)
 
 
 def _step(depth: Float[np.ndarray, " n"]) -> float:
@@ -307,7 +303,7 @@ def _around(
 
     depths, uses = tiled(image), tiled(usable)
     rows, cols = np.nonzero(uses.mean(axis=(2, 3)) > COVERED)
-    pick = np.linspace(0, len(rows) - 1, min(len(rows), MOST_TILES)).astype(int)
+    pick = at_most(len(rows), MOST_TILES)
     side = TILE // CELL
     places = np.indices((side, side)).reshape(2, -1)
     basis = np.linalg.qr(np.stack([*places, np.ones(side * side)], axis=1))[0]

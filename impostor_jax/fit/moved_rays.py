@@ -31,7 +31,7 @@ References:
     regressions? (1950), of errors beside what is controlled.
 """
 
-__all__ = ["MovedRays", "moved_rays"]
+__all__ = ["OUTLIER", "MovedRays", "moved_rays", "parts_of_variance"]
 
 from typing import NamedTuple
 
@@ -51,11 +51,12 @@ ROUNDS = 3
 deviations it then moves by less than a hundredth of one."""
 
 OUTLIER = 4.0
-"""Standard deviations beyond which a reading is not compared in squares."""
+"""Standard deviations beyond which a reading is not squared, which would make it a
+lever: squares of outliers only ever widen a wall. With 10, ten percent of them within
+0.1 m took up to 14 standard deviations off the radii of thin rods."""
 
 STEEPEST_CAP = 0.02
 """Least cosine of the incidence at which a cap's readings are weighed."""
-
 
 MOST_INSIDE = 12.0
 """Errors across the ray by which it passes inside the outline, beyond which that is as
@@ -111,15 +112,13 @@ class _Law(NamedTuple):
     Attributes:
         mean: Its expectation.
         h: Squared place of the point along the ray.
-        along: A quarter of the variance that errors along the ray make.
-        across: A quarter of that which errors across it make.
+        variance: A quarter of its variance.
         steadiness: As of `MovedRays`.
     """
 
     mean: Numbers
     h: Numbers
-    along: Numbers
-    across: Numbers
+    variance: Numbers
     steadiness: Numbers
 
 
@@ -155,7 +154,6 @@ def moved_rays(
     else:
         law = _by_points(rays, squares)
         passing = body.moved_across(seen, law.h)
-    variance = law.along + law.across
     squares = squares + law.mean
     # Beyond a few deviations by the distance from the axis, and what that varies by:
     # squares of outliers only ever widen a wall, and a wall of no size has none. What
@@ -165,13 +163,13 @@ def moved_rays(
     steepness = safe_divide(law.h, radius)
     of_distance = steepness * along
     of_distance += jnp.maximum(inverse - steepness / length, 0) * across
-    tiny = jnp.finfo(variance.dtype).tiny
+    tiny = jnp.finfo(law.variance.dtype).tiny
     from_axis = safe_sqrt(radius) - apart
-    from_axis *= jnp.sqrt(variance / jnp.maximum(of_distance, tiny))
-    is_far = jnp.abs(squares) > 2 * OUTLIER * jnp.sqrt(variance)
+    from_axis *= jnp.sqrt(law.variance / jnp.maximum(of_distance, tiny))
+    is_far = jnp.abs(squares) > 2 * OUTLIER * jnp.sqrt(law.variance)
     on_cap = across * (1 / jnp.maximum(seen.cos_incidence, STEEPEST_CAP) ** 2 - 1)
     of_depth = jnp.where(
-        seen.on_cap, along + on_cap / length, variance / (law.h + along / 2)
+        seen.on_cap, along + on_cap / length, law.variance / (law.h + along / 2)
     )
     return MovedRays(
         passing=passing,
@@ -203,11 +201,12 @@ def _by_rays(rays: _Rays) -> _Law:
     steadiness = second - first * first
     spread = aside * aside * steadiness + aside * w * (third - first * second)
     spread = spread + w * w * (fourth - second * second) / 4
+    variance = w * w * jnp.maximum(spread, 0) + beside * beside / 2
+    variance += h * along + along * along / 2
     return _Law(
         mean=along + h - rays.q,
         h=h,
-        along=h * along + along * along / 2,
-        across=w * w * jnp.maximum(spread, 0) + beside * beside / 2,
+        variance=variance,
         steadiness=steadiness,
     )
 
@@ -215,23 +214,42 @@ def _by_rays(rays: _Rays) -> _Law:
 def _by_points(rays: _Rays, squares: Numbers) -> _Law:
     """The law of F given the true point, at the one that is likeliest."""
     bends = rays.slant + (rays.bends - 1) * rays.inverse
-    # Squared half gradient of the wall, over A^2.
-    steep, length = rays.radius * rays.inverse, 1 / (rays.inverse - rays.slant)
-    twice_along = rays.along * rays.along / 2
-    twice_across = (rays.across * bends) ** 2 / 2
+    straight = rays.inverse - rays.slant
+    twice = (rays.across * bends) ** 2 / 2
 
-    def beside(h: Numbers) -> Numbers:
-        return jnp.maximum(steep - h / length, 0) * rays.across + twice_across
+    def parts(h: Numbers) -> tuple[Numbers, Numbers]:
+        """A quarter of the variance that errors along the ray make, and across it."""
+        steep = rays.radius * rays.inverse
+        own, beside = parts_of_variance(h, rays.along, steep, straight)
+        return own, rays.across * beside + twice
 
     h = jnp.clip(rays.q - squares / 2, 0, rays.radius)
     for _ in range(ROUNDS):
-        other = beside(h)
-        share = safe_divide(other, h * rays.along + twice_along + other)
-        h = jnp.clip(rays.q - squares * share, 0, rays.radius)
+        own, other = parts(h)
+        h = jnp.clip(rays.q - squares * safe_divide(other, own + other), 0, rays.radius)
+    own, other = parts(h)
     return _Law(
         mean=rays.along + rays.across * bends,
         h=h,
-        along=h * rays.along + twice_along,
-        across=beside(h),
+        variance=own + other,
         steadiness=jnp.ones_like(h),
     )
+
+
+def parts_of_variance(
+    h: Numbers, along: Numbers, steep: Numbers, straight: Numbers
+) -> tuple[Numbers, Numbers]:
+    """A quarter of the variance of F, over A, that errors of a reading make.
+
+    Args:
+        h: Squared place of the point along the ray.
+        along: Variance along the ray.
+        steep: Squared half gradient of the wall's quadric there, over A^2: its squared
+            radius over that.
+        straight: One over the squared length of the ray's direction.
+
+    Returns:
+        By errors along the ray, of second order, too; and by an error across it of one
+        meter.
+    """
+    return h * along + along * along / 2, jnp.maximum(steep - h * straight, 0)

@@ -22,14 +22,10 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from impostor_jax.camera.pinhole import PinholeCamera
-from impostor_jax.fit.result import Fit, OutlineGap
+from impostor_jax.fit.result import LARGE_GAP, Fit, OutlineGap
 from impostor_jax.fit.seen import Seen
 from impostor_jax.geometry.so3 import tangent_basis
 from impostor_jax.primitives.cylinder import Cylinder
-
-MOST_GAP = 0.1
-"""Gap in radii above which a fit is no success, where it is significant, too. On real
-images of three cans, a mug and a tin whose radius comes out right it is 0 to 0.04."""
 
 MOST_DEVIATIONS = 5.0
 """Deviations above which a gap is significant: by chance once in 2e6 outlines."""
@@ -99,7 +95,7 @@ def compared_with_outline(fit: Fit, seen: Sequence[Seen], is_outline: bool) -> F
         return fit
     gap = max(found, key=lambda one: abs(one.deviations))
     fit.asked.outline_gap = gap
-    if abs(gap.radii) <= MOST_GAP or not bool(fit.success):
+    if abs(gap.radii) <= LARGE_GAP or not bool(fit.success):
         return fit
     radius = 1e3 * float(body.radius)
     told = (

@@ -4,7 +4,6 @@ __all__ = ["cost_of", "explains", "hidden_pixels"]
 
 from collections.abc import Sequence
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
@@ -13,7 +12,7 @@ from impostor_jax.fit.body import AbstractBody, Passing
 from impostor_jax.fit.evidence import Readings
 from impostor_jax.fit.prior import prior_residuals
 from impostor_jax.fit.problem import Problem, View, sigma_of
-from impostor_jax.numerics import Numbers, safe_divide
+from impostor_jax.numerics import Numbers, all_finite, safe_divide
 
 MISSED_LOSS = 3.0
 """Loss of a pixel that the body should cover and does not, or the reverse, in nats."""
@@ -66,9 +65,7 @@ def cost_of(
     known = prior_residuals(problem.prior, body, problem.bias)
     cost += jnp.sum(known**2) / 2
     # Readings without weight would let a body pass that is made of no numbers.
-    leaves = jax.tree.leaves(body)
-    numbers = jnp.stack([jnp.all(jnp.isfinite(leaf)) for leaf in leaves]).all()
-    return jnp.where(numbers & jnp.isfinite(cost), cost, jnp.inf)
+    return jnp.where(all_finite(body) & jnp.isfinite(cost), cost, jnp.inf)
 
 
 def _loss_of(

@@ -135,13 +135,13 @@ def fit_shape(
             seen = counted_copies(seen)
         correlated = any(options.correlated(one.noise) for one in seen)
 
+        also = effort, correlated, rounding
+
         def fitted_as(asked: Options, begin: AbstractPrimitive | None) -> Fit:
             settings = checked_settings(kind, asked, begin, sigma)
             known = converted(checked_prior(asked.prior, kind.parameters, begin))
-            also = effort, correlated, rounding
             return _fit_seen(kind, seen, begin, known, settings, *also)
 
-        also = effort, correlated, rounding
         fit = _fit_seen(kind, seen, start, beliefs, settings, *also)
         fit = tested_by_readings(kind, fit, options, start, fitted_as)
         if places is None:

@@ -34,7 +34,7 @@ from impostor_jax.fit.prior import prior_residuals
 from impostor_jax.fit.problem import BLOCK, Problem, View
 from impostor_jax.fit.robust import KERNELS, robust_residual
 from impostor_jax.fit.scatter import scatter_products
-from impostor_jax.numerics import eps, product, safe_divide
+from impostor_jax.numerics import all_finite, eps, product, safe_divide
 
 
 class Stage(NamedTuple):
@@ -334,8 +334,7 @@ def _through_stages(problem: Problem, start: AbstractBody) -> Solution:
         max_steps=None,
         throw=False,
     )
-    leaves = jax.tree.leaves(found.value)
-    finite = jnp.stack([jnp.all(jnp.isfinite(leaf)) for leaf in leaves]).all()
+    finite = all_finite(found.value)
     return Solution(
         body=jax.tree.map(partial(jnp.where, finite), found.value, start),
         finite=finite,

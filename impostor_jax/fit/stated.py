@@ -159,21 +159,25 @@ def _apart(
     """Stated value less that of a body, in coordinates of its covariance."""
     name, value = stated.name, stated.value
     if name == "axis":
-        basis = np.asarray(tangent_basis(_value(body, "axis")), np.float64)
+        axis, basis = _axis_and_across(body)
         toward = value / np.linalg.norm(value)
         # Either sign will do.
-        side = (
-            1.0 if toward @ np.asarray(_value(body, "axis"), np.float64) > 0 else -1.0
-        )
-        return basis @ toward * side, body.coordinates["axis"]
+        return basis @ toward * (1 if toward @ axis > 0 else -1), body.coordinates[name]
     away = np.atleast_1d(value - np.asarray(_value(body, name), np.float64))
     if name in body.coordinates:
         return away, body.coordinates[name]
     # The center of a shape with an axis.
-    axis = np.asarray(_value(body, "axis"), np.float64)
-    across = np.asarray(tangent_basis(_value(body, "axis")), np.float64) @ away
+    axis, basis = _axis_and_across(body)
     names = (*body.coordinates["across_axis"], *body.coordinates["along_axis"])
-    return np.append(across, axis @ away), names
+    return np.append(basis @ away, axis @ away), names
+
+
+def _axis_and_across(
+    body: AbstractBody,
+) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "2 3"]]:
+    """A body's axis and the two directions across it that coordinates go along."""
+    axis = _value(body, "axis")
+    return np.asarray(axis, np.float64), np.asarray(tangent_basis(axis), np.float64)
 
 
 def _value(body: AbstractBody, name: str) -> Array:

@@ -7,6 +7,7 @@ is left only some points are looked at, which is compiled.
 __all__ = [
     "MAX_POINTS",
     "Samples",
+    "at_most",
     "cropped",
     "samples_of",
     "spread",
@@ -317,6 +318,11 @@ def thinned(values: np.ndarray) -> np.ndarray:
 def spread(count: int, most: int) -> Int[np.ndarray, " m"]:
     """Places among `count`, `most` of them, even; of few, some several times."""
     return (_golden(most) * count).astype(int)
+
+
+def at_most(count: int, most: int) -> Int[np.ndarray, " m"]:
+    """Places among `count`, `most` of them, even; of few, all."""
+    return np.linspace(0, count - 1, min(count, most)).astype(int)
 
 
 @functools.lru_cache(maxsize=32)

@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Float
 
 from impostor_jax.fit.result import Fit
+from impostor_jax.fit.surface import at_most
 from impostor_jax.fits.wall import Wall, wall_near, wall_of
 from impostor_jax.primitives.cylinder import Cylinder
 
@@ -70,7 +71,7 @@ def share_away(
         starts: Where each was seen from.
         near: Beside which a wall is looked for at first.
     """
-    some = np.linspace(0, len(ends) - 1, min(len(ends), MOST_POINTS)).astype(int)
+    some = at_most(len(ends), MOST_POINTS)
     points, origins = ends[some], starts[some]
     wall = None if near is None else wall_near(points, near)
     if wall is None or not _holds(wall, points):

@@ -104,7 +104,9 @@ def fit_cylinder_to_points(
             "points, origin, sigma and initial must be concrete, got traced ones"
         )
     ends, starts = _checked_points(points, origin)
-    cloud = _Cloud(ends, starts, _type_of(points), np.ones(len(ends), bool))
+    dtype = _type_of(points)
+    rounding, counts = rounding_of(ends, dtype), np.ones(len(ends), bool)
+    cloud = _Cloud(ends, starts, dtype, rounding, counts)
     if starts is None:
         return _fit_viewless(cloud, sigma, initial, asked)
     if sigma is None:
@@ -121,12 +123,14 @@ class _Cloud(NamedTuple):
         ends: The points.
         starts: Where each was seen from; None where nobody tells.
         dtype: Floating-point type that they came in.
+        rounding: Standard deviation of each coordinate by that, or by a file's grid.
         counts: Which are looked at.
     """
 
     ends: Float[np.ndarray, "n 3"]
     starts: Float[np.ndarray, "n 3"] | None
     dtype: np.dtype
+    rounding: float
     counts: Bool[np.ndarray, " n"]
 
 
@@ -134,7 +138,7 @@ def _fit_cloud(
     cloud: _Cloud, sigma: Any, initial: Cylinder | None, asked: Options
 ) -> Fit:
     """Fit points of which it is known from where they were seen."""
-    ends, starts, dtype, counts = cloud
+    ends, starts, dtype, rounding, counts = cloud
     assert starts is not None
     with working_precision(asked.effort.precision, ()):
         views = _views_of(ends, starts)
@@ -153,9 +157,7 @@ def _fit_cloud(
         depths, cameras, masks = depths[0], cameras[0], masks[0]
     places = [view.places for view in views]
     given = depths, cameras, masks, sigma
-    return fit_shape(
-        CYLINDER, *given, initial, asked, places, rounding_of(ends, cloud.dtype)
-    )
+    return fit_shape(CYLINDER, *given, initial, asked, places, rounding)
 
 
 def _fit_viewless(

@@ -13,6 +13,7 @@ import numpy as np
 from jaxtyping import Float
 
 from impostor_jax.camera.ray_table import turned_to
+from impostor_jax.fit.surface import at_most
 from impostor_jax.primitives.cylinder import Cylinder
 
 MOST_POINTS = 600
@@ -99,8 +100,7 @@ def wall_of(points: Float[np.ndarray, "n 3"]) -> Wall | None:
         Rousseeuw, Least median of squares regression (1984), for the circle about each
         axis.
     """
-    some = np.linspace(0, len(points) - 1, min(len(points), MOST_POINTS)).astype(int)
-    points = points[some]
+    points = points[at_most(len(points), MOST_POINTS)]
     middle = np.median(points, axis=0)
     size = float(np.linalg.norm(points - middle, axis=1).max())
     _, _, principal = np.linalg.svd(points - middle, full_matrices=False)
