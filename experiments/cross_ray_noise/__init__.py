@@ -1,0 +1,1 @@
+"""Do intervals of fits hold whose readings err across their rays?"""

@@ -1,0 +1,1 @@
+"""Does the last bit of a depth decide what a fit says?"""
