@@ -43,7 +43,8 @@ def measure(config: Config) -> Iterator[Metric]:
 
 def _compared(reader: str, size: str, kind: str, config: Config) -> Iterator[Metric]:
     """What every program makes of the same walls."""
-    rng = np.random.default_rng(config.seed)
+    # Of each case its own, so that cases are independent.
+    rng = np.random.default_rng([config.seed, *f"{reader} {size} {kind}".encode()])
     walls = [draw_wall(reader, size, kind, rng) for _ in range(config.seeds)]
     for name, program in {**OURS, **PRACTICE}.items():
         # One who knows that rays are exact tells so.

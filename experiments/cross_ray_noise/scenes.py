@@ -62,8 +62,8 @@ SIZES = {
     "scan": {"small": 0.2, "large": 0.1},
     "image": {"small": (80, 60), "large": (160, 120)},
 }
-"""Number of points, degrees between rows and columns, width and height: about 600 to 1000
-readings of the wall, and 2500 to 4000."""
+"""Number of points, degrees between rows and columns, width and height: of the wall
+about 600 to 1000 readings, and 2500 to 4000."""
 
 _OF_STEM = {
     "exact": Errors(0.003),

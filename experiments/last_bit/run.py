@@ -68,7 +68,7 @@ def _compared(
     moves: int,
     change: Callable[[Image], Image],
 ) -> Iterator[Metric]:
-    """Share of the fits that keep their status, and how far the others' estimates go."""
+    """Share of the fits that keep their status, and how far their estimates go."""
     kept, moved = [], []
     for image in images:
         fit = image.fit()

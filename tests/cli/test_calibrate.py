@@ -13,7 +13,7 @@ from impostor_jax.io.camera_file import camera_record
 from impostor_jax.io.depth_image import write_mask
 from impostor_jax.io.sensor_record import sensor_record
 from tests.calibrate.scenes import CAMERA, images_of
-from tests.groups import SMALL_IMAGES
+from tests.groups import RELEASE, SMALL_IMAGES
 
 pytestmark = SMALL_IMAGES
 
@@ -58,6 +58,7 @@ def test_what_is_written_is_a_sensor_of_fit_and_find(calibrate, tmp_path):
     assert sensor_record(chosen_noise(None, "sensor.json", 525.0)) == record
 
 
+@RELEASE
 def test_masks_tell_which_pixels_are_used(calibrate):
     options = ("frames", "--kind", "constant")
     whole, part = (

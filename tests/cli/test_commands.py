@@ -13,7 +13,7 @@ import pytest
 
 from impostor_jax.__main__ import main
 from impostor_jax.caching import keep_compiled
-from tests.groups import FULL, LARGE_IMAGES, SMALL_IMAGES
+from tests.groups import LARGE_IMAGES, RELEASE, SMALL_IMAGES
 from tests.schemas import validator
 
 CAMERA = {"fx": 150.0, "fy": 150.0, "cx": 79.5, "cy": 59.5, "width": 160, "height": 120}
@@ -177,7 +177,7 @@ def test_failed_fit_exits_with_1_and_writes_its_files(rendered, tmp_path, call, 
     np.save(tmp_path / "box.npy", box)
     code = call(
         "fit", tmp_path / "box.npy", "--camera", rendered / "camera.json",
-        "--mask", rendered / "mask.png", "--output", tmp_path,
+        "--mask", rendered / "mask.png", "--output", tmp_path, "--effort", "fast",
     )  # fmt: skip
     assert (code, capfd.readouterr().err) == (1, "")
     record = json.loads((tmp_path / "fit.json").read_text())
@@ -591,7 +591,7 @@ def test_what_cannot_be_exported_is_told_on_a_line(
     assert {entry.name for entry in tmp_path.iterdir()} == {"plane.json", "ball.json"}
 
 
-@FULL
+@RELEASE
 def test_stems_of_a_scan_are_fitted_and_found(tmp_path, call, capfd):
     scanner = {
         "model": "spherical",

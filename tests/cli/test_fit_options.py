@@ -12,7 +12,7 @@ from impostor_jax.__main__ import main
 from impostor_jax.io.scene_file import write_scene
 from tests.fit.scenes import can, image, image_of
 from tests.fit.test_labels import RADII, two_cans
-from tests.groups import FULL, RELEASE, SMALL_IMAGES
+from tests.groups import RELEASE, SMALL_IMAGES
 from tests.page.scenes import scene_of
 
 pytestmark = SMALL_IMAGES
@@ -100,6 +100,7 @@ def test_several_images_have_a_folder_each(fit, folder):
     assert record_of(folder, "wall")["success"] is False
 
 
+@RELEASE
 def test_masks_of_several_images_may_be_a_folder_of_their_names(fit, folder):
     code, _, err = fit("can.npy", "ball.npy", "--mask", ".")
     assert err == ""
@@ -124,7 +125,7 @@ def test_a_sphere_is_fitted_with_a_prior(fit, folder):
     assert (folder / "out" / "overlay.png").is_file()
 
 
-@FULL
+@RELEASE
 def test_a_tube_is_fitted_and_a_can_tested_for_a_bore(fit, folder):
     can_ = can(40.0)
     pipe = ij.tube(can_.center, can_.axis, 0.04, 0.034, 0.12)

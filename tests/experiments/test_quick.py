@@ -20,6 +20,7 @@ SMALL = ("fit_speed", "synthetic_benchmark")
 """Those whose quick runs fit images of 160x120."""
 
 LONG = (
+    "cross_ray_noise",
     "extremes",
     "find_accuracy",
     "fit_outline",
@@ -27,6 +28,7 @@ LONG = (
     "fit_shapes",
     "fit_tubes",
     "fit_views",
+    "last_bit",
     "mask_errors",
     "published_faults",
     "random_scenes",

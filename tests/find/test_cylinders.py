@@ -6,7 +6,7 @@ import pytest
 import impostor_jax as ij
 from tests.find.scenes import image_of
 from tests.fit.scenes import SIGMA, can
-from tests.groups import SMALL_IMAGES
+from tests.groups import RELEASE, SMALL_IMAGES
 
 pytestmark = SMALL_IMAGES
 
@@ -68,6 +68,7 @@ def test_in_an_empty_image_nothing_is_found(value):
 
 
 @pytest.mark.parametrize("stride", [1, 2])
+@RELEASE
 def test_masks_are_of_the_image(stride):
     # With a stride of 2 they had the view's shape, and the search raised.
     truth = can(90.0)

@@ -9,7 +9,7 @@ import pytest
 import impostor_jax as ij
 from impostor_jax.fit.copied import copies_along
 from tests.fit.scenes import CAMERA, SIGMA, can, image
-from tests.groups import SMALL_IMAGES
+from tests.groups import RELEASE, SMALL_IMAGES
 
 NOISE = ij.ConstantNoise(SIGMA)
 
@@ -86,6 +86,7 @@ def test_what_walls_lean_by_is_counted_where_it_is_recognized():
 
 
 @SMALL_IMAGES
+@RELEASE
 def test_a_sensor_that_is_said_to_be_aligned_counts_the_same():
     found, told = fitted(NOISE), fitted(ij.AlignedDepth(NOISE, 1.44))
     assert float(told.std.radius) == pytest.approx(float(found.std.radius), rel=1e-3)

@@ -397,6 +397,7 @@ OTHER_OPTIONS = {
 }
 
 
+@RELEASE
 def test_another_kernel_bears_outliers():
     depth, mask = image()
     rng = np.random.default_rng(5)

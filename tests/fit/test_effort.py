@@ -7,7 +7,7 @@ import pytest
 
 import impostor_jax as ij
 from tests.fit.scenes import CAMERA, SIGMA, can, image, image_of
-from tests.groups import SMALL_IMAGES
+from tests.groups import RELEASE, SMALL_IMAGES
 
 pytestmark = SMALL_IMAGES
 
@@ -24,6 +24,7 @@ def assert_equal_to_a_fifth_of_a_deviation(fit, other):
         assert (np.abs(values[0] - values[1]) < 0.2 * deviation).all(), name
 
 
+@RELEASE
 def test_losses_agree_on_normal_noise():
     fit = fitted(ij.Effort(kernel="pseudo_huber"))
     assert fit.success
@@ -83,6 +84,7 @@ def test_tolerance_compiles_nothing_and_saves_steps():
     assert_equal_to_a_fifth_of_a_deviation(fitted("balanced"), fine)
 
 
+@RELEASE
 def test_a_traced_fit_takes_as_many_readings_as_it_is_told():
     depth, mask = image()
     effort = ij.Effort(readings=300)

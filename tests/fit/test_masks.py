@@ -12,7 +12,7 @@ from impostor_jax.fit import border
 from impostor_jax.fit.regions import without_edges
 from tests.checks import angle_between
 from tests.fit.scenes import CAMERA, SIGMA, can, image, image_of
-from tests.groups import SMALL_IMAGES
+from tests.groups import RELEASE, SMALL_IMAGES
 
 pytestmark = SMALL_IMAGES
 
@@ -291,6 +291,7 @@ def test_a_quick_fit_takes_the_same_mask_for_too_large():
     assert errors(fit, can()).max() < 3.5
 
 
+@RELEASE
 def test_a_sensor_is_not_blamed_for_what_its_sigma_leaves_out():
     maps = ij.render(can(), CAMERA, outputs=("depth", "normal", "mask"))
     sensor = ij.LateralNoise(SIGMA_NOISE, floor=0.5)
@@ -327,6 +328,7 @@ def test_mixed_readings_beside_the_outline_do_not_decide(pixels):
 
 
 @pytest.mark.parametrize("degrees", [35, 60])
+@RELEASE
 def test_a_window_leans_where_noise_hides_a_jump(degrees):
     # Beside a table: up to 8 deviations, and more where the can is seen from above, of
     # whose outline the distance was taken along the ray.

@@ -14,7 +14,7 @@ from impostor_jax.fit.silhouette import coverage_of
 from tests.cases import pose
 from tests.checks import angle_between
 from tests.fit.scenes import CAMERA, can
-from tests.groups import FULL, SMALL_IMAGES
+from tests.groups import FULL, RELEASE, SMALL_IMAGES
 from tests.schemas import validator
 
 pytestmark = SMALL_IMAGES
@@ -246,7 +246,7 @@ def test_the_first_guess_is_no_part_of_a_trace():
         jax.jit(lambda mask: fit_to(mask).cylinder)(disc())
 
 
-@FULL
+@RELEASE
 def test_a_ball_is_fitted_in_the_world_of_a_posed_camera():
     ball = ij.Sphere((0.02, -0.01, 0.4), 0.05)
     posed = ij.PinholeCamera(
@@ -259,7 +259,7 @@ def test_a_ball_is_fitted_in_the_world_of_a_posed_camera():
     assert (np.abs(off) < 4 * np.asarray(fit.std.center)).all()
 
 
-@FULL
+@RELEASE
 def test_a_cup_is_fitted_where_its_height_is_known():
     cup = ij.Frustum((0.0, -0.05, 0.33), (0.02, 0.05, 0.37), 0.03, 0.045)
     height = float(jnp.linalg.norm(cup.p2 - cup.p1))

@@ -81,6 +81,7 @@ def test_a_known_height_tells_the_scale():
     assert (np.abs(away) < 3 * np.asarray(fit.std.center)).all()
 
 
+@RELEASE
 def test_a_mean_error_that_is_known_is_taken_off_once():
     depth, mask = image()
     sensor = ij.ScaleError(NOISE, deviation=0.001, mean=0.05)
@@ -95,6 +96,7 @@ def test_a_mean_error_that_is_known_is_taken_off_once():
     assert float(told.frustum.frustum.radius1) == pytest.approx(0.04, abs=5e-4)
 
 
+@RELEASE
 def test_deviations_are_those_of_draws_of_a_warp():
     truth, start = can(), can()
     maps = ij.render(truth, CAMERA, outputs=("depth", "normal", "mask"))

@@ -8,7 +8,7 @@ import pytest
 import impostor_jax as ij
 from impostor_jax.primitives.tube import as_tube
 from tests.fit.scenes import CAMERA, SIGMA, can, image, image_of
-from tests.groups import FULL, RELEASE, SMALL_IMAGES
+from tests.groups import RELEASE, SMALL_IMAGES
 
 pytestmark = SMALL_IMAGES
 
@@ -110,7 +110,7 @@ def test_an_inner_wall_that_is_not_seen_is_open_and_no_failure():
     assert float(begun.tube.inner_radius) < 0.002
 
 
-@FULL
+@RELEASE
 def test_a_pipe_that_is_seen_from_inside_has_no_outside():
     around = ij.tube((0.0, 0.01, 0.1), (0.05, 0.0, 1.0), 0.25, 0.2, 1.4)
     depth, mask = image_of(around, wall=None)
@@ -189,7 +189,7 @@ def test_a_start_must_be_a_tube():
         _ = fit_of(pipe()).cylinder
 
 
-@FULL
+@RELEASE
 def test_a_traced_fit_is_the_same_and_fails_on_a_floor():
     @jax.jit
     def fitted(depth, mask, start):

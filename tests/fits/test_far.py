@@ -7,7 +7,7 @@ import pytest
 
 import impostor_jax as ij
 from tests.fit.scenes import CAMERA, SIGMA, can, image
-from tests.groups import FULL, OF_POINTS
+from tests.groups import OF_POINTS, RELEASE
 
 pytestmark = OF_POINTS
 
@@ -121,7 +121,7 @@ def test_a_search_finds_far_what_it_does_near(pair):
     assert far.fits[0].asked.arguments["camera"] is AWAY
 
 
-@FULL
+@RELEASE
 def test_tests_of_a_fit_are_those_near(pair):
     for test in (ij.test_taper, ij.test_bore):
         far, near = (test(fit) for fit in pair)

@@ -175,14 +175,14 @@ def around(*degrees):
     return np.asarray(can().center) + 0.5 * np.stack(ring, axis=1)
 
 
-@FULL
+@RELEASE
 def test_scanners_may_stand_around():
     fit = ij.fit_cylinder_to_points(scanned(around(0, 120, 240)), sigma=SIGMA)
     assert fit.success
     assert abs(float(fit.cylinder.radius) - 0.04) < 4 * float(fit.std.radius)
 
 
-@FULL
+@RELEASE
 def test_a_scale_moves_what_a_moving_sensor_sees_as_it_is_told():
     points = scanned(around(0, 20, 40, 60))
     error = 5e-4
@@ -200,6 +200,7 @@ def test_a_scale_moves_what_a_moving_sensor_sees_as_it_is_told():
     assert told == pytest.approx(moved, rel=0.15)
 
 
+@RELEASE
 def test_a_can_among_points_is_told_from_a_cup(seen):
     points = points_of(*seen)
     test = ij.test_taper(of_points(points))

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import impostor_jax as ij
-from tests.groups import OF_POINTS
+from tests.groups import OF_POINTS, RELEASE
 
 pytestmark = OF_POINTS
 
@@ -46,6 +46,7 @@ def test_a_drum_is_fitted_along_its_rays(angle):
     assert float(fit.rms) == pytest.approx(SIGMA, rel=0.1)
 
 
+@RELEASE
 def test_a_scan_that_shows_nothing_says_nothing():
     pose = np.eye(4)
     pose[2, 3] = 0.4

@@ -58,6 +58,7 @@ def test_a_wall_shows_no_object(fit):
         pytest.param(ij.fit_frustum, cup(), marks=RELEASE),
     ],
 )
+@RELEASE
 def test_the_object_of_the_shape_is_fitted_though_another_is_nearer(fit, shape):
     plate = ij.Box((-0.1, -0.06, 0.25), np.eye(3), (0.04, 0.06, 0.02))
     depth, (mask, other) = beside(shape, plate)
@@ -81,6 +82,7 @@ def test_what_reads_near_a_start_is_fitted():
     assert found.status is ij.FitStatus.NO_FIRST_GUESS
 
 
+@RELEASE
 def test_a_traced_start_without_a_mask_takes_what_it_covers():
     depth, mask = image()
     fit = jax.jit(lambda d: ij.fit_cylinder(d, CAMERA, sigma=SIGMA, initial=can()))

@@ -80,6 +80,7 @@ def test_two_views_are_surer_than_each_and_as_right(two, both):
     assert int(both.num_pixels) == sum(int(np.sum(one)) for one in both.region)
 
 
+@RELEASE
 def test_it_does_not_matter_which_view_is_first(two, both):
     other = fitted(*(part[::-1] for part in two))
     std = np.sqrt(np.diagonal(np.asarray(both.covariance)))
@@ -141,7 +142,7 @@ def test_each_view_has_its_own_noise(two):
     np.testing.assert_allclose(fit.std.radius, alone.std.radius, rtol=0.05)
 
 
-@FULL
+@RELEASE
 def test_an_error_of_scale_is_of_one_sensor_or_of_each(two):
     depths, cameras, masks = two
     # So small that readings of both sides still agree.
@@ -192,7 +193,7 @@ SHAPES = [
 ]
 
 
-@FULL
+@RELEASE
 @pytest.mark.parametrize(("fit", "shape", "radii"), SHAPES, ids=["ball", "tube", "cup"])
 def test_other_shapes_have_views_too(fit, shape, radii):
     depths, cameras, masks = from_two_sides(shape)

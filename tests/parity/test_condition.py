@@ -15,6 +15,7 @@ from impostor_jax.parity.compare import compare, rounding
 from impostor_jax.parity.condition import condition_of
 from impostor_jax.parity.judge import judge
 from impostor_jax.parity.run import drawn_by_jax
+from tests.groups import RELEASE
 
 CAMERA = ij.PinholeCamera(150.0, 140.0, 10.0, 8.0, width=24, height=18)
 CAN = ij.Cylinder((0.01, -0.01, 0.6), (0.6, 0.7, 0.3), 0.05, 0.08)
@@ -48,6 +49,7 @@ def moved(primitive, ray, step):
         yield primitive, Ray(ray.origin, d)
 
 
+@RELEASE
 def test_condition_is_the_sum_of_what_each_input_does(double):
     """By differences, of depth and then of the normal at a depth that is known so."""
     can, step = ij.Cylinder((0.01, -0.01, 0.6), (0.6, 0.7, 0.3), 0.05, 0.08), 1e-6

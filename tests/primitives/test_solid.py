@@ -12,7 +12,7 @@ from impostor_jax.geometry.vec3 import Vec3
 from impostor_jax.numerics import eps
 from tests.cases import pose
 from tests.checks import central_difference
-from tests.groups import FULL
+from tests.groups import FULL, RELEASE
 
 # All kinds once; and what is left of few.
 TREES = {
@@ -30,7 +30,7 @@ DISTANCES = (3.0, 100.0, 1000.0)
 
 
 @pytest.mark.parametrize(
-    "name", [pytest.param("all kinds", marks=FULL), "a stepped shaft"]
+    "name", [pytest.param("all kinds", marks=RELEASE), "a stepped shaft"]
 )
 def test_rays_see_what_the_oracle_sees(name):
     # Many more stand in experiments/solids.
@@ -203,7 +203,7 @@ def ground() -> ij.Heightfield:
 
 
 @FULL
-@pytest.mark.parametrize("sign", [1, -1])
+@pytest.mark.parametrize("sign", [1, pytest.param(-1, marks=RELEASE)])
 def test_ground_counts_as_solid(sign):
     # A block of ground, or what is above it; up is y, along which rays are cast.
     block = ij.Box((0, 0, 0), np.eye(3), (1.5, 1.5, 1.6))
@@ -236,6 +236,7 @@ def test_ground_ends_beside_its_extent():
     np.testing.assert_allclose(block.normal(sight, hit).stack(), (-1, 0, 0), atol=1e-6)
 
 
+@RELEASE
 def test_bounds_hold_what_is_seen():
     camera = ij.PinholeCamera(60.0, 60.0, 31.5, 23.5, 64, 48)
     solid = nested().transformed(ij.RigidTransform(np.eye(3), (0.2, 0, 3)))

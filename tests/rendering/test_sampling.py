@@ -93,6 +93,7 @@ def test_several_rays_are_a_picture_of_more_pixels():
     assert rmse[0] < 0.1 * rmse[1]
 
 
+@RELEASE
 def test_a_picture_of_every_second_ray_has_a_derivative(double):
     def red(height, **dials):
         ball = ij.Sphere((0.1, 0.0, 2.0), 0.5)

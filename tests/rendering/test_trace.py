@@ -228,6 +228,7 @@ def test_gradient_is_that_of_differences(make, double):
         assert slope == pytest.approx(difference, rel=1e-6), name
 
 
+@RELEASE
 def test_jit_vmap_grad_and_jacfwd_agree_with_the_plain_call(double):
     shapes, _, materials = known_scene()
     scene = ij.Scene(shapes[:3])

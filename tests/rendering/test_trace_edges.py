@@ -127,6 +127,7 @@ def test_crease_gap_changes_its_sign_with_the_part(name):
     assert changes[differ].mean() > 0.9
 
 
+@RELEASE
 def test_cut_of_two_shapes_has_a_derivative(double):
     # A ball half in a floor, seen from above: only its height moves the cut.
     def red(height):
@@ -158,6 +159,7 @@ def test_misuse_is_named():
         ij.trace(scene, lens, lights, edges="soft")
 
 
+@RELEASE
 def test_vmap_and_jacfwd_agree_with_the_plain_call(double):
     camera = ij.PinholeCamera(12.0, 12.0, 5.5, 4.5, 12, 10)
 
