@@ -24,7 +24,7 @@ class Config:
     """Measure what errors across the rays do to a radius."""
 
     run: RunConfig = RunConfig()
-    seeds: int = 24
+    seeds: int = 48
     """Walls of each case."""
     seed: int = 0
     """Of all draws."""

@@ -69,3 +69,13 @@ def test_points_that_err_across_their_rays(kind):
     assert std < 0.0005
     assert abs(float(fit.cylinder.radius) - 0.18) < 3 * std
     assert float(fit.across.deviation) == pytest.approx(across, rel=0.15)
+
+
+def test_a_grid_adds_to_what_a_sensor_is_said_to_err_by():
+    # Taken for exact, the points of a sensor with exact rays were 0.25 mm off.
+    points, _, origin = stem(np.random.default_rng(3))
+    sensor = ij.ConstantNoise(0.003, across=0.0)
+    fit = ij.fit_cylinder_to_points(np.round(points, 3), origin, sigma=sensor)
+    assert fit.success
+    assert abs(float(fit.cylinder.radius) - 0.18) < 3 * float(fit.std.radius) < 3e-4
+    assert float(fit.across.deviation) == pytest.approx(0.001 / np.sqrt(12), rel=1e-3)
