@@ -1,6 +1,6 @@
 """Results of an experiment, with all that is needed to repeat it."""
 
-__all__ = ["Metric", "Results", "check_clean", "save_run"]
+__all__ = ["RECORD", "Metric", "Results", "check_clean", "save_run"]
 
 import dataclasses
 import json
@@ -13,6 +13,9 @@ import jax
 
 from impostor_jax.io.atomic import write_json
 from impostor_jax.io.provenance import cpu_model, git_output, package_versions
+
+RECORD = "record.json"
+"""What an experiment keeps beside its results, for its next run."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -138,7 +141,7 @@ def check_clean(folder: Path) -> None:
     pathspecs = [":(top)"]
     if folder.resolve().is_relative_to(root):
         own = folder.resolve().relative_to(root).as_posix()
-        written = ("results.json", "figures", "README.md")
+        written = ("results.json", RECORD, "figures", "README.md")
         pathspecs += [f":(top,exclude){own}/{name}" for name in written]
     changed = git_output(
         "status", "--porcelain", "--untracked-files=all", "--", *pathspecs

@@ -36,20 +36,22 @@ class AcrossRays(eqx.Module):
         deviation: Standard deviation that the fit took for them, along each of two
             directions; where it grows with the range, that of the middle reading.
         found: What the residuals say that it is, if the noise along the rays is right.
-        score: Standard deviations by which it is found larger than 0.
+        score: Standard deviations by which its square is found larger than 0.
+        doubt: Standard deviation of that square, in square meters.
         scale: Standard deviation along the rays that is found, over what was given.
     """
 
     deviation: Float[Array, "*batch"]
     found: Float[Array, "*batch"]
     score: Float[Array, "*batch"]
+    doubt: Float[Array, "*batch"]
     scale: Float[Array, "*batch"]
 
 
 def exact_rays(dtype: DTypeLike) -> AcrossRays:
     """Of a fit that says nothing of them."""
     zero = jnp.zeros((), dtype)
-    return AcrossRays(zero, zero, zero, jnp.ones((), dtype))
+    return AcrossRays(zero, zero, zero, zero, jnp.ones((), dtype))
 
 
 def across_found(
@@ -104,5 +106,6 @@ def across_found(
         deviation=safe_divide(taken, weight),
         found=safe_sqrt(other) / scale,
         score=safe_divide(other, deviation * scale**2),
+        doubt=deviation,
         scale=scale,
     )

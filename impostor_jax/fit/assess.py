@@ -44,6 +44,7 @@ from impostor_jax.fit.uncertainty import (
     score_covariance,
 )
 from impostor_jax.numerics import product, safe_divide, safe_sqrt
+from impostor_jax.sensor.across import AcrossRay
 
 MOST_CHI2 = 9.0
 """Reduced chi-squared up to which readings may be of the shape, where their noise is
@@ -254,10 +255,19 @@ def assess(problem: Problem, solution: Solution, correlated: bool) -> Assessment
         if leans:
             lean = _leaning(problem, scores, bodies, of_views)
             parts["alignment"] = lean[:, None] * lean[None]
+    learns = any(isinstance(view.noise, AcrossRay) for view in views)
+    if learns:
+        doubted = joined_readings(_doubted(views, bodies), views, body).terms
+        pulls = doubted.gradient * doubted.residual[None]
+        pulls -= terms.gradient * terms.residual[None]
+        pulls = jnp.sum(jnp.where(tells[None], pulls, 0), axis=1) / widening
+        doubt = product(root.T, into, pulls)
+        parts["noise"] += doubt[:, None] * doubt[None]
     shares = {name: product(root, part, root.T) for name, part in parts.items()}
     whole = root
-    if shares_errors:
+    if shares_errors or learns:
         whole = sandwich_root(root, _sum_of(parts.values()), LEAST_LEFT)
+    if shares_errors:
         # Errors that neighbors share let a part pull harder by as much as they widen
         # the standard deviations.
         variance = jnp.diagonal(independent)
@@ -442,6 +452,25 @@ def _leaning(
             )
         )
     return jnp.sum(jnp.stack(pulls), axis=0)
+
+
+def _doubted(views: Sequence[View], bodies: Sequence[AbstractBody]) -> list[Readings]:
+    """Readings of each view where what was learned of its rays is off by a deviation.
+
+    Args:
+        views: The views.
+        bodies: The estimate, in the frame of each.
+    """
+    noises = [
+        view.noise.doubted() if isinstance(view.noise, AcrossRay) else view.noise
+        for view in views
+    ]
+    return computed_once(
+        lambda: [
+            reading_terms(view.pixels, own, noise, pixel=view.pixel)
+            for view, own, noise in zip(views, bodies, noises, strict=True)
+        ]
+    )
 
 
 def _sum_of(parts: Iterable[Float[Array, "c c"]]) -> Float[Array, "c c"]:

@@ -185,7 +185,7 @@ def reading_terms(
         steadiness = 1.0
     else:
         moved = computed_once(
-            lambda: moved_rays(pixels, body, noise.bias, seen, sigma, folded)
+            lambda: moved_rays(pixels, body, noise.bias, seen, sigma, folded, reach)
         )
         weight, squares = jnp.where(used, moved.weight, 0), moved.squares
         steadiness = moved.steadiness

@@ -8,6 +8,7 @@ Then it is made anew, from all starts.
 __all__ = ["fit_with_learned_rays"]
 
 from collections.abc import Callable, Sequence
+from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
@@ -52,39 +53,62 @@ def fit_with_learned_rays(
     """
     if not all(one.noise.bias.has_exact_rays for one in seen):
         # The caller says what the sensor's are; rounding comes to that.
-        return fitted(seen if known is None else _erring(seen, known, known))
+        return fitted(seen if known is None else _erring(seen, _Error(known), known))
+    exact = None
     if known is None:
         fit = fitted(seen)
         if not (fit.is_shape and fit.across.score.item() > SPEAKS):
             return fit
-        across, known = fit.across.found.item(), 0.0
+        exact, across, known = fit, _found(fit, 0.0), 0.0
     else:
         along = [typical_sigma(one.image, one.region, one.noise) for one in seen]
         guess = max(FIRST_GUESS * float(np.median(along)), known)
-        fit = fitted(_erring(seen, guess, known))
+        fit = fitted(_erring(seen, _Error(guess), known))
         across = _found(fit, known)
     for _ in range(MOST_ROUNDS):
         if not fit.is_shape:
             break
         fit = resumed(_erring(_within(seen, fit), across, known), fit.shape)
         found = _found(fit, known)
-        settled = abs(found - across) <= SETTLED * across
+        settled = abs(found.size - across.size) <= SETTLED * across.size
         across = found
         if settled:
             break
+    # Only now: of a guess that is too large nothing speaks for what is small.
+    if not fit.across.score.item() > SPEAKS:
+        if exact is not None:
+            return exact
+        across = _Error(known)
     return fitted(_erring(seen, across, known))
 
 
-def _found(fit: Fit, known: float) -> float:
+class _Error(NamedTuple):
+    """An error across the rays.
+
+    Attributes:
+        size: Its standard deviation, in meters.
+        doubt: Standard deviation of the square of that; 0 if it is known.
+    """
+
+    size: float
+    doubt: float = 0.0
+
+
+def _found(fit: Fit, known: float) -> _Error:
     """What the residuals say, and no less than is known."""
-    return max(float(fit.across.found), known)
+    found = fit.across.found.item()
+    return _Error(found, fit.across.doubt.item()) if found > known else _Error(known)
 
 
-def _erring(seen: Sequence[Seen], across: float, along: float) -> list[Seen]:
+def _erring(seen: Sequence[Seen], across: _Error, along: float) -> list[Seen]:
     """The same with noise across the rays, and more along them."""
     dtype = seen[0].image.dtype
-    errors = jnp.asarray(across, dtype), jnp.asarray(along, dtype)
-    return [one._replace(noise=AcrossRay(one.noise, *errors)) for one in seen]
+    size, along, doubt = (
+        jnp.asarray(x, dtype) for x in (across.size, along, across.doubt)
+    )
+    return [
+        one._replace(noise=AcrossRay(one.noise, size, along, doubt)) for one in seen
+    ]
 
 
 def _within(seen: Sequence[Seen], fit: Fit) -> list[Seen]:

@@ -61,6 +61,9 @@ INNER = 0.9
 STEPS = np.linspace(-1.0, 1.5, 81)
 """Where the surface may end, in radii beyond the outline: each 32nd of a radius."""
 
+LASTING = 2.0
+"""Pixels over which there must be background: one reading may be an outlier."""
+
 MIN_PLACES = 4
 """Fewest places of a side that show the outline."""
 
@@ -210,17 +213,32 @@ def _bounds(
     step, farthest = np.arange(STEPS.size), behind[..., None]
     near = (depth > 0) & (depth < farthest)
     last = _last(masked if is_outline else masked & near)
+    far = inside & ~masked if is_outline else _lasting(depth > farthest, places)
     # Background amid the surface is an outlier, or seen through a hole.
-    far = inside & ~masked if is_outline else depth > farthest
     far &= step > last[..., None]
     first = np.argmax(far, axis=-1)
     shown = (last >= 0) & far.any(axis=-1)
     if not is_outline:
+        between = (step > last[..., None]) & (step < first[..., None])
         end = _last(near & (step < first[..., None]))
         last = np.where(STEPS[end] - STEPS[last] < BORDER, end, last)
         ends = np.take_along_axis(depth, np.stack([last, first], axis=-1), axis=-1)
         shown &= ends[..., 1] - ends[..., 0] > jump
+        # What lies in front of the surface hides where that ends.
+        in_front = between & (depth > 0) & (depth < ends[..., :1] - jump)
+        shown &= ~in_front.any(axis=-1)
     return STEPS[last], STEPS[first], shown
+
+
+def _lasting(
+    marks: Bool[np.ndarray, "2 s t"], places: Float[np.ndarray, "2 s t 2"]
+) -> Bool[np.ndarray, "2 s t"]:
+    """Marks that are followed by another `LASTING` pixels on: no single outliers."""
+    pixels = np.abs(places[0, 0, -1] - places[0, 0, 0]).max() / (STEPS.size - 1)
+    ahead = min(max(int(np.ceil(LASTING / pixels)), 1), STEPS.size - 1)
+    marks[..., :-ahead] &= marks[..., ahead:]
+    marks[..., -ahead:] = False
+    return marks
 
 
 def _last(marks: Bool[np.ndarray, "2 s t"]) -> Int[np.ndarray, "2 s"]:

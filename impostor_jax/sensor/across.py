@@ -53,16 +53,24 @@ class AcrossRay(AbstractDepthNoise):
         sensor: The noise model that makes the readings.
         across: Standard deviation across the ray, in meters, beside the sensor's own.
         along: More of it along the ray, in meters: a grid errs in all directions.
+        doubt: Standard deviation of the square of `across`, in square meters.
     """
 
     sensor: AbstractDepthNoise
     across: Scalar
     along: Scalar
+    doubt: Scalar
 
-    def __init__(self, sensor: Any, across: Any, along: Any = 0.0):
+    def __init__(self, sensor: Any, across: Any, along: Any = 0.0, doubt: Any = 0.0):
         self.sensor = noise_model(sensor)
         self.across = bounded_number("across", across, "0 or positive, in meters")
         self.along = bounded_number("along", along, "0 or positive, in meters")
+        self.doubt = bounded_number("doubt", doubt, "0 or positive, in square meters")
+
+    def doubted(self) -> "AcrossRay":
+        """The same with an error across the ray that is as large as it may well be."""
+        more = jnp.sqrt(jnp.asarray(self.across) ** 2 + jnp.asarray(self.doubt))
+        return dataclasses.replace(self, across=more)
 
     @override
     def sigma(self, depth: Numbers, cos_incidence: Numbers) -> Numbers:
