@@ -68,7 +68,7 @@ def across_found(
         readings: What each says, as it is compared with the estimate.
         repeats: Readings that tell as much as one whose error is its own.
     """
-    normal, right = jnp.zeros((2, 2), repeats.dtype), jnp.zeros(2, repeats.dtype)
+    found = []
     taken = weight = jnp.zeros_like(repeats)
     for view, body, told in zip(views, bodies, readings, strict=True):
         seen, pixels, bias = told.passing, view.pixels, view.noise.bias
@@ -87,20 +87,23 @@ def across_found(
         counts = told.used & ~seen.on_cap & (jnp.abs(z) < WITHIN)
         rows = jnp.stack([own, other, z * z * variance]) / assumed[None]
         rows = jnp.where(counts[None], rows, 0)
-        moments = product(rows, rows.T)
-        normal += moments[:2, :2]
-        right += moments[:2, 2]
+        found.append(product(rows, rows.T))
         ones = jnp.where(counts, 1, 0).astype(repeats.dtype)
         taken += jnp.sum(ones * jnp.sqrt(across))
         weight += jnp.sum(ones)
-    determinant = normal[0, 0] * normal[1, 1] - normal[0, 1] ** 2
+    # Normal equations whose first unknown, the scale along the rays, is of each view: a
+    # view whose noise is told too large would else leave more to the second, of all.
+    moments = jnp.stack(found)
+    first, mixed, second = moments[:, 0, 0], moments[:, 0, 1], moments[:, 1, 1]
+    share = safe_divide(mixed, first)
+    left = jnp.sum(second - share * mixed)
     # Where the incidence hardly changes the two are not told apart.
-    is_told = determinant > 1e-3 * normal[0, 0] * normal[1, 1]
-    inverse = jnp.where(is_told, 1 / jnp.where(is_told, determinant, 1), 0)
-    own = (normal[1, 1] * right[0] - normal[0, 1] * right[1]) * inverse
-    other = (normal[0, 0] * right[1] - normal[0, 1] * right[0]) * inverse
+    is_told = left > 1e-3 * jnp.sum(second)
+    inverse = jnp.where(is_told, 1 / jnp.where(is_told, left, 1), 0)
+    other = jnp.sum(moments[:, 1, 2] - share * moments[:, 0, 2]) * inverse
+    own = safe_divide(jnp.sum(moments[:, 0, 2] - mixed * other), jnp.sum(first))
     # Squares of normal residuals vary by twice their square.
-    deviation = safe_sqrt(2 * normal[0, 0] * inverse * repeats)
+    deviation = safe_sqrt(2 * inverse * repeats)
     scale = jnp.where(is_told & (own > 0), safe_sqrt(own), 1)
     return AcrossRays(
         deviation=safe_divide(taken, weight),

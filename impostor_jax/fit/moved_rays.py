@@ -166,8 +166,8 @@ def moved_rays(
     squares = squares + law.mean
     # Beyond a few deviations by the distance from the axis, and what that varies by:
     # squares of outliers only ever widen a wall, and a wall of no size has none. What
-    # lies behind the axis counts as beyond it, as far as it is: taken for nearer, a tenth
-    # of the readings pulled a can's radius 5 deviations off.
+    # lies behind the axis counts as beyond it, as far as it is: taken for nearer, a
+    # tenth of the readings pulled a can's radius 5 deviations off.
     beyond = safe_sqrt(radius - seen.square + reach * reach)
     apart = jnp.where(folded < 0, -beyond, safe_sqrt(radius - squares))
     steepness = safe_divide(law.h, radius)

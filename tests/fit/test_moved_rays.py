@@ -171,6 +171,18 @@ def test_an_image_speaks_for_errors_across_its_rays(kind):
     assert float(of_told.std.radius) == pytest.approx(std, rel=0.2)
 
 
+def test_outliers_pull_no_wall_whose_rays_err():
+    # Behind the axis they counted as near it, and took off 5 deviations.
+    depth, mask = image()
+    random = np.random.default_rng(2)
+    wild = random.random(depth.shape) < 0.2
+    depth = np.where(wild, random.uniform(0.3, 1.5, depth.shape), depth)
+    told = ij.ConstantNoise(SIGMA, across=3e-4)
+    fit = ij.fit_cylinder(depth.astype(np.float32), CAMERA, mask=mask, sigma=told)
+    assert fit.success
+    assert abs(float(fit.cylinder.radius) - 0.04) < 3 * float(fit.std.radius)
+
+
 def test_rays_are_exact_until_readings_say_otherwise():
     depth, mask = image()
     fit = ij.fit_cylinder(depth, CAMERA, mask=mask, sigma=SIGMA)
