@@ -42,7 +42,7 @@ def _exact(wall: Wall) -> Estimate | None:
 
 
 def _fitted(wall: Wall, noise: ij.ConstantNoise) -> Estimate | None:
-    if wall.depth is None:
+    if wall.depth is None or wall.camera is None:
         fit = ij.fit_cylinder_to_points(wall.points, (0.0, 0.0, 0.0), sigma=noise)
     else:
         fit = ij.fit_cylinder(wall.depth, wall.camera, mask=wall.mask, sigma=noise)

@@ -15,8 +15,6 @@ from impostor_jax.io.camera_file import pinhole_of, read_camera
 from impostor_jax.io.depth_image import read_depth
 from impostor_jax.sensor.base import AbstractDepthNoise
 
-TIN = {"camera": "field/tin_camera.json", "sensor": "structured_light"}
-
 REAL = (
     *CASES,
     *(
@@ -24,8 +22,9 @@ REAL = (
             f"tin {number}",
             depth=f"field/tin{number}_depth.png",
             mask=f"field/tin{number}_mask.png",
+            camera="field/tin_camera.json",
             radius=0.0984,
-            **TIN,
+            sensor="structured_light",
         )
         for number in (35, 36)
     ),
@@ -62,7 +61,8 @@ def drawn(sensor: str, count: int, seed: int) -> Iterator[Image]:
     for number in range(count):
         image = draw_image(whole, seed, number)
         name = f"{sensor} {number}"
-        yield Image(name, image.depth, image.mask[0], image.camera, whole)
+        camera = pinhole_of(image.camera, name)
+        yield Image(name, image.depth, image.mask[0], camera, whole)
 
 
 def real(folder: Path) -> Iterator[Image]:

@@ -103,12 +103,8 @@ def _found(fit: Fit, known: float) -> _Error:
 def _erring(seen: Sequence[Seen], across: _Error, along: float) -> list[Seen]:
     """The same with noise across the rays, and more along them."""
     dtype = seen[0].image.dtype
-    size, along, doubt = (
-        jnp.asarray(x, dtype) for x in (across.size, along, across.doubt)
-    )
-    return [
-        one._replace(noise=AcrossRay(one.noise, size, along, doubt)) for one in seen
-    ]
+    errors = [jnp.asarray(x, dtype) for x in (across.size, along, across.doubt)]
+    return [one._replace(noise=AcrossRay(one.noise, *errors)) for one in seen]
 
 
 def _within(seen: Sequence[Seen], fit: Fit) -> list[Seen]:

@@ -219,14 +219,19 @@ def _bounds(
     first = np.argmax(far, axis=-1)
     shown = (last >= 0) & far.any(axis=-1)
     if not is_outline:
-        between = (step > last[..., None]) & (step < first[..., None])
         end = _last(near & (step < first[..., None]))
         last = np.where(STEPS[end] - STEPS[last] < BORDER, end, last)
         ends = np.take_along_axis(depth, np.stack([last, first], axis=-1), axis=-1)
         shown &= ends[..., 1] - ends[..., 0] > jump
-        # What lies in front of the surface hides where that ends.
+        until = np.where(far.any(axis=-1), first, STEPS.size)
+        between = (step > last[..., None]) & (step < until[..., None])
+        # What lies in front of the surface hides where that ends. Of a side that is
+        # mostly hidden, outliers before the occluder would be left.
         in_front = between & (depth > 0) & (depth < ends[..., :1] - jump)
-        shown &= ~in_front.any(axis=-1)
+        is_hidden = in_front.any(axis=-1)
+        shown &= ~is_hidden
+        is_side_hidden = np.sum(is_hidden, axis=1) >= np.sum(shown, axis=1)
+        shown &= ~is_side_hidden[:, None]
     return STEPS[last], STEPS[first], shown
 
 
@@ -235,7 +240,7 @@ def _lasting(
 ) -> Bool[np.ndarray, "2 s t"]:
     """Marks that are followed by another `LASTING` pixels on: no single outliers."""
     pixels = np.abs(places[0, 0, -1] - places[0, 0, 0]).max() / (STEPS.size - 1)
-    ahead = min(max(int(np.ceil(LASTING / pixels)), 1), STEPS.size - 1)
+    ahead = int(np.clip(np.ceil(LASTING / max(pixels, 1e-9)), 1, STEPS.size - 1))
     marks[..., :-ahead] &= marks[..., ahead:]
     marks[..., -ahead:] = False
     return marks

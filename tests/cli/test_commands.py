@@ -171,6 +171,7 @@ def test_dials_that_do_not_go_together_are_refused(rendered, call, capfd):
 
 
 @SMALL_IMAGES
+@RELEASE
 def test_failed_fit_exits_with_1_and_writes_its_files(rendered, tmp_path, call, capfd):
     row, col = np.mgrid[0:120, 0:160]
     box = 0.5 + 0.002 * np.abs(col - 80) + 0.001 * np.abs(row - 60)

@@ -145,6 +145,7 @@ def test_a_tube_is_fitted_and_a_can_tested_for_a_bore(fit, folder):
     assert record_of(folder)["bore"]["needed"] is True
 
 
+@RELEASE
 def test_a_frustum_is_fitted_from_a_start(fit, folder):
     truth, half = can(), 0.06
     ends = (np.asarray(truth.center + sign * half * truth.axis) for sign in (-1, 1))

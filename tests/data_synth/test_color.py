@@ -25,7 +25,7 @@ from impostor_jax.io.color_image import srgb
 from impostor_jax.io.dataset import read_dataset
 from impostor_jax.primitives import PRIMITIVES
 from tests.data_synth.small import HEIGHT, SMALL, WIDTH, checksums, small_dataset
-from tests.groups import DATASETS
+from tests.groups import DATASETS, RELEASE
 
 pytestmark = DATASETS
 COLORED = dataclasses.replace(
@@ -54,6 +54,7 @@ def labels(folder, name):
         yield from ((scene, int(number), label) for number, label in found.items())
 
 
+@RELEASE
 def test_a_picture_is_that_of_the_labels(colored):
     seen = set()
     pairs = zip(

@@ -23,7 +23,7 @@ from impostor_jax.__main__ import main
 from impostor_jax.io.dataset import read_dataset
 from impostor_jax.primitives import PRIMITIVES
 from tests.data_synth.small import HEIGHT, SMALL, WIDTH, small_dataset
-from tests.groups import DATASETS
+from tests.groups import DATASETS, RELEASE
 
 pytestmark = DATASETS
 MIXED = ("mixed_table", "no_cylinders")
@@ -227,7 +227,7 @@ def empty(tmp_path_factory):
     return {layout: home / layout for layout in ("bop", "webdataset")}
 
 
-@pytest.mark.parametrize("layout", ["bop", "webdataset"])
+@pytest.mark.parametrize("layout", [pytest.param("bop", marks=RELEASE), "webdataset"])
 def test_images_without_cylinders_are_written_and_read(empty, layout, tmp_path, capsys):
     folder = empty[layout]
     images = list(read_dataset(folder))

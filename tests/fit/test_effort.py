@@ -31,6 +31,7 @@ def test_losses_agree_on_normal_noise():
     assert_equal_to_a_fifth_of_a_deviation(fit, fitted("balanced"))
 
 
+@RELEASE
 def test_exact_fits_in_double_precision():
     fit, plain = fitted("exact"), fitted("balanced")
     assert fit.success

@@ -136,6 +136,7 @@ def test_a_mask_that_is_too_large_before_a_wall_costs_nothing():
 
 
 @pytest.mark.parametrize("degrees", [45, 60, 75])
+@RELEASE
 def test_a_mask_made_from_readings_leaves_out_mixed_ones(degrees):
     # It ends short of the can, whose height was 6 to 13 deviations too small.
     sensor, truth = ij.FlyingPixels(ij.ConstantNoise(SIGMA)), can(degrees)

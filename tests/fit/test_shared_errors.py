@@ -23,6 +23,7 @@ def fitted(sensor, **options):
     return ij.fit_cylinder(depth, CAMERA, mask, sensor, **options)
 
 
+@RELEASE
 def test_an_error_of_scale_is_in_every_length_and_no_angle():
     plain, scaled = fitted(NOISE), fitted(SCALED)
     share = scaled.std_budget["scale"]

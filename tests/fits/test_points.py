@@ -8,7 +8,7 @@ import impostor_jax as ij
 from impostor_jax.geometry.rays import Ray
 from impostor_jax.geometry.vec3 import Vec3
 from tests.fit.scenes import CAMERA, SIGMA, can, image
-from tests.groups import FULL, OF_POINTS, RELEASE
+from tests.groups import OF_POINTS, RELEASE
 from tests.schemas import validator
 
 pytestmark = OF_POINTS
@@ -122,7 +122,7 @@ def test_coordinates_that_rounding_spoils_are_refused(seen):
         of_points(points, offset)
 
 
-@pytest.mark.parametrize("precision", [None, pytest.param("float64", marks=FULL)])
+@pytest.mark.parametrize("precision", [None, pytest.param("float64", marks=RELEASE)])
 def test_points_in_double_precision_need_no_offset(seen, precision):
     offset = np.array([5e5, 5.4e6, 300.0])
     points = points_of(*seen)

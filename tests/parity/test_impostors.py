@@ -12,6 +12,7 @@ from impostor_jax.parity.compare import compare
 from impostor_jax.parity.flat_cases import random_heights, seen_pose
 from impostor_jax.parity.run import drawn_by_jax
 from impostor_jax.primitives import PRIMITIVES
+from tests.groups import RELEASE
 
 CAMERA = ij.PinholeCamera(150.0, 140.0, 70.0, 66.0, width=160, height=120)
 MOST_ATTRIBUTES = 16
@@ -87,6 +88,7 @@ def ground(shape, center, interpolation="bilinear"):
     return ij.Heightfield(heights, extent, interpolation, world_from_field=pose)
 
 
+@RELEASE
 def test_heightfields_of_any_grids_share_a_texture(renderer):
     """One of two samples a side, and one of more than a row of the texture."""
     grounds = [

@@ -136,7 +136,7 @@ def nested():
     return (bored.transformed(pose()) | cup) - ball
 
 
-@FULL
+@RELEASE
 @pytest.mark.usefixtures("double")
 def test_derivatives_are_those_of_differences():
     solid = nested()

@@ -7,6 +7,8 @@ import sys
 
 import pytest
 
+from tests.groups import RELEASE
+
 # Arguments: number of processes, which of them, and where they meet.
 PROGRAM = """
 import sys
@@ -71,7 +73,7 @@ for function in (depth, loss, jax.grad(loss)):
 """
 
 
-@pytest.mark.parametrize("count", [1, 2])
+@pytest.mark.parametrize("count", [pytest.param(1, marks=RELEASE), 2])
 def test_renders_and_gradients_stay_on_four_devices_and_exchange_no_image(count):
     flags = f"--xla_force_host_platform_device_count={4 // count}"
     environment = os.environ | {"XLA_FLAGS": f"{os.environ['XLA_FLAGS']} {flags}"}

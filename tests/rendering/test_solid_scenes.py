@@ -12,7 +12,7 @@ from impostor_jax.geometry.vec3 import Vec3
 from impostor_jax.io.parts import members
 from impostor_jax.rendering.group import lies_alone
 from tests.cases import pose
-from tests.groups import FULL, RELEASE
+from tests.groups import RELEASE
 
 CAMERA = ij.PinholeCamera(24.0, 24.0, 11.5, 7.5, 24, 16)
 
@@ -100,7 +100,7 @@ def test_members_of_a_batch_with_a_ground_lie_alone():
     assert second.primitives.shapes[0].radius.shape == (1,)
 
 
-@FULL
+@RELEASE
 @pytest.mark.parametrize("more", [[], pytest.param([ground()], marks=RELEASE)], ids=len)
 def test_solids_in_a_scene_are_seen_as_alone(more):
     shapes = [*mixed(), *more]

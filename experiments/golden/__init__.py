@@ -1,0 +1,1 @@
+"""What does the package say of images and clouds that an earlier version has seen?"""
