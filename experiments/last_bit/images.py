@@ -83,8 +83,9 @@ def desk(folder: Path) -> Image:
 
 def moved_by_one_ulp(image: Image, rng: np.random.Generator) -> Image:
     """Each reading is the next larger or the next smaller number of its type."""
-    depth = image.depth
-    ends = np.where(rng.random(depth.shape) < 0.5, np.inf, -np.inf).astype(depth.dtype)
+    # Of single precision, in which fits compute.
+    depth = image.depth.astype(np.float32)
+    ends = np.where(rng.random(depth.shape) < 0.5, np.inf, -np.inf).astype(np.float32)
     moved = np.where(depth > 0, np.nextafter(depth, ends), depth)
     return dataclasses.replace(image, depth=moved)
 
