@@ -28,6 +28,7 @@ LONG = (
     "fit_shapes",
     "fit_tubes",
     "fit_views",
+    "golden",
     "last_bit",
     "mask_errors",
     "published_faults",
