@@ -1,11 +1,11 @@
 """Fits of many images by one program, and their errors beside the bound."""
 
-__all__ = ["Fits", "bias", "fit_all", "over_bound"]
+__all__ = ["NORMAL_95", "Fits", "bias", "fit_all", "in_turn", "over_bound"]
 
 import dataclasses
 import time
 from collections.abc import Callable, Iterator, Sequence
-from typing import Any
+from typing import Any, TypeVar
 
 import jax
 import numpy as np
@@ -15,6 +15,12 @@ import impostor_jax as ij
 from experiments.errors import bound, error
 from experiments.recording import Metric
 from experiments.scenes import Shape, View
+
+NORMAL_95 = 1.96
+"""Half the width of the 95 percent interval of a normal deviate."""
+
+Case = TypeVar("Case")
+Said = TypeVar("Said")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -75,6 +81,19 @@ def fit_all(
         failures=len(views) - len(good),
         milliseconds=1e3 * float(np.median(seconds)),
     )
+
+
+def in_turn(
+    program: Callable[[Case], Said], cases: Sequence[Case]
+) -> tuple[list[Said], float]:
+    """What a program says of each case, and the median time in milliseconds."""
+    program(cases[0])  # compiles, which takes no part in its time
+    said, seconds = [], []
+    for case in cases:
+        start = time.perf_counter()
+        said.append(program(case))
+        seconds.append(time.perf_counter() - start)
+    return said, 1e3 * float(np.median(seconds))
 
 
 def over_bound(

@@ -10,7 +10,7 @@ from jaxtyping import Float
 from scipy.optimize import least_squares
 
 import impostor_jax as ij
-from experiments.cross_ray_noise.scenes import Wall
+from experiments.cross_ray_noise.scenes import Wall, across
 
 
 class Estimate(NamedTuple):
@@ -53,9 +53,7 @@ def _fitted(wall: Wall, noise: ij.ConstantNoise) -> Estimate | None:
 
 def _orthogonal(wall: Wall) -> Estimate | None:
     """Least squares of the distances to the wall, from the truth."""
-    one = np.cross(wall.axis, (0, 0, 1.0))
-    one /= np.linalg.norm(one)
-    basis = np.stack([one, np.cross(wall.axis, one)])
+    basis = np.stack(across(wall.axis))
 
     def distances(moved: Float[np.ndarray, "5"]) -> Float[np.ndarray, " n"]:
         axis = wall.axis + moved[2:4] @ basis
@@ -69,10 +67,7 @@ def _orthogonal(wall: Wall) -> Estimate | None:
 
 def _circle(wall: Wall) -> Estimate | None:
     """A circle through the readings seen along the true axis."""
-    one = np.cross(wall.axis, (0, 0, 1.0))
-    one /= np.linalg.norm(one)
-    basis = np.stack([one, np.cross(wall.axis, one)])
-    places = (wall.points - wall.center) @ basis.T
+    places = (wall.points - wall.center) @ np.stack(across(wall.axis)).T
 
     def distances(moved: Float[np.ndarray, "3"]) -> Float[np.ndarray, " n"]:
         return np.linalg.norm(places - moved[:2], axis=1) - wall.radius - moved[2]

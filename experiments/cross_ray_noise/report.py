@@ -23,7 +23,7 @@ QUANTITIES = {
 
 
 def tables(results: Results) -> str:
-    """Each quantity of all programs; at last the intervals of all cases together."""
+    """A table for each quantity: a row for each case, a column for each program."""
     cases = results.cases("", ".learned.failures")
     parts = []
     for quantity, (head, scale, form, is_spread_told) in QUANTITIES.items():

@@ -3,7 +3,6 @@
 __all__ = ["Config", "measure"]
 
 import dataclasses
-import time
 from collections.abc import Iterator, Sequence
 
 import numpy as np
@@ -11,12 +10,9 @@ import numpy as np
 from experiments.cross_ray_noise.programs import OURS, PRACTICE, Program
 from experiments.cross_ray_noise.report import draw, tables
 from experiments.cross_ray_noise.scenes import KINDS, SIZES, Wall, draw_wall
-from experiments.fitting import bias
+from experiments.fitting import NORMAL_95, bias, in_turn
 from experiments.recording import Metric
 from experiments.running import RunConfig, main
-
-NORMAL_95 = 1.96
-"""Half the width of the 95 percent interval of a normal deviate."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -54,18 +50,14 @@ def _compared(reader: str, size: str, kind: str, config: Config) -> Iterator[Met
 
 def _found_by(label: str, program: Program, walls: Sequence[Wall]) -> Iterator[Metric]:
     """Failures and time, mean error, bias over the spread, intervals that hold."""
-    program(walls[0])  # compiles, which takes no part in its time
-    errors, deviations, seconds = [], [], []
-    for wall in walls:
-        start = time.perf_counter()
-        estimate = program(wall)
-        seconds.append(time.perf_counter() - start)
+    said, median = in_turn(program, walls)
+    errors, deviations = [], []
+    for wall, estimate in zip(walls, said, strict=True):
         if estimate is not None:
             errors.append(estimate.radius - wall.radius)
             deviations.append(estimate.deviation)
     total, n, off = len(walls), len(errors), np.array(errors)
     yield Metric.share(f"{label}.failures", 1 - n / total, total, "lower")
-    median = 1e3 * float(np.median(seconds))
     yield Metric(f"{label}.time", median, None, "ms", "lower", total)
     if n > 1:
         spread = float(np.std(off)) / n**0.5

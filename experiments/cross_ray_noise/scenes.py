@@ -4,7 +4,7 @@ Nothing here is drawn by the package: rays are displaced, and meet the wall by a
 of this file.
 """
 
-__all__ = ["KINDS", "READERS", "SIZES", "Errors", "Wall", "draw_wall"]
+__all__ = ["KINDS", "READERS", "SIZES", "Errors", "Wall", "across", "draw_wall"]
 
 import dataclasses
 
@@ -167,7 +167,7 @@ def _points(
 ) -> Float[np.ndarray, "n 3"]:
     """Points evenly spread over the side of a wall that faces the origin, moved."""
     center, axis, radius = place
-    one, two = _across(axis[None])
+    one, two = across(axis)
     turn = rng.uniform(0, 2 * np.pi, (4 * count, 1))
     normal = np.cos(turn) * one + np.sin(turn) * two
     up = rng.uniform(-height / 2, height / 2, (4 * count, 1))
@@ -176,7 +176,7 @@ def _points(
     far = np.linalg.norm(points, axis=1, keepdims=True)
     unit = points / far
     error = np.hypot(errors.across, errors.angle * far)
-    for direction in _across(unit):
+    for direction in across(unit):
         points = points + direction * error * rng.normal(size=far.shape)
     points = points + unit * rng.normal(0, errors.along, far.shape)
     return np.round(points / errors.grid) * errors.grid if errors.grid else points
@@ -191,13 +191,13 @@ def _moved(
     """Origins and directions of the rays that were read."""
     unit = directions / np.linalg.norm(directions, axis=-1, keepdims=True)
     start, turn = np.zeros_like(directions), np.zeros_like(directions)
-    for direction in _across(unit):
+    for direction in across(unit):
         start += direction * rng.normal(0, 1, (*mask.shape, 1)) * errors.across
         turn += direction * rng.normal(0, 1, (*mask.shape, 1)) * errors.angle
     return start, directions + turn
 
 
-def _across(
+def across(
     unit: Float[np.ndarray, "*batch 3"],
 ) -> tuple[Float[np.ndarray, "*batch 3"], Float[np.ndarray, "*batch 3"]]:
     """Two unit vectors across others."""

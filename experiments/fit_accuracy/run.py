@@ -13,7 +13,7 @@ from jaxtyping import Bool, Float
 import impostor_jax as ij
 from experiments.errors import bound, error
 from experiments.fit_accuracy.report import draw, tables
-from experiments.fitting import Fits, bias, fit_all, over_bound
+from experiments.fitting import NORMAL_95, Fits, bias, fit_all, over_bound
 from experiments.recording import Metric
 from experiments.running import RunConfig, main
 from experiments.scenes import (
@@ -48,9 +48,6 @@ INTERVALS = {
     "correlated": FitCase((40.0, 80.0), 1e-3, 0, 3),
 }
 """Noise whose intervals are counted, both ends of the can in view."""
-
-NORMAL_95 = 1.96
-"""Half the width of the 95 percent interval of a normal deviate."""
 
 
 @dataclasses.dataclass(frozen=True)

@@ -16,6 +16,7 @@ from jaxtyping import Array, Float
 import impostor_jax as ij
 from experiments.errors import COORDINATES
 from experiments.fit_outline.report import TOLD, draw, tables
+from experiments.fitting import NORMAL_95
 from experiments.recording import Metric
 from experiments.running import RunConfig, main
 from experiments.scenes import CAMERA, DISTANCE, HEIGHT, RADIUS, Image
@@ -38,9 +39,6 @@ VIEWS = {
     "along the grid": ((90.0, 90.0), (0.0, 0.0)),
 }
 """Between the axis and the camera's, and its turn in the image."""
-
-NORMAL_95 = 1.96
-"""Half the width of the 95 percent interval of a normal deviate."""
 
 BOUNDED = 10
 """One of so many views whose bound is computed: it hardly differs between them."""

@@ -11,7 +11,7 @@ from jaxtyping import Float
 import impostor_jax as ij
 from experiments.errors import bound
 from experiments.fit_tubes.report import SIZES, draw, tables
-from experiments.fitting import Fits, bias, fit_all, over_bound
+from experiments.fitting import NORMAL_95, Fits, bias, fit_all, over_bound
 from experiments.recording import Metric
 from experiments.running import RunConfig, main
 from experiments.scenes import CAMERA, View, draw_tube, seen_plainly
@@ -34,9 +34,6 @@ ONTO = (20.0, 70.0)
 
 LEVEL = 0.01
 """P-value below which a bore is taken to be needed."""
-
-NORMAL_95 = 1.96
-"""Half the width of the 95 percent interval of a normal deviate."""
 
 BOUNDED = 10
 """One of so many views whose bound is computed: it hardly differs between them."""

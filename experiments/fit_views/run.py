@@ -10,7 +10,7 @@ import numpy as np
 from experiments.errors import error
 from experiments.fit_views.report import COMPARED, draw, tables
 from experiments.fit_views.scenes import Around, draw_around
-from experiments.fitting import bias, over_bound
+from experiments.fitting import NORMAL_95, bias, over_bound
 from experiments.recording import Metric
 from experiments.running import RunConfig, main
 from impostor_jax.fit.fittable import CYLINDER
@@ -19,9 +19,6 @@ NOISE = {"1mm": 1e-3, "3mm": 3e-3}
 
 COUNTS = (1, 2, 4)
 """Views, evenly around the can."""
-
-NORMAL_95 = 1.96
-"""Half the width of the 95 percent interval of a normal deviate."""
 
 BOUNDED = 10
 """One of so many cans whose bound is computed: it hardly differs between them."""

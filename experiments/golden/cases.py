@@ -60,15 +60,15 @@ def _small() -> Iterator[Case]:
         angle = np.radians(degrees)
         axis = (0.3 * np.sin(angle), np.sin(angle), np.cos(angle))
         can = ij.Cylinder((0.01, 0.0, 0.35), axis, scenes.RADIUS, scenes.HEIGHT)
+        maps = ij.render(can, SMALL, outputs=("depth", "mask"))
+        mask = np.asarray(maps.mask)
         for wall in (0.6, np.inf):
             for sigma in (0.001, 0.003):
                 rng = np.random.default_rng(degrees)
-                maps = ij.render(can, SMALL, outputs=("depth", "mask"))
                 depth = np.minimum(np.asarray(maps.depth), wall)
                 depth = depth + rng.normal(0, sigma, depth.shape)
                 depth = np.where(np.isfinite(depth), depth, 0).astype(np.float32)
                 name = f"{degrees} degrees, wall {wall}, {1e3 * sigma:.0f} mm"
-                mask = np.asarray(maps.mask)
                 yield _of_function(
                     name, ij.fit_cylinder, depth, SMALL, mask=mask, sigma=sigma
                 )

@@ -3,6 +3,7 @@
 __all__ = ["Config", "measure"]
 
 import dataclasses
+import itertools
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
@@ -40,7 +41,7 @@ def measure(config: Config) -> Iterator[Metric]:
     before, after = read(Path(__file__).with_name(RECORD)), {}
     for kind, cases in kinds.items():
         found = {}
-        for case, _ in zip(cases(), range(config.cases), strict=False):
+        for case in itertools.islice(cases(), config.cases):
             found[f"{kind}: {case.name}"] = entry_of(case.fit)
         yield from _compared(kind, before, found)
         after |= found

@@ -11,14 +11,12 @@ from pathlib import Path
 import numpy as np
 
 import impostor_jax as ij
+from experiments.fitting import NORMAL_95
 from experiments.real_images.cases import Case, cases_in, drawn_case
 from experiments.real_images.report import draw, tables
 from experiments.recording import Metric
 from experiments.running import RunConfig, main
 from impostor_jax.fit.result import BUDGET
-
-NORMAL_95 = 1.96
-"""Half the width of the 95 percent interval of a normal deviate."""
 
 
 @dataclasses.dataclass(frozen=True)

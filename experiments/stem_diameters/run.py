@@ -4,7 +4,6 @@ __all__ = ["Config", "measure"]
 
 import dataclasses
 import importlib.util
-import time
 from collections.abc import Iterator, Sequence
 
 import numpy as np
@@ -14,7 +13,7 @@ from data_synth.presets import PRESETS
 from data_synth.roughness import Roughness
 from experiments.errors import joint_bound
 from experiments.find_accuracy.program import MissingProgramError
-from experiments.fitting import over_bound
+from experiments.fitting import NORMAL_95, in_turn, over_bound
 from experiments.recording import Metric
 from experiments.running import RunConfig, main
 from experiments.stem_diameters.programs import (
@@ -43,9 +42,6 @@ RADIUS = CYLINDER.coordinates.index("radius")
 
 GROSS = 0.5
 """Part of its diameter by which an estimate is off that counts as a failure."""
-
-NORMAL_95 = 1.96
-"""Half the width of the 95 percent interval of a normal deviate."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -172,16 +168,13 @@ class Found:
 
 def _found_by(program: Program, scans: Sequence[Scan]) -> Found:
     """Run a program; what is off by far counts as a failure."""
-    program(scans[0])  # compiles, which takes no part in its time
-    errors, deviations, seconds = [], [], []
-    for scan in scans:
-        start = time.perf_counter()
-        estimate = program(scan) or Estimate(np.nan)
-        seconds.append(time.perf_counter() - start)
+    said, median = in_turn(program, scans)
+    errors, deviations = [], []
+    for scan, one in zip(scans, said, strict=True):
+        estimate = one or Estimate(np.nan)
         error = estimate.diameter - scan.diameter
         errors.append(error if abs(error) < GROSS * scan.diameter else np.nan)
         deviations.append(estimate.deviation)
-    median = 1e3 * float(np.median(seconds))
     return Found(np.array(errors), np.array(deviations), median)
 
 

@@ -45,6 +45,7 @@ from impostor_jax.fit.uncertainty import (
 )
 from impostor_jax.numerics import product, safe_divide, safe_sqrt
 from impostor_jax.sensor.across import AcrossRay
+from impostor_jax.sensor.base import AbstractDepthNoise
 
 MOST_CHI2 = 9.0
 """Reduced chi-squared up to which readings may be of the shape, where their noise is
@@ -125,12 +126,7 @@ def assess(problem: Problem, solution: Solution, correlated: bool) -> Assessment
     sign = problem.in_world(solution.body).sign
     body = solution.body.reversed(jnp.where(settings.keep_ends, 1, sign))
     bodies = [view.own(body) for view in views]
-    of_views = computed_once(
-        lambda: [
-            reading_terms(view.pixels, own, view.noise, pixel=view.pixel)
-            for view, own in zip(views, bodies, strict=True)
-        ]
-    )
+    of_views = _readings(views, bodies, [view.noise for view in views])
     readings = joined_readings(of_views, views, body)
     terms, seen = readings.terms, readings.passing
     last = STAGES[-1]
@@ -257,7 +253,13 @@ def assess(problem: Problem, solution: Solution, correlated: bool) -> Assessment
             parts["alignment"] = lean[:, None] * lean[None]
     learns = any(isinstance(view.noise, AcrossRay) for view in views)
     if learns:
-        doubted = joined_readings(_doubted(views, bodies), views, body).terms
+        # Where what was learned of the rays is off by a deviation.
+        noises = [
+            view.noise.doubted() if isinstance(view.noise, AcrossRay) else view.noise
+            for view in views
+        ]
+        of_doubted = _readings(views, bodies, noises)
+        doubted = joined_readings(of_doubted, views, body).terms
         pulls = doubted.gradient * doubted.residual[None]
         pulls -= terms.gradient * terms.residual[None]
         pulls = jnp.sum(jnp.where(tells[None], pulls, 0), axis=1) / widening
@@ -454,17 +456,18 @@ def _leaning(
     return jnp.sum(jnp.stack(pulls), axis=0)
 
 
-def _doubted(views: Sequence[View], bodies: Sequence[AbstractBody]) -> list[Readings]:
-    """Readings of each view where what was learned of its rays is off by a deviation.
+def _readings(
+    views: Sequence[View],
+    bodies: Sequence[AbstractBody],
+    noises: Sequence[AbstractDepthNoise],
+) -> list[Readings]:
+    """What each view's readings say of an estimate, given its noise.
 
     Args:
         views: The views.
         bodies: The estimate, in the frame of each.
+        noises: Of each view.
     """
-    noises = [
-        view.noise.doubted() if isinstance(view.noise, AcrossRay) else view.noise
-        for view in views
-    ]
     return computed_once(
         lambda: [
             reading_terms(view.pixels, own, noise, pixel=view.pixel)

@@ -62,7 +62,6 @@ MOST_INSIDE = 12.0
 """Errors across the ray by which it passes inside the outline, beyond which that is as
 if the wall had none: the density there is 1e-32."""
 
-
 LEAST_ACROSS = 1e-3
 """Error across the ray, in errors along it, that rays have which are said to be exact:
 of none the laws here divide 0 by 0 in places, and 3 of 80 fits with outliers failed."""

@@ -216,14 +216,14 @@ def _bounds(
     far = inside & ~masked if is_outline else _lasting(depth > farthest, places)
     # Background amid the surface is an outlier, or seen through a hole.
     far &= step > last[..., None]
-    first = np.argmax(far, axis=-1)
-    shown = (last >= 0) & far.any(axis=-1)
+    first, follows = np.argmax(far, axis=-1), far.any(axis=-1)
+    shown = (last >= 0) & follows
     if not is_outline:
         end = _last(near & (step < first[..., None]))
         last = np.where(STEPS[end] - STEPS[last] < BORDER, end, last)
         ends = np.take_along_axis(depth, np.stack([last, first], axis=-1), axis=-1)
         shown &= ends[..., 1] - ends[..., 0] > jump
-        until = np.where(far.any(axis=-1), first, STEPS.size)
+        until = np.where(follows, first, STEPS.size)
         between = (step > last[..., None]) & (step < until[..., None])
         # What lies in front of the surface hides where that ends. Of a side that is
         # mostly hidden, outliers before the occluder would be left.

@@ -178,17 +178,15 @@ def test_views_are_fitted_in_a_trace(two, both):
 
 SHAPES = [
     (ij.fit_sphere, ij.Sphere((0.01, 0.005, 0.35), 0.05), {"radius": 0.05}),
-    pytest.param(
+    (
         ij.fit_tube,
         ij.tube((0.01, 0.005, 0.35), (0.3, 0.8, 0.52), 0.04, 0.03, 0.1),
         {"outer_radius": 0.04, "inner_radius": 0.03},
-        marks=RELEASE,
     ),
-    pytest.param(
+    (
         ij.fit_frustum,
         ij.Frustum((0.01, -0.05, 0.33), (0.02, 0.05, 0.38), 0.05, 0.03),
         {"radius1": 0.05, "radius2": 0.03},
-        marks=RELEASE,
     ),
 ]
 
