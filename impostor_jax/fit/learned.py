@@ -65,11 +65,12 @@ def fit_with_learned_rays(
         guess = max(FIRST_GUESS * float(np.median(along)), known)
         fit = fitted(_erring(seen, _Error(guess), known))
         across = _found(fit, known)
-    for _ in range(MOST_ROUNDS):
-        if not fit.is_shape:
+    for _ in range(MOST_ROUNDS if fit.is_shape else 0):
+        told = resumed(_erring(_within(seen, fit), across, known), fit.shape)
+        if not told.is_shape:
+            # With so much nothing is known, and what is left would tell of still more.
             break
-        fit = resumed(_erring(_within(seen, fit), across, known), fit.shape)
-        found = _found(fit, known)
+        fit, found = told, _found(told, known)
         settled = abs(found.size - across.size) <= SETTLED * across.size
         across = found
         if settled:
