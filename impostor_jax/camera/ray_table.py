@@ -5,13 +5,13 @@ what it sees of one object is the image of these rays in a frame that looks ther
 what it measures along them is a depth of that frame.
 """
 
-__all__ = ["RayTable", "Sight", "turned_to"]
+__all__ = ["RayTable", "Sight", "directions_of", "turned_to"]
 
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jax.typing import DTypeLike
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool, Float, Int
 from typing_extensions import override
 
 from impostor_jax.camera.base import AbstractRays
@@ -129,6 +129,29 @@ class RayTable(AbstractRays):
 
 Sight = PinholeCamera | RayTable
 """What a fit sees an object by: rays whose direction has z = 1."""
+
+
+def directions_of(
+    camera: Sight,
+    row: Int[np.ndarray, "*batch"],
+    col: Int[np.ndarray, "*batch"],
+    dtype: DTypeLike,
+) -> tuple[Float[np.ndarray, "*batch"], Float[np.ndarray, "*batch"]]:
+    """Directions (x, y, 1) of a concrete camera's rays, without a device.
+
+    0 where a pixel has no ray.
+    """
+    solved = camera if isinstance(camera, RayTable) else camera.ray_field
+    if solved is not None:
+        x, y = (np.asarray(part)[row, col] for part in (solved.x, solved.y))
+        seen = np.isfinite(x)
+        x, y = np.where(seen, x, 0), np.where(seen, y, 0)
+    else:
+        assert isinstance(camera, PinholeCamera)
+        numbers = camera.fx, camera.fy, camera.cx, camera.cy
+        fx, fy, cx, cy = (np.asarray(number, dtype) for number in numbers)
+        x, y = (col.astype(dtype) - cx) / fx, (row.astype(dtype) - cy) / fy
+    return x.astype(dtype), y.astype(dtype)
 
 
 def turned_to(direction: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3 3"]:

@@ -5,18 +5,14 @@ beside the border of a region pull the estimate where the others do, unless they
 something else: of a table that touches the object, say, or mixed at its edge.
 """
 
-__all__ = ["contradiction", "on_border", "reduced_chi2", "strays", "tail"]
+__all__ = ["contradiction", "reduced_chi2", "strays", "tail"]
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Bool, Float
 
 from impostor_jax.numerics import product
-
-BORDER = 4
-"""Pixels along rows and columns within which a reading lies beside a mask's border; two
-of them may have been left out."""
 
 MOST_STRAY = 0.05
 """Share of the border's readings that may lie elsewhere, beside twice that of the other
@@ -88,20 +84,6 @@ def contradiction(
     along = product(vectors.T, pull * size)
     squares = along**2 / jnp.where(tested, values, 1)
     return jnp.sum(jnp.where(tested, squares, 0))
-
-
-def on_border(
-    mask: Bool[Array, "h w"], row: Int[Array, " n"], col: Int[Array, " n"]
-) -> Bool[Array, " n"]:
-    """Which pixels of a mask lie beside its border, along a row or a column."""
-    inner = jnp.ones(row.shape, bool)
-    for step in range(1, BORDER + 1):
-        for down, right in ((step, 0), (-step, 0), (0, step), (0, -step)):
-            # Beyond the image's border nothing is known to lie.
-            near_row = jnp.clip(row + down, 0, mask.shape[0] - 1)
-            near_col = jnp.clip(col + right, 0, mask.shape[1] - 1)
-            inner &= mask[near_row, near_col]
-    return ~inner
 
 
 def strays(

@@ -8,14 +8,12 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Bool, Float, Int, Int8
 
-from impostor_jax.camera.ray_table import RayTable
 from impostor_jax.compiling import computed_once
 from impostor_jax.fit.across import across_found
 from impostor_jax.fit.agreement import (
     contradiction,
-    on_border,
     reduced_chi2,
     strays,
     tail,
@@ -34,7 +32,7 @@ from impostor_jax.fit.evidence import (
 from impostor_jax.fit.posterior import cost_of, explains, hidden_pixels
 from impostor_jax.fit.prior import prior_residuals, scale_left
 from impostor_jax.fit.problem import Problem, View
-from impostor_jax.fit.result import DISAGREEING, Deviations, Fit, of_images
+from impostor_jax.fit.result import DISAGREEING, Deviations, Fit
 from impostor_jax.fit.solve import STAGES, Solution, in_coordinates, spread_of
 from impostor_jax.fit.status import STATUSES, FitStatus, code_of_first
 from impostor_jax.fit.uncertainty import (
@@ -100,6 +98,8 @@ class Assessment(NamedTuple):
         hides_turn: Whether it may hide that the axis is turned by a quarter, too.
         ends_early: Whether readings that it leaves out may lead on from where it ended:
             where its readings are unlikely, or nobody knows.
+        residual: Of each view's readings, in meters as the sensor measures.
+        marks: Of the same: 2 of those on the shape, 1 of others that were used.
     """
 
     fit: Fit
@@ -111,6 +111,8 @@ class Assessment(NamedTuple):
     hides_tilt: Bool[Array, ""]
     hides_turn: Bool[Array, ""]
     ends_early: Bool[Array, ""]
+    residual: Sequence[Float[Array, " n"]] = ()
+    marks: Sequence[Int8[Array, " n"]] = ()
 
 
 def assess(problem: Problem, solution: Solution, correlated: bool) -> Assessment:
@@ -138,7 +140,7 @@ def assess(problem: Problem, solution: Solution, correlated: bool) -> Assessment
     used, depth = readings.used, _of_all([view.pixels.depth for view in views])
     count = jnp.sum(used)
     # As the sensor errs: of a scanner along the ray.
-    length = _of_all([view.length for view in views])
+    length = _of_all([view.pixels.length for view in views])
     meters = jnp.where(used, -readings.off * length, 0)
     spread = spread_of(terms.residual, used)
 
@@ -179,7 +181,7 @@ def assess(problem: Problem, solution: Solution, correlated: bool) -> Assessment
     if bias.scales:
         # What the sensor shows may be larger, and no reading tells.
         into = jnp.pad(into, ((0, 1), (0, 0)))
-    beside = computed_once(lambda: _of_all([_on_border(view) for view in views]))
+    beside = _of_all([view.beside for view in views])
     # A reading of the wall that grazes it beside a rim may be the cap's as well: one of
     # them, if it counts, tells more of the radius than all others.
     at_rim = jnp.abs(seen.rim - seen.cap_radius) < problem.unit
@@ -240,7 +242,7 @@ def assess(problem: Problem, solution: Solution, correlated: bool) -> Assessment
         if correlated:
             slopes, rests = problem.apart(gradient), problem.apart(whitened)
             of_readings = [
-                score_covariance(slope.T, rest, view.row, view.col, view.size)
+                score_covariance(slope.T, rest, view.lattice)
                 for view, slope, rest in zip(views, slopes, rests, strict=True)
             ]
             parts["correlation"] = _sum_of(of_readings) - parts["noise"]
@@ -313,14 +315,8 @@ def assess(problem: Problem, solution: Solution, correlated: bool) -> Assessment
     num_free = jnp.sum(jnp.any(settings.free != 0, axis=0)).astype(chi2.dtype)
     p_value = tail(chi2, num_inliers - num_free)
 
-    def images_with(values: Array) -> list[Array]:
-        return [
-            jnp.zeros(view.size, own.dtype).at[view.row, view.col].set(own, mode="drop")
-            for view, own in zip(views, problem.apart(values), strict=True)
-        ]
-
-    # One image for two: writing pixels one by one takes longer than to compare all.
-    marks = images_with(jnp.where(used, jnp.where(inlier, 2, 1), 0).astype(jnp.int8))
+    # One list for two, and no image: which they are of no program knows.
+    marks = jnp.where(used, jnp.where(inlier, 2, 1), 0).astype(jnp.int8)
     fit = Fit(
         shape=world.shape,
         std=jax.tree.map(lambda value: jnp.where(success, value, jnp.inf), std),
@@ -334,9 +330,9 @@ def assess(problem: Problem, solution: Solution, correlated: bool) -> Assessment
         num_steps=solution.num_steps,
         num_starts=jnp.ones((), int),
         num_agreeing=jnp.ones((), int),
-        residual=of_images(images_with(meters)),
-        inliers=of_images([image == 2 for image in marks]),
-        region=of_images([image > 0 for image in marks]),
+        residual=(),
+        inliers=(),
+        region=(),
         num_pixels=count,
         rms=rms,
         chi2=chi2,
@@ -364,6 +360,8 @@ def assess(problem: Problem, solution: Solution, correlated: bool) -> Assessment
         hides_tilt=hides_tilt,
         hides_turn=hides_tilt & body.is_square & (~is_clear | is_deep),
         ends_early=ends_early,
+        residual=problem.apart(meters),
+        marks=problem.apart(marks),
     )
 
 
@@ -372,13 +370,6 @@ def _radius_is_told(body: AbstractBody, std: Deviations) -> Bool[Array, ""]:
     radii = [name for name in body.coordinates if "radius" in name]
     outer = [std.values[name] for name in radii if name != "inner_radius"]
     return jnp.any(jnp.stack(outer) < body.radius)
-
-
-def _on_border(view: View) -> Bool[Array, " n"]:
-    """Which readings lie beside the border of the object in its image, if it is one."""
-    if isinstance(view.camera, RayTable) and not view.camera.is_image:
-        return jnp.zeros(view.row.shape, bool)
-    return on_border(view.mask, view.row, view.col)
 
 
 def _of_all(parts: Sequence[Array]) -> Array:
@@ -447,7 +438,7 @@ def _leaning(
     for view, score, body, told in views:
         seen = told.passing
         # Per meter of depth, in which the lean is told.
-        score = score * view.length[None]
+        score = score * view.pixels.length[None]
         pulls.append(
             view.noise.bias.lean_pull(
                 score, seen.depth, seen.cos_incidence, view.pixel, body.radius
@@ -470,7 +461,9 @@ def _readings(
     """
     return computed_once(
         lambda: [
-            reading_terms(view.pixels, own, noise, pixel=view.pixel)
+            reading_terms(
+                view.pixels, own, noise, pixel=view.pixel, is_image=view.is_image
+            )
             for view, own, noise in zip(views, bodies, noises, strict=True)
         ]
     )

@@ -15,11 +15,11 @@ import cv2
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Bool, Float
 
-from impostor_jax.camera.ray_table import Sight
 from impostor_jax.fit.body import AbstractBody
-from impostor_jax.fit.problem import gather_pixels, sigma_of
+from impostor_jax.fit.gather import ray_list
+from impostor_jax.fit.problem import RayList, sigma_of
 from impostor_jax.fit.regions import pixel_indices
 from impostor_jax.fit.result import AGREEING, DISAGREEING, Fit
 from impostor_jax.fit.seen import Seen
@@ -131,9 +131,18 @@ def _narrower(region: Bool[np.ndarray, "h w"], width: int) -> Bool[np.ndarray, "
 
 
 def _off(seen: Seen, body: AbstractBody) -> Float[np.ndarray, "h w"]:
+    """How far readings lie off a body, in standard deviations; 0 where there is none.
+
+    Args:
+        seen: The readings.
+        body: In the world frame.
+    """
     row, col = pixel_indices(seen.region)
-    off = _sigmas_off(seen.image, row, col, body, seen.camera, seen.noise)
-    return np.asarray(off)
+    rays = ray_list(seen.image, seen.camera, row, col)
+    off = _sigmas_off(rays, in_camera_frame(body, seen.camera), seen.noise)
+    away = np.zeros(seen.image.shape)
+    away[row[rays.exists], col[rays.exists]] = np.asarray(off)[rays.exists]
+    return away
 
 
 def _refuted(fit: Fit) -> Fit:
@@ -161,25 +170,17 @@ def _own_pixels(
 
 @jax.jit
 def _sigmas_off(
-    image: Float[Array, "h w"],
-    row: Int[Array, " n"],
-    col: Int[Array, " n"],
-    body: AbstractBody,
-    camera: Sight,
-    noise: AbstractDepthNoise,
-) -> Float[Array, "h w"]:
-    """How far readings lie off a body, in standard deviations; 0 where there is none.
+    rays: RayList, body: AbstractBody, noise: AbstractDepthNoise
+) -> Float[Array, " n"]:
+    """A reading near a body that its ray misses is not the body's.
 
-    A reading near a body that its ray misses is not the body's: the core tells radius
-    and place to a small part of a pixel.
+    The core tells radius and place to a small part of a pixel.
     """
-    pixels = gather_pixels(image, camera, row, col)
-    body = in_camera_frame(body, camera)
+    pixels = rays.pixels()
     seen = body.passing(pixels.direction, body.radius / 100, pixels.start)
     read = pixels.depth > 0
     near = jnp.where(read, pixels.depth, 1)
     sigma = sigma_of(noise, pixels, near, seen.cos_incidence)
     away = jnp.abs(pixels.depth - seen.depth) / sigma
     away = jnp.where(seen.is_missed, jnp.maximum(away, 2 * OFF), away)
-    found = jnp.where(read, away, 0)
-    return jnp.zeros_like(image).at[row, col].set(found, mode="drop")
+    return jnp.where(read, away, 0)

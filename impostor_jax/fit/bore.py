@@ -34,7 +34,7 @@ from impostor_jax.fit.fittable import CYLINDER, TUBE, Fittable
 from impostor_jax.fit.options import Options
 from impostor_jax.fit.posterior import cost_of, hidden_pixels
 from impostor_jax.fit.prior import Prior
-from impostor_jax.fit.problem import Settings, Shown, posed
+from impostor_jax.fit.problem import Settings, Table, posed
 from impostor_jax.fit.request import (
     arguments_of_cylinder,
     checked_noise,
@@ -43,7 +43,7 @@ from impostor_jax.fit.request import (
     views_given,
 )
 from impostor_jax.fit.result import BoreTest, Fit
-from impostor_jax.fit.seen import pixels_shown, seen_by
+from impostor_jax.fit.seen import seen_by, shown_by
 from impostor_jax.fit.shapes import fit_shape
 from impostor_jax.numerics import nan_where
 from impostor_jax.primitives.base import in_camera_frame
@@ -154,7 +154,9 @@ def _costs(held: dict[str, Any]) -> Any:
                 )
                 for view, camera in zip(views, cameras, strict=True)
             ]
-            shown = tuple(pixels_shown(one, effort.readings) for one in seen)
+            shown = tuple(
+                shown_by(one.without_edges(), effort.readings) for one in seen
+            )
             settings = checked_settings(kind, plain, None, sigma)
             known = checked_prior(None, kind.parameters, None)
             compiled = quickly_compiled(_cost, static_argnames="kernel")
@@ -165,16 +167,22 @@ def _costs(held: dict[str, Any]) -> Any:
 
 
 def _cost(
-    shown: tuple[Shown, ...],
+    shown: tuple[Table, ...],
     prior: Prior,
     settings: Settings,
     body: AbstractBody,
     kernel: str,
 ) -> Float[Array, ""]:
     problem = posed(shown, prior, settings, kernel)
-    body = in_camera_frame(body, shown[0].camera)
+    body = body.transformed(shown[0].camera_from_world)
     readings = [
-        reading_terms(view.pixels, view.own(body), view.noise, pixel=view.pixel)
+        reading_terms(
+            view.pixels,
+            view.own(body),
+            view.noise,
+            pixel=view.pixel,
+            is_image=view.is_image,
+        )
         for view in problem.views
     ]
     return cost_of(problem, body, readings, hidden_pixels(problem, body))

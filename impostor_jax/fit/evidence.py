@@ -140,6 +140,7 @@ def reading_terms(
     noise: AbstractDepthNoise,
     soft: Float[Array, ""] | float = 0.0,
     pixel: Float[Array, ""] | float = 0.0,
+    is_image: bool | Bool[Array, ""] = True,
 ) -> Readings:
     """One term for each reading, weighed as the sensor errs.
 
@@ -157,6 +158,7 @@ def reading_terms(
             can move it across pixels; where it is less than `GRAZING` standard
             deviations, no reading is blunted and grazing ones are compared in squares.
         pixel: Distance of neighboring rays over the depth.
+        is_image: As of `View`.
     """
     soft = soft * body.radius
     seen = computed_once(
@@ -185,7 +187,9 @@ def reading_terms(
         steadiness = 1.0
     else:
         moved = computed_once(
-            lambda: moved_rays(pixels, body, noise.bias, seen, sigma, folded, reach)
+            lambda: moved_rays(
+                pixels, body, noise.bias, seen, sigma, folded, reach, is_image
+            )
         )
         weight, squares = jnp.where(used, moved.weight, 0), moved.squares
         steadiness = moved.steadiness

@@ -16,7 +16,8 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from impostor_jax.camera.ray_table import Sight
-from impostor_jax.fit.problem import gather_pixels, sigma_of
+from impostor_jax.fit.gather import ray_list
+from impostor_jax.fit.problem import RayList, sigma_of
 from impostor_jax.fit.tube_body import TubeBody
 from impostor_jax.primitives.base import in_camera_frame
 from impostor_jax.sensor.base import AbstractDepthNoise
@@ -74,7 +75,8 @@ def floor_pixels(
         camera: The camera.
         noise: Of the readings.
     """
-    found = _readings_within(image, row, col, body, camera, noise)
+    rays = ray_list(image, camera, row, col)
+    found = _readings_within(rays, in_camera_frame(body, camera), noise)
     within, front, deep, wall, sigma = map(np.asarray, found)
     none = np.zeros(image.shape, bool)
     off = within & (front > OFF) & (deep > 0)
@@ -102,15 +104,9 @@ def floor_pixels(
 
 @jax.jit
 def _readings_within(
-    image: Float[Array, "h w"],
-    row: Int[Array, " n"],
-    col: Int[Array, " n"],
-    body: TubeBody,
-    camera: Sight,
-    noise: AbstractDepthNoise,
+    rays: RayList, body: TubeBody, noise: AbstractDepthNoise
 ) -> _Within:
-    pixels = gather_pixels(image, camera, row, col)
-    body = in_camera_frame(body, camera)
+    pixels = rays.pixels()
     seen = body.passing(pixels.direction, body.radius / 100, pixels.start)
     read = (pixels.depth > 0) & pixels.exists
     near = jnp.where(read, pixels.depth, 1)

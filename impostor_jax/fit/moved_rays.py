@@ -39,7 +39,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jax.scipy.stats import norm
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from impostor_jax.fit.body import AbstractBody, Passing
 from impostor_jax.fit.problem import Pixels
@@ -134,6 +134,7 @@ def moved_rays(
     sigma: Float[Array, " n"],
     folded: Float[Array, " n"],
     reach: Float[Array, " n"],
+    is_image: bool | Bool[Array, ""],
 ) -> MovedRays:
     """What readings are compared with, given that their rays err.
 
@@ -146,6 +147,7 @@ def moved_rays(
         folded: Squared places of the readings along them, from the nearest approach;
             negative of those far behind it.
         reach: These places.
+        is_image: Whether the readings were chosen by their rays.
     """
     d = seen.local.direction
     length, inverse = d.dot(d), jnp.abs(seen.inverse)
@@ -156,12 +158,16 @@ def moved_rays(
     slant = jnp.maximum(inverse - 1 / length, 0)
     rays = _Rays(along, across, seen.square, radius, inverse, slant, body.bends)
     squares = seen.square - folded
-    if pixels.is_image:
+
+    def by_rays() -> tuple[_Law, Passing]:
         law = _by_rays(rays)
-        passing = eqx.tree_at(lambda p: p.square, seen, law.h)
-    else:
+        return law, eqx.tree_at(lambda p: p.square, seen, law.h)
+
+    def by_points() -> tuple[_Law, Passing]:
         law = _by_points(rays, squares)
-        passing = body.moved_across(seen, law.h)
+        return law, body.moved_across(seen, law.h)
+
+    law, passing = jax.lax.cond(is_image, by_rays, by_points)
     squares = squares + law.mean
     # Beyond a few deviations by the distance from the axis, and what that varies by:
     # squares of outliers only ever widen a wall, and a wall of no size has none. What

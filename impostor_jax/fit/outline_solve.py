@@ -40,6 +40,7 @@ from impostor_jax.fit.silhouette import (
 )
 from impostor_jax.fit.solve import spread_of
 from impostor_jax.numerics import product
+from impostor_jax.primitives.base import in_camera_frame
 
 RIDGE = 3e-3
 """Inverse width, in pixels of motion, of the prior that keeps what the mask leaves open
@@ -154,7 +155,7 @@ def outline_problem(
         row=own_row,
         col=own_col,
         sigma=sigma,
-        prior=prior.in_camera_frame(camera),
+        prior=in_camera_frame(prior, camera),
         settings=settings,
         camera=camera,
         kernel=kernel,

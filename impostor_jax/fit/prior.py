@@ -10,8 +10,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from impostor_jax.camera.base import AbstractRays
 from impostor_jax.fit.body import AbstractBody
+from impostor_jax.geometry.frames import RigidTransform
 from impostor_jax.sensor.bias import Bias
 
 Numbers = Float[Array, "..."] | Float[np.ndarray, "..."]
@@ -42,11 +42,8 @@ class Prior(eqx.Module):
     inner_radius: Belief | None = None
     height: Belief | None = None
 
-    def in_camera_frame(self, camera: AbstractRays) -> "Prior":
-        """Express a prior of the world in the frame of a camera."""
-        move = camera.camera_from_world
-        if move is None:
-            return self
+    def transformed(self, move: RigidTransform) -> "Prior":
+        """Express a prior of one frame in another, as of the world in a camera's."""
         center, axis = self.center, self.axis
         if center is not None:
             center = (move.apply(jnp.asarray(center[0])), center[1])

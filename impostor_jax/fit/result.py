@@ -49,6 +49,8 @@ from impostor_jax.text import described, text_or_repr
 
 Shape = TypeVar("Shape", bound=AbstractPrimitive)
 Image = TypeVar("Image")
+Residuals = Float[Array, "*image"] | Float[np.ndarray, "*image"]
+Flags = Bool[Array, "*image"] | Bool[np.ndarray, "*image"]
 
 TOLD = {
     Cylinder: ("center", "axis", "radius", "height"),
@@ -350,9 +352,9 @@ class Fit(eqx.Module):
     num_steps: Int[Array, "*batch"]
     num_starts: Int[Array, "*batch"]
     num_agreeing: Int[Array, "*batch"]
-    residual: Float[Array, "*image"] | tuple[Float[Array, "h w"], ...]
-    inliers: Bool[Array, "*image"] | tuple[Bool[Array, "h w"], ...]
-    region: Bool[Array, "*image"] | tuple[Bool[Array, "h w"], ...]
+    residual: Residuals | tuple[Residuals, ...]
+    inliers: Flags | tuple[Flags, ...]
+    region: Flags | tuple[Flags, ...]
     num_pixels: Int[Array, "*batch"]
     rms: Float[Array, "*batch"]
     chi2: Float[Array, "*batch"]

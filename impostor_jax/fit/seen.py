@@ -1,18 +1,16 @@
 """An object as an image shows it, on the host: all that a fit is told of one view."""
 
-__all__ = ["Seen", "pixels_shown", "seen_by"]
+__all__ = ["Seen", "seen_by", "shown_by"]
 
 from typing import NamedTuple
 
-import jax
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Bool, Float
 
-from impostor_jax.camera.base import AbstractRays
-from impostor_jax.camera.pinhole import PinholeCamera
 from impostor_jax.camera.ray_table import RayTable, Sight, turned_to
-from impostor_jax.fit.problem import Shown
+from impostor_jax.camera.spherical import SphericalCamera
+from impostor_jax.fit.gather import table_of
+from impostor_jax.fit.problem import Table
 from impostor_jax.fit.regions import pixel_indices, without_edges
 from impostor_jax.sensor.base import AbstractDepthNoise
 
@@ -32,11 +30,15 @@ class Seen(NamedTuple):
     camera: Sight
     noise: AbstractDepthNoise
 
+    def without_edges(self) -> "Seen":
+        """The same without readings that its noise model does not speak for."""
+        return self._replace(image=np.asarray(without_edges(*self)))
+
 
 def seen_by(
     image: Float[np.ndarray, "h w"],
     mask: Bool[np.ndarray, "h w"],
-    camera: AbstractRays,
+    camera: Sight | SphericalCamera,
     noise: AbstractDepthNoise,
 ) -> Seen:
     """The object that a mask shows, by rays whose direction has z = 1.
@@ -49,8 +51,8 @@ def seen_by(
         camera: Concrete.
         noise: Of the readings.
     """
-    if not isinstance(camera, PinholeCamera | RayTable):
-        direction = np.asarray(_directions(camera), np.float64)
+    if isinstance(camera, SphericalCamera):
+        direction = _directions(camera)
         sight = RayTable.facing(
             direction,
             turned_to(_middle(direction, mask & (image > 0), mask)),
@@ -65,10 +67,13 @@ def seen_by(
     return Seen(image, mask, camera, noise)
 
 
-@jax.jit
-def _directions(camera: AbstractRays) -> Float[Array, "h w 3"]:
-    row, col = camera.frame.pixels()
-    return camera.rays(row, col, jnp.result_type(float)).direction.stack()
+def _directions(camera: SphericalCamera) -> Float[np.ndarray, "h w 3"]:
+    elevation, azimuth = (
+        np.asarray(angle, np.float64) for angle in (camera.elevation, camera.azimuth)
+    )
+    flat = np.cos(elevation)[:, None]
+    down = np.broadcast_to(-np.sin(elevation)[:, None], (len(elevation), len(azimuth)))
+    return np.stack([flat * np.sin(azimuth), down, flat * np.cos(azimuth)], axis=-1)
 
 
 def _middle(
@@ -91,13 +96,17 @@ def _spacing(
     return float(max(found))
 
 
-def pixels_shown(seen: Seen, readings: int | None = None) -> Shown:
-    """What `fit_from` is given of it.
+def shown_by(
+    seen: Seen, readings: int | None = None, correlated: bool = False
+) -> Table:
+    """What `fit_from` is given of an object whose edges are left out already.
 
     Args:
         seen: The object.
         readings: Of an `Effort`.
+        correlated: Whether the covariance allows for correlated residuals.
     """
-    image = np.asarray(without_edges(*seen))
     row, col = pixel_indices(seen.region, readings)
-    return Shown(image, seen.region, row, col, seen.camera, seen.noise)
+    return table_of(
+        seen.image, seen.region, row, col, seen.camera, seen.noise, correlated
+    )

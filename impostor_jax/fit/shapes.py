@@ -20,7 +20,6 @@ import numpy as np
 
 from impostor_jax.arguments import is_concrete, working_precision
 from impostor_jax.camera.pinhole import PinholeCamera
-from impostor_jax.camera.ray_table import Sight
 from impostor_jax.compiling import quickly_compiled
 from impostor_jax.effort import MIN_READINGS, Effort
 from impostor_jax.fit.assess import Assessment, assess
@@ -30,12 +29,13 @@ from impostor_jax.fit.by_point import told_by_point
 from impostor_jax.fit.copied import counted_copies
 from impostor_jax.fit.far import fitted_near
 from impostor_jax.fit.fittable import Fittable, no_guess
+from impostor_jax.fit.gather import table_of
 from impostor_jax.fit.learned import fit_with_learned_rays
 from impostor_jax.fit.measured import with_measured
 from impostor_jax.fit.options import Options
 from impostor_jax.fit.outline_gap import compared_with_outline
 from impostor_jax.fit.prior import Prior
-from impostor_jax.fit.problem import Settings, Shown, posed
+from impostor_jax.fit.problem import Settings, Table, posed
 from impostor_jax.fit.regions import (
     pixel_indices,
     traced_indices,
@@ -56,17 +56,14 @@ from impostor_jax.fit.request import (
     checked_settings,
     views_given,
 )
-from impostor_jax.fit.result import Fit
-from impostor_jax.fit.seen import Seen, pixels_shown, seen_by
+from impostor_jax.fit.result import Fit, of_images
+from impostor_jax.fit.seen import Seen, seen_by, shown_by
 from impostor_jax.fit.solve import solve
 from impostor_jax.fit.stated import tested_by_readings
 from impostor_jax.fit.status import FitStatus
 from impostor_jax.fit.weighing import best_of, likeliest
-from impostor_jax.primitives.base import (
-    AbstractPrimitive,
-    in_camera_frame,
-    in_world_frame,
-)
+from impostor_jax.geometry.frames import RigidTransform
+from impostor_jax.primitives.base import AbstractPrimitive, in_camera_frame
 from impostor_jax.sensor.base import AbstractDepthNoise
 
 CLOSES = 3.0
@@ -193,8 +190,8 @@ def _fit_seen(
         if any(part.region is not one.region for part, one in zip(parts, seen)):  # noqa: B905
             # Only of the whole one a caller says that its edge is the silhouette.
             asked = dataclasses.replace(settings, is_outline=False)
-        shown = tuple(pixels_shown(part, effort.readings) for part in parts)
-        return _fit_pixels(kind, shown, start, prior, asked, effort, correlated)
+        clear = [part.without_edges() for part in parts]
+        return _fit_pixels(kind, clear, start, prior, asked, effort, correlated)
 
     def to_surface(parts: Any) -> Fit:
         return fit_of_one_surface(fitted, kind.body, parts, correlated)
@@ -260,7 +257,7 @@ def _without_foreign(
 
 def _fit_pixels(
     kind: Fittable,
-    shown: tuple[Shown, ...],
+    seen: Sequence[Seen],
     initial: AbstractPrimitive | None,
     prior: Prior,
     settings: Settings,
@@ -271,7 +268,74 @@ def _fit_pixels(
 
     Args:
         kind: What is fitted.
-        shown: The object in each of its images.
+        seen: The object in each of its images, without its edges.
+        initial: In the world frame.
+        prior: In the world frame.
+        settings: What is asked for.
+        effort: How much work it takes.
+        correlated: Whether the covariance allows for correlated residuals.
+    """
+    shown = tuple(shown_by(one, effort.readings, correlated) for one in seen)
+    found = _found_by(kind, seen, shown, initial, prior, settings, effort, correlated)
+    if not found:
+        return no_guess(kind, *(one.region for one in seen))
+    sizes = [one.image.shape for one in seen]
+    fit = best_of(found) if len(found) > 1 else found[0].fit
+    return _told_by_pixel(fit, likeliest(found), shown, sizes)
+
+
+def _told_by_pixel(
+    fit: Fit,
+    found: Assessment,
+    shown: Sequence[Table],
+    sizes: Sequence[tuple[int, int]],
+    xp: Any = np,
+) -> Fit:
+    """A fit with images of what is told of each reading.
+
+    Args:
+        fit: Without them.
+        found: What is said of the readings.
+        shown: Which pixels these are.
+        sizes: Of the images.
+        xp: NumPy, or `jax.numpy` of what is traced.
+    """
+
+    def image(values: Any, table: Table, size: tuple[int, int]) -> Any:
+        if xp is not np:
+            blank = jnp.zeros(size, values.dtype)
+            return blank.at[table.row, table.col].set(values, mode="drop")
+        values, own = np.asarray(values), table.row < size[0]
+        full = np.zeros(size, values.dtype)
+        full[table.row[own], table.col[own]] = values[own]
+        return full
+
+    residuals = [*map(image, found.residual, shown, sizes)]
+    marks = [*map(image, found.marks, shown, sizes)]
+    return dataclasses.replace(
+        fit,
+        residual=of_images(residuals),
+        inliers=of_images([one == 2 for one in marks]),
+        region=of_images([one > 0 for one in marks]),
+    )
+
+
+def _found_by(
+    kind: Fittable,
+    seen: Sequence[Seen],
+    shown: tuple[Table, ...],
+    initial: AbstractPrimitive | None,
+    prior: Prior,
+    settings: Settings,
+    effort: Effort,
+    correlated: bool,
+) -> list[Assessment]:
+    """What the starts of a fit lead to; none where there is no guess.
+
+    Args:
+        kind: As of `_fit_pixels`, like the others.
+        seen: The object.
+        shown: What its images show of it.
         initial: In the world frame.
         prior: In the world frame.
         settings: What is asked for.
@@ -286,12 +350,12 @@ def _fit_pixels(
         )
 
     if initial is not None:
-        found = [fitted(_placed(kind.body, initial, shown[0].camera))]
-        found = _with_closed(kind, found, fitted)
-        return found[0].fit if len(found) == 1 else best_of(found)
-    guesses = _guesses(kind, shown)
+        move = shown[0].camera_from_world
+        found = [fitted(_placed(kind.body, initial, move))]
+        return _with_closed(kind, found, fitted)
+    guesses = _guesses(kind, seen, shown)
     if not guesses:
-        return no_guess(kind, *(np.asarray(one.mask) for one in shown))
+        return []
     found, starts = [], guesses[: effort.starts]
     for guess in starts:
         found.append(fitted(guess))
@@ -304,7 +368,7 @@ def _fit_pixels(
     found = _with_closed(kind, found, fitted)
     best, is_alone = likeliest(found), len(found) == 1
     if is_alone and not (bool(best.hides_turn) or bool(best.ends_early)):
-        return best.fit
+        return found
     bodies = [best.body]
     # And which of a short one's sides its axis is along.
     if effort.starts > 1 and bool(best.hides_turn):
@@ -318,22 +382,24 @@ def _fit_pixels(
     # from there.
     if not is_alone or any(bool(one.ends_early) for one in found):
         found.append(fitted(likeliest(found).body))
-    return best_of(found)
+    return found
 
 
-def _guesses(kind: Fittable, shown: tuple[Shown, ...]) -> list[AbstractBody]:
+def _guesses(
+    kind: Fittable, seen: Sequence[Seen], shown: Sequence[Table]
+) -> list[AbstractBody]:
     """First guesses in the first view's frame: the best of each view, then the others.
 
     Views with more readings come first.
     """
     found = []
-    for one in shown:
-        image, region = np.asarray(one.depth), np.asarray(one.mask)
-        sigma = typical_sigma(image, region, one.noise)
-        guesses = kind.guesses(image, region, one.camera, sigma)
-        if one is not shown[0]:
-            guesses = [_moved(g, one.camera, shown[0].camera) for g in guesses]
-        found.append((np.count_nonzero(image[region]), guesses))
+    moves = [table.camera_from_world for table in shown]
+    for one, move in zip(seen, moves, strict=True):
+        sigma = typical_sigma(one.image, one.region, one.noise)
+        guesses = kind.guesses(one.image, one.region, one.camera, sigma)
+        if one is not seen[0]:
+            guesses = [_moved(g, move, moves[0]) for g in guesses]
+        found.append((np.count_nonzero(one.image[one.region]), guesses))
     found.sort(key=lambda pair: -pair[0])
     ranks = itertools.zip_longest(*(guesses for _, guesses in found))
     return [guess for rank in ranks for guess in rank if guess is not None]
@@ -360,7 +426,7 @@ def _with_closed(
 
 
 def fit_from(
-    shown: tuple[Shown, ...],
+    shown: tuple[Table, ...],
     prior: Prior,
     settings: Settings,
     start: AbstractBody,
@@ -374,16 +440,18 @@ def fit_from(
 
 @partial(jax.jit, static_argnums=0)
 def _placed(
-    body: type[AbstractBody], shape: AbstractPrimitive, camera: Sight
+    body: type[AbstractBody], shape: AbstractPrimitive, move: RigidTransform
 ) -> AbstractBody:
     """In one program: operation by operation it takes a millisecond."""
-    return in_camera_frame(body.of(shape), camera)
+    return body.of(shape).transformed(move)
 
 
 @jax.jit
-def _moved(body: AbstractBody, source: Sight, target: Sight) -> AbstractBody:
+def _moved(
+    body: AbstractBody, source: RigidTransform, target: RigidTransform
+) -> AbstractBody:
     """A body of one camera's frame in that of another."""
-    return in_camera_frame(in_world_frame(body, source), target)
+    return body.transformed(source.inverse()).transformed(target)
 
 
 _closed = partial(jax.jit, static_argnums=0)(lambda close, body: close(body))
@@ -407,14 +475,15 @@ def _fit_traced(
         settings: What is asked for.
         options: As a caller gives them.
     """
-    shown = tuple(
-        _shown_traced(*view, initial, options.effort.readings) for view in views
-    )
-    correlated = any(options.correlated(one.noise) for one in shown)
+    correlated = any(options.correlated(noise) for *_, noise in views)
+    readings = options.effort.readings
+    shown = tuple(_shown_traced(*view, initial, readings, correlated) for view in views)
     settings = dataclasses.replace(settings, refutes=True)
-    start = in_camera_frame(initial, shown[0].camera)
+    start = initial.transformed(shown[0].camera_from_world)
     kernel = options.effort.kernel
-    return fit_from(shown, prior, settings, start, kernel, correlated).fit
+    found = fit_from(shown, prior, settings, start, kernel, correlated)
+    sizes = [depth.shape for depth, *_ in views]
+    return _told_by_pixel(found.fit, found, shown, sizes, jnp)
 
 
 def _shown_traced(
@@ -424,8 +493,9 @@ def _shown_traced(
     noise: AbstractDepthNoise,
     initial: AbstractBody,
     readings: int | None,
-) -> Shown:
-    """An object in an image of which only the run knows.
+    correlated: bool,
+) -> Table:
+    """What an image shows of an object, of which only the run knows.
 
     Raises:
         ValueError: The camera looks all around: which way it is turned to the object is
@@ -450,4 +520,5 @@ def _shown_traced(
         row, col = map(jnp.asarray, pixel_indices(region, readings))
     else:
         row, col = traced_indices(region, readings)
-    return Shown(jnp.asarray(depth), jnp.asarray(region), row, col, camera, noise)
+    depth, region = map(jnp.asarray, (depth, region))
+    return table_of(depth, region, row, col, camera, noise, correlated, jnp)

@@ -289,7 +289,9 @@ def _followed_jvp(given, changes):
         for view in problem.views:
             own = view.own(at)
             pixels = view.pixels
-            readings = reading_terms(pixels, own, view.noise, pixel=view.pixel)
+            readings = reading_terms(
+                pixels, own, view.noise, pixel=view.pixel, is_image=view.is_image
+            )
             terms = readings.terms
             scale = _scale(problem, terms.residual[-BLOCK:], terms.weight[-BLOCK:])
             told = _products(problem, terms, scale)
@@ -408,7 +410,9 @@ def _of_readings(
         first = size - BLOCK * (number + 1)
         cut = partial(jax.lax.dynamic_slice_in_dim, start_index=first, slice_size=BLOCK)
         pixels = jax.tree.map(cut, view.pixels)
-        readings = reading_terms(pixels, body, view.noise, stage.soft, view.pixel)
+        readings = reading_terms(
+            pixels, body, view.noise, stage.soft, view.pixel, view.is_image
+        )
         terms = readings.terms
         scale = jax.lax.cond(
             number == 0,

@@ -18,6 +18,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from impostor_jax.fit.problem import Lattice
 from impostor_jax.numerics import eps, product, safe_divide
 
 MAX_LAG = 13
@@ -110,9 +111,7 @@ def propagated(
 def score_covariance(
     gradient: Float[Array, "n k"],
     residual: Float[Array, " n"],
-    row: Int[Array, " n"],
-    col: Int[Array, " n"],
-    shape: tuple[int, int],
+    lattice: Lattice,
 ) -> Float[Array, "k k"]:
     """Covariance of the sum of gradient times residual, over correlated pixels.
 
@@ -124,15 +123,12 @@ def score_covariance(
     Args:
         gradient: Of the whitened residuals; 0 for terms that do not count.
         residual: Whitened; 0 for terms that do not count.
-        row: Rows of the pixels; one beyond the image does not count.
-        col: Columns of the pixels.
-        shape: Of the image.
+        lattice: Where the pixels lie to each other.
 
     References:
         Conley (1999), "GMM estimation with cross sectional dependence".
     """
-    size = row.shape[0]
-    index = jnp.full(shape, size).at[row, col].set(jnp.arange(size), mode="drop")
+    size = residual.shape[0]
     padded = jnp.concatenate([gradient, jnp.zeros_like(gradient[:1])])
     values = jnp.concatenate([residual, jnp.zeros_like(residual[:1])])
     counts = jnp.where(values != 0, 1, 0).astype(values.dtype)
@@ -149,10 +145,8 @@ def score_covariance(
         total: Float[Array, "k k"], at: tuple[Int[Array, "2"], Float[Array, ""]]
     ):
         lag, window = at
-        near_row, near_col = row + lag[0], col + lag[1]
-        inside = (near_row < shape[0]) & (near_col >= 0) & (near_col < shape[1])
-        other = index.at[near_row, near_col].get(mode="clip")
-        other = jnp.where(inside & (row < shape[0]), other, size)
+        near = lattice.place + lag[0] * lattice.stride + lag[1]
+        other = lattice.index.at[near].get(mode="fill", fill_value=size)
         pairs = jnp.sum(counts[:-1] * counts[other])
         mean = safe_divide(jnp.sum(residual * values[other]), pairs)
         cross = product(gradient.T, padded[other])

@@ -12,7 +12,7 @@ from impostor_jax.compiling import quickly_compiled
 from impostor_jax.fit.fittable import CYLINDER
 from impostor_jax.fit.options import Options
 from impostor_jax.fit.request import checked_noise, checked_prior, checked_settings
-from impostor_jax.fit.seen import Seen, pixels_shown
+from impostor_jax.fit.seen import Seen, shown_by
 from impostor_jax.fit.shapes import fit_from
 from impostor_jax.fit.weighing import best_of
 from tests.fit.bodies import body_of
@@ -27,7 +27,7 @@ def assessed(start, **options):
     """What is said of the can from a start, as a fit does."""
     depth, mask = image()
     asked = Options(**options)
-    shown = pixels_shown(Seen(depth, mask, CAMERA, checked_noise(SIGMA)))
+    shown = shown_by(Seen(depth, mask, CAMERA, checked_noise(SIGMA)))
     settings = checked_settings(CYLINDER, asked, start, SIGMA)
     known = checked_prior(None, CYLINDER.parameters, None)
     run = quickly_compiled(fit_from, static_argnames=("kernel", "correlated"))

@@ -8,8 +8,9 @@ import pytest
 import impostor_jax as ij
 from impostor_jax.fit.evidence import crossing_terms, reading_terms
 from impostor_jax.fit.fittable import CYLINDER
+from impostor_jax.fit.gather import table_of
 from impostor_jax.fit.options import Options
-from impostor_jax.fit.problem import Pixels, Shown, posed
+from impostor_jax.fit.problem import Pixels, posed
 from impostor_jax.fit.regions import pixel_indices
 from impostor_jax.fit.request import checked_prior, checked_settings
 from impostor_jax.fit.round_body import RoundBody
@@ -21,7 +22,8 @@ NOISE = ij.ConstantNoise(0.01)
 
 
 def read_along(direction, depth):
-    return Pixels(direction, depth, jnp.ones(depth.shape, bool))
+    there = jnp.ones(depth.shape, bool)
+    return Pixels(direction, depth, there, jnp.ones_like(depth))
 
 
 @jax.jit
@@ -102,8 +104,11 @@ def edge_of(depth, mask):
     settings = checked_settings(CYLINDER, Options(), None, SIGMA)
     known = checked_prior(None, CYLINDER.parameters, None)
     noise = ij.ConstantNoise(jnp.float32(SIGMA))
-    shown = Shown(depth, mask, *pixel_indices(mask), CAMERA, noise)
-    return posed((shown,), known, settings, kernel="squares").views[0].edge
+    table = table_of(depth, mask, *pixel_indices(mask), CAMERA, noise)
+    problem = jax.jit(posed, static_argnames="kernel")(
+        (table,), known, settings, kernel="squares"
+    )
+    return problem.views[0].edge
 
 
 @jax.jit

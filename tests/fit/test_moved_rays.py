@@ -82,9 +82,10 @@ def seen_as_points(shape, random):
 def scores(kind, shape, direction, depth, is_image, noise):
     """Readings' terms, and the sum of each row of theirs in its standard deviations."""
     double = [jnp.asarray(part, float) for part in (*direction.T, depth)]
-    exists = jnp.ones(len(depth), bool)
-    pixels = Pixels(Vec3(*double[:3]), double[3], exists, is_image=is_image)
-    terms = jax.jit(reading_terms)(pixels, kind.body.of(shape), noise).terms
+    there, one = jnp.ones(len(depth), bool), jnp.ones_like(double[3])
+    pixels = Pixels(Vec3(*double[:3]), double[3], there, one)
+    body = kind.body.of(shape)
+    terms = jax.jit(reading_terms)(pixels, body, noise, is_image=is_image).terms
     gradient, residual = map(np.asarray, (terms.gradient, terms.residual))
     each = gradient * residual
     spread = np.sqrt(np.sum(each**2, axis=1))

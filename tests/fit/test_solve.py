@@ -13,7 +13,7 @@ from impostor_jax.fit.fittable import SPHERE
 from impostor_jax.fit.options import Options
 from impostor_jax.fit.problem import posed
 from impostor_jax.fit.request import checked_noise, checked_prior, checked_settings
-from impostor_jax.fit.seen import Seen, pixels_shown
+from impostor_jax.fit.seen import Seen, shown_by
 from impostor_jax.fit.solve import solve, spread_of
 from impostor_jax.fit.sphere_body import SphereBody
 from tests.checks import QUICKLY
@@ -31,7 +31,7 @@ def problem_of(tolerance, prior=None, meaning="region"):
     options = Options(mask_meaning=meaning, prior=prior)
     settings = checked_settings(kind, options, ball(), SIGMA)
     settings = dataclasses.replace(settings, tolerance=tolerance)
-    shown = pixels_shown(Seen(depth.astype(float), mask, CAMERA, noise))
+    shown = shown_by(Seen(depth.astype(float), mask, CAMERA, noise))
     known = checked_prior(prior, kind.parameters, ball())
     return posed((shown,), known, settings, kernel="geman_mcclure")
 

@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 from impostor_jax.fit import uncertainty
+from impostor_jax.fit.gather import lattice_of
 
 covariance_root = jax.jit(uncertainty.covariance_root)
-score_covariance = jax.jit(uncertainty.score_covariance, static_argnums=4)
+score_covariance = jax.jit(uncertainty.score_covariance)
 propagated = jax.jit(uncertainty.propagated)
 
 
@@ -59,7 +60,7 @@ def test_a_sandwich_has_no_negative_variance():
 
 def pixels_of(shape):
     row, col = (x.ravel() for x in np.mgrid[0 : shape[0], 0 : shape[1]])
-    return jnp.asarray(row), jnp.asarray(col)
+    return row, col
 
 
 def correlated_noise(shape, rng):
@@ -72,7 +73,7 @@ def correlated_noise(shape, rng):
 def test_score_covariance_is_that_of_repeated_draws(correlated):
     shape = (40, 50)
     row, col = pixels_of(shape)
-    x, y = np.asarray(col) / 50 - 0.5, np.asarray(row) / 40 - 0.5
+    x, y = col / 50 - 0.5, row / 40 - 0.5
     gradient = np.stack([np.ones_like(x), x, y], axis=1)
     rng = np.random.default_rng(0)
     draws = [
@@ -86,9 +87,7 @@ def test_score_covariance_is_that_of_repeated_draws(correlated):
             score_covariance(
                 jnp.asarray(gradient, jnp.float32),
                 jnp.asarray(draw.ravel() - fitted @ draw.ravel(), jnp.float32),
-                row,
-                col,
-                shape,
+                lattice_of(row, col, shape),
             )
         )
         for draw in draws[:8]
@@ -100,12 +99,36 @@ def test_score_covariance_is_that_of_repeated_draws(correlated):
 
 
 def test_a_pixel_beyond_the_image_does_not_count():
-    row, col = jnp.asarray([0, 0, 9]), jnp.asarray([0, 1, 0])
+    row, col = np.array([0, 0, 9]), np.array([0, 1, 0])
     gradient, residual = jnp.ones((3, 1)), jnp.asarray([1.0, 1, 0])
-    with_it = score_covariance(gradient, residual, row, col, (3, 3))
-    without = score_covariance(gradient[:2], residual[:2], row[:2], col[:2], (3, 3))
+    all_three, first_two = (lattice_of(row[:n], col[:n], (3, 3)) for n in (3, 2))
+    with_it = score_covariance(gradient, residual, all_three)
+    without = score_covariance(gradient[:2], residual[:2], first_two)
     # Its gradient is that of a term that does not count.
     np.testing.assert_allclose(
-        score_covariance(gradient.at[2].set(0), residual, row, col, (3, 3)), without
+        score_covariance(gradient.at[2].set(0), residual, all_three), without
     )
     assert float(with_it[0, 0]) >= float(without[0, 0])
+
+
+def test_pixels_of_one_row_are_no_neighbors_of_the_next_row():
+    # The last columns of a row, and the first of the one below: 29 columns apart.
+    gradient, residual = jnp.ones((4, 1)), jnp.ones(4)
+    row, col = np.array([0, 0, 1, 1]), np.array([28, 29, 0, 1])
+    found = score_covariance(gradient, residual, lattice_of(row, col, (2, 30)))
+    far = score_covariance(gradient, residual, lattice_of(20 * row, col, (21, 30)))
+    np.testing.assert_allclose(found, far, rtol=1e-6)
+
+
+def test_a_lattice_is_the_same_for_pixels_that_only_the_run_knows():
+    row, col = pixels_of((5, 7))
+    row, col = row[::2] + 3, col[::2] + 1
+    residual = jnp.asarray(np.random.default_rng(0).normal(size=len(row)), float)
+    gradient = jnp.stack([residual**2, jnp.ones_like(residual)], axis=1)
+    of_host = lattice_of(row, col, (12, 9))
+    of_run = jax.jit(lambda r, c: lattice_of(r, c, (12, 9), jnp))(row, col)
+    np.testing.assert_allclose(
+        score_covariance(gradient, residual, of_host),
+        score_covariance(gradient, residual, of_run),
+        rtol=1e-5,
+    )

@@ -1,0 +1,240 @@
+"""Lists of an object's rays and readings, made of an image and a camera.
+
+On the host by NumPy, in few sizes, so that no compiled program depends on the image; of
+what is traced by the same functions with JAX's arrays.
+"""
+
+__all__ = ["lattice_of", "ray_list", "table_of"]
+
+import functools
+from types import ModuleType
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.typing import DTypeLike
+from jaxtyping import Array, Bool, Float, Int
+
+from impostor_jax.camera.ray_table import RayTable, Sight, directions_of
+from impostor_jax.fit.problem import BLOCK, Lattice, RayList, Table
+from impostor_jax.fit.surface import cropped
+from impostor_jax.fit.uncertainty import MAX_LAG
+from impostor_jax.geometry.frames import RigidTransform
+from impostor_jax.sensor.base import AbstractDepthNoise
+
+MOST_AT_EDGE = 512
+"""Most pixels at the object's edge that are looked at, spread over all of it."""
+
+SPREAD = 64
+"""Pixels along each side of the image that tell what a solution would hide."""
+
+BORDER = 4
+"""Pixels along rows and columns within which a reading lies beside a mask's border; two
+of them may have been left out."""
+
+Image = Float[Array, "h w"] | Float[np.ndarray, "h w"]
+Mask = Bool[Array, "h w"] | Bool[np.ndarray, "h w"]
+Indices = Int[Array, "..."] | Int[np.ndarray, "..."]
+
+
+def table_of(
+    depth: Image,
+    mask: Mask,
+    row: Indices,
+    col: Indices,
+    camera: Sight,
+    noise: AbstractDepthNoise,
+    correlated: bool = False,
+    xp: ModuleType = np,
+) -> Table:
+    """What an image shows of an object.
+
+    Args:
+        depth: In meters; 0 where there is no reading.
+        mask: Pixels of the object.
+        row: Rows of the object's pixels, as `pixel_indices` orders them; one beyond the
+            image only fills up.
+        col: Columns of the object's pixels.
+        camera: That took the image.
+        noise: Of its readings.
+        correlated: Whether the covariance allows for correlated residuals.
+        xp: NumPy, or `jax.numpy` of what is traced.
+    """
+    height, width = depth.shape
+    edge_row, edge_col = _at_edge(mask, row, col, xp)
+    rows, cols = _all_over(depth.shape)
+    places = (
+        xp.concatenate([own, edge.ravel(), around])
+        for own, edge, around in ((row, edge_row, rows), (col, edge_col, cols))
+    )
+    rays = ray_list(depth, camera, *places, xp)
+    is_object = xp.concatenate(
+        [np.zeros(len(row) + edge_row.size, bool), mask[rows, cols]]
+    )
+    rays = rays._replace(depth=xp.where(is_object, 0, rays.depth))
+    own, dtype = row < height, rays.x.dtype
+    is_image = not isinstance(camera, RayTable) or camera.is_image
+    beside = own & ~_of_pixels(_inner(mask, BORDER, xp), row, col, xp)
+    return Table(
+        rays=rays,
+        inside=_of_pixels(mask, edge_row, edge_col, xp),
+        row=row,
+        col=col,
+        beside=beside & is_image,
+        is_image=is_image,
+        lattice=lattice_of(row, col, depth.shape, xp) if correlated else None,
+        num_blocks=xp.asarray(-(-(len(row) - xp.argmax(own)) // BLOCK), xp.int32),
+        each=xp.asarray(height * width / SPREAD**2, dtype),
+        pixel=xp.asarray(camera.spacing, dtype),
+        camera_from_world=camera.camera_from_world or _still(dtype),
+        noise=noise,
+    )
+
+
+@functools.lru_cache(maxsize=64)
+def _all_over(shape: tuple[int, int]) -> tuple[Indices, Indices]:
+    """Rows and columns of pixels all over an image."""
+    sides = (np.linspace(0, n - 1, SPREAD).astype(int) for n in shape)
+    rows, cols = np.meshgrid(*sides, indexing="ij")
+    return rows.ravel(), cols.ravel()
+
+
+@functools.cache
+def _still(dtype: DTypeLike) -> RigidTransform:
+    """Pose of a camera whose frame is the world's."""
+    with jax.ensure_compile_time_eval():
+        return RigidTransform(np.eye(3, dtype=dtype), np.zeros(3, dtype))
+
+
+def ray_list(
+    depth: Image, camera: Sight, row: Indices, col: Indices, xp: ModuleType = np
+) -> RayList:
+    """What an image holds at some pixels; beyond it there is no reading.
+
+    Args:
+        depth: In meters; 0 where there is no reading.
+        camera: That took the image.
+        row: Rows of the pixels.
+        col: Their columns.
+        xp: As of `table_of`.
+    """
+    exists = (row >= 0) & (row < depth.shape[0]) & (col >= 0) & (col < depth.shape[1])
+    row, col = xp.where(exists, row, 0), xp.where(exists, col, 0)
+    dtype = jax.dtypes.canonicalize_dtype(float)
+    start, length = None, xp.ones(row.shape, dtype)
+    if xp is np:
+        x, y = directions_of(camera, row, col, dtype)
+    else:
+        direction = camera.rays(row, col, dtype).direction
+        x, y = direction.x, direction.y
+    if isinstance(camera, RayTable):
+        length = xp.sqrt(1 + x * x + y * y)
+        if camera.start is not None:
+            start = xp.asarray(camera.start)[row, col].astype(dtype)
+    read = xp.where(exists, depth[row, col], 0).astype(dtype)
+    return RayList(x, y, read, exists, length, start)
+
+
+def _at_edge(
+    mask: Mask, row: Indices, col: Indices, xp: ModuleType
+) -> tuple[Indices, Indices]:
+    """Rows and columns of pixels at the object's edge, and of their neighbors.
+
+    Rows of -1 only fill up.
+    """
+    is_edge = _of_pixels(mask & ~_inner(mask, 1, xp), row, col, xp)
+    count = min(MOST_AT_EDGE, len(row))
+    priority = xp.where(is_edge, _shuffle(len(row)), 0)
+    if xp is np:
+        (found,) = np.nonzero(is_edge)
+        order = np.argsort(-priority[found])
+        chosen = np.zeros(count, int)
+        chosen[: len(found)] = found[order[:count]]
+        is_some = np.arange(count) < len(found)
+    else:
+        priority, chosen = jax.lax.top_k(priority, count)
+        is_some = priority > 0
+    down, right = np.array([[0, 0, 0, -1, 1], [0, -1, 1, 0, 0]])[..., None]
+    row, col = row[chosen][None] + down, col[chosen][None] + right
+    return xp.where(is_some[None], row, -1), col
+
+
+@functools.cache
+def _shuffle(size: int) -> Float[np.ndarray, " n"]:
+    """Fixed priorities, so that the pixels that are kept lie all around the object."""
+    return np.random.default_rng(0).uniform(0.5, 1, size).astype(np.float32)
+
+
+def _of_pixels(flags: Mask, row: Indices, col: Indices, xp: ModuleType) -> Any:
+    """Flags of pixels; beyond the image those of the nearest."""
+    row, col = (
+        xp.clip(place, 0, size - 1)
+        for place, size in zip((row, col), flags.shape, strict=True)
+    )
+    return flags[row, col]
+
+
+def _inner(mask: Mask, reach: int, xp: ModuleType) -> Mask:
+    """Pixels of a mask beside which, along rows and columns, all are so far.
+
+    Beyond the image's border nothing is known to lie.
+    """
+    if xp is np:
+        # In a part of the time of the whole image.
+        rows, cols = cropped(mask)
+        box = tuple(
+            slice(max(side.start - reach, 0), side.stop + reach)
+            for side in (rows, cols)
+        )
+        inner = np.zeros_like(mask)
+        inner[box] = _eroded(mask[box], reach, np)
+        return inner
+    return _eroded(mask, reach, xp)
+
+
+def _eroded(mask: Mask, reach: int, xp: ModuleType) -> Mask:
+    height, width = mask.shape
+    padded = xp.pad(mask, reach, constant_values=True)
+    inner = mask
+    for step in (*range(-reach, 0), *range(1, reach + 1)):
+        first = reach + step
+        inner = inner & padded[first : first + height, reach : reach + width]
+        inner = inner & padded[reach : reach + height, first : first + width]
+    return inner
+
+
+def lattice_of(
+    row: Indices, col: Indices, shape: tuple[int, int], xp: ModuleType = np
+) -> Lattice:
+    """Where pixels lie to each other.
+
+    Args:
+        row: Their rows; one beyond the image only fills up.
+        col: Their columns.
+        shape: Of the image.
+        xp: As of `table_of`.
+    """
+    size, own = len(row), row < shape[0]
+    if xp is np:
+        # Only where pixels are, in few sizes.
+        top, left = (int(place[own].min(initial=10**9)) for place in (row, col))
+        shape = tuple(
+            max(int(place[own].max(initial=-1)) - first + 1, 1)
+            for place, first in ((row, top), (col, left))
+        )
+        row, col = row - top, col - left
+    stride = shape[1] + MAX_LAG - 1
+    places = shape[0] * stride
+    if xp is np:
+        places = next(size * 4**k for k in range(1, 20) if size * 4**k >= places)
+    place = xp.where(own, row * stride + col, places)
+    index = xp.full(places + 1, size, xp.int32)
+    if xp is np:
+        index[place] = np.arange(size)
+        index[-1] = size
+    else:
+        index = index.at[place].set(jnp.arange(size), mode="drop").at[-1].set(size)
+    return Lattice(
+        index[:-1], place.astype(xp.int32), xp.asarray(stride, xp.int32)
+    )
