@@ -107,7 +107,7 @@ ANGLES = np.linspace(0.4, -0.4, 100), np.linspace(-0.4, 0.4, 110)
 MOVED = ij.RigidTransform(np.eye(3), np.array([0.01, 0, 0.05]))
 CAMERAS = [
     pinhole(152, 112, 140.0),
-    pinhole(320, 240, 220.0),
+    pinhole(320, 240, 150.0),
     pinhole(161, 119, 155.0, camera_from_world=MOVED),
     pinhole(170, 120, 150.0, distortion=(0.1, -0.05, 0, 0, 0.01)),
     pinhole(160, 120, 150.0, distortion=(0.1, -0.05, 0, 0), fisheye=True),

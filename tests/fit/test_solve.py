@@ -33,6 +33,7 @@ def problem_of(tolerance, prior=None, meaning="region"):
     settings = dataclasses.replace(settings, tolerance=tolerance)
     shown = shown_by(Seen(depth.astype(float), mask, CAMERA, noise))
     known = checked_prior(prior, kind.parameters, ball())
+    shown = jax.tree.map(jnp.asarray, shown)
     return posed((shown,), known, settings, kernel="geman_mcclure")
 
 
