@@ -100,6 +100,7 @@ class Assessment(NamedTuple):
             where its readings are unlikely, or nobody knows.
         residual: Of each view's readings, in meters as the sensor measures.
         marks: Of the same: 2 of those on the shape, 1 of others that were used.
+        num_ended: Starts that ended there.
     """
 
     fit: Fit
@@ -113,6 +114,7 @@ class Assessment(NamedTuple):
     ends_early: Bool[Array, ""]
     residual: Sequence[Float[Array, " n"]] = ()
     marks: Sequence[Int8[Array, " n"]] = ()
+    num_ended: int | Int[Array, ""] = 1
 
 
 def assess(problem: Problem, solution: Solution, correlated: bool) -> Assessment:

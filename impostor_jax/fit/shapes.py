@@ -36,6 +36,7 @@ from impostor_jax.fit.options import Options
 from impostor_jax.fit.outline_gap import compared_with_outline
 from impostor_jax.fit.prior import Prior
 from impostor_jax.fit.problem import Settings, Table, posed
+from impostor_jax.fit.race import MOST_STARTS, coarse, ends_of, worth_a_fit
 from impostor_jax.fit.regions import (
     pixel_indices,
     traced_indices,
@@ -65,6 +66,10 @@ from impostor_jax.fit.weighing import best_of, likeliest
 from impostor_jax.geometry.frames import RigidTransform
 from impostor_jax.primitives.base import AbstractPrimitive, in_camera_frame
 from impostor_jax.sensor.base import AbstractDepthNoise
+
+MOST_AT_ONCE = 16384
+"""Readings above which no start is fitted to all of them before it is known where it
+leads on a few."""
 
 CLOSES = 3.0
 """Nats by which an image must be likelier without a bore that it does not show, for
@@ -276,11 +281,13 @@ def _fit_pixels(
         correlated: Whether the covariance allows for correlated residuals.
     """
     shown = tuple(shown_by(one, effort.readings, correlated) for one in seen)
-    found = _found_by(kind, seen, shown, initial, prior, settings, effort, correlated)
+    found, num_starts = _found_by(
+        kind, seen, shown, initial, prior, settings, effort, correlated
+    )
     if not found:
         return no_guess(kind, *(one.region for one in seen))
     sizes = [one.image.shape for one in seen]
-    fit = best_of(found) if len(found) > 1 else found[0].fit
+    fit = best_of(found, num_starts) if num_starts > 1 else found[0].fit
     return _told_by_pixel(fit, likeliest(found), shown, sizes)
 
 
@@ -329,8 +336,8 @@ def _found_by(
     settings: Settings,
     effort: Effort,
     correlated: bool,
-) -> list[Assessment]:
-    """What the starts of a fit lead to; none where there is no guess.
+) -> tuple[list[Assessment], int]:
+    """What the starts of a fit lead to, and how many there were; none without a guess.
 
     Args:
         kind: As of `_fit_pixels`, like the others.
@@ -351,38 +358,61 @@ def _found_by(
 
     if initial is not None:
         move = shown[0].camera_from_world
-        found = [fitted(_placed(kind.body, initial, move))]
-        return _with_closed(kind, found, fitted)
-    guesses = _guesses(kind, seen, shown)
-    if not guesses:
-        return []
-    found, starts = [], guesses[: effort.starts]
-    for guess in starts:
-        found.append(fitted(guess))
-        if not effort.all_starts and found[-1].is_clear.item():
-            break
+        found = _with_closed(kind, [fitted(_placed(kind.body, initial, move))], fitted)
+        return found, len(found)
+    starts = _guesses(kind, seen, shown)[: effort.starts]
+    if not starts:
+        return [], 0
+    few = tuple(map(coarse, shown))
+    num_starts, found = 0, []
+
+    def tried(others: Sequence[AbstractBody]) -> None:
+        """Fit those of some starts that may lead to a better end, or another."""
+        nonlocal num_starts
+        for first in range(0, len(others), MOST_STARTS - 1):
+            some = others[first : first + MOST_STARTS - 1]
+            best = likeliest(found) if found else None
+            known = [] if best is None else [best.body]
+            ends = ends_of(few, prior, settings, [*known, *some], effort.kernel)
+            repeats = float(best.repeats) if best and bool(best.fit.success) else 1.0
+            for k, count in worth_a_fit(ends, num_readings, repeats).items():
+                if best is not None and k == 0:
+                    at = next(i for i, one in enumerate(found) if one is best)
+                    found[at] = best._replace(num_ended=int(best.num_ended) + count - 1)
+                    continue
+                end = jax.tree.map(lambda values, k=k: values[k], ends.body)
+                found.append(fitted(end)._replace(num_ended=count))
+            num_starts += len(some)
+
+    num_readings = sum(int(np.count_nonzero(one.image[one.region])) for one in seen)
+    if num_readings > MOST_AT_ONCE:
+        tried(starts)
     else:
+        num_starts, found = 1, [fitted(starts[0])]
+    if effort.all_starts or not any(one.is_clear.item() for one in found):
+        tried(starts[num_starts:])
         # Noise may hide which of two tilts is the true one.
         if effort.starts > 1 and any(bool(one.hides_tilt) for one in found):
-            found += [fitted(_mirrored(start)) for start in starts]
+            tried([_mirrored(start) for start in starts])
     found = _with_closed(kind, found, fitted)
-    best, is_alone = likeliest(found), len(found) == 1
+    best, is_alone = likeliest(found), num_starts == 1
     if is_alone and not (bool(best.hides_turn) or bool(best.ends_early)):
-        return found
+        return found, num_starts
     bodies = [best.body]
     # And which of a short one's sides its axis is along.
     if effort.starts > 1 and bool(best.hides_turn):
-        found.append(fitted(_turned(best.body)))
-        bodies.append(found[-1].body)
+        bodies.append(_turned(best.body))
+        tried(bodies[1:])
     if not is_alone:
         # A guess that leads to one tilt may be too far off, mirrored, for the other.
-        found += [fitted(_mirrored(body)) for body in bodies]
+        tried([_mirrored(body) for body in bodies])
     # Where noise is deep, or an end shows little, a fit may end where readings that it
     # leaves out would not let it, 10 standard deviations off; its first stages lead on
     # from there.
     if not is_alone or any(bool(one.ends_early) for one in found):
         found.append(fitted(likeliest(found).body))
-    return found
+        num_starts += 1
+    return found, num_starts
 
 
 def _guesses(

@@ -210,7 +210,8 @@ class _Staged(optx.AbstractFixedPointSolver):
         share = jnp.where(has_two, jnp.clip(share, -MOST_SUM, MOST_BACK), 0)
         moved = wanted - share * (state.moved + change)
         size = jnp.where(damping == 0, self.norm(moved), jnp.inf)
-        ends = (size < self.limits[state.stage]) | (state.in_stage >= MOST_COARSE - 1)
+        most = jnp.minimum(MOST_COARSE, self.max_steps)
+        ends = (size < self.limits[state.stage]) | (state.in_stage >= most - 1)
         goes_further = ends & ~is_last
         tangent = product(told.basis, moved)
         state = _State(

@@ -51,16 +51,22 @@ class Rival(NamedTuple):
     away: dict[str, Float[np.ndarray, "..."]]
 
 
-def best_of(found: Sequence[Assessment]) -> Fit:
-    """The fit that explains the image best, and what the others say of it."""
+def best_of(found: Sequence[Assessment], num_starts: int | None = None) -> Fit:
+    """The fit that explains the image best, and what the others say of it.
+
+    Args:
+        found: What starts led to.
+        num_starts: How many were tried; as many as were found if None.
+    """
     ranked = sorted(found, key=lambda one: float(one.cost))
-    best, rivals, num_agreeing = ranked[0], [], 1
+    best, rivals = ranked[0], []
+    num_agreeing = int(best.num_ended)
     for one in ranked[1:]:
         if one.fit.status is FitStatus.NOT_FINITE:
             continue
         rival = Rival(one, _apart(best, one))
         if _is_same(best, rival.away):
-            num_agreeing += 1
+            num_agreeing += int(one.num_ended)
         elif _is_solution(one) and not any(
             _is_same(other.found, _apart(other.found, one)) for other in rivals
         ):
@@ -68,7 +74,7 @@ def best_of(found: Sequence[Assessment]) -> Fit:
     fit = dataclasses.replace(
         best.fit,
         num_steps=jnp.array(sum(int(one.fit.num_steps) for one in found)),
-        num_starts=jnp.array(len(found)),
+        num_starts=jnp.array(num_starts or len(found)),
         num_agreeing=jnp.array(num_agreeing),
     )
     rivals = rivals[:MOST_ALTERNATIVES]

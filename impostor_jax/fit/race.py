@@ -1,0 +1,163 @@
+"""Which of several starts are worth a fit to all readings.
+
+All of them run together on the few readings that speak for all, in one small program.
+Most end where another does, or explain these so much worse that the others cannot make
+up for it: on real images nine of ten starts end at costs three times as large as the
+best, after as many steps as they are given.
+"""
+
+__all__ = ["MOST_STARTS", "Ends", "coarse", "ends_of", "worth_a_fit"]
+
+import dataclasses
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int
+
+from impostor_jax.compiling import quickly_compiled
+from impostor_jax.fit.body import AbstractBody
+from impostor_jax.fit.evidence import joined_readings, reading_terms
+from impostor_jax.fit.posterior import cost_of, hidden_pixels
+from impostor_jax.fit.prior import Prior
+from impostor_jax.fit.problem import BLOCK, Settings, Table, posed
+from impostor_jax.fit.solve import solve
+
+MOST_STARTS = 20
+"""That are run together; fewer take less time, but no other program."""
+
+HOPELESS = 100.0
+"""Nats on the readings that speak for all by which a start is worse than the best and
+is dropped. Two ends that explain other halves of them equally well differ by 23, as
+often as not more."""
+
+HOPELESS_RATIO = 10.0
+"""The same for all readings, over those that tell as much as one whose error is its
+own: such an end weighs less than a ten-thousandth of the best."""
+
+MOST_STEPS = 8
+"""Of the solver in each of its stages: whatever ends well does so after two to ten
+steps in all, and others would take as many as they are given."""
+
+SAME = 5.0
+"""Standard deviations, in what the readings tell, up to which two ends are one."""
+
+SAME_COST = 3.0
+"""Nats up to which they are."""
+
+
+class Ends(NamedTuple):
+    """Where starts lead on a few readings.
+
+    Attributes:
+        body: One for each.
+        cost: As of `cost_of`, for these readings.
+        residual: What each leaves of them, in standard deviations.
+    """
+
+    body: AbstractBody
+    cost: Float[Array, " k"]
+    residual: Float[Array, "k n"]
+
+
+def coarse(table: Table) -> Table:
+    """The readings that speak for all."""
+    count = len(table.row)
+    return table._replace(
+        rays=jax.tree.map(lambda values: values[count - BLOCK :], table.rays),
+        row=table.row[-BLOCK:],
+        col=table.col[-BLOCK:],
+        beside=table.beside[-BLOCK:],
+        lattice=None,
+        num_blocks=np.ones((), np.int32),
+    )
+
+
+def ends_of(
+    tables: Sequence[Table],
+    prior: Prior,
+    settings: Settings,
+    starts: Sequence[AbstractBody],
+    kernel: str,
+) -> Ends:
+    """Where starts lead.
+
+    Args:
+        tables: As of `coarse`.
+        prior: In the world frame.
+        settings: What is asked for.
+        starts: At most `MOST_STARTS`, in the first view's frame.
+        kernel: Name of the robust loss.
+    """
+    filled = [*starts, *[starts[-1]] * (MOST_STARTS - len(starts))]
+    stacked = jax.tree.map(lambda *parts: np.stack(parts), *filled)
+    count = np.array(len(starts), np.int32)
+    program = quickly_compiled(_run_all, static_argnames="kernel")
+    ends = program(tuple(tables), prior, settings, stacked, count, kernel=kernel)
+    return jax.tree.map(lambda values: np.asarray(values)[: len(starts)], ends)
+
+
+def _run_all(
+    tables: tuple[Table, ...],
+    prior: Prior,
+    settings: Settings,
+    starts: AbstractBody,
+    count: Int[Array, ""],
+    kernel: str,
+) -> Ends:
+    settings = dataclasses.replace(settings, max_steps=MOST_STEPS)
+    problem = posed(tables, prior, settings, kernel)
+
+    def led(start: AbstractBody) -> Ends:
+        body = solve(problem, start).body
+        told = [
+            reading_terms(
+                view.pixels,
+                view.own(body),
+                view.noise,
+                pixel=view.pixel,
+                is_image=view.is_image,
+            )
+            for view in problem.views
+        ]
+        cost = cost_of(problem, body, told, hidden_pixels(problem, body))
+        joined = joined_readings(told, problem.views, body)
+        residual = jnp.where(joined.used, joined.terms.residual, 0)
+        return Ends(body, cost, residual)
+
+    def step(k: Int[Array, ""], ends: Ends) -> Ends:
+        found = led(jax.tree.map(lambda values: values[k], starts))
+        return jax.tree.map(lambda full, own: full.at[k].set(own), ends, found)
+
+    shapes = jax.eval_shape(led, jax.tree.map(lambda values: values[0], starts))
+    blank = jax.tree.map(lambda x: jnp.zeros((MOST_STARTS, *x.shape), x.dtype), shapes)
+    return jax.lax.fori_loop(0, count, step, blank)
+
+
+def worth_a_fit(ends: Ends, readings: int, repeats: float) -> dict[int, int]:
+    """Ends that may be the best, the likeliest first, and how many starts led there.
+
+    Args:
+        ends: Where starts lead.
+        readings: How many there are in all.
+        repeats: Of these as many as tell what one whose error is its own does.
+    """
+    cost, residual = np.asarray(ends.cost), np.asarray(ends.residual)
+    most = HOPELESS_RATIO * repeats * residual.shape[1] / max(readings, 1)
+    limit = cost.min() + max(HOPELESS, most)
+    kept: dict[int, int] = {}
+    if not np.isfinite(limit):
+        return {0: len(cost)}
+    for k in np.argsort(cost, kind="stable"):
+        if not cost[k] <= limit:
+            break
+        for other in kept:
+            apart = float(np.sum((residual[k] - residual[other]) ** 2))
+            if apart <= SAME**2 and cost[k] - cost[other] <= SAME_COST:
+                kept[other] += 1
+                break
+        else:
+            kept[int(k)] = 1
+    return kept
