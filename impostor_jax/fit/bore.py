@@ -46,7 +46,6 @@ from impostor_jax.fit.result import BoreTest, Fit
 from impostor_jax.fit.seen import seen_by, shown_by
 from impostor_jax.fit.shapes import fit_shape
 from impostor_jax.numerics import nan_where
-from impostor_jax.primitives.base import in_camera_frame
 from impostor_jax.primitives.cylinder import Cylinder
 from impostor_jax.primitives.local_world import LocalWorld
 from impostor_jax.primitives.tube import Tube

@@ -235,6 +235,4 @@ def lattice_of(
         index[-1] = size
     else:
         index = index.at[place].set(jnp.arange(size), mode="drop").at[-1].set(size)
-    return Lattice(
-        index[:-1], place.astype(xp.int32), xp.asarray(stride, xp.int32)
-    )
+    return Lattice(index[:-1], place.astype(xp.int32), xp.asarray(stride, xp.int32))

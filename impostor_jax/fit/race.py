@@ -28,7 +28,7 @@ from impostor_jax.fit.solve import solve
 MOST_STARTS = 20
 """That are run together; fewer take less time, but no other program."""
 
-HOPELESS = 100.0
+HOPELESS = 200.0
 """Nats on the readings that speak for all by which a start is worse than the best and
 is dropped. Two ends that explain other halves of them equally well differ by 23, as
 often as not more."""
@@ -37,15 +37,16 @@ HOPELESS_RATIO = 10.0
 """The same for all readings, over those that tell as much as one whose error is its
 own: such an end weighs less than a ten-thousandth of the best."""
 
-MOST_STEPS = 8
+MOST_STEPS = 12
 """Of the solver in each of its stages: whatever ends well does so after two to ten
 steps in all, and others would take as many as they are given."""
 
 SAME = 5.0
-"""Standard deviations, in what the readings tell, up to which two ends are one."""
+"""Standard deviations, in what all readings tell, up to which two ends are one."""
 
-SAME_COST = 3.0
-"""Nats up to which they are."""
+SETTLED = 1.0
+"""Those in what the few tell, within which ends are one in any case: so far off may
+each be, by the tolerance of the solver; and nats by which they may differ."""
 
 
 class Ends(NamedTuple):
@@ -144,8 +145,11 @@ def worth_a_fit(ends: Ends, readings: int, repeats: float) -> dict[int, int]:
         readings: How many there are in all.
         repeats: Of these as many as tell what one whose error is its own does.
     """
-    cost, residual = np.asarray(ends.cost), np.asarray(ends.residual)
-    most = HOPELESS_RATIO * repeats * residual.shape[1] / max(readings, 1)
+    cost = np.where(np.isfinite(ends.cost), ends.cost, np.inf)
+    residual = np.asarray(ends.residual)
+    share = min(residual.shape[1] / max(readings, 1), 1.0)
+    most = HOPELESS_RATIO * repeats * share
+    same = max(SAME**2 * share, SETTLED**2)
     limit = cost.min() + max(HOPELESS, most)
     kept: dict[int, int] = {}
     if not np.isfinite(limit):
@@ -155,7 +159,7 @@ def worth_a_fit(ends: Ends, readings: int, repeats: float) -> dict[int, int]:
             break
         for other in kept:
             apart = float(np.sum((residual[k] - residual[other]) ** 2))
-            if apart <= SAME**2 and cost[k] - cost[other] <= SAME_COST:
+            if apart <= same and cost[k] - cost[other] <= SETTLED:
                 kept[other] += 1
                 break
         else:

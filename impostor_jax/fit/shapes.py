@@ -67,7 +67,7 @@ from impostor_jax.geometry.frames import RigidTransform
 from impostor_jax.primitives.base import AbstractPrimitive, in_camera_frame
 from impostor_jax.sensor.base import AbstractDepthNoise
 
-MOST_AT_ONCE = 16384
+MOST_AT_ONCE = 65536
 """Readings above which no start is fitted to all of them before it is known where it
 leads on a few."""
 
@@ -380,8 +380,9 @@ def _found_by(
                     at = next(i for i, one in enumerate(found) if one is best)
                     found[at] = best._replace(num_ended=int(best.num_ended) + count - 1)
                     continue
-                end = jax.tree.map(lambda values, k=k: values[k], ends.body)
-                found.append(fitted(end)._replace(num_ended=count))
+                # From where it began: the few readings may lead elsewhere.
+                start = some[k - len(known)]
+                found.append(fitted(start)._replace(num_ended=count))
             num_starts += len(some)
 
     num_readings = sum(int(np.count_nonzero(one.image[one.region])) for one in seen)
@@ -401,8 +402,9 @@ def _found_by(
     bodies = [best.body]
     # And which of a short one's sides its axis is along.
     if effort.starts > 1 and bool(best.hides_turn):
-        bodies.append(_turned(best.body))
-        tried(bodies[1:])
+        found.append(fitted(_turned(best.body)))
+        bodies.append(found[-1].body)
+        num_starts += 1
     if not is_alone:
         # A guess that leads to one tilt may be too far off, mirrored, for the other.
         tried([_mirrored(body) for body in bodies])

@@ -1,0 +1,67 @@
+"""Which of several starts are worth a fit to all readings."""
+
+import numpy as np
+
+import impostor_jax as ij
+from impostor_jax.fit.fittable import CYLINDER
+from impostor_jax.fit.options import Options
+from impostor_jax.fit.problem import BLOCK
+from impostor_jax.fit.race import Ends, coarse, ends_of, worth_a_fit
+from impostor_jax.fit.request import checked_noise, checked_prior, checked_settings
+from impostor_jax.fit.round_body import RoundBody
+from impostor_jax.fit.seen import Seen, shown_by
+from tests.fit.bodies import body_of
+from tests.fit.scenes import CAMERA, SIGMA, can, image
+
+
+def ends_with(cost, residual):
+    """Ends that leave these residuals."""
+    blank = RoundBody.of(can())
+    return Ends(blank, np.array(cost), np.array(residual, float))
+
+
+def test_ends_that_are_hopeless_are_dropped_and_equal_ones_are_one():
+    residual = np.zeros((5, BLOCK))
+    residual[2:] = 1.0
+    # The first two leave the same; the third leaves other residuals at about the same
+    # cost; the fourth is that again, and the last explains the readings far worse.
+    ends = ends_with([500.0, 500.5, 510.0, 510.2, 900.0], residual)
+    assert worth_a_fit(ends, 10 * BLOCK, 1.0) == {0: 2, 2: 2}
+    # Where errors are shared, all readings tell little more than the few.
+    assert worth_a_fit(ends, 2 * BLOCK, 100.0) == {0: 2, 2: 2, 4: 1}
+
+
+def test_ends_that_all_readings_may_tell_apart_are_two():
+    residual = np.zeros((2, BLOCK))
+    residual[1, :4] = 1.0
+    ends = ends_with([500.0, 500.5], residual)
+    assert worth_a_fit(ends, BLOCK, 1.0) == {0: 2}
+    assert worth_a_fit(ends, 20 * BLOCK, 1.0) == {0: 1, 1: 1}
+
+
+def test_an_end_that_is_no_number_is_dropped():
+    ends = ends_with([np.inf, 500.0, np.nan], np.zeros((3, BLOCK)))
+    assert worth_a_fit(ends, BLOCK, 1.0) == {1: 1}
+    none = ends_with([np.inf, np.inf], np.zeros((2, BLOCK)))
+    assert worth_a_fit(none, BLOCK, 1.0) == {0: 2}
+
+
+def started_from(*starts):
+    depth, mask = image()
+    table = shown_by(Seen(depth, mask, CAMERA, checked_noise(SIGMA)))
+    settings = checked_settings(CYLINDER, Options(), None, SIGMA)
+    known = checked_prior(None, CYLINDER.parameters, None)
+    few = coarse(table)
+    return few, ends_of([few], known, settings, starts, "geman_mcclure")
+
+
+def test_starts_lead_to_the_object_on_the_readings_that_speak_for_all():
+    near = ij.Cylinder(can().center, (0.5, 0.6, 0.5), 0.035, 0.1)
+    across = ij.Cylinder(can().center, (0.9, -0.4, 0.1), 0.06, 0.05)
+    few, ends = started_from(body_of(can()), body_of(near), body_of(across))
+    assert few.row.shape == (BLOCK,)
+    assert (few.row < CAMERA.height).all()
+    # Half a millimeter: five hundred readings of 1 mm.
+    np.testing.assert_allclose(ends.body.radius[:2], float(can().radius), atol=5e-4)
+    assert ends.cost[2] > ends.cost[0] + 100
+    assert worth_a_fit(ends, 5000, 1.0) == {0: 2}
