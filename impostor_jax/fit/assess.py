@@ -246,6 +246,7 @@ def assess(problem: Problem, solution: Solution, correlated: bool) -> Assessment
             of_readings = [
                 score_covariance(slope.T, rest, view.lattice)
                 for view, slope, rest in zip(views, slopes, rests, strict=True)
+                if view.lattice is not None
             ]
             parts["correlation"] = _sum_of(of_readings) - parts["noise"]
         scores = problem.apart(score / length[None])

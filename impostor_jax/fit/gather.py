@@ -14,8 +14,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.typing import DTypeLike
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Bool, Float
 
+from impostor_jax.arguments import is_concrete
 from impostor_jax.camera.ray_table import RayTable, Sight, directions_of
 from impostor_jax.fit.problem import BLOCK, Lattice, RayList, Table
 from impostor_jax.fit.surface import cropped
@@ -35,7 +36,8 @@ of them may have been left out."""
 
 Image = Float[Array, "h w"] | Float[np.ndarray, "h w"]
 Mask = Bool[Array, "h w"] | Bool[np.ndarray, "h w"]
-Indices = Int[Array, "..."] | Int[np.ndarray, "..."]
+Indices = Any
+"""Of NumPy or JAX."""
 
 
 def table_of(
@@ -62,20 +64,19 @@ def table_of(
         xp: NumPy, or `jax.numpy` of what is traced.
     """
     height, width = depth.shape
-    edge_row, edge_col = _at_edge(mask, row, col, xp)
-    rows, cols = _all_over(depth.shape)
-    places = (
-        xp.concatenate([own, edge.ravel(), around])
-        for own, edge, around in ((row, edge_row, rows), (col, edge_col, cols))
-    )
-    rays = ray_list(depth, camera, *places, xp)
+    own = row < height
+    at_edge, beside = (own & flags for flags in _at_border(mask, row, col, xp))
+    edge_row, edge_col = _around_some(at_edge, row, col, xp)
+    rows, cols = _all_over((height, width))
+    all_rows = xp.concatenate([row, edge_row.ravel(), rows])
+    all_cols = xp.concatenate([col, edge_col.ravel(), cols])
+    rays = ray_list(depth, camera, all_rows, all_cols, xp)
     is_object = xp.concatenate(
         [np.zeros(len(row) + edge_row.size, bool), mask[rows, cols]]
     )
     rays = rays._replace(depth=xp.where(is_object, 0, rays.depth))
-    own, dtype = row < height, rays.x.dtype
+    dtype = rays.x.dtype
     is_image = not isinstance(camera, RayTable) or camera.is_image
-    beside = own & ~_of_pixels(_inner(mask, BORDER, xp), row, col, xp)
     return Table(
         rays=rays,
         inside=_of_pixels(mask, edge_row, edge_col, xp),
@@ -83,13 +84,20 @@ def table_of(
         col=col,
         beside=beside & is_image,
         is_image=is_image,
-        lattice=lattice_of(row, col, depth.shape, xp) if correlated else None,
+        lattice=lattice_of(row, col, (height, width), xp) if correlated else None,
         num_blocks=xp.asarray(-(-(len(row) - xp.argmax(own)) // BLOCK), xp.int32),
         each=xp.asarray(height * width / SPREAD**2, dtype),
-        pixel=xp.asarray(camera.spacing, dtype),
+        pixel=xp.asarray(_spacing(camera), dtype),
         camera_from_world=camera.camera_from_world or _still(dtype),
         noise=noise,
     )
+
+
+def _spacing(camera: Sight) -> Any:
+    """As the camera has it, which for a pinhole JAX computes, in 20 us."""
+    if isinstance(camera, RayTable) or not is_concrete((camera.fx, camera.fy)):
+        return camera.spacing
+    return 1 / min(float(camera.fx), float(camera.fy))
 
 
 @functools.lru_cache(maxsize=64)
@@ -136,23 +144,43 @@ def ray_list(
     return RayList(x, y, read, exists, length, start)
 
 
-def _at_edge(
-    mask: Mask, row: Indices, col: Indices, xp: ModuleType
+def _at_border(
+    mask: Any, row: Indices, col: Indices, xp: ModuleType
 ) -> tuple[Indices, Indices]:
-    """Rows and columns of pixels at the object's edge, and of their neighbors.
+    """Which pixels of a mask are at its edge, and which within `BORDER` of that."""
+    if xp is np:
+        # In a part of the time of the whole image.
+        box = [
+            slice(max(side.start - BORDER, 0), side.stop + BORDER)
+            for side in cropped(mask)
+        ]
+        mask, row, col = mask[*box], row - box[0].start, col - box[1].start
+    at_edge, beside = ~_eroded(mask, 1, xp), ~_eroded(mask, BORDER, xp)
+    return _of_pixels(at_edge, row, col, xp), _of_pixels(beside, row, col, xp)
+
+
+def _around_some(
+    at_edge: Indices, row: Indices, col: Indices, xp: ModuleType
+) -> tuple[Indices, Indices]:
+    """Rows and columns of pixels at the edge, and of their neighbors.
 
     Rows of -1 only fill up.
+
+    Args:
+        at_edge: Which pixels are.
+        row: Of all pixels.
+        col: Of all pixels.
+        xp: As of `table_of`.
     """
-    is_edge = _of_pixels(mask & ~_inner(mask, 1, xp), row, col, xp)
     count = min(MOST_AT_EDGE, len(row))
-    priority = xp.where(is_edge, _shuffle(len(row)), 0)
     if xp is np:
-        (found,) = np.nonzero(is_edge)
-        order = np.argsort(-priority[found])
+        (found,) = np.nonzero(at_edge)
+        order = np.argsort(-_shuffle(len(row))[found])
         chosen = np.zeros(count, int)
         chosen[: len(found)] = found[order[:count]]
         is_some = np.arange(count) < len(found)
     else:
+        priority = jnp.where(at_edge, _shuffle(len(row)), 0)
         priority, chosen = jax.lax.top_k(priority, count)
         is_some = priority > 0
     down, right = np.array([[0, 0, 0, -1, 1], [0, -1, 1, 0, 0]])[..., None]
@@ -175,25 +203,11 @@ def _of_pixels(flags: Mask, row: Indices, col: Indices, xp: ModuleType) -> Any:
     return flags[row, col]
 
 
-def _inner(mask: Mask, reach: int, xp: ModuleType) -> Mask:
+def _eroded(mask: Mask, reach: int, xp: ModuleType) -> Mask:
     """Pixels of a mask beside which, along rows and columns, all are so far.
 
     Beyond the image's border nothing is known to lie.
     """
-    if xp is np:
-        # In a part of the time of the whole image.
-        rows, cols = cropped(mask)
-        box = tuple(
-            slice(max(side.start - reach, 0), side.stop + reach)
-            for side in (rows, cols)
-        )
-        inner = np.zeros_like(mask)
-        inner[box] = _eroded(mask[box], reach, np)
-        return inner
-    return _eroded(mask, reach, xp)
-
-
-def _eroded(mask: Mask, reach: int, xp: ModuleType) -> Mask:
     height, width = mask.shape
     padded = xp.pad(mask, reach, constant_values=True)
     inner = mask
@@ -216,23 +230,22 @@ def lattice_of(
         xp: As of `table_of`.
     """
     size, own = len(row), row < shape[0]
+    height, width = shape
     if xp is np:
         # Only where pixels are, in few sizes.
         top, left = (int(place[own].min(initial=10**9)) for place in (row, col))
-        shape = tuple(
-            max(int(place[own].max(initial=-1)) - first + 1, 1)
-            for place, first in ((row, top), (col, left))
-        )
         row, col = row - top, col - left
-    stride = shape[1] + MAX_LAG - 1
-    places = shape[0] * stride
+        height, width = (int(place[own].max(initial=0)) + 1 for place in (row, col))
+    stride = width + MAX_LAG - 1
+    places = height * stride
     if xp is np:
         places = next(size * 4**k for k in range(1, 20) if size * 4**k >= places)
     place = xp.where(own, row * stride + col, places)
-    index = xp.full(places + 1, size, xp.int32)
+    pixel_at = xp.full(places + 1, size, xp.int32)
     if xp is np:
-        index[place] = np.arange(size)
-        index[-1] = size
+        pixel_at[place] = np.arange(size)
+        pixel_at[-1] = size
     else:
-        index = index.at[place].set(jnp.arange(size), mode="drop").at[-1].set(size)
-    return Lattice(index[:-1], place.astype(xp.int32), xp.asarray(stride, xp.int32))
+        pixel_at = pixel_at.at[place].set(jnp.arange(size), mode="drop")
+        pixel_at = pixel_at.at[-1].set(size)
+    return Lattice(pixel_at[:-1], place.astype(xp.int32), xp.asarray(stride, xp.int32))

@@ -42,8 +42,9 @@ class Prior(eqx.Module):
     inner_radius: Belief | None = None
     height: Belief | None = None
 
-    def transformed(self, move: RigidTransform) -> "Prior":
-        """Express a prior of one frame in another, as of the world in a camera's."""
+    def transformed(self, target_from_source: RigidTransform) -> "Prior":
+        """Express the same in another frame, as of a camera."""
+        move = target_from_source
         center, axis = self.center, self.axis
         if center is not None:
             center = (move.apply(jnp.asarray(center[0])), center[1])

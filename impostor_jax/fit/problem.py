@@ -148,14 +148,14 @@ class Lattice(NamedTuple):
     """Where the pixels of an object lie to each other, by a number for each place.
 
     Attributes:
-        index: Which pixel is at a place, counted row by row; their number where none
+        pixel_at: Which pixel is at a place, counted row by row; their number where none
             is.
         place: Of each pixel; beyond all places for what only fills up.
         stride: Places from one row to the next; at the end of each there are as many
             without a pixel as the longest lag has columns.
     """
 
-    index: Int[Array, " g"] | Int[np.ndarray, " g"]
+    pixel_at: Int[Array, " g"] | Int[np.ndarray, " g"]
     place: Int[Array, " n"] | Int[np.ndarray, " n"]
     stride: Int[Array, ""] | Int[np.ndarray, ""]
 
@@ -351,18 +351,20 @@ def _view_of(table: Table, first: RigidTransform | None) -> View:
     """
     rays, num_pixels, at_edge = table.rays, len(table.row), table.inside.shape
     num_edge = math.prod(at_edge)
+    told = (table.row, table.col, table.beside, table.num_blocks, table.each)
+    row, col, beside, num_blocks, each = map(jnp.asarray, told)
     return View(
         pixels=rays.pixels(0, (num_pixels,)),
-        edge=Edge(rays.pixels(num_pixels, at_edge), table.inside),
+        edge=Edge(rays.pixels(num_pixels, at_edge), jnp.asarray(table.inside)),
         around=rays.pixels(num_pixels + num_edge),
-        row=table.row,
-        col=table.col,
-        beside=table.beside,
+        row=row,
+        col=col,
+        beside=beside,
         is_image=table.is_image,
         lattice=table.lattice,
-        num_blocks=table.num_blocks,
-        each=table.each,
-        pixel=table.pixel,
+        num_blocks=num_blocks,
+        each=each,
+        pixel=jnp.asarray(table.pixel),
         noise=table.noise,
         world_from_camera=table.camera_from_world.inverse(),
         from_first=first and table.camera_from_world @ first.inverse(),

@@ -295,7 +295,7 @@ def _told_by_pixel(
     fit: Fit,
     found: Assessment,
     shown: Sequence[Table],
-    sizes: Sequence[tuple[int, int]],
+    sizes: Sequence[Any],
     xp: Any = np,
 ) -> Fit:
     """A fit with images of what is told of each reading.
@@ -312,18 +312,17 @@ def _told_by_pixel(
         if xp is not np:
             blank = jnp.zeros(size, values.dtype)
             return blank.at[table.row, table.col].set(values, mode="drop")
-        values, own = np.asarray(values), table.row < size[0]
-        full = np.zeros(size, values.dtype)
+        own, full = table.row < size[0], np.zeros(size, values.dtype)
         full[table.row[own], table.col[own]] = values[own]
         return full
 
-    residuals = [*map(image, found.residual, shown, sizes)]
-    marks = [*map(image, found.marks, shown, sizes)]
+    residuals = [*map(image, map(xp.asarray, found.residual), shown, sizes)]
+    marks = [*map(xp.asarray, found.marks)]
     return dataclasses.replace(
         fit,
         residual=of_images(residuals),
-        inliers=of_images([one == 2 for one in marks]),
-        region=of_images([one > 0 for one in marks]),
+        inliers=of_images([*map(image, (one == 2 for one in marks), shown, sizes)]),
+        region=of_images([*map(image, (one > 0 for one in marks), shown, sizes)]),
     )
 
 

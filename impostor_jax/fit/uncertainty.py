@@ -128,7 +128,7 @@ def score_covariance(
     References:
         Conley (1999), "GMM estimation with cross sectional dependence".
     """
-    size = residual.shape[0]
+    size, pixel_at = residual.shape[0], jnp.asarray(lattice.pixel_at)
     padded = jnp.concatenate([gradient, jnp.zeros_like(gradient[:1])])
     values = jnp.concatenate([residual, jnp.zeros_like(residual[:1])])
     counts = jnp.where(values != 0, 1, 0).astype(values.dtype)
@@ -146,7 +146,7 @@ def score_covariance(
     ):
         lag, window = at
         near = lattice.place + lag[0] * lattice.stride + lag[1]
-        other = lattice.index.at[near].get(mode="fill", fill_value=size)
+        other = pixel_at.at[near].get(mode="fill", fill_value=size)
         pairs = jnp.sum(counts[:-1] * counts[other])
         mean = safe_divide(jnp.sum(residual * values[other]), pairs)
         cross = product(gradient.T, padded[other])
