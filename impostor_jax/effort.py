@@ -58,10 +58,11 @@ class Effort:
             ray and a neighbor's met different things, or one of them a shadow.
         spacing: A traced picture's rays go through every n-th row and column; a pixel
             between four that met the same takes their mean, and others are cast.
-        readings: Most that a fit takes of an object, evenly spread over it; all if
-            None. A larger image then takes no longer. Errors grow with the root of what
-            is left out, or more, and fewer than some thousand hardly show that a real
-            sensor's are correlated: say so.
+        readings: Most that a fit takes of an object in an image; 65536 if None. A
+            larger image then takes no longer. Half of them are beside the border, where
+            they graze the wall and know most of its radius, and the others are evenly
+            spread. Fewer than some thousand hardly show that a real sensor's errors
+            are correlated: say so.
         starts: First guesses that a fit tries; there are 9 at most.
         all_starts: Whether it tries all of them, or more than one only where the first
             does not explain the readings.

@@ -14,9 +14,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from impostor_jax.fit.regions import typical_sigma
-from impostor_jax.fit.result import Fit, each_of
+from impostor_jax.fit.result import Fit
 from impostor_jax.fit.seen import Seen
-from impostor_jax.primitives.base import AbstractPrimitive
 from impostor_jax.sensor.across import AcrossRay
 
 FIRST_GUESS = 1 / 3
@@ -38,7 +37,7 @@ SETTLED = 0.03
 
 def fit_with_learned_rays(
     fitted: Callable[[Sequence[Seen]], Fit],
-    resumed: Callable[[Sequence[Seen], AbstractPrimitive], Fit],
+    resumed: Callable[[Sequence[Seen], Fit], Fit],
     seen: Sequence[Seen],
     known: float | None,
 ) -> Fit:
@@ -46,7 +45,7 @@ def fit_with_learned_rays(
 
     Args:
         fitted: How to fit what is seen of it.
-        resumed: How to go on with that from an estimate, with no other start.
+        resumed: How to go on with that from a fit, with no other start.
         seen: The object in each of its images.
         known: Standard deviation that rounding alone makes, in all directions; None for
             images, whose rays are exact until their readings say otherwise.
@@ -66,7 +65,7 @@ def fit_with_learned_rays(
         fit = fitted(_erring(seen, _Error(guess), known))
         across = _found(fit, known)
     for _ in range(MOST_ROUNDS if fit.is_shape else 0):
-        told = resumed(_erring(_within(seen, fit), across, known), fit.shape)
+        told = resumed(_erring(seen, across, known), fit)
         if not told.is_shape:
             # With so much nothing is known, and what is left would tell of still more.
             break
@@ -106,11 +105,3 @@ def _erring(seen: Sequence[Seen], across: _Error, along: float) -> list[Seen]:
     dtype = seen[0].image.dtype
     errors = [jnp.asarray(x, dtype) for x in (across.size, along, across.doubt)]
     return [one._replace(noise=AcrossRay(one.noise, *errors)) for one in seen]
-
-
-def _within(seen: Sequence[Seen], fit: Fit) -> list[Seen]:
-    """What a fit took for the object's."""
-    regions = [np.asarray(region) for region in each_of(fit.region)]
-    return [
-        one._replace(region=region) for one, region in zip(seen, regions, strict=True)
-    ]

@@ -2,7 +2,9 @@
 
 __all__ = [
     "DepthUnitsWarning",
+    "chosen_pixels",
     "pixel_indices",
+    "takes_all",
     "traced_indices",
     "typical_sigma",
     "warn_of_units",
@@ -13,6 +15,7 @@ import warnings
 from collections.abc import Callable
 from functools import partial
 
+import cv2
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -22,7 +25,7 @@ from impostor_jax.camera.ray_table import Sight
 from impostor_jax.effort import MIN_READINGS
 from impostor_jax.fit.problem import BLOCK
 from impostor_jax.fit.request import DepthImage, Mask
-from impostor_jax.fit.surface import cropped, thinned, upper_median
+from impostor_jax.fit.surface import at_most, cropped, thinned, upper_median
 from impostor_jax.sensor.base import AbstractDepthNoise
 from impostor_jax.sensor.bias import Reach, is_none
 from impostor_jax.sensor.gaussian import ConstantNoise
@@ -40,8 +43,15 @@ NOISY, STEEP = 6.0, 10.0
 """Standard deviations, and widths of a pixel (at an incidence of 84 degrees), by which
 neighboring readings of one surface may differ."""
 
+MOST_READINGS = BLOCK << 7
+"""Of an object that a fit takes, 65536. Real errors are shared by neighbors, and white
+ones leave a radius of a thousandth of itself to a millionth."""
+
 BUCKETS = tuple(BLOCK << k for k in range(3, 20))
 """Readings are filled up to one of these numbers, so that few sizes are compiled."""
+
+NEAR = np.ones((3, 3), np.uint8)
+"""Pixels within 1.5 of one."""
 
 
 def without_edges(
@@ -231,6 +241,49 @@ def warn_of_units(
         )
 
 
+def takes_all(region: Bool[np.ndarray, "h w"], most: int | None) -> bool:
+    """Whether a fit takes all pixels of a region; the arguments are of the next."""
+    return int(np.count_nonzero(region)) <= min(most or MOST_READINGS, MOST_READINGS)
+
+
+def chosen_pixels(
+    image: Float[np.ndarray, "h w"], region: Bool[np.ndarray, "h w"], most: int | None
+) -> Bool[np.ndarray, "h w"]:
+    """Pixels of a region that a fit takes: all, or those that tell most.
+
+    Half of them are readings beside the border of all readings, within 1.5 pixels of
+    it, as far as there are so many, and the others are evenly spread. What grazes knows
+    most of a radius: of 1024 evenly spread readings the bound of its standard deviation
+    is 2.33 times that of all, of these 1.15 times (12 cans of about 5000).
+
+    Args:
+        image: In meters; 0 where there is no reading.
+        region: Pixels of the object.
+        most: How many are taken; `MOST_READINGS` if None.
+    """
+    if takes_all(region, most):
+        return region
+    most = min(most or MOST_READINGS, MOST_READINGS)
+    box = cropped(region)
+    own = region[box]
+    reads = own & (image[box] > 0)
+    filled = cv2.morphologyEx(np.pad(reads, 2).astype(np.uint8), cv2.MORPH_CLOSE, NEAR)
+    within = cv2.erode(filled, NEAR)[2:-2, 2:-2] > 0
+    # Where the object ends pixels without a reading tell, too.
+    inner = cv2.erode(np.pad(own, 1).astype(np.uint8), NEAR)[1:-1, 1:-1] > 0
+    ends = own & ~reads & ~inner
+    parts = [np.flatnonzero(part) for part in (ends, reads & ~within, reads & within)]
+    num_ends = min(len(parts[0]), BLOCK, most // 4)
+    num_beside = min(len(parts[1]), (most - num_ends) // 2)
+    counts = num_ends, num_beside, most - num_ends - num_beside
+    chosen = np.zeros(own.size, bool)
+    for places, count in zip(parts, counts, strict=True):
+        chosen[places[at_most(len(places), count)]] = True
+    found = np.zeros_like(region)
+    found[box] = chosen.reshape(own.shape)
+    return found
+
+
 def pixel_indices(
     region: Bool[np.ndarray, "h w"], most: int | None = None
 ) -> tuple[Int[np.ndarray, " n"], Int[np.ndarray, " n"]]:
@@ -241,13 +294,11 @@ def pixel_indices(
 
     Args:
         region: Pixels of the object.
-        most: How many are taken, evenly spread; all if None.
+        most: How many there are at most, as of `chosen_pixels`; any number if None.
     """
     box = cropped(region)
     # On a whole image a tenth of the time of `np.nonzero`.
     index = np.flatnonzero(region[box])
-    if most is not None and most < len(index):
-        index = index[np.arange(most) * len(index) // most]
     count = len(index)
     size = next(size for size in BUCKETS if size >= count)
     if most is not None:

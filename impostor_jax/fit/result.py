@@ -264,6 +264,7 @@ class Asked:
         arguments: Of `fit_shape` or `fit_outline`, by name, once that has ended; None
             where the fit was traced, stacked, or made from another.
         measured: What is told of the noise, where no `sigma` was given.
+        is_thinned: Whether more readings were given than a fit takes.
         contradiction: In words, what of that which was stated, or of the outline, the
             readings exclude; None if nothing, or where the fit was traced or stacked.
         outline_gap: Of the fit; None where no image shows the outline, or likewise.
@@ -271,6 +272,7 @@ class Asked:
 
     arguments: dict[str, Any] | None = None
     measured: str = ""
+    is_thinned: bool = False
     contradiction: str | None = None
     outline_gap: OutlineGap | None = None
 
@@ -583,6 +585,11 @@ class Fit(eqx.Module):
             lines.append(
                 f"  Readings err by {millimeters(self.across.deviation)} mm across "
                 "their rays."
+            )
+        if self.asked.is_thinned:
+            lines.append(
+                f"  More readings were given than the {self.num_pixels} that were "
+                "taken: half of these are beside the border."
             )
         if self.asked.measured:
             lines.append(f"  {self.asked.measured}")

@@ -11,7 +11,7 @@ from impostor_jax.camera.ray_table import RayTable, Sight, turned_to
 from impostor_jax.camera.spherical import SphericalCamera
 from impostor_jax.fit.gather import table_of
 from impostor_jax.fit.problem import Table
-from impostor_jax.fit.regions import pixel_indices, without_edges
+from impostor_jax.fit.regions import chosen_pixels, pixel_indices, without_edges
 from impostor_jax.sensor.base import AbstractDepthNoise
 
 
@@ -106,7 +106,8 @@ def shown_by(
         readings: Of an `Effort`.
         correlated: Whether the covariance allows for correlated residuals.
     """
-    row, col = pixel_indices(seen.region, readings)
+    chosen = chosen_pixels(seen.image, seen.region, readings)
+    row, col = pixel_indices(chosen, readings)
     return table_of(
         seen.image, seen.region, row, col, seen.camera, seen.noise, correlated
     )

@@ -38,7 +38,9 @@ from impostor_jax.fit.prior import Prior
 from impostor_jax.fit.problem import Settings, Table, posed
 from impostor_jax.fit.race import MOST_STARTS, coarse, ends_of, worth_a_fit
 from impostor_jax.fit.regions import (
+    chosen_pixels,
     pixel_indices,
+    takes_all,
     traced_indices,
     typical_sigma,
     warn_of_units,
@@ -57,7 +59,7 @@ from impostor_jax.fit.request import (
     checked_settings,
     views_given,
 )
-from impostor_jax.fit.result import Fit, of_images
+from impostor_jax.fit.result import Fit, each_of, of_images
 from impostor_jax.fit.seen import Seen, seen_by, shown_by
 from impostor_jax.fit.solve import solve
 from impostor_jax.fit.stated import tested_by_readings
@@ -163,6 +165,9 @@ def fit_shape(
             "camera": given, "initial": initial, "options": options, **known,
         }  # fmt: skip
         fit.asked.measured = told
+        fit.asked.is_thinned = not all(
+            takes_all(one.region, effort.readings) for one in seen
+        )
         return fit
 
 
@@ -201,8 +206,15 @@ def _fit_seen(
     def to_surface(parts: Any) -> Fit:
         return fit_of_one_surface(fitted, kind.body, parts, correlated)
 
-    def resumed(parts: Any, shape: Any) -> Fit:
-        return fitted(parts, correlated, shape)
+    def resumed(parts: Any, before: Fit) -> Fit:
+        used = [
+            # What it took for the object's, if that is told of all pixels.
+            one._replace(region=np.asarray(region))
+            if takes_all(one.region, effort.readings)
+            else one
+            for one, region in zip(parts, each_of(before.region), strict=True)
+        ]
+        return fitted(used, correlated, before.shape)
 
     def fitted_to(parts: Any) -> Fit:
         return fit_with_learned_rays(to_surface, resumed, parts, rounding)
@@ -548,7 +560,8 @@ def _shown_traced(
     if sees is not None:
         region = jnp.asarray(region) & sees
     if isinstance(region, np.ndarray):
-        row, col = map(jnp.asarray, pixel_indices(region, readings))
+        chosen = chosen_pixels(np.ones(region.shape), region, readings)
+        row, col = map(jnp.asarray, pixel_indices(chosen, readings))
     else:
         row, col = traced_indices(region, readings)
     depth, region = map(jnp.asarray, (depth, region))

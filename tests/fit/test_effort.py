@@ -55,12 +55,16 @@ def test_fewer_readings_say_how_much_less_they_know():
     assert int(fit.num_pixels) == 1024
     off = abs(float(fit.cylinder.radius) - truth.radius)
     assert off < 4 * float(fit.std.radius)
-    # The deviation grows with the root of what is left out, or more where fewer of the
-    # few that graze, which know most of the radius, are among them.
+    assert "than the 1024 that were taken" in str(fit)
+    # Of evenly spread ones a deviation grows with the root of what is left out, or
+    # more; half of these are of those that graze, which know most of the radius.
     plain = ij.fit_cylinder(depth, CAMERA, mask, SIGMA)
+    assert "that were taken" not in str(plain)
     wider = np.sqrt(np.count_nonzero(mask) / int(fit.num_pixels))
     assert wider > 1.5
-    assert 0.8 * wider < float(fit.std.radius) / float(plain.std.radius) < 2.5 * wider
+    assert 1 < float(fit.std.radius) / float(plain.std.radius) < 0.85 * wider
+    tilted = np.linalg.norm(fit.std.axis) / np.linalg.norm(plain.std.axis)
+    assert 1 < tilted < 1.6 * wider
 
 
 def test_more_starts_are_tried_where_the_first_does_not_explain_the_readings():

@@ -8,6 +8,7 @@ from impostor_jax.fit.problem import BLOCK
 from impostor_jax.fit.regions import (
     BUCKETS,
     TRACED_READINGS,
+    chosen_pixels,
     pixel_indices,
     traced_indices,
 )
@@ -26,7 +27,8 @@ def spread_evenly(values, size):
 def test_indices_end_with_pixels_that_speak_for_all(side, most):
     region = np.zeros((80, 90), bool)
     region[5 : 5 + side, 7 : 7 + side] = True
-    row, col = pixel_indices(region, most)
+    chosen = chosen_pixels(np.ones(region.shape), region, most)
+    row, col = pixel_indices(chosen, most)
     assert len(row) == (1024 if most else BUCKETS[0])
     used = row < 80
     assert region[row[used], col[used]].all()
@@ -37,6 +39,37 @@ def test_indices_end_with_pixels_that_speak_for_all(side, most):
     assert used[few].all()
     assert np.ptp(row[few]) >= side - 2
     assert np.ptp(col[few]) >= side - 6
+
+
+def test_half_of_few_readings_are_beside_the_border_of_all():
+    region = np.zeros((200, 220), bool)
+    region[20:180, 30:190] = True
+    image = np.where(region, 1.0, 0.0)
+    # What a sensor mixes there has no reading, and a hole is no border.
+    image[20:22], image[178:180], image[60, 60] = 0, 0, 0
+    chosen = chosen_pixels(image, region, 1000)
+    assert chosen.sum() == 1000
+    assert (chosen <= region).all()
+    ends = np.zeros_like(region)
+    ends[20, 30:190] = ends[179, 30:190] = True
+    ends[20:22, [30, 189]] = ends[178:180, [30, 189]] = True
+    assert (chosen & (image == 0) == (chosen & ends)).all()
+    num_ends = np.count_nonzero(chosen & ends)
+    assert num_ends == 250
+    beside = np.zeros_like(region)
+    beside[[22, 177], 30:190] = beside[22:178, [30, 189]] = True
+    assert np.count_nonzero(chosen & beside) == (1000 - num_ends) // 2
+    inner = np.argwhere(chosen & ~beside & ~ends)
+    # Evenly over the rest, to a tenth of it.
+    assert np.allclose(inner.mean(axis=0), [99.5, 109.5], atol=5)
+    assert np.allclose(inner.std(axis=0), 155 / np.sqrt(12), atol=5)
+
+
+def test_no_more_readings_are_taken_than_there_are_sizes_for():
+    region = np.ones((400, 300), bool)
+    assert chosen_pixels(np.ones(region.shape), region, None).sum() == 65536
+    few = np.ones((40, 30), bool)
+    assert chosen_pixels(np.ones(few.shape), few, None) is few
 
 
 @pytest.mark.parametrize("most", [None, 1000])
