@@ -274,8 +274,11 @@ def chosen_pixels(
     ends = own & ~reads & ~inner
     parts = [np.flatnonzero(part) for part in (ends, reads & ~within, reads & within)]
     num_ends = min(len(parts[0]), BLOCK, most // 4)
-    num_beside = min(len(parts[1]), (most - num_ends) // 2)
-    counts = num_ends, num_beside, most - num_ends - num_beside
+    # Of points in any order, an image of one row, all are beside its border.
+    num_within = min(
+        len(parts[2]), max((most - num_ends) // 2, most - num_ends - len(parts[1]))
+    )
+    counts = num_ends, most - num_ends - num_within, num_within
     chosen = np.zeros(own.size, bool)
     for places, count in zip(parts, counts, strict=True):
         chosen[places[at_most(len(places), count)]] = True

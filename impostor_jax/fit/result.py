@@ -587,9 +587,12 @@ class Fit(eqx.Module):
                 "their rays."
             )
         if self.asked.is_thinned:
+            which = (
+                "evenly spread" if self.source == "points" else "half beside the border"
+            )
             lines.append(
                 f"  More readings were given than the {self.num_pixels} that were "
-                "taken: half of these are beside the border."
+                f"taken, {which}."
             )
         if self.asked.measured:
             lines.append(f"  {self.asked.measured}")

@@ -68,6 +68,11 @@ def test_half_of_few_readings_are_beside_the_border_of_all():
 def test_no_more_readings_are_taken_than_there_are_sizes_for():
     region = np.ones((400, 300), bool)
     assert chosen_pixels(np.ones(region.shape), region, None).sum() == 65536
+    # Points are an image of one row.
+    row = np.ones((1, 70000), bool)
+    places = np.flatnonzero(chosen_pixels(np.ones(row.shape), row, None))
+    assert len(places) == 65536
+    assert np.diff(places).max() <= 2
     few = np.ones((40, 30), bool)
     assert chosen_pixels(np.ones(few.shape), few, None) is few
 
