@@ -120,14 +120,14 @@ EFFORTS: dict[str, tuple[str, Effort]] = {
         Effort(stride=2, extent="tile", outline="hard", readings=4096, tolerance=5.0),
     ),
     "balanced": (
-        "All readings; more starts where the first does not explain them.",
+        "Up to 65536 readings; more starts where the first does not explain them.",
         Effort(),
     ),
     "exact": (
-        "Double precision, steps to the last digit.",
+        "Double precision, up to a million readings, steps to the last digit.",
         # Not all starts: they take 8 times as long, and where the first explains the
         # image they change nothing (experiments/speed_accuracy).
-        Effort(precision="float64", tolerance=0.02),
+        Effort(precision="float64", tolerance=0.02, readings=1 << 20),
     ),
 }
 """By name: what it does, and the dials."""

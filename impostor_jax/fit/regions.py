@@ -243,7 +243,7 @@ def warn_of_units(
 
 def takes_all(region: Bool[np.ndarray, "h w"], most: int | None) -> bool:
     """Whether a fit takes all pixels of a region; the arguments are of the next."""
-    return int(np.count_nonzero(region)) <= min(most or MOST_READINGS, MOST_READINGS)
+    return int(np.count_nonzero(region)) <= (most or MOST_READINGS)
 
 
 def chosen_pixels(
@@ -263,7 +263,7 @@ def chosen_pixels(
     """
     if takes_all(region, most):
         return region
-    most = min(most or MOST_READINGS, MOST_READINGS)
+    most = most or MOST_READINGS
     box = cropped(region)
     own = region[box]
     reads = own & (image[box] > 0)
@@ -275,10 +275,9 @@ def chosen_pixels(
     parts = [np.flatnonzero(part) for part in (ends, reads & ~within, reads & within)]
     num_ends = min(len(parts[0]), BLOCK, most // 4)
     # Of points in any order, an image of one row, all are beside its border.
-    num_within = min(
-        len(parts[2]), max((most - num_ends) // 2, most - num_ends - len(parts[1]))
-    )
-    counts = num_ends, most - num_ends - num_within, num_within
+    left = most - num_ends
+    num_within = min(len(parts[2]), max(left // 2, left - len(parts[1])))
+    counts = num_ends, left - num_within, num_within
     chosen = np.zeros(own.size, bool)
     for places, count in zip(parts, counts, strict=True):
         chosen[places[at_most(len(places), count)]] = True
