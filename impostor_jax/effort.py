@@ -115,8 +115,7 @@ class Effort:
 EFFORTS: dict[str, tuple[str, Effort]] = {
     "fast": (
         "Every second row and column, at most 4096 readings, and a coarse end.",
-        # Fewer readings save a tenth of the time and cost three times the error: those
-        # that graze know most of a radius, and are few (experiments/speed_accuracy).
+        # Fewer readings save no more than a tenth of the time: the host rules it.
         Effort(stride=2, extent="tile", outline="hard", readings=4096, tolerance=5.0),
     ),
     "balanced": (
