@@ -58,12 +58,17 @@ body's."""
 SQUARE = np.ones((3, 3), np.uint8)
 """A pixel and its eight neighbors."""
 
-Fitted = Callable[[Sequence[Seen], bool], Fit]
-"""Fit of an object's pixels, with errors that are correlated or not."""
+Fitted = Callable[[Sequence[Seen], bool, Fit | None], Fit]
+"""Fit of an object's pixels, with errors that are correlated or not, and given a fit of
+the same and perhaps more pixels."""
 
 
 def fit_of_one_surface(
-    fitted: Fitted, kind: type[AbstractBody], seen: Sequence[Seen], correlated: bool
+    fitted: Fitted,
+    kind: type[AbstractBody],
+    seen: Sequence[Seen],
+    correlated: bool,
+    known: Fit | None = None,
 ) -> Fit:
     """Fit to a region, or to what of it is of one surface.
 
@@ -74,8 +79,9 @@ def fit_of_one_surface(
         correlated: Whether errors are taken for correlated. They are in any case where
             border and rest disagree and no mask is to blame: so they do by a sensor's
             bias, and independent errors do not.
+        known: A fit of the same with errors that are not.
     """
-    whole = fitted(seen, correlated)
+    whole = fitted(seen, correlated, known)
     # As Python's number: JAX takes 0.2 ms to compare its own.
     contradiction = whole.border_chi2.item()
     # Without a guess, or without numbers, nothing disagrees.
@@ -83,20 +89,20 @@ def fit_of_one_surface(
         return whole
     if not correlated and np.isfinite(contradiction):
         # No more of the border's readings lie elsewhere than of the others.
-        return fit_of_one_surface(fitted, kind, seen, True)
+        return fit_of_one_surface(fitted, kind, seen, True, whole)
     core = whole
     for width in NARROWER:
         # Without the pixels beside its border, but for the image's.
         narrow = [one._replace(region=_narrower(one.region, width)) for one in seen]
         if _num_readings(narrow) < FEWEST_READINGS:
             break
-        core = fitted(narrow, correlated)
+        core = fitted(narrow, correlated, whole)
         if core.border_chi2 < AGREEING:
             break
     if not core.border_chi2 < AGREEING:
         if correlated:
             return _refuted(core)
-        return fit_of_one_surface(fitted, kind, seen, True)
+        return fit_of_one_surface(fitted, kind, seen, True, whole)
     if not bool(core.success):
         return _refuted(whole)
     wider = np.sqrt(max(float(core.chi2), 1.0))
@@ -108,7 +114,7 @@ def fit_of_one_surface(
         for one, far in zip(seen, away, strict=True)
     ]
     if _num_readings(own) >= FEWEST_READINGS:
-        larger = fitted(own, correlated)
+        larger = fitted(own, correlated, core)
         if bool(larger.success) and larger.border_chi2 < AGREEING:
             best = larger
     # Beside a mask's object are its surroundings. Of another shape a part looks like

@@ -195,13 +195,15 @@ def _fit_seen(
     """
 
     # Without types of arrays, which would be looked up at each call, in 20 us.
-    def fitted(parts: Any, correlated: bool, start: Any = start) -> Fit:
+    def fitted(
+        parts: Any, correlated: bool, known: Any = None, start: Any = start
+    ) -> Fit:
         asked = settings
         if any(part.region is not one.region for part, one in zip(parts, seen)):  # noqa: B905
             # Only of the whole one a caller says that its edge is the silhouette.
             asked = dataclasses.replace(settings, is_outline=False)
         clear = [part.without_edges() for part in parts]
-        return _fit_pixels(kind, clear, start, prior, asked, effort, correlated)
+        return _fit_pixels(kind, clear, start, known, prior, asked, effort, correlated)
 
     def to_surface(parts: Any) -> Fit:
         return fit_of_one_surface(fitted, kind.body, parts, correlated)
@@ -214,7 +216,7 @@ def _fit_seen(
             else one
             for one, region in zip(parts, each_of(before.region), strict=True)
         ]
-        return fitted(used, correlated, before.shape)
+        return fitted(used, correlated, start=before.shape)
 
     def fitted_to(parts: Any) -> Fit:
         return fit_with_learned_rays(to_surface, resumed, parts, rounding)
@@ -276,6 +278,7 @@ def _fit_pixels(
     kind: Fittable,
     seen: Sequence[Seen],
     initial: AbstractPrimitive | None,
+    known: Fit | None,
     prior: Prior,
     settings: Settings,
     effort: Effort,
@@ -287,6 +290,7 @@ def _fit_pixels(
         kind: What is fitted.
         seen: The object in each of its images, without its edges.
         initial: In the world frame.
+        known: A fit of the same pixels, or of more.
         prior: In the world frame.
         settings: What is asked for.
         effort: How much work it takes.
@@ -294,7 +298,7 @@ def _fit_pixels(
     """
     shown = tuple(shown_by(one, effort.readings, correlated) for one in seen)
     found, num_starts = _found_by(
-        kind, seen, shown, initial, prior, settings, effort, correlated
+        kind, seen, shown, initial, known, prior, settings, effort, correlated
     )
     if not found:
         return no_guess(kind, *(one.region for one in seen))
@@ -343,6 +347,7 @@ def _found_by(
     seen: Sequence[Seen],
     shown: tuple[Table, ...],
     initial: AbstractPrimitive | None,
+    known: Fit | None,
     prior: Prior,
     settings: Settings,
     effort: Effort,
@@ -355,6 +360,7 @@ def _found_by(
         seen: The object.
         shown: What its images show of it.
         initial: In the world frame.
+        known: A fit of the same pixels, or of more.
         prior: In the world frame.
         settings: What is asked for.
         effort: How much work it takes.
@@ -375,28 +381,35 @@ def _found_by(
     if not starts:
         return [], 0
     few = tuple(map(coarse, shown))
+    num_readings = sum(int(np.count_nonzero(one.image[one.region])) for one in seen)
     num_starts, found = 0, []
 
     def tried(others: Sequence[AbstractBody]) -> None:
         """Fit those of some starts that may lead to a better end, or another."""
         nonlocal num_starts
-        for first in range(0, len(others), MOST_STARTS - 1):
-            some = others[first : first + MOST_STARTS - 1]
+        for at in range(0, len(others), MOST_STARTS - 1):
+            some = others[at : at + MOST_STARTS - 1]
             best = likeliest(found) if found else None
-            known = [] if best is None else [best.body]
-            ends = ends_of(few, prior, settings, [*known, *some], effort.kernel)
+            first = [] if best is None else [best.body]
+            ends = ends_of(few, prior, settings, [*first, *some], effort.kernel)
             repeats = float(best.repeats) if best and bool(best.fit.success) else 1.0
             for k, count in worth_a_fit(ends, num_readings, repeats).items():
                 if best is not None and k == 0:
-                    at = next(i for i, one in enumerate(found) if one is best)
-                    found[at] = best._replace(num_ended=int(best.num_ended) + count - 1)
+                    place = next(i for i, one in enumerate(found) if one is best)
+                    found[place] = best._replace(
+                        num_ended=int(best.num_ended) + count - 1
+                    )
                     continue
                 # From where it began: the few readings may lead elsewhere.
-                start = some[k - len(known)]
+                start = some[k - len(first)]
                 found.append(fitted(start)._replace(num_ended=count))
             num_starts += len(some)
 
-    num_readings = sum(int(np.count_nonzero(one.image[one.region])) for one in seen)
+    if known is not None and _leaves_no_doubt(known):
+        # Of other pixels beside these, it may be off; the best guess is not.
+        move = shown[0].camera_from_world
+        tried([_placed(kind.body, known.shape, move), starts[0]])
+        return _with_closed(kind, found, fitted), num_starts
     if num_readings > MOST_AT_ONCE:
         tried(starts)
     else:
@@ -426,6 +439,11 @@ def _found_by(
         found.append(fitted(likeliest(found).body))
         num_starts += 1
     return found, num_starts
+
+
+def _leaves_no_doubt(fit: Fit) -> bool:
+    """Whether a fit knows of no other solution."""
+    return bool(fit.success) and not np.any(np.asarray(fit.alternatives.weight))
 
 
 def _guesses(
