@@ -109,6 +109,15 @@ def test_a_mask_that_is_too_large_shows_its_surroundings(pixels, seed):
     assert not fit.success or errors(fit, STANDING).max() < 3.5
 
 
+def test_a_narrower_region_begins_from_what_the_wider_one_told():
+    depth, mask = image(wall=0.45)
+    fit = ij.fit_cylinder(depth, CAMERA, grown(mask, 2), SIGMA)
+    assert fit.success
+    # That, and the best guess of its own.
+    assert int(fit.num_starts) == 2
+    assert abs(fit.cylinder.radius - can().radius) < 4 * fit.std.radius
+
+
 def test_where_no_pixel_is_beyond_doubt_the_inner_ones_are_fitted(monkeypatch):
     # Of a slight thing beside others none may be, and the fit raised an IndexError.
     asked = []
