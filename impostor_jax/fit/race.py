@@ -66,6 +66,7 @@ class Ends(NamedTuple):
 def coarse(table: Table) -> Table:
     """The readings that speak for all."""
     count = len(table.row)
+    own = np.count_nonzero(table.rays.exists[:count])
     return table._replace(
         rays=jax.tree.map(lambda values: values[count - BLOCK :], table.rays),
         row=table.row[-BLOCK:],
@@ -73,6 +74,8 @@ def coarse(table: Table) -> Table:
         beside=table.beside[-BLOCK:],
         lattice=None,
         num_blocks=np.ones((), np.int32),
+        # Beside few readings those all over the image stand for fewer, too.
+        each=table.each * table.each.dtype.type(min(1, BLOCK / max(own, 1))),
     )
 
 
