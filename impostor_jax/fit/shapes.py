@@ -390,9 +390,12 @@ def _found_by(
         for at in range(0, len(others), MOST_STARTS - 1):
             some = others[at : at + MOST_STARTS - 1]
             best = likeliest(found) if found else None
+            if best is not None and not best.fit.success.item():
+                # It is not where it led: what ends there has to be fitted.
+                best = None
             first = [] if best is None else [best.body]
             ends = ends_of(few, prior, settings, [*first, *some], effort.kernel)
-            repeats = float(best.repeats) if best and bool(best.fit.success) else 1.0
+            repeats = 1.0 if best is None else float(best.repeats)
             for k, count in worth_a_fit(ends, num_readings, repeats).items():
                 if best is not None and k == 0:
                     place = next(i for i, one in enumerate(found) if one is best)
@@ -400,9 +403,13 @@ def _found_by(
                         num_ended=int(best.num_ended) + count - 1
                     )
                     continue
-                # From where it began: the few readings may lead elsewhere.
-                start = some[k - len(first)]
-                found.append(fitted(start)._replace(num_ended=count))
+                # From where it led, and from where it began: all readings may lead a
+                # start elsewhere than the few, which are not always the ones misled.
+                end = jax.tree.map(lambda values, k=k: values[k], ends.body)
+                both = [fitted(end), fitted(some[k - len(first)])]
+                better = likeliest(both)
+                found.extend(one for one in both if one is not better)
+                found.append(better._replace(num_ended=count))
             num_starts += len(some)
 
     if known is not None and _leaves_no_doubt(known):
