@@ -27,7 +27,7 @@ from impostor_jax.fit.evidence import (
     crossing_terms,
     joined_readings,
     joined_terms,
-    reading_terms,
+    readings_of,
 )
 from impostor_jax.fit.posterior import cost_of, explains, hidden_pixels
 from impostor_jax.fit.prior import prior_residuals, scale_left
@@ -43,7 +43,6 @@ from impostor_jax.fit.uncertainty import (
 )
 from impostor_jax.numerics import product, safe_divide, safe_sqrt
 from impostor_jax.sensor.across import AcrossRay
-from impostor_jax.sensor.base import AbstractDepthNoise
 
 MOST_CHI2 = 9.0
 """Reduced chi-squared up to which readings may be of the shape, where their noise is
@@ -130,7 +129,9 @@ def assess(problem: Problem, solution: Solution, correlated: bool) -> Assessment
     sign = problem.in_world(solution.body).sign
     body = solution.body.reversed(jnp.where(settings.keep_ends, 1, sign))
     bodies = [view.own(body) for view in views]
-    of_views = _readings(views, bodies, [view.noise for view in views])
+    of_views = computed_once(
+        lambda: readings_of(views, bodies, [view.noise for view in views])
+    )
     readings = joined_readings(of_views, views, body)
     terms, seen = readings.terms, readings.passing
     last = STAGES[-1]
@@ -263,7 +264,7 @@ def assess(problem: Problem, solution: Solution, correlated: bool) -> Assessment
             view.noise.doubted() if isinstance(view.noise, AcrossRay) else view.noise
             for view in views
         ]
-        of_doubted = _readings(views, bodies, noises)
+        of_doubted = computed_once(lambda: readings_of(views, bodies, noises))
         doubted = joined_readings(of_doubted, views, body).terms
         pulls = doubted.gradient * doubted.residual[None]
         pulls -= terms.gradient * terms.residual[None]
@@ -448,28 +449,6 @@ def _leaning(
             )
         )
     return jnp.sum(jnp.stack(pulls), axis=0)
-
-
-def _readings(
-    views: Sequence[View],
-    bodies: Sequence[AbstractBody],
-    noises: Sequence[AbstractDepthNoise],
-) -> list[Readings]:
-    """What each view's readings say of an estimate, given its noise.
-
-    Args:
-        views: The views.
-        bodies: The estimate, in the frame of each.
-        noises: Of each view.
-    """
-    return computed_once(
-        lambda: [
-            reading_terms(
-                view.pixels, own, noise, pixel=view.pixel, is_image=view.is_image
-            )
-            for view, own, noise in zip(views, bodies, noises, strict=True)
-        ]
-    )
 
 
 def _sum_of(parts: Iterable[Float[Array, "c c"]]) -> Float[Array, "c c"]:

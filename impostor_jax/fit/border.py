@@ -20,7 +20,7 @@ from jaxtyping import Array, Bool, Float
 from impostor_jax.fit.body import AbstractBody
 from impostor_jax.fit.gather import ray_list
 from impostor_jax.fit.problem import RayList, sigma_of
-from impostor_jax.fit.regions import pixel_indices
+from impostor_jax.fit.regions import SQUARE, pixel_indices
 from impostor_jax.fit.result import AGREEING, DISAGREEING, Fit
 from impostor_jax.fit.seen import Seen
 from impostor_jax.fit.status import FitStatus
@@ -54,9 +54,6 @@ LEAST_P_VALUE = 1e-6
 MARGIN = 3
 """Pixels beside a surface that does, whose readings may be of that and look like the
 body's."""
-
-SQUARE = np.ones((3, 3), np.uint8)
-"""A pixel and its eight neighbors."""
 
 Fitted = Callable[[Sequence[Seen], bool, Fit | None], Fit]
 """Fit of an object's pixels, with errors that are correlated or not, and given a fit of
@@ -129,7 +126,7 @@ def fit_of_one_surface(
 
 
 def _num_readings(seen: Sequence[Seen]) -> int:
-    return sum(int(np.count_nonzero(one.image[one.region])) for one in seen)
+    return sum(one.num_readings for one in seen)
 
 
 def _narrower(region: Bool[np.ndarray, "h w"], width: int) -> Bool[np.ndarray, "h w"]:

@@ -29,7 +29,7 @@ from jaxtyping import Array, Float
 from impostor_jax.arguments import working_precision
 from impostor_jax.compiling import quickly_compiled
 from impostor_jax.fit.body import AbstractBody
-from impostor_jax.fit.evidence import reading_terms
+from impostor_jax.fit.evidence import readings_of
 from impostor_jax.fit.fittable import CYLINDER, TUBE, Fittable
 from impostor_jax.fit.options import Options
 from impostor_jax.fit.posterior import cost_of, hidden_pixels
@@ -174,14 +174,7 @@ def _cost(
 ) -> Float[Array, ""]:
     problem = posed(shown, prior, settings, kernel)
     body = body.transformed(shown[0].camera_from_world)
-    readings = [
-        reading_terms(
-            view.pixels,
-            view.own(body),
-            view.noise,
-            pixel=view.pixel,
-            is_image=view.is_image,
-        )
-        for view in problem.views
-    ]
+    views = problem.views
+    bodies = [view.own(body) for view in views]
+    readings = readings_of(views, bodies, [view.noise for view in views])
     return cost_of(problem, body, readings, hidden_pixels(problem, body))

@@ -29,6 +29,7 @@ __all__ = [
     "joined_readings",
     "joined_terms",
     "reading_terms",
+    "readings_of",
 ]
 
 from collections.abc import Sequence
@@ -219,6 +220,24 @@ def reading_terms(
         off = jnp.where(grazing, error, off)
     is_exact = jnp.full(used.shape, noise.bias.has_exact_rays)
     return Readings(terms, seen, grazing, used, follows, off, is_exact)
+
+
+def readings_of(
+    views: Sequence[View],
+    bodies: Sequence[AbstractBody],
+    noises: Sequence[AbstractDepthNoise],
+) -> list[Readings]:
+    """What each view's readings say of an estimate, given its noise.
+
+    Args:
+        views: The views.
+        bodies: The estimate, in the frame of each.
+        noises: Of each view.
+    """
+    return [
+        reading_terms(view.pixels, own, noise, pixel=view.pixel, is_image=view.is_image)
+        for view, own, noise in zip(views, bodies, noises, strict=True)
+    ]
 
 
 def _is_clear(

@@ -16,7 +16,6 @@ import numpy as np
 from jax.typing import DTypeLike
 from jaxtyping import Array, Bool, Float
 
-from impostor_jax.arguments import is_concrete
 from impostor_jax.camera.ray_table import RayTable, Sight, directions_of
 from impostor_jax.fit.problem import BLOCK, Lattice, RayList, Table
 from impostor_jax.fit.surface import cropped
@@ -87,17 +86,10 @@ def table_of(
         lattice=lattice_of(row, col, (height, width), xp) if correlated else None,
         num_blocks=xp.asarray(-(-(len(row) - xp.argmax(own)) // BLOCK), xp.int32),
         each=xp.asarray(height * width / SPREAD**2, dtype),
-        pixel=xp.asarray(_spacing(camera), dtype),
+        pixel=xp.asarray(camera.spacing, dtype),
         camera_from_world=camera.camera_from_world or _still(dtype),
         noise=noise,
     )
-
-
-def _spacing(camera: Sight) -> Any:
-    """As the camera has it, which for a pinhole JAX computes, in 20 us."""
-    if isinstance(camera, RayTable) or not is_concrete((camera.fx, camera.fy)):
-        return camera.spacing
-    return 1 / min(float(camera.fx), float(camera.fy))
 
 
 @functools.lru_cache(maxsize=64)

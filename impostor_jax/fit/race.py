@@ -19,7 +19,7 @@ from jaxtyping import Array, Float, Int
 
 from impostor_jax.compiling import quickly_compiled
 from impostor_jax.fit.body import AbstractBody
-from impostor_jax.fit.evidence import joined_readings, reading_terms
+from impostor_jax.fit.evidence import joined_readings, readings_of
 from impostor_jax.fit.posterior import cost_of, hidden_pixels
 from impostor_jax.fit.prior import Prior
 from impostor_jax.fit.problem import BLOCK, Settings, Table, posed
@@ -116,18 +116,11 @@ def _run_all(
 
     def led(start: AbstractBody) -> Ends:
         body = solve(problem, start).body
-        told = [
-            reading_terms(
-                view.pixels,
-                view.own(body),
-                view.noise,
-                pixel=view.pixel,
-                is_image=view.is_image,
-            )
-            for view in problem.views
-        ]
+        views = problem.views
+        bodies = [view.own(body) for view in views]
+        told = readings_of(views, bodies, [view.noise for view in views])
         cost = cost_of(problem, body, told, hidden_pixels(problem, body))
-        joined = joined_readings(told, problem.views, body)
+        joined = joined_readings(told, views, body)
         residual = jnp.where(joined.used, joined.terms.residual, 0)
         return Ends(body, cost, residual)
 

@@ -1,6 +1,7 @@
 """Which pixels of an image a fit uses."""
 
 __all__ = [
+    "SQUARE",
     "DepthUnitsWarning",
     "chosen_pixels",
     "pixel_indices",
@@ -50,8 +51,8 @@ ones leave a radius of a thousandth of itself to a millionth."""
 BUCKETS = tuple(BLOCK << k for k in range(3, 20))
 """Readings are filled up to one of these numbers, so that few sizes are compiled."""
 
-NEAR = np.ones((3, 3), np.uint8)
-"""Pixels within 1.5 of one."""
+SQUARE = np.ones((3, 3), np.uint8)
+"""A pixel and its eight neighbors."""
 
 
 def without_edges(
@@ -267,10 +268,12 @@ def chosen_pixels(
     box = cropped(region)
     own = region[box]
     reads = own & (image[box] > 0)
-    filled = cv2.morphologyEx(np.pad(reads, 2).astype(np.uint8), cv2.MORPH_CLOSE, NEAR)
-    within = cv2.erode(filled, NEAR)[2:-2, 2:-2] > 0
+    filled = cv2.morphologyEx(
+        np.pad(reads, 2).astype(np.uint8), cv2.MORPH_CLOSE, SQUARE
+    )
+    within = cv2.erode(filled, SQUARE)[2:-2, 2:-2] > 0
     # Where the object ends pixels without a reading tell, too.
-    inner = cv2.erode(np.pad(own, 1).astype(np.uint8), NEAR)[1:-1, 1:-1] > 0
+    inner = cv2.erode(np.pad(own, 1).astype(np.uint8), SQUARE)[1:-1, 1:-1] > 0
     ends = own & ~reads & ~inner
     parts = [np.flatnonzero(part) for part in (ends, reads & ~within, reads & within)]
     num_ends = min(len(parts[0]), BLOCK, most // 4)

@@ -30,6 +30,11 @@ class Seen(NamedTuple):
     camera: Sight
     noise: AbstractDepthNoise
 
+    @property
+    def num_readings(self) -> int:
+        """Pixels of the object that hold one."""
+        return int(np.count_nonzero(self.image[self.region]))
+
     def without_edges(self) -> "Seen":
         """The same without readings that its noise model does not speak for."""
         return self._replace(image=np.asarray(without_edges(*self)))

@@ -36,7 +36,7 @@ from impostor_jax.fit.options import Options
 from impostor_jax.fit.outline_gap import compared_with_outline
 from impostor_jax.fit.prior import Prior
 from impostor_jax.fit.problem import Settings, Table, posed
-from impostor_jax.fit.race import MOST_STARTS, coarse, ends_of, worth_a_fit
+from impostor_jax.fit.race import MOST_STARTS, Ends, coarse, ends_of, worth_a_fit
 from impostor_jax.fit.regions import (
     chosen_pixels,
     pixel_indices,
@@ -268,7 +268,7 @@ def _without_foreign(
             one._replace(image=np.where(found, 0, one.image).astype(one.image.dtype))
             for one, found in zip(seen, foreign, strict=True)
         ]
-        if sum(np.count_nonzero(one.image[one.region]) for one in kept) < MIN_READINGS:
+        if sum(one.num_readings for one in kept) < MIN_READINGS:
             break
         left_out, fit = foreign, fitted_to(kept)
     return fit
@@ -297,8 +297,19 @@ def _fit_pixels(
         correlated: Whether the covariance allows for correlated residuals.
     """
     shown = tuple(shown_by(one, effort.readings, correlated) for one in seen)
+    compiled = quickly_compiled(fit_from, static_argnames=("kernel", "correlated"))
+
+    def fitted(start: AbstractBody) -> Assessment:
+        return compiled(
+            shown, prior, settings, start, kernel=effort.kernel, correlated=correlated
+        )
+
+    def led(starts: Sequence[AbstractBody]) -> Ends:
+        few = [coarse(table) for table in shown]
+        return ends_of(few, prior, settings, starts, effort.kernel)
+
     found, num_starts = _found_by(
-        kind, seen, shown, initial, known, prior, settings, effort, correlated
+        kind, seen, shown, initial, known, effort, fitted, led
     )
     if not found:
         return no_guess(kind, *(one.region for one in seen))
@@ -348,10 +359,9 @@ def _found_by(
     shown: tuple[Table, ...],
     initial: AbstractPrimitive | None,
     known: Fit | None,
-    prior: Prior,
-    settings: Settings,
     effort: Effort,
-    correlated: bool,
+    fitted: Callable[[AbstractBody], Assessment],
+    led: Callable[[Sequence[AbstractBody]], Ends],
 ) -> tuple[list[Assessment], int]:
     """What the starts of a fit lead to, and how many there were; none without a guess.
 
@@ -361,28 +371,19 @@ def _found_by(
         shown: What its images show of it.
         initial: In the world frame.
         known: A fit of the same pixels, or of more.
-        prior: In the world frame.
-        settings: What is asked for.
         effort: How much work it takes.
-        correlated: Whether the covariance allows for correlated residuals.
+        fitted: How to fit all readings from a start.
+        led: Where starts lead on a few of them.
     """
-    compiled = quickly_compiled(fit_from, static_argnames=("kernel", "correlated"))
-
-    def fitted(start: AbstractBody) -> Assessment:
-        return compiled(
-            shown, prior, settings, start, kernel=effort.kernel, correlated=correlated
-        )
-
     if initial is not None:
         move = shown[0].camera_from_world
         found = _with_closed(kind, [fitted(_placed(kind.body, initial, move))], fitted)
         return found, len(found)
-    starts = _guesses(kind, seen, shown)[: effort.starts]
+    counts = [one.num_readings for one in seen]
+    starts = _guesses(kind, seen, shown, counts)[: effort.starts]
     if not starts:
         return [], 0
-    few = tuple(map(coarse, shown))
-    num_readings = sum(int(np.count_nonzero(one.image[one.region])) for one in seen)
-    num_starts, found = 0, []
+    num_readings, num_starts, found = sum(counts), 0, []
 
     def tried(others: Sequence[AbstractBody]) -> None:
         """Fit those of some starts that may lead to a better end, or another."""
@@ -394,7 +395,7 @@ def _found_by(
                 # It is not where it led: what ends there has to be fitted.
                 best = None
             first = [] if best is None else [best.body]
-            ends = ends_of(few, prior, settings, [*first, *some], effort.kernel)
+            ends = led([*first, *some])
             repeats = 1.0 if best is None else float(best.repeats)
             for k, count in worth_a_fit(ends, num_readings, repeats).items():
                 if best is not None and k == 0:
@@ -454,7 +455,10 @@ def _leaves_no_doubt(fit: Fit) -> bool:
 
 
 def _guesses(
-    kind: Fittable, seen: Sequence[Seen], shown: Sequence[Table]
+    kind: Fittable,
+    seen: Sequence[Seen],
+    shown: Sequence[Table],
+    counts: Sequence[int],
 ) -> list[AbstractBody]:
     """First guesses in the first view's frame: the best of each view, then the others.
 
@@ -462,12 +466,12 @@ def _guesses(
     """
     found = []
     moves = [table.camera_from_world for table in shown]
-    for one, move in zip(seen, moves, strict=True):
+    for one, move, count in zip(seen, moves, counts, strict=True):
         sigma = typical_sigma(one.image, one.region, one.noise)
         guesses = kind.guesses(one.image, one.region, one.camera, sigma)
         if one is not seen[0]:
             guesses = [_moved(g, move, moves[0]) for g in guesses]
-        found.append((np.count_nonzero(one.image[one.region]), guesses))
+        found.append((count, guesses))
     found.sort(key=lambda pair: -pair[0])
     ranks = itertools.zip_longest(*(guesses for _, guesses in found))
     return [guess for rank in ranks for guess in rank if guess is not None]
