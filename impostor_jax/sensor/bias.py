@@ -34,6 +34,10 @@ MOST_NODES = 32
 """Nodes across the readings of a fit; of a field with more it counts one as smooth as
 those, whose effect on what many correlation lengths have in common is the same."""
 
+CELLS_PER_LENGTH = 8
+"""Squares along a correlation length whose readings are summed up before they are
+compared with nodes, in a tenth of the time: variances are 0.3 % too small by that."""
+
 
 class ScaleLaw(eqx.Module):
     """An error that all depths of an image share.
@@ -125,25 +129,26 @@ class SmoothField(eqx.Module):
             col: Columns of the pixels.
         """
         counts = jnp.any(score != 0, axis=0)
-        reach = BEYOND / NODE_SPACING
-        steps = np.arange(-math.ceil(reach), MOST_NODES + math.ceil(reach) + 1)
+        reach = math.ceil(BEYOND / NODE_SPACING)
+        nodes = np.arange(-reach, MOST_NODES + reach + 1) * NODE_SPACING
+        num_cells = math.ceil(MOST_NODES * NODE_SPACING * CELLS_PER_LENGTH) + 1
+        cells = np.arange(num_cells) / CELLS_PER_LENGTH
+        weight = _spread(*(jnp.asarray(x, score.dtype) for x in (cells, nodes)), 1.0)
 
-        def along(
-            index: Int[Array, " n"],
-        ) -> tuple[Float[Array, "m n"], Float[Array, ""]]:
+        def along(index: Int[Array, " n"]) -> tuple[Int[Array, " n"], Float[Array, ""]]:
             place = index.astype(score.dtype)
             low = jnp.min(jnp.where(counts, place, jnp.inf))
             high = jnp.max(jnp.where(counts, place, -jnp.inf))
             extent = jnp.where(jnp.any(counts), high - low, 0)
             length = jnp.maximum(self.length, extent / (MOST_NODES * NODE_SPACING))
-            nodes = jnp.where(jnp.any(counts), low, 0) + steps * NODE_SPACING * length
-            return _spread(place, nodes.astype(score.dtype), length), length
+            cell = jnp.round((place - low) * (CELLS_PER_LENGTH / length))
+            return jnp.where(counts, cell, 0).astype(int), length
 
-        (rows, tall), (cols, wide) = along(row), along(col)
+        (down, tall), (right, wide) = along(row), along(col)
         score = jnp.where(counts[None], score * self.shift(depth)[None], 0)
-        # Along columns first, so that no array is of both nodes and all pixels.
-        parts = [product(rows * one[None], cols.T) for one in score]
-        sums = jnp.stack([part.ravel() for part in parts])
+        summed = jnp.zeros((num_cells, num_cells, len(score)), score.dtype)
+        summed = jnp.moveaxis(summed.at[down, right].add(score.T), -1, 0)
+        sums = product(weight, summed, weight.T).reshape(len(score), -1)
         return product(sums, sums.T) * (self.length**2 / (tall * wide))
 
 
