@@ -5,16 +5,14 @@ __all__ = [
     "DepthUnitsWarning",
     "chosen_pixels",
     "pixel_indices",
+    "sigma_face_on",
     "takes_all",
     "traced_indices",
     "typical_sigma",
     "warn_of_units",
-    "without_edges",
 ]
 
 import warnings
-from collections.abc import Callable
-from functools import partial
 
 import cv2
 import jax
@@ -22,13 +20,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from impostor_jax.camera.ray_table import Sight
-from impostor_jax.effort import MIN_READINGS
 from impostor_jax.fit.problem import BLOCK
-from impostor_jax.fit.request import DepthImage, Mask
 from impostor_jax.fit.surface import at_most, cropped, thinned, upper_median
 from impostor_jax.sensor.base import AbstractDepthNoise
-from impostor_jax.sensor.bias import Reach, is_none
 from impostor_jax.sensor.gaussian import ConstantNoise
 
 FARTHEST_PLAIN = 100.0
@@ -40,10 +34,6 @@ FINEST_SIGMA, COARSEST_SIGMA = 1e-5, 0.1
 TRACED_READINGS = 15872
 """Most readings that a traced fit uses, evenly spaced over its region."""
 
-NOISY, STEEP = 6.0, 10.0
-"""Standard deviations, and widths of a pixel (at an incidence of 84 degrees), by which
-neighboring readings of one surface may differ."""
-
 MOST_READINGS = BLOCK << 7
 """Of an object that a fit takes, 65536. Real errors are shared by neighbors, and white
 ones leave a radius of a thousandth of itself to a millionth."""
@@ -53,120 +43,6 @@ BUCKETS = tuple(BLOCK << k for k in range(3, 20))
 
 SQUARE = np.ones((3, 3), np.uint8)
 """A pixel and its eight neighbors."""
-
-
-def without_edges(
-    depth: DepthImage, region: Mask, camera: Sight, noise: AbstractDepthNoise
-) -> DepthImage:
-    """Leave out a region's readings that may be of what lies beside it, or lean.
-
-    The first lie at the region's border, the others at a jump in depth or a hole. As
-    many of the sensor's `edge_reach` and `window_reach` pixels are left out as leave
-    enough readings.
-
-    Args:
-        depth: In meters; 0 where there is no reading.
-        region: Pixels of the object.
-        camera: The camera.
-        noise: Of the readings.
-    """
-    mixed, leaning = noise.bias.edge_reach, noise.bias.window_reach
-    if not is_none(mixed):
-        depth = _without_edges(depth, region, mixed)
-    if not is_none(leaning):
-        depth = _without_jumps(depth, region, camera, noise, leaning)
-    return depth
-
-
-def _closed(region: Bool[Array, "h w"]) -> Bool[Array, "h w"]:
-    """A region and the holes in it that are less than three pixels wide."""
-    # Beyond the border it is as it is at the border.
-    grown = jnp.pad(_largest(jnp.pad(region, 1)), 1, mode="edge")
-    return region | ~_largest(~grown)
-
-
-def _largest(padded: Bool[Array, "H W"]) -> Bool[Array, "h w"]:
-    """Whether any pixel of each one's 3 x 3 is."""
-    rows = padded[:-2] | padded[1:-1] | padded[2:]
-    return rows[:, :-2] | rows[:, 1:-1] | rows[:, 2:]
-
-
-@jax.jit
-def _without_edges(
-    depth: Float[Array, "h w"], region: Bool[Array, "h w"], reach: Reach
-) -> Float[Array, "h w"]:
-    def grown(edges: Bool[Array, "h w"]) -> Bool[Array, "h w"]:
-        # Beyond the image's border nothing is known to lie.
-        padded = jnp.pad(edges, 1)
-        rows = padded[:-2, 1:-1] | padded[2:, 1:-1]
-        return edges | rows | padded[1:-1, :-2] | padded[1:-1, 2:]
-
-    # A hole of a pixel or two is no edge: there the mask just says less.
-    outside = ~_closed(region)
-    return _without(depth, region, outside, grown, reach)
-
-
-@jax.jit
-def _without_jumps(
-    depth: Float[Array, "h w"],
-    region: Bool[Array, "h w"],
-    camera: Sight,
-    noise: AbstractDepthNoise,
-    reach: Reach,
-) -> Float[Array, "h w"]:
-    at_jumps = _at_jumps(depth, camera, noise)
-
-    def grown(edges: Bool[Array, "h w"]) -> Bool[Array, "h w"]:
-        # A jump lies between two pixels, which are its first.
-        return at_jumps | _largest(jnp.pad(edges, 1))
-
-    return _without(depth, region, jnp.zeros_like(region), grown, reach)
-
-
-def _without(
-    depth: Float[Array, "h w"],
-    region: Bool[Array, "h w"],
-    edges: Bool[Array, "h w"],
-    grown: Callable[[Bool[Array, "h w"]], Bool[Array, "h w"]],
-    reach: Reach,
-) -> Float[Array, "h w"]:
-    """Leave out a region's readings at edges that grow while enough are left."""
-
-    def widened(_, edges: Bool[Array, "h w"]) -> Bool[Array, "h w"]:
-        more = grown(edges)
-        enough = jnp.sum(region & ~more & (depth > 0)) >= MIN_READINGS
-        return jnp.where(enough, more, edges)
-
-    edges = jax.lax.fori_loop(0, reach, widened, edges)
-    return jnp.where(region & edges, 0, depth)
-
-
-def _at_jumps(
-    depth: Float[Array, "h w"], camera: Sight, noise: AbstractDepthNoise
-) -> Bool[Array, "h w"]:
-    """Pixels with a neighbor along a row or column on another surface, or in a hole."""
-    has = depth > 0
-    sigma = noise.sigma(jnp.where(has, depth, 1), jnp.ones_like(depth))
-    width = depth * jnp.asarray(camera.spacing, depth.dtype)
-    reach = jnp.where(has, NOISY * sigma + STEEP * width, 0)
-    # The hole of a pixel or two is a reading that is missing.
-    is_hole = ~_closed(has)
-
-    def jumps(axis: int) -> Bool[Array, "h w"]:
-        size = depth.shape[axis]
-        first = partial(jax.lax.slice_in_dim, limit_index=size - 1, axis=axis)
-        last = partial(jax.lax.slice_in_dim, limit_index=size, axis=axis)
-
-        def both(of: Array) -> tuple[Array, Array]:
-            return first(of, 0), last(of, 1)
-
-        (near, far), (a, b), (c, d) = both(depth), both(has), both(is_hole)
-        is_jump = a & b & (jnp.abs(near - far) > jnp.maximum(*both(reach))) | c | d
-        before, after = [(0, 0), (0, 0)], [(0, 0), (0, 0)]
-        before[axis], after[axis] = (0, 1), (1, 0)
-        return jnp.pad(is_jump, before) | jnp.pad(is_jump, after)
-
-    return jumps(0) | jumps(1)
 
 
 def typical_sigma(
@@ -181,7 +57,7 @@ def typical_sigma(
     readings = _some_readings(image, region)
     if not len(readings):
         return float("inf")
-    return float(_sigma_face_on(noise, upper_median(readings)))
+    return float(sigma_face_on(noise, upper_median(readings)))
 
 
 def _some_readings(
@@ -194,9 +70,10 @@ def _some_readings(
 
 
 @jax.jit
-def _sigma_face_on(
-    noise: AbstractDepthNoise, depth: Float[Array, ""]
-) -> Float[Array, ""]:
+def sigma_face_on(
+    noise: AbstractDepthNoise, depth: Float[Array, "*batch"]
+) -> Float[Array, "*batch"]:
+    """Standard deviation of readings of a surface that rays meet at a right angle."""
     return noise.sigma(depth, jnp.ones_like(depth))
 
 
@@ -231,7 +108,7 @@ def warn_of_units(
     middle = upper_median(readings)
     if not middle > FARTHEST_PLAIN:
         return
-    sigma = float(_sigma_face_on(noise, middle))
+    sigma = float(sigma_face_on(noise, middle))
     if not FINEST_SIGMA * middle < sigma < COARSEST_SIGMA * middle:
         warnings.warn(
             f"depth must be in meters, its median is {middle:.4g} and its sigma "

@@ -353,9 +353,8 @@ def checked_readings(
     noise, image = checked_noise(sigma), checked_depth(depth, camera)
     if not noise.bias.scales:
         return image, noise, sigma
-    is_concrete_image = isinstance(image, np.ndarray)
     image, noise = corrected(image, noise)
-    return np.asarray(image) if is_concrete_image else image, noise, noise
+    return image, noise, noise
 
 
 def checked_mask(mask: Any, camera: AbstractRays) -> Mask | None:

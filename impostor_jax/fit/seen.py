@@ -9,9 +9,10 @@ from jaxtyping import Bool, Float
 
 from impostor_jax.camera.ray_table import RayTable, Sight, turned_to
 from impostor_jax.camera.spherical import SphericalCamera
+from impostor_jax.fit.edges import without_edges
 from impostor_jax.fit.gather import table_of
 from impostor_jax.fit.problem import Table
-from impostor_jax.fit.regions import chosen_pixels, pixel_indices, without_edges
+from impostor_jax.fit.regions import chosen_pixels, pixel_indices
 from impostor_jax.sensor.base import AbstractDepthNoise
 
 
@@ -37,7 +38,7 @@ class Seen(NamedTuple):
 
     def without_edges(self) -> "Seen":
         """The same without readings that its noise model does not speak for."""
-        return self._replace(image=np.asarray(without_edges(*self)))
+        return self._replace(image=without_edges(*self))
 
 
 def seen_by(

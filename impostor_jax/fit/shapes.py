@@ -27,6 +27,7 @@ from impostor_jax.fit.body import AbstractBody
 from impostor_jax.fit.border import fit_of_one_surface
 from impostor_jax.fit.by_point import told_by_point
 from impostor_jax.fit.copied import counted_copies
+from impostor_jax.fit.edges import without_edges
 from impostor_jax.fit.far import fitted_near
 from impostor_jax.fit.fittable import Fittable, no_guess
 from impostor_jax.fit.gather import table_of
@@ -44,7 +45,6 @@ from impostor_jax.fit.regions import (
     traced_indices,
     typical_sigma,
     warn_of_units,
-    without_edges,
 )
 from impostor_jax.fit.request import (
     DepthImage,
@@ -584,7 +584,7 @@ def _shown_traced(
         mask = in_camera_frame(initial.shape, camera).intersect(ray).mask
     # A mask that is known stays so: its pixels are found before anything is compiled.
     region = np.asarray(mask) if is_concrete(mask) else mask
-    depth = without_edges(depth, jnp.asarray(region), camera, noise)
+    depth = without_edges(depth, region, camera, noise)
     sees = camera.sees(row, col)
     if sees is not None:
         region = jnp.asarray(region) & sees

@@ -10,6 +10,7 @@ __all__ = ["Bias", "Reach", "ScaleLaw", "SmoothField", "is_none"]
 
 import dataclasses
 import math
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -60,14 +61,18 @@ class ScaleLaw(eqx.Module):
         is_some = jnp.isfinite(depth) & (within > 0)
         return jnp.where(is_some, depth / jnp.where(is_some, within, 1), depth)
 
-    def corrected(self, reading: Numbers) -> Numbers:
+    def corrected(
+        self, reading: Float[np.ndarray, "h w"] | Float[Array, "h w"]
+    ) -> Float[np.ndarray, "h w"] | Float[Array, "h w"]:
         """Depth of a reading, in meters, without the mean error."""
-        mean = jnp.asarray(self.mean, reading.dtype)
+        # On the host no program is made for an image's size.
+        xp: Any = np if isinstance(reading, np.ndarray) else jnp
+        mean = xp.asarray(self.mean, reading.dtype)
         if self.law == "scale":
             return reading / (1 + mean)
         within = 1 - reading * mean
-        is_some = jnp.isfinite(reading) & (within > 0)
-        return jnp.where(is_some, reading / jnp.where(is_some, within, 1), 0)
+        is_some = xp.isfinite(reading) & (within > 0)
+        return xp.where(is_some, reading / xp.where(is_some, within, 1), 0)
 
     def shift(self, depth: Numbers) -> Numbers:
         """Change of a reading by one standard deviation, in meters."""

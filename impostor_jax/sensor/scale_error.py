@@ -95,18 +95,17 @@ class ScaleError(AbstractDepthNoise):
 
 def corrected(
     depth: Float[np.ndarray, "h w"] | Float[Array, "h w"], sensor: AbstractDepthNoise
-) -> tuple[Float[Array, "h w"], AbstractDepthNoise]:
+) -> tuple[Float[np.ndarray, "h w"] | Float[Array, "h w"], AbstractDepthNoise]:
     """Depths without the mean errors that a sensor knows, and the sensor without them.
 
     Args:
         depth: Readings in meters; 0 where there is none.
         sensor: That made them.
     """
-    straight = jnp.asarray(depth)
     # The innermost part reads last.
     for law in sensor.bias.scales:
-        straight = law.corrected(straight)
-    return straight, _centered(sensor)
+        depth = law.corrected(depth)
+    return depth, _centered(sensor)
 
 
 def _centered(sensor: AbstractDepthNoise) -> AbstractDepthNoise:

@@ -9,7 +9,7 @@ import pytest
 
 import impostor_jax as ij
 from impostor_jax.fit import border
-from impostor_jax.fit.regions import without_edges
+from impostor_jax.fit.edges import without_edges
 from tests.checks import angle_between
 from tests.fit.scenes import CAMERA, SIGMA, can, image, image_of
 from tests.groups import RELEASE, SMALL_IMAGES
