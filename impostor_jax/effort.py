@@ -69,7 +69,8 @@ class Effort:
         tolerance: Length of a step at which a fit ends, in standard deviations. Where
             it is differentiated it is at most 0.02, and of a frustum, whose taper
             settles slowly, 0.2.
-        max_steps: Of the solver, in each of the stages of a fit.
+        max_steps: Of the solver, in all stages of a fit, of which it takes a few more
+            if need be to have gone through all.
         kernel: Robust loss: "pseudo_huber", "cauchy" or "geman_mcclure"; or "squares",
             which is not robust.
 
@@ -88,7 +89,7 @@ class Effort:
     starts: int = 8
     all_starts: bool = False
     tolerance: float = 1.0
-    max_steps: int = 50
+    max_steps: int = 60
     kernel: Literal["pseudo_huber", "cauchy", "geman_mcclure", "squares"] = (
         "geman_mcclure"
     )

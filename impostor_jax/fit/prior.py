@@ -8,7 +8,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from impostor_jax.fit.body import AbstractBody
 from impostor_jax.geometry.frames import RigidTransform
@@ -41,6 +41,13 @@ class Prior(eqx.Module):
     outer_radius: Belief | None = None
     inner_radius: Belief | None = None
     height: Belief | None = None
+
+    @property
+    def tells(self) -> Bool[Array, ""]:
+        """Whether anything is expected."""
+        beliefs = (getattr(self, field.name) for field in dataclasses.fields(self))
+        widths = [jnp.asarray(belief[1]) for belief in beliefs if belief is not None]
+        return jnp.any(jnp.isfinite(jnp.stack(widths))) if widths else jnp.array(False)
 
     def transformed(self, target_from_source: RigidTransform) -> "Prior":
         """Express the same in another frame, as of a camera."""

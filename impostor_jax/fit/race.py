@@ -37,9 +37,12 @@ HOPELESS_RATIO = 10.0
 """The same for all readings, over those that tell as much as one whose error is its
 own: such an end weighs less than a ten-thousandth of the best."""
 
-MOST_STEPS = 12
-"""Of the solver in each of its stages: whatever ends well does so after two to ten
-steps in all, and others would take as many as they are given."""
+MOST_STEPS = 16
+"""Of the solver: whatever ends well does so after five to fifteen, and others would
+take as many as they are given."""
+
+MOST_AT_EDGE = 128
+"""Pixels at the edge that are looked at beside few readings."""
 
 SAME = 5.0
 """Standard deviations, in what all readings tell, up to which two ends are one."""
@@ -65,10 +68,16 @@ class Ends(NamedTuple):
 
 def coarse(table: Table) -> Table:
     """The readings that speak for all."""
-    count = len(table.row)
+    count, at_edge = len(table.row), table.inside.shape[1]
     own = np.count_nonzero(table.rays.exists[:count])
+    end = count + table.inside.size
+    kept = [np.arange(count - BLOCK, count)]
+    kept += [count + k * at_edge + np.arange(MOST_AT_EDGE) for k in range(5)]
+    kept += [np.arange(end, len(table.rays.x))]
+    chosen = np.concatenate(kept)
     return table._replace(
-        rays=jax.tree.map(lambda values: values[count - BLOCK :], table.rays),
+        rays=jax.tree.map(lambda values: values[chosen], table.rays),
+        inside=table.inside[:, :MOST_AT_EDGE],
         row=table.row[-BLOCK:],
         col=table.col[-BLOCK:],
         beside=table.beside[-BLOCK:],

@@ -143,6 +143,7 @@ class _State(eqx.Module):
     Attributes:
         stage: Number of the stage.
         in_stage: Steps in it.
+        count: Steps in all.
         body: The estimate from which the last step was taken.
         told: What its pass told.
         damping: Of that step.
@@ -153,6 +154,7 @@ class _State(eqx.Module):
 
     stage: Int[Array, ""]
     in_stage: Int[Array, ""]
+    count: Int[Array, ""]
     body: AbstractBody
     told: _Pass
     damping: Float[Array, ""]
@@ -171,7 +173,8 @@ class _Staged(optx.AbstractFixedPointSolver):
 
     Attributes:
         limits: Of the stages.
-        max_steps: Of each of them.
+        max_steps: Of all of them. With half of these taken, each but the last takes one
+            more.
         free: As `AbstractBody.free_directions` returns it.
     """
 
@@ -187,7 +190,7 @@ class _Staged(optx.AbstractFixedPointSolver):
         told = jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), aux_struct)
         still, none = jnp.zeros_like(told.pull), jnp.zeros_like(told.loss)
         zero = jnp.zeros((), jnp.int32)
-        return _State(zero, zero, y, told, none, still, still, none + jnp.inf)
+        return _State(zero, zero, zero, y, told, none, still, still, none + jnp.inf)
 
     @override
     def step(self, fn, y, args, options, state, tags):
@@ -210,13 +213,14 @@ class _Staged(optx.AbstractFixedPointSolver):
         share = jnp.where(has_two, jnp.clip(share, -MOST_SUM, MOST_BACK), 0)
         moved = wanted - share * (state.moved + change)
         size = jnp.where(damping == 0, self.norm(moved), jnp.inf)
-        most = jnp.minimum(MOST_COARSE, self.max_steps)
-        ends = (size < self.limits[state.stage]) | (state.in_stage >= most - 1)
-        goes_further = ends & ~is_last
+        count = state.count + 1
+        is_long = (state.in_stage >= MOST_COARSE - 1) | (2 * count >= self.max_steps)
+        goes_further = ((size < self.limits[state.stage]) | is_long) & ~is_last
         tangent = product(told.basis, moved)
         state = _State(
             stage=state.stage + jnp.where(goes_further, 1, 0),
             in_stage=jnp.where(goes_further, 0, state.in_stage + 1),
+            count=count,
             body=body,
             told=told,
             damping=damping,
@@ -228,8 +232,11 @@ class _Staged(optx.AbstractFixedPointSolver):
 
     @override
     def terminate(self, fn, y, args, options, state, tags):
-        has_ended = (state.stage == len(STAGES) - 1) & (state.left < 1)
-        is_stuck = ~has_ended & (state.in_stage >= self.max_steps)
+        is_last = state.stage == len(STAGES) - 1
+        has_ended = is_last & (state.left < 1)
+        # No estimate but one of the last stage is returned.
+        is_stuck = is_last & ~has_ended & (state.in_stage > 0)
+        is_stuck &= state.count >= self.max_steps
         result = optx.RESULTS.where(
             is_stuck,
             optx.RESULTS.nonlinear_max_steps_reached,
@@ -451,15 +458,20 @@ def _of_edge(
 
 def _of_beliefs(problem: Problem, body: AbstractBody) -> Float[Array, "k k"]:
     """The same products of what is expected beforehand."""
-    free = problem.settings.free
+    free, dtype = problem.settings.free, problem.unit.dtype
 
     def known(tangent: Float[Array, " c"]) -> Float[Array, " n"]:
         moved = body.retracted(tangent, free)
         return prior_residuals(problem.prior, moved, problem.bias)
 
-    still = jnp.zeros(free.shape[0], problem.unit.dtype)
-    beliefs = jnp.concatenate([jax.jacfwd(known)(still).T, known(still)[None]])
-    return product(beliefs, beliefs.T)
+    def products() -> Float[Array, "k k"]:
+        still = jnp.zeros(free.shape[0], dtype)
+        beliefs = jnp.concatenate([jax.jacfwd(known)(still).T, known(still)[None]])
+        return product(beliefs, beliefs.T)
+
+    blank = jnp.zeros((free.shape[0] + 1,) * 2, dtype)
+    # Of most fits nothing is: a tenth of the time of a step.
+    return jax.lax.cond(problem.prior.tells, products, lambda: blank)
 
 
 def _products(
