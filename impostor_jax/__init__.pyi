@@ -9,11 +9,10 @@ from .effort import Effort
 from .find.cylinders import find_cylinders
 from .find.found import Found
 from .fit.alternatives import Alternatives
-from .fit.bore import test_bore
+from .fit.bore import BoreTest, test_bore
 from .fit.depth_loss import depth_loss
 from .fit.options import FitOptions
 from .fit.result import (
-    BoreTest,
     Deviations,
     Directions,
     Fit,
@@ -23,10 +22,9 @@ from .fit.result import (
     OutlineGap,
     SphereDeviations,
     SphereFit,
-    TaperTest,
 )
 from .fit.status import FitStatus
-from .fit.taper import test_taper
+from .fit.taper import TaperTest, test_taper
 from .fits.batch import fit_cylinders
 from .fits.labels import fit_labels
 from .fits.points import fit_cylinder_to_points

@@ -236,8 +236,8 @@ def _count_there(record: Path, place: Path, made_from: dict[str, Any]) -> int | 
     """How many cylinders were found where all files are there; else None."""
     import json
 
+    from impostor_jax.find.found import FOUND_VERSION
     from impostor_jax.io.json_file import check_version, read_json_object
-    from impostor_jax.io.record import FOUND_VERSION
 
     paths = record, *(place / name for name in PICTURES)
     if not all(path.is_file() for path in paths):

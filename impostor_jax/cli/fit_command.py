@@ -28,7 +28,9 @@ from impostor_jax.cli.inputs import (
 
 if TYPE_CHECKING:
     from impostor_jax.camera.base import AbstractCamera
-    from impostor_jax.fit.result import BoreTest, Fit, TaperTest
+    from impostor_jax.fit.bore import BoreTest
+    from impostor_jax.fit.result import Fit
+    from impostor_jax.fit.taper import TaperTest
 
 
 @dataclasses.dataclass(frozen=True)

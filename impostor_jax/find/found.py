@@ -1,8 +1,9 @@
 """What a search for cylinders returns."""
 
-__all__ = ["Found"]
+__all__ = ["FOUND_VERSION", "Found"]
 
 import dataclasses
+from collections.abc import Iterator
 from typing import Any
 
 import jax
@@ -11,10 +12,15 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from impostor_jax.arguments import is_exact
+from impostor_jax.fit.record import estimate_record, numbers
 from impostor_jax.fit.result import Fit
+from impostor_jax.fit.status import FitStatus
 from impostor_jax.fit.text import millimeters
 from impostor_jax.primitives.cylinder import Cylinder
 from impostor_jax.primitives.plane import Plane
+
+FOUND_VERSION = 1
+"""Of the records of searches that are written, as `FIT_VERSION` is of fits."""
 
 
 def stacked(*parts: Any) -> Any:
@@ -48,6 +54,51 @@ class Found:
 
     def __len__(self) -> int:
         return len(self.fits)
+
+    def __getitem__(self, number: int) -> Fit:
+        """The fit of a cylinder."""
+        return self.fits[number]
+
+    def __iter__(self) -> Iterator[Fit]:
+        return iter(self.fits)
+
+    @property
+    def statuses(self) -> tuple[FitStatus, ...]:
+        """How each fit ended."""
+        return tuple(fit.status for fit in self.fits)
+
+    @property
+    def reasons(self) -> tuple[str, ...]:
+        """What is behind each status, in words."""
+        return tuple(fit.reason for fit in self.fits)
+
+    def to_dict(self) -> dict[str, Any]:
+        """What JSON can hold, as in `found.json`: cylinders and planes."""
+        cylinders = [
+            {
+                "label": k + 1,
+                "confidence": numbers(self.confidence[k]),
+                "visible": numbers(self.visible[k]),
+                "inside": bool(self.inside[k]),
+                "status": str(fit.status),
+                "world_from_cylinder": numbers(fit.pose),
+                **estimate_record(fit),
+                "ends_seen": [bool(seen) for seen in fit.ends_seen],
+                "num_pixels": int(fit.num_pixels),
+                "rms_m": numbers(fit.rms),
+                "chi2": numbers(fit.chi2),
+            }
+            for k, fit in enumerate(self.fits)
+        ]
+        planes = zip(self.planes.point, self.planes.unit_normal, strict=True)
+        return {
+            "version": FOUND_VERSION,
+            "cylinders": cylinders,
+            "planes": [
+                {"point_m": numbers(point), "normal": numbers(normal)}
+                for point, normal in planes
+            ],
+        }
 
     @property
     def cylinders(self) -> Cylinder:

@@ -16,15 +16,16 @@ References:
     likelihood ratio tests under nonstandard conditions, JASA 1987.
 """
 
-__all__ = ["test_bore"]
+__all__ = ["BoreTest", "test_bore"]
 
 import dataclasses
 from typing import Any
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from impostor_jax.arguments import working_precision
 from impostor_jax.compiling import quickly_compiled
@@ -42,19 +43,59 @@ from impostor_jax.fit.request import (
     checked_settings,
     views_given,
 )
-from impostor_jax.fit.result import BoreTest, Fit
+from impostor_jax.fit.result import Fit
 from impostor_jax.fit.seen import seen_by, shown_by
 from impostor_jax.fit.shapes import fit_shape
+from impostor_jax.fit.text import millimeters
 from impostor_jax.numerics import nan_where
 from impostor_jax.primitives.cylinder import Cylinder
 from impostor_jax.primitives.local_world import LocalWorld
 from impostor_jax.primitives.tube import Tube
+from impostor_jax.text import text_or_repr
 
 NAMES = {"radius": "outer_radius"}
 """Of a cylinder's parameters, what a tube calls otherwise."""
 
 STARTS = (0.9, 0.7, 0.5, 0.3)
 """Inner radii, in outer ones, that a fit begins with where the cylinder has a start."""
+
+
+class BoreTest(eqx.Module):
+    """Test of a cylinder, a tube without a bore, against a tube.
+
+    Attributes:
+        tube: Fit of the tube.
+        statistic: Twice the logarithm of the likelihood's ratio, at least 0.
+        p_value: Probability that a cylinder's noise gives as much; 1 where no reading
+            shows a bore, NaN where the tube's fit failed.
+    """
+
+    tube: Fit
+    statistic: Float[Array, "*batch"]
+    p_value: Float[Array, "*batch"]
+
+    def is_needed(self, level: float = 0.01) -> Bool[Array, "*batch"]:
+        """Whether the readings reject a cylinder.
+
+        Args:
+            level: Share of cylinders that are taken for tubes, at most.
+        """
+        return self.p_value < level
+
+    def __str__(self) -> str:
+        return text_or_repr(self, self._text)
+
+    def _text(self) -> str:
+        found = self.tube
+        if not found.is_shape:
+            return f"  bore    not tested: the tube's fit ended as {found.status}"
+        answer = "needed" if bool(self.is_needed()) else "not needed"
+        return (
+            f"  bore    {answer}: radius {millimeters(found.tube.inner_radius)} mm "
+            f"(std {millimeters(found.std.inner_radius)}) in "
+            f"{millimeters(found.tube.outer_radius)} mm, likelihood ratio "
+            f"{float(self.statistic):.2f}, p-value {float(self.p_value):.2g}"
+        )
 
 
 def test_bore(fit: Fit) -> BoreTest:

@@ -4,7 +4,6 @@ __all__ = [
     "BUDGET",
     "LARGE_GAP",
     "Asked",
-    "BoreTest",
     "Budget",
     "Deviations",
     "Directions",
@@ -15,7 +14,6 @@ __all__ = [
     "OutlineGap",
     "SphereDeviations",
     "SphereFit",
-    "TaperTest",
     "each_of",
     "named_values",
     "of_images",
@@ -23,7 +21,7 @@ __all__ = [
 
 import dataclasses
 from collections import Counter, OrderedDict
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple, TypeVar
 
 import equinox as eqx
@@ -32,10 +30,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from impostor_jax.arguments import is_exact
 from impostor_jax.fit.across import AcrossRays
 from impostor_jax.fit.alternatives import Alternatives, Named
 from impostor_jax.fit.pose import Pose, pose_from_camera, pose_of
-from impostor_jax.fit.record import fit_record
+from impostor_jax.fit.record import FIT_VERSION, fit_record
 from impostor_jax.fit.status import STATUSES, FitStatus
 from impostor_jax.fit.text import line, millimeters, plain
 from impostor_jax.numerics import nan_where
@@ -268,6 +267,7 @@ class Asked:
         contradiction: In words, what of that which was stated, or of the outline, the
             readings exclude; None if nothing, or where the fit was traced or stacked.
         outline_gap: Of the fit; None where no image shows the outline, or likewise.
+        each: The same of each of several fits.
     """
 
     arguments: dict[str, Any] | None = None
@@ -275,6 +275,7 @@ class Asked:
     is_thinned: bool = False
     contradiction: str | None = None
     outline_gap: OutlineGap | None = None
+    each: tuple["Asked", ...] = ()
 
     def tree_flatten(self) -> tuple[tuple[()], None]:
         """No leaves."""
@@ -288,6 +289,9 @@ class Asked:
 
 class Fit(eqx.Module):
     """A fitted shape; read `success` and `status` first.
+
+    Where there are several, every array has leading axes, and what needs a single one
+    is asked of each: they can be counted, indexed and iterated.
 
     Attributes:
         shape: The estimate, in the world frame: a cylinder, a frustum or a sphere, and
@@ -436,6 +440,56 @@ class Fit(eqx.Module):
         """
         return self.asked.outline_gap
 
+    def __bool__(self) -> bool:
+        return True
+
+    def __len__(self) -> int:
+        self._check_several()
+        return len(self.status_code)
+
+    def __iter__(self) -> Iterator["Fit"]:
+        self._check_several()
+        return (self[k] for k in range(len(self)))
+
+    def __getitem__(self, which: Any) -> "Fit":
+        """One of several fits by its number; several by a slice, numbers or flags.
+
+        Raises:
+            TypeError: There is but one.
+            IndexError: There is no such fit.
+        """
+        self._check_several()
+        chosen = np.arange(len(self))[which]
+        leaves, tree = jax.tree.flatten(self)
+        # By NumPy: JAX takes several milliseconds.
+        parts = [np.asarray(values)[chosen] for values in leaves]
+        with jax.enable_x64(True):
+            # What lies far off stays NumPy's.
+            put = [
+                part if is_exact(values) else jax.device_put(part)
+                for part, values in zip(parts, leaves, strict=True)
+            ]
+        part = tree.unflatten(put)
+        if self.asked.each:
+            each = tuple(self.asked.each[k] for k in chosen.ravel())
+            asked = Asked(each=each) if chosen.ndim else each[0]
+            part = dataclasses.replace(part, asked=asked)
+        return part
+
+    def _check_several(self) -> None:
+        if not np.ndim(self.status_code):
+            raise TypeError("there is one fit: it has no length, nor numbers")
+
+    @property
+    def statuses(self) -> tuple[FitStatus, ...]:
+        """How each of several fits ended."""
+        return tuple(fit.status for fit in self)
+
+    @property
+    def reasons(self) -> tuple[str, ...]:
+        """What is behind the status of each of several fits, in words."""
+        return tuple(fit.reason for fit in self)
+
     @property
     def is_shape(self) -> bool:
         """Whether the shape is one that explains the readings, if not the only one."""
@@ -537,19 +591,22 @@ class Fit(eqx.Module):
     def to_dict(
         self,
         seconds: float | None = None,
-        taper: "TaperTest | None" = None,
-        bore: "BoreTest | None" = None,
+        taper: Any = None,
+        bore: Any = None,
     ) -> dict[str, Any]:
-        """What JSON can hold of a single, concrete result, as in `fit.json`.
+        """What JSON can hold of a concrete result, as in `fit.json`.
 
         The keys are the same for every shape but those of its parameters, and are in
-        `impostor_jax/io/schemas/fit.schema.json`; what is not finite is None.
+        `impostor_jax/io/schemas/fit.schema.json`; what is not finite is None. Of
+        several fits it is a list of these by the name "fits", and no argument is taken.
 
         Args:
             seconds: Time that the fit took.
-            taper: Whether a frustum is needed, if that was tested.
-            bore: Whether a tube is needed, if that was tested.
+            taper: The `TaperTest`, if there was one.
+            bore: The `BoreTest`, if there was one.
         """
+        if np.ndim(self.status_code):
+            return {"version": FIT_VERSION, "fits": [fit.to_dict() for fit in self]}
         return fit_record(
             self, self.alternatives.told(named_values), seconds, taper, bore
         )
@@ -636,84 +693,6 @@ class Fit(eqx.Module):
 
 def _made_of(parts: dict[str, Array]) -> str:
     return ", ".join(f"{name} {millimeters(std)}" for name, std in parts.items())
-
-
-class TaperTest(eqx.Module):
-    """Test of a cylinder, a frustum without taper, against a frustum.
-
-    Attributes:
-        frustum: Fit of the frustum.
-        statistic: Square of the difference of its radii over the variance of that
-            (Wald's); of a cylinder it is chi-squared with one degree of freedom.
-        p_value: Probability that a cylinder's noise gives as much; NaN where the
-            frustum's fit failed.
-    """
-
-    frustum: Fit
-    statistic: Float[Array, "*batch"]
-    p_value: Float[Array, "*batch"]
-
-    def is_needed(self, level: float = 0.01) -> Bool[Array, "*batch"]:
-        """Whether the readings reject a cylinder.
-
-        Args:
-            level: Share of cylinders that are taken for frusta.
-        """
-        return self.p_value < level
-
-    def __str__(self) -> str:
-        return text_or_repr(self, self._text)
-
-    def _text(self) -> str:
-        found = self.frustum
-        if not bool(found.success):
-            return f"  taper   not tested: the frustum's fit ended as {found.status}"
-        ends = found.frustum.radius1, found.frustum.radius2
-        radius1, radius2 = map(millimeters, ends)
-        answer = "needed" if bool(self.is_needed()) else "not needed"
-        return (
-            f"  taper   {answer}: radius {radius1} to {radius2} mm along the axis, "
-            f"Wald statistic {float(self.statistic):.2f}, p-value "
-            f"{float(self.p_value):.2g}"
-        )
-
-
-class BoreTest(eqx.Module):
-    """Test of a cylinder, a tube without a bore, against a tube.
-
-    Attributes:
-        tube: Fit of the tube.
-        statistic: Twice the logarithm of the likelihood's ratio, at least 0.
-        p_value: Probability that a cylinder's noise gives as much; 1 where no reading
-            shows a bore, NaN where the tube's fit failed.
-    """
-
-    tube: Fit
-    statistic: Float[Array, "*batch"]
-    p_value: Float[Array, "*batch"]
-
-    def is_needed(self, level: float = 0.01) -> Bool[Array, "*batch"]:
-        """Whether the readings reject a cylinder.
-
-        Args:
-            level: Share of cylinders that are taken for tubes, at most.
-        """
-        return self.p_value < level
-
-    def __str__(self) -> str:
-        return text_or_repr(self, self._text)
-
-    def _text(self) -> str:
-        found = self.tube
-        if not found.is_shape:
-            return f"  bore    not tested: the tube's fit ended as {found.status}"
-        answer = "needed" if bool(self.is_needed()) else "not needed"
-        return (
-            f"  bore    {answer}: radius {millimeters(found.tube.inner_radius)} mm "
-            f"(std {millimeters(found.std.inner_radius)}) in "
-            f"{millimeters(found.tube.outer_radius)} mm, likelihood ratio "
-            f"{float(self.statistic):.2f}, p-value {float(self.p_value):.2g}"
-        )
 
 
 FitResult = FrustumFit = SphereFit = Fit

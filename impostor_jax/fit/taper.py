@@ -5,23 +5,67 @@ difference of its radii over the variance of that is chi-squared with one degree
 freedom where there is none.
 """
 
-__all__ = ["test_taper"]
+__all__ = ["TaperTest", "test_taper"]
 
 from typing import Any
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Bool, Float
 
 from impostor_jax.arguments import is_exact
 from impostor_jax.fit.fittable import FRUSTUM
 from impostor_jax.fit.options import Options
 from impostor_jax.fit.request import arguments_of_cylinder
-from impostor_jax.fit.result import Fit, TaperTest
+from impostor_jax.fit.result import Fit
 from impostor_jax.fit.shapes import fit_shape
+from impostor_jax.fit.text import millimeters
 from impostor_jax.geometry.vec3 import unit
 from impostor_jax.numerics import nan_where
 from impostor_jax.primitives.frustum import Frustum
+from impostor_jax.text import text_or_repr
+
+
+class TaperTest(eqx.Module):
+    """Test of a cylinder, a frustum without taper, against a frustum.
+
+    Attributes:
+        frustum: Fit of the frustum.
+        statistic: Square of the difference of its radii over the variance of that
+            (Wald's); of a cylinder it is chi-squared with one degree of freedom.
+        p_value: Probability that a cylinder's noise gives as much; NaN where the
+            frustum's fit failed.
+    """
+
+    frustum: Fit
+    statistic: Float[Array, "*batch"]
+    p_value: Float[Array, "*batch"]
+
+    def is_needed(self, level: float = 0.01) -> Bool[Array, "*batch"]:
+        """Whether the readings reject a cylinder.
+
+        Args:
+            level: Share of cylinders that are taken for frusta.
+        """
+        return self.p_value < level
+
+    def __str__(self) -> str:
+        return text_or_repr(self, self._text)
+
+    def _text(self) -> str:
+        found = self.frustum
+        if not bool(found.success):
+            return f"  taper   not tested: the frustum's fit ended as {found.status}"
+        ends = found.frustum.radius1, found.frustum.radius2
+        radius1, radius2 = map(millimeters, ends)
+        answer = "needed" if bool(self.is_needed()) else "not needed"
+        return (
+            f"  taper   {answer}: radius {radius1} to {radius2} mm along the axis, "
+            f"Wald statistic {float(self.statistic):.2f}, p-value "
+            f"{float(self.p_value):.2g}"
+        )
 
 
 def test_taper(fit: Fit) -> TaperTest:

@@ -2,6 +2,7 @@
 
 __all__ = ["fit_cylinders"]
 
+import dataclasses
 import math
 from collections.abc import Sequence
 from typing import Any, Unpack
@@ -15,7 +16,7 @@ from impostor_jax.fit.batch import side_by_side
 from impostor_jax.fit.fittable import CYLINDER
 from impostor_jax.fit.options import FitOptions, Options
 from impostor_jax.fit.request import check_types
-from impostor_jax.fit.result import Fit
+from impostor_jax.fit.result import Asked, Fit
 from impostor_jax.fits.shown import fit_or_failure
 from impostor_jax.primitives.cylinder import Cylinder
 from impostor_jax.primitives.local_world import LocalWorld
@@ -48,7 +49,8 @@ def fit_cylinders(
         options: What `FitOptions` lists.
 
     Returns:
-        The fits, with a leading axis (N,) in every array.
+        The fits, with a leading axis (N,) in every array. They can be indexed and
+        iterated, and `statuses`, `reasons` and `to_dict()` are those of each.
 
     Raises:
         TypeError: As in `fit_cylinder`.
@@ -76,6 +78,7 @@ def fit_cylinders(
     asked = Options.of(options)
     stacked: list[np.ndarray] = []
     exact: list[bool] = []
+    each = [Asked()] * count
     # The farthest first, of whose types the others are stacked.
     order = sorted(range(count), key=lambda k: -_distance(cameras[k]))
 
@@ -85,6 +88,7 @@ def fit_cylinders(
         found = fit_or_failure(
             CYLINDER, depths[index], cameras[index], mask, sigma, start, asked
         )
+        each[index] = found.asked
         leaves, tree = jax.tree.flatten(found)
         if not stacked:
             # The first fit, which is made alone.
@@ -106,9 +110,10 @@ def fit_cylinders(
         # What lies far off stays NumPy's, as in a single fit.
         near = [one for one, far in zip(stacked, exact, strict=True) if not far]
         put = iter(jax.device_put(near))
-        return tree.unflatten(
+        fits = tree.unflatten(
             one if far else next(put) for one, far in zip(stacked, exact, strict=True)
         )
+    return dataclasses.replace(fits, asked=Asked(each=tuple(each)))
 
 
 def _distance(camera: AbstractCamera) -> float:

@@ -1,13 +1,13 @@
 """What is made of the record of a fit, and the record of a search, as JSON."""
 
-__all__ = ["FOUND_VERSION", "found_record", "shape_of_fit"]
+__all__ = ["found_record", "shape_of_fit"]
 
 from collections.abc import Callable
 from typing import Any
 
 from impostor_jax.camera.base import AbstractCamera
 from impostor_jax.find.found import Found
-from impostor_jax.fit.record import FIT_VERSION, estimate_record, numbers
+from impostor_jax.fit.record import FIT_VERSION
 from impostor_jax.io.json_file import arguments_of, check_keys, check_version
 from impostor_jax.primitives import PRIMITIVES
 from impostor_jax.primitives.base import AbstractPrimitive
@@ -15,9 +15,6 @@ from impostor_jax.primitives.tube import tube
 
 MADE_BY: dict[str, Callable[..., AbstractPrimitive]] = {**PRIMITIVES, "tube": tube}
 """Shapes that a record may be of, by what makes them."""
-
-FOUND_VERSION = 1
-"""Of the records of searches that are written, as `FIT_VERSION` is of fits."""
 
 
 def shape_of_fit(record: dict[str, Any], what: str) -> AbstractPrimitive:
@@ -69,32 +66,13 @@ def found_record(
     """
     is_camera = camera.camera_from_world is None
     axes = "x right, y down, z forward"
-    cylinders = [
-        {
-            "label": k + 1,
-            "confidence": numbers(found.confidence[k]),
-            "visible": numbers(found.visible[k]),
-            "inside": bool(found.inside[k]),
-            "status": str(fit.status),
-            "world_from_cylinder": numbers(fit.pose),
-            **estimate_record(fit),
-            "ends_seen": [bool(seen) for seen in fit.ends_seen],
-            "num_pixels": int(fit.num_pixels),
-            "rms_m": numbers(fit.rms),
-            "chi2": numbers(fit.chi2),
-        }
-        for k, fit in enumerate(found.fits)
-    ]
-    planes = zip(found.planes.point, found.planes.unit_normal, strict=True)
+    record = found.to_dict()
     return {
-        "version": FOUND_VERSION,
+        "version": record["version"],
         "frame": f"the camera's: {axes}" if is_camera else "the world's",
         "image": {"width": camera.width, "height": camera.height},
-        "cylinders": cylinders,
-        "planes": [
-            {"point_m": numbers(point), "normal": numbers(normal)}
-            for point, normal in planes
-        ],
+        "cylinders": record["cylinders"],
+        "planes": record["planes"],
         "seconds": seconds,
         "made_from": made_from,
     }

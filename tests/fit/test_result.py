@@ -121,3 +121,33 @@ def test_an_unknown_option_is_named_with_those_there_are(call):
         call(depth, fixd=("radius",))
     with pytest.raises(TypeError, match=r"call ij.test_taper\(fit\)"):
         call(depth, test_taper=True)
+
+
+@SMALL_IMAGES
+def test_several_fits_are_counted_indexed_and_iterated():
+    depth, mask = image()
+    depths = np.stack([depth, depth, np.float32(2) * depth, depth])
+    masks = np.stack([mask, 0 * mask, mask, mask])
+    prior = {"radius": (0.04, 1e-3)}
+    fits = ij.fit_cylinders(depths, CAMERA, masks, SIGMA, prior=prior)
+    alone = ij.fit_cylinder(depth, CAMERA, mask, SIGMA, prior=prior)
+    assert len(fits) == 4
+    good, none, wrong, _ = fits.statuses
+    assert [good, none] == [ij.FitStatus.CONVERGED, ij.FitStatus.NO_FIRST_GUESS]
+    assert wrong is ij.FitStatus.CONTRADICTED
+    # What is known of one beside its numbers.
+    assert fits.reasons[2] == fits[2].reason != wrong.meaning
+    assert fits[0].outline_gap == alone.outline_gap is not None
+    assert fits[-1].cylinder.radius == alone.cylinder.radius
+    assert [fit.status for fit in fits] == list(fits.statuses)
+    some = fits[np.asarray(fits.success)]
+    assert some.statuses == (good, good)
+    assert fits[1:3].reasons == fits.reasons[1:3]
+    np.testing.assert_array_equal(fits[1:3].pose, fits.pose[1:3])
+    assert fits[0].to_dict() == {**alone.to_dict(), "num_starts": 1}
+    assert fits.to_dict()["fits"][1]["status"] == "no_first_guess"
+    with pytest.raises(IndexError):
+        fits[4]
+    with pytest.raises(TypeError, match="there is one fit: it has no length"):
+        len(alone)
+    assert alone

@@ -178,7 +178,10 @@ def test_a_search_has_a_record_that_its_schema_knows():
     record = written(found_record(found, CAMERA, 0.5))
     FOUND.validate(record)
     (cylinder,) = record["cylinders"]
-    np.testing.assert_array_equal(cylinder["world_from_cylinder"], found.fits[0].pose)
+    np.testing.assert_array_equal(cylinder["world_from_cylinder"], found[0].pose)
+    assert found.to_dict()["cylinders"] == record["cylinders"]
+    assert [fit.status for fit in found] == list(found.statuses)
+    assert found.reasons == tuple(fit.reason for fit in found.fits)
     for change in ({"version": 2}, {"cylinders": [{}]}, {"planes": None}, {"a": 1}):
         assert not FOUND.is_valid(record | change)
     assert not FOUND.is_valid(record | {"cylinders": [cylinder | {"std": None}]})
