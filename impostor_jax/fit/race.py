@@ -37,7 +37,7 @@ HOPELESS_RATIO = 10.0
 """The same for all readings, over those that tell as much as one whose error is its
 own: such an end weighs less than a ten-thousandth of the best."""
 
-MOST_STEPS = 16
+MOST_STEPS = 20
 """Of the solver: whatever ends well does so after five to fifteen, and others would
 take as many as they are given."""
 
