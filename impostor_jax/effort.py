@@ -66,6 +66,10 @@ class Effort:
         starts: First guesses that a fit tries; there are 9 at most.
         all_starts: Whether it tries all of them, or more than one only where the first
             does not explain the readings.
+        doubts: Whether a fit doubts its answer: looks for other solutions beside the
+            best, for what is not of the object at its region's border, and for errors
+            across the rays that nobody told of. Where it does not, a border that
+            contradicts the rest is a failure, and so is a bore with a floor.
         tolerance: Length of a step at which a fit ends, in standard deviations. Where
             it is differentiated it is at most 0.02, and of a frustum, whose taper
             settles slowly, 0.2.
@@ -88,6 +92,7 @@ class Effort:
     readings: int | None = None
     starts: int = 8
     all_starts: bool = False
+    doubts: bool = True
     tolerance: float = 1.0
     max_steps: int = 60
     kernel: Literal["pseudo_huber", "cauchy", "geman_mcclure", "squares"] = (
@@ -115,9 +120,16 @@ class Effort:
 
 EFFORTS: dict[str, tuple[str, Effort]] = {
     "fast": (
-        "Every second row and column, at most 4096 readings, and a coarse end.",
-        # Fewer readings save no more than a tenth of the time: the host rules it.
-        Effort(stride=2, extent="tile", outline="hard", readings=4096, tolerance=5.0),
+        "1024 readings, at most 7 steps, no doubts; every second row and column.",
+        Effort(
+            stride=2,
+            extent="tile",
+            outline="hard",
+            readings=1024,
+            doubts=False,
+            tolerance=5.0,
+            max_steps=7,
+        ),
     ),
     "balanced": (
         "Up to 65536 readings; more starts where the first does not explain them.",

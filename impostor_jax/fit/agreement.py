@@ -87,14 +87,21 @@ def contradiction(
 
 
 def strays(
-    inlier: Bool[Array, " n"], used: Bool[Array, " n"], beside: Bool[Array, " n"]
+    inlier: Bool[Array, " n"], used: Bool[Array, " n"], beside: Float[Array, " n"]
 ) -> Bool[Array, ""]:
-    """Whether readings at the border lie elsewhere far more often than within."""
+    """Whether readings at the border lie elsewhere far more often than within.
 
-    def counts(where: Bool[Array, " n"]) -> tuple[Array, Array]:
-        total, off = jnp.sum(where), jnp.sum(where & ~inlier)
-        return off.astype(float), jnp.maximum(total, 1).astype(float)
+    Args:
+        inlier: Readings on the shape.
+        used: All readings.
+        beside: How many readings of the border each stands for; 0 for the others.
+    """
 
-    (off, border), (stray, inner) = counts(used & beside), counts(used & ~beside)
-    is_more = off / border > MOST_STRAY + 2 * stray / inner
-    return is_more & (inner >= FEWEST_WITHIN)
+    def share(weight: Float[Array, " n"]) -> tuple[Array, Array]:
+        total = jnp.maximum(jnp.sum(weight), 1)
+        return jnp.sum(jnp.where(inlier, 0, weight)) / total, total
+
+    (border, _), (stray, inner) = map(
+        share, (jnp.where(used, beside, 0), jnp.where(used & (beside == 0), 1.0, 0.0))
+    )
+    return (border > MOST_STRAY + 2 * stray) & (inner >= FEWEST_WITHIN)

@@ -191,7 +191,7 @@ def assess(problem: Problem, solution: Solution, correlated: bool) -> Assessment
     at_rim &= seen.cap_radius > 0
     tells = inlier & ~(readings.is_square & at_rim)
     of_all = _products(terms, tells, into)
-    of_border = _products(terms, tells & beside, into)
+    of_border = _products(terms, tells & (beside > 0), into)
     of_edges = _products(edges, crossing, into)
 
     def in_world(

@@ -33,6 +33,10 @@ BORDER = 4
 """Pixels along rows and columns within which a reading lies beside a mask's border; two
 of them may have been left out."""
 
+RING = 2
+"""Those of the outermost pixels of a mask, of which more are taken where readings are
+thinned."""
+
 Image = Float[Array, "h w"] | Float[np.ndarray, "h w"]
 Mask = Bool[Array, "h w"] | Bool[np.ndarray, "h w"]
 Indices = Any
@@ -64,8 +68,8 @@ def table_of(
     """
     height, width = depth.shape
     own = row < height
-    at_edge, beside = (own & flags for flags in _at_border(mask, row, col, xp))
-    edge_row, edge_col = _around_some(at_edge, row, col, xp)
+    at_edge, beside = _at_border(mask, row, col, xp)
+    edge_row, edge_col = _around_some(own & at_edge, row, col, xp)
     rows, cols = _all_over((height, width))
     all_rows = xp.concatenate([row, edge_row.ravel(), rows])
     all_cols = xp.concatenate([col, edge_col.ravel(), cols])
@@ -81,7 +85,7 @@ def table_of(
         inside=_of_pixels(mask, edge_row, edge_col, xp),
         row=row,
         col=col,
-        beside=beside & is_image,
+        beside=xp.where(own & is_image, beside, 0).astype(dtype),
         is_image=is_image,
         lattice=lattice_of(row, col, (height, width), xp) if correlated else None,
         num_blocks=xp.asarray(-(-(len(row) - xp.argmax(own)) // BLOCK), xp.int32),
@@ -139,7 +143,7 @@ def ray_list(
 def _at_border(
     mask: Any, row: Indices, col: Indices, xp: ModuleType
 ) -> tuple[Indices, Indices]:
-    """Which pixels of a mask are at its edge, and which within `BORDER` of that."""
+    """Which pixels of a mask are at its edge, and the `beside` of `Table`."""
     if xp is np:
         # In a part of the time of the whole image.
         box = [
@@ -147,8 +151,13 @@ def _at_border(
             for side in cropped(mask)
         ]
         mask, row, col = mask[*box], row - box[0].start, col - box[1].start
-    at_edge, beside = ~_eroded(mask, 1, xp), ~_eroded(mask, BORDER, xp)
-    return _of_pixels(at_edge, row, col, xp), _of_pixels(beside, row, col, xp)
+    inside, inner, core = (_eroded(mask, reach, xp) for reach in (1, RING, BORDER))
+    beside = xp.zeros(row.shape)
+    for part in (mask & ~inner, inner & ~core):
+        own = _of_pixels(part, row, col, xp)
+        stands_for = xp.count_nonzero(part) / xp.maximum(xp.count_nonzero(own), 1)
+        beside = xp.where(own, stands_for, beside)
+    return _of_pixels(~inside, row, col, xp), beside
 
 
 def _around_some(
@@ -164,7 +173,7 @@ def _around_some(
         col: Of all pixels.
         xp: As of `table_of`.
     """
-    count = min(MOST_AT_EDGE, len(row))
+    count = min(MOST_AT_EDGE, len(row) // 8)
     if xp is np:
         (found,) = np.nonzero(at_edge)
         order = np.argsort(-_shuffle(len(row))[found])

@@ -171,7 +171,8 @@ class Table(NamedTuple):
         row: Rows of the object's pixels, as `pixel_indices` orders them; one beyond the
             image only fills up.
         col: Columns of the object's pixels.
-        beside: Which of them lie beside the border of the object in its image.
+        beside: How many pixels each stands for that lies beside the border of the
+            object in its image; 0 for the others.
         is_image: Whether they were chosen by their rays, as by a mask; points in any
             order are by where they lie.
         lattice: Where they lie to each other; None where nobody asks.
@@ -186,7 +187,7 @@ class Table(NamedTuple):
     inside: Bool[Array, "5 e"] | Bool[np.ndarray, "5 e"]
     row: Int[Array, " n"] | Int[np.ndarray, " n"]
     col: Int[Array, " n"] | Int[np.ndarray, " n"]
-    beside: Flags
+    beside: Values
     is_image: bool | Bool[Array, ""]
     lattice: Lattice | None
     num_blocks: Int[Array, ""] | Int[np.ndarray, ""]
@@ -205,7 +206,7 @@ class View(eqx.Module):
         around: Pixels all over the image, with no reading on the object.
         row: As of `Table`, like the next ones.
         col: Columns of the pixels.
-        beside: Which lie beside the border.
+        beside: As of `Table`.
         is_image: Whether they were chosen by their rays.
         lattice: Where they lie to each other.
         num_blocks: Blocks of them that hold a reading.
@@ -221,7 +222,7 @@ class View(eqx.Module):
     around: Pixels
     row: Int[Array, " n"]
     col: Int[Array, " n"]
-    beside: Bool[Array, " n"]
+    beside: Float[Array, " n"]
     is_image: bool | Bool[Array, ""]
     lattice: Lattice | None
     num_blocks: Int[Array, ""]

@@ -38,7 +38,7 @@ MOST_READINGS = BLOCK << 7
 """Of an object that a fit takes, 65536. Real errors are shared by neighbors, and white
 ones leave a radius of a thousandth of itself to a millionth."""
 
-BUCKETS = tuple(BLOCK << k for k in range(3, 20))
+BUCKETS = tuple(BLOCK << k for k in range(3, 20, 2))
 """Readings are filled up to one of these numbers, so that few sizes are compiled."""
 
 SQUARE = np.ones((3, 3), np.uint8)

@@ -174,7 +174,7 @@ def checked_settings(
         trusts_sigma=all(
             one is not None and not _leaves_out_slopes(one) for one in each_of(sigma)
         ),
-        refutes=False,
+        refutes=not effort.doubts,
         draws_in=not {"center", "height"} & {*fixed, *(options.prior or {})},
         one_sensor=not isinstance(sigma, list | tuple),
     )

@@ -9,12 +9,9 @@ is not, or where the caller asks for it, the others are tried, too.
 __all__ = ["fit_from", "fit_shape"]
 
 import dataclasses
-import itertools
 from collections.abc import Callable, Sequence
-from functools import partial
 from typing import Any
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 
@@ -37,13 +34,12 @@ from impostor_jax.fit.options import Options
 from impostor_jax.fit.outline_gap import compared_with_outline
 from impostor_jax.fit.prior import Prior
 from impostor_jax.fit.problem import Settings, Table, posed
-from impostor_jax.fit.race import MOST_STARTS, Ends, coarse, ends_of, worth_a_fit
+from impostor_jax.fit.race import Ends, coarse, ends_of
 from impostor_jax.fit.regions import (
     chosen_pixels,
     pixel_indices,
     takes_all,
     traced_indices,
-    typical_sigma,
     warn_of_units,
 )
 from impostor_jax.fit.request import (
@@ -62,21 +58,12 @@ from impostor_jax.fit.request import (
 from impostor_jax.fit.result import Fit, each_of, of_images
 from impostor_jax.fit.seen import Seen, seen_by, shown_by
 from impostor_jax.fit.solve import solve
+from impostor_jax.fit.starts import Search, found_by
 from impostor_jax.fit.stated import tested_by_readings
 from impostor_jax.fit.status import FitStatus
 from impostor_jax.fit.weighing import best_of, likeliest
-from impostor_jax.geometry.frames import RigidTransform
 from impostor_jax.primitives.base import AbstractPrimitive, in_camera_frame
 from impostor_jax.sensor.base import AbstractDepthNoise
-
-MOST_AT_ONCE = 65536
-"""Readings above which no start is fitted to all of them before it is known where it
-leads on a few."""
-
-CLOSES = 3.0
-"""Nats by which an image must be likelier without a bore that it does not show, for
-that to be taken away: less than a reading of a lid costs, more than steps leave. Where
-the fit with it did not converge it may be as much less likely."""
 
 MOST_LOOKS = 2
 """Times that foreign readings are looked for: a fit that a floor spoils may not tell
@@ -221,6 +208,8 @@ def _fit_seen(
     def fitted_to(parts: Any) -> Fit:
         return fit_with_learned_rays(to_surface, resumed, parts, rounding)
 
+    if not effort.doubts:
+        return fitted(seen, correlated)
     fit = fitted_to(seen)
     if kind.foreign is None:
         return fit
@@ -308,9 +297,10 @@ def _fit_pixels(
         few = [coarse(table) for table in shown]
         return ends_of(few, prior, settings, starts, effort.kernel)
 
-    found, num_starts = _found_by(
-        kind, seen, shown, initial, known, effort, fitted, led
-    )
+    counts = sum(one.num_readings for one in seen)
+    search = Search(kind, effort, fitted, led, counts)
+    found_by(search, seen, shown, initial, known)
+    found, num_starts = search.found, search.num_starts
     if not found:
         return no_guess(kind, *(one.region for one in seen))
     sizes = [one.image.shape for one in seen]
@@ -353,150 +343,6 @@ def _told_by_pixel(
     )
 
 
-def _found_by(
-    kind: Fittable,
-    seen: Sequence[Seen],
-    shown: tuple[Table, ...],
-    initial: AbstractPrimitive | None,
-    known: Fit | None,
-    effort: Effort,
-    fitted: Callable[[AbstractBody], Assessment],
-    led: Callable[[Sequence[AbstractBody]], Ends],
-) -> tuple[list[Assessment], int]:
-    """What the starts of a fit lead to, and how many there were; none without a guess.
-
-    Args:
-        kind: As of `_fit_pixels`, like the others.
-        seen: The object.
-        shown: What its images show of it.
-        initial: In the world frame.
-        known: A fit of the same pixels, or of more.
-        effort: How much work it takes.
-        fitted: How to fit all readings from a start.
-        led: Where starts lead on a few of them.
-    """
-    if initial is not None:
-        move = shown[0].camera_from_world
-        found = _with_closed(kind, [fitted(_placed(kind.body, initial, move))], fitted)
-        return found, len(found)
-    counts = [one.num_readings for one in seen]
-    starts = _guesses(kind, seen, shown, counts)[: effort.starts]
-    if not starts:
-        return [], 0
-    num_readings, num_starts, found = sum(counts), 0, []
-
-    def tried(others: Sequence[AbstractBody]) -> None:
-        """Fit those of some starts that may lead to a better end, or another."""
-        nonlocal num_starts
-        for at in range(0, len(others), MOST_STARTS - 1):
-            some = others[at : at + MOST_STARTS - 1]
-            best = likeliest(found) if found else None
-            if best is not None and not best.fit.success.item():
-                # It is not where it led: what ends there has to be fitted.
-                best = None
-            first = [] if best is None else [best.body]
-            ends = led([*first, *some])
-            repeats = 1.0 if best is None else float(best.repeats)
-            for k, count in worth_a_fit(ends, num_readings, repeats).items():
-                if best is not None and k == 0:
-                    place = next(i for i, one in enumerate(found) if one is best)
-                    found[place] = best._replace(
-                        num_ended=int(best.num_ended) + count - 1
-                    )
-                    continue
-                # From where it led, and from where it began: all readings may lead a
-                # start elsewhere than the few, which are not always the ones misled.
-                end = jax.tree.map(lambda values, k=k: values[k], ends.body)
-                both = [fitted(end), fitted(some[k - len(first)])]
-                better = likeliest(both)
-                found.extend(one for one in both if one is not better)
-                found.append(better._replace(num_ended=count))
-            num_starts += len(some)
-
-    if known is not None and _leaves_no_doubt(known):
-        # Of other pixels beside these, it may be off; the best guess is not.
-        move = shown[0].camera_from_world
-        tried([_placed(kind.body, known.shape, move), starts[0]])
-        return _with_closed(kind, found, fitted), num_starts
-    if num_readings > MOST_AT_ONCE:
-        tried(starts)
-    else:
-        num_starts, found = 1, [fitted(starts[0])]
-    if effort.all_starts or not any(one.is_clear.item() for one in found):
-        tried(starts[num_starts:])
-        # Noise may hide which of two tilts is the true one.
-        if effort.starts > 1 and any(bool(one.hides_tilt) for one in found):
-            tried([_mirrored(start) for start in starts])
-    found = _with_closed(kind, found, fitted)
-    best, is_alone = likeliest(found), num_starts == 1
-    if is_alone and not (bool(best.hides_turn) or bool(best.ends_early)):
-        return found, num_starts
-    bodies = [best.body]
-    # And which of a short one's sides its axis is along.
-    if effort.starts > 1 and bool(best.hides_turn):
-        found.append(fitted(_turned(best.body)))
-        bodies.append(found[-1].body)
-        num_starts += 1
-    if not is_alone:
-        # A guess that leads to one tilt may be too far off, mirrored, for the other.
-        tried([_mirrored(body) for body in bodies])
-    # Where noise is deep, or an end shows little, a fit may end where readings that it
-    # leaves out would not let it, 10 standard deviations off; its first stages lead on
-    # from there.
-    if not is_alone or any(bool(one.ends_early) for one in found):
-        found.append(fitted(likeliest(found).body))
-        num_starts += 1
-    return found, num_starts
-
-
-def _leaves_no_doubt(fit: Fit) -> bool:
-    """Whether a fit knows of no other solution."""
-    return bool(fit.success) and not np.any(np.asarray(fit.alternatives.weight))
-
-
-def _guesses(
-    kind: Fittable,
-    seen: Sequence[Seen],
-    shown: Sequence[Table],
-    counts: Sequence[int],
-) -> list[AbstractBody]:
-    """First guesses in the first view's frame: the best of each view, then the others.
-
-    Views with more readings come first.
-    """
-    found = []
-    moves = [table.camera_from_world for table in shown]
-    for one, move, count in zip(seen, moves, counts, strict=True):
-        sigma = typical_sigma(one.image, one.region, one.noise)
-        guesses = kind.guesses(one.image, one.region, one.camera, sigma)
-        if one is not seen[0]:
-            guesses = [_moved(g, move, moves[0]) for g in guesses]
-        found.append((count, guesses))
-    found.sort(key=lambda pair: -pair[0])
-    ranks = itertools.zip_longest(*(guesses for _, guesses in found))
-    return [guess for rank in ranks for guess in rank if guess is not None]
-
-
-def _with_closed(
-    kind: Fittable,
-    found: list[Assessment],
-    fitted: Callable[[AbstractBody], Assessment],
-) -> list[Assessment]:
-    """What was found, and a fit without a bore where the best of a tube shows none.
-
-    Readings of a lid are outliers in a bore; and where few are, an estimate may go to
-    and fro between them for ever. It takes the place of all that explain no more.
-    """
-    best = likeliest(found)
-    if kind.closed is None or np.isfinite(best.fit.std.inner_radius):
-        return found
-    other = fitted(_closed(kind.closed, best.body))
-    more = CLOSES if bool(other.fit.success) and not bool(best.fit.success) else -CLOSES
-    if float(other.cost) > float(best.cost) + more:
-        return found
-    return [one for one in found if float(one.cost) > float(other.cost)] + [other]
-
-
 def fit_from(
     shown: tuple[Table, ...],
     prior: Prior,
@@ -508,27 +354,6 @@ def fit_from(
     """All of a fit that is compiled, in one program; the arguments are of its parts."""
     problem = posed(shown, prior, settings, kernel)
     return assess(problem, solve(problem, start), correlated)
-
-
-@partial(jax.jit, static_argnums=0)
-def _placed(
-    body: type[AbstractBody], shape: AbstractPrimitive, move: RigidTransform
-) -> AbstractBody:
-    """In one program: operation by operation it takes a millisecond."""
-    return body.of(shape).transformed(move)
-
-
-@jax.jit
-def _moved(
-    body: AbstractBody, source: RigidTransform, target: RigidTransform
-) -> AbstractBody:
-    """A body of one camera's frame in that of another."""
-    return body.transformed(source.inverse()).transformed(target)
-
-
-_closed = partial(jax.jit, static_argnums=0)(lambda close, body: close(body))
-_mirrored = jax.jit(lambda body: body.mirrored())
-_turned = jax.jit(lambda body: body.turned())
 
 
 def _fit_traced(

@@ -1,0 +1,223 @@
+"""What the starts of a fit lead to.
+
+Most images are explained by the first guess. Where one is not, the others race on the
+few readings that speak for all, and those that may lead to a better end, or another,
+are fitted to all readings.
+"""
+
+__all__ = ["Search", "found_by"]
+
+import dataclasses
+import itertools
+from collections.abc import Callable, Sequence
+from functools import partial
+
+import jax
+import numpy as np
+
+from impostor_jax.effort import Effort
+from impostor_jax.fit.assess import Assessment
+from impostor_jax.fit.body import AbstractBody
+from impostor_jax.fit.fittable import Fittable
+from impostor_jax.fit.problem import Table
+from impostor_jax.fit.race import MOST_STARTS, Ends, worth_a_fit
+from impostor_jax.fit.regions import typical_sigma
+from impostor_jax.fit.result import Fit
+from impostor_jax.fit.seen import Seen
+from impostor_jax.fit.weighing import likeliest
+from impostor_jax.geometry.frames import RigidTransform
+from impostor_jax.primitives.base import AbstractPrimitive
+
+MOST_AT_ONCE = 65536
+"""Readings above which no start is fitted to all of them before it is known where it
+leads on a few."""
+
+CLOSES = 3.0
+"""Nats by which an image must be likelier without a bore that it does not show, for
+that to be taken away: less than a reading of a lid costs, more than steps leave. Where
+the fit with it did not converge it may be as much less likely."""
+
+
+@dataclasses.dataclass
+class Search:
+    """For the best end of all starts.
+
+    Attributes:
+        kind: What is fitted.
+        effort: How much work it takes.
+        fitted: How to fit all readings from a start.
+        led: Where starts lead on a few of them.
+        num_readings: Of the object.
+        found: What starts led to.
+        num_starts: How many were tried.
+    """
+
+    kind: Fittable
+    effort: Effort
+    fitted: Callable[[AbstractBody], Assessment]
+    led: Callable[[Sequence[AbstractBody]], Ends]
+    num_readings: int
+    found: list[Assessment] = dataclasses.field(default_factory=list)
+    num_starts: int = 0
+
+    def fit(self, start: AbstractBody) -> None:
+        """Fit all readings from a start."""
+        self.found.append(self.fitted(start))
+        self.num_starts += 1
+
+    def race(self, starts: Sequence[AbstractBody]) -> None:
+        """Fit those of some starts that may lead to a better end, or another."""
+        for at in range(0, len(starts), MOST_STARTS - 1):
+            self._race(starts[at : at + MOST_STARTS - 1])
+
+    def _race(self, starts: Sequence[AbstractBody]) -> None:
+        best = likeliest(self.found) if self.found else None
+        if best is not None and not bool(best.fit.success):
+            # It is not where it led: what ends there has to be fitted.
+            best = None
+        first = [] if best is None else [best.body]
+        ends = self.led([*first, *starts])
+        repeats = 1.0 if best is None else float(best.repeats)
+        for k, count in worth_a_fit(ends, self.num_readings, repeats).items():
+            if best is not None and k == 0:
+                place = next(i for i, one in enumerate(self.found) if one is best)
+                num_ended = int(best.num_ended) + count - 1
+                self.found[place] = best._replace(num_ended=num_ended)
+                continue
+            end = jax.tree.map(lambda values, k=k: values[k], ends.body)
+            both = [self.fitted(end)]
+            if self.effort.doubts:
+                # From where it began, too: all readings may lead a start elsewhere than
+                # the few, which are not always the ones misled.
+                both.append(self.fitted(starts[k - len(first)]))
+            better = likeliest(both)
+            self.found.extend(one for one in both if one is not better)
+            self.found.append(better._replace(num_ended=count))
+        self.num_starts += len(starts)
+
+    def closed(self) -> None:
+        """Fit without a bore where the best of a tube shows none.
+
+        Readings of a lid are outliers in a bore; and where few are, an estimate may go
+        to and fro between them for ever. It takes the place of all that explain no
+        more.
+        """
+        best = likeliest(self.found)
+        if self.kind.closed is None or np.isfinite(best.fit.std.inner_radius):
+            return
+        other = self.fitted(_closed(self.kind.closed, best.body))
+        is_better = bool(other.fit.success) and not bool(best.fit.success)
+        if float(other.cost) > float(best.cost) + (CLOSES if is_better else -CLOSES):
+            return
+        better = [one for one in self.found if float(one.cost) > float(other.cost)]
+        self.found = [*better, other]
+
+
+def found_by(
+    search: Search,
+    seen: Sequence[Seen],
+    shown: Sequence[Table],
+    initial: AbstractPrimitive | None,
+    known: Fit | None,
+) -> None:
+    """Search from the start that is given, or from guesses, if there are any.
+
+    Args:
+        search: As yet without a start.
+        seen: The object.
+        shown: What its images show of it.
+        initial: In the world frame.
+        known: A fit of the same pixels, or of more.
+    """
+    kind, effort, found = search.kind, search.effort, search.found
+    move = shown[0].camera_from_world
+    if initial is not None:
+        search.fit(_placed(kind.body, initial, move))
+        return search.closed()
+    starts = _guesses(kind, seen, shown)[: effort.starts]
+    if not starts:
+        return None
+    if known is not None and _leaves_no_doubt(known):
+        # Of other pixels beside these, it may be off; the best guess is not.
+        search.race([_placed(kind.body, known.shape, move), starts[0]])
+        return search.closed()
+    if search.num_readings > MOST_AT_ONCE:
+        search.race(starts)
+    else:
+        search.fit(starts[0])
+    if effort.all_starts or not any(bool(one.is_clear) for one in found):
+        search.race(starts[search.num_starts :])
+        # Noise may hide which of two tilts is the true one.
+        if effort.starts > 1 and any(bool(one.hides_tilt) for one in found):
+            search.race([_mirrored(start) for start in starts])
+    search.closed()
+    if effort.doubts:
+        _doubt(search)
+    return None
+
+
+def _doubt(search: Search) -> None:
+    """Look where another solution may be, beside the best."""
+    found = search.found
+    best, is_alone = likeliest(found), search.num_starts == 1
+    if is_alone and not (bool(best.hides_turn) or bool(best.ends_early)):
+        return
+    bodies = [best.body]
+    # And which of a short one's sides its axis is along.
+    if search.effort.starts > 1 and bool(best.hides_turn):
+        search.fit(_turned(best.body))
+        bodies.append(found[-1].body)
+    if not is_alone:
+        # A guess that leads to one tilt may be too far off, mirrored, for the other.
+        search.race([_mirrored(body) for body in bodies])
+    # Where noise is deep, or an end shows little, a fit may end where readings that it
+    # leaves out would not let it, 10 standard deviations off; its first stages lead on
+    # from there.
+    if not is_alone or any(bool(one.ends_early) for one in found):
+        search.fit(likeliest(found).body)
+
+
+def _leaves_no_doubt(fit: Fit) -> bool:
+    """Whether a fit knows of no other solution."""
+    return bool(fit.success) and not np.any(np.asarray(fit.alternatives.weight))
+
+
+def _guesses(
+    kind: Fittable, seen: Sequence[Seen], shown: Sequence[Table]
+) -> list[AbstractBody]:
+    """First guesses in the first view's frame: the best of each view, then the others.
+
+    Views with more readings come first.
+    """
+    found = []
+    moves = [table.camera_from_world for table in shown]
+    for one, move in zip(seen, moves, strict=True):
+        sigma = typical_sigma(one.image, one.region, one.noise)
+        guesses = kind.guesses(one.image, one.region, one.camera, sigma)
+        if one is not seen[0]:
+            guesses = [_moved(g, move, moves[0]) for g in guesses]
+        found.append((one.num_readings, guesses))
+    found.sort(key=lambda pair: -pair[0])
+    ranks = itertools.zip_longest(*(guesses for _, guesses in found))
+    return [guess for rank in ranks for guess in rank if guess is not None]
+
+
+@partial(jax.jit, static_argnums=0)
+def _placed(
+    body: type[AbstractBody], shape: AbstractPrimitive, move: RigidTransform
+) -> AbstractBody:
+    """In one program: operation by operation it takes a millisecond."""
+    return body.of(shape).transformed(move)
+
+
+@jax.jit
+def _moved(
+    body: AbstractBody, source: RigidTransform, target: RigidTransform
+) -> AbstractBody:
+    """A body of one camera's frame in that of another."""
+    return body.transformed(source.inverse()).transformed(target)
+
+
+_closed = partial(jax.jit, static_argnums=0)(lambda close, body: close(body))
+_mirrored = jax.jit(lambda body: body.mirrored())
+_turned = jax.jit(lambda body: body.turned())
