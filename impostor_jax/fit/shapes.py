@@ -324,23 +324,30 @@ def _told_by_pixel(
         sizes: Of the images.
         xp: NumPy, or `jax.numpy` of what is traced.
     """
+    of_views = zip(found.residual, found.marks, shown, sizes, strict=True)
+    images = [_images_of(*one, xp) for one in of_views]
+    residual, inliers, region = (of_images([*one]) for one in zip(*images, strict=True))
+    return dataclasses.replace(fit, residual=residual, inliers=inliers, region=region)
 
-    def image(values: Any, table: Table, size: tuple[int, int]) -> Any:
+
+def _images_of(
+    residual: Any, marks: Any, table: Table, size: tuple[int, int], xp: Any
+) -> tuple[Any, Any, Any]:
+    """Residuals of an image, and its pixels on the shape and of its region."""
+    if xp is np:
+        own = table.row < size[0]
+        place = table.row[own] * size[1] + table.col[own]
+
+    def image(values: Any) -> Any:
         if xp is not np:
             blank = jnp.zeros(size, values.dtype)
             return blank.at[table.row, table.col].set(values, mode="drop")
-        own, full = table.row < size[0], np.zeros(size, values.dtype)
-        full[table.row[own], table.col[own]] = values[own]
+        full = np.zeros(size, values.dtype)
+        full.ravel()[place] = values[own]
         return full
 
-    residuals = [*map(image, map(xp.asarray, found.residual), shown, sizes)]
-    marks = [*map(xp.asarray, found.marks)]
-    return dataclasses.replace(
-        fit,
-        residual=of_images(residuals),
-        inliers=of_images([*map(image, (one == 2 for one in marks), shown, sizes)]),
-        region=of_images([*map(image, (one > 0 for one in marks), shown, sizes)]),
-    )
+    residual, marks = xp.asarray(residual), xp.asarray(marks)
+    return image(residual), image(marks == 2), image(marks > 0)
 
 
 def fit_from(
