@@ -1,6 +1,14 @@
 """Depth images of cylinders, drawn and real, and the same with other last bits."""
 
-__all__ = ["Image", "desk", "drawn", "moved_by_one_ulp", "real", "rounded"]
+__all__ = [
+    "REAL",
+    "Image",
+    "desk",
+    "drawn",
+    "moved_by_one_ulp",
+    "real",
+    "rounded",
+]
 
 import dataclasses
 from collections.abc import Iterator
@@ -50,9 +58,11 @@ class Image:
     camera: ij.PinholeCamera
     sensor: AbstractDepthNoise | None
 
-    def fit(self) -> ij.Fit:
+    def fit(self, effort: ij.Effort | str = "balanced") -> ij.Fit:
         """With the mask, and without a start."""
-        return ij.fit_cylinder(self.depth, self.camera, self.mask, self.sensor)
+        return ij.fit_cylinder(
+            self.depth, self.camera, self.mask, self.sensor, effort=effort
+        )
 
 
 def drawn(sensor: str, count: int, seed: int) -> Iterator[Image]:

@@ -1,8 +1,8 @@
 """Fits with one setting, in a process of their own; prints JSON.
 
-`python -m experiments.speed_accuracy.fits FOLDER SETTING TIMED`, where FOLDER holds the
-images as `run` writes them, and TIMED is how many of each difficulty are timed, in
-turns with the default setting.
+`python -m experiments.speed_accuracy.fits FOLDER SETTING TIMED [REAL]`, where FOLDER
+holds the images as `run` writes them, and TIMED is how many of each difficulty are
+timed, in turns with the default setting. REAL is a folder of photographs.
 """
 
 __all__ = ["main"]
@@ -18,16 +18,21 @@ import numpy as np
 
 import impostor_jax as ij
 from experiments.errors import error
+from experiments.last_bit.images import REAL, real
 from experiments.scenes import CAMERA
 from experiments.speed_accuracy.scenes import DIFFICULTIES
 from experiments.speed_accuracy.settings import FITS
 from experiments.timing import peak_memory_mb
 from impostor_jax.effort import Effort
 
+KNOWN_TO = 0.01
+"""Part of a radius that a ruler, or a catalogue, knows it to."""
+
 
 def main() -> None:
     """Fit every image, then time some."""
     folder, setting, timed = Path(sys.argv[1]), sys.argv[2], int(sys.argv[3])
+    photographs = sys.argv[4:]
     effort = FITS[setting]
     outcomes = {}
     for name in DIFFICULTIES:
@@ -41,6 +46,7 @@ def main() -> None:
         name: found | timing(name, loaded, effort, timed)
         for name, (loaded, found) in outcomes.items()
     }
+    record |= {name: on_photographs(Path(name), effort) for name in photographs}
     print(json.dumps(record | {"memory": memory}))
 
 
@@ -75,6 +81,31 @@ def timing(name: str, loaded: Any, effort: Effort, count: int) -> dict[str, Any]
                 if turn:
                     ms[key].append(1e3 * (time.perf_counter() - start))
     return ms
+
+
+def on_photographs(folder: Path, effort: Effort) -> dict[str, Any]:
+    """Outcomes of fits of photographs, the sensor told and not, and their times.
+
+    Of each the radius less what was measured, in deviations of both; None where the fit
+    failed. An image is fitted in turns with the default, after one round that compiles.
+    """
+    off: list[float | None] = []
+    ms: dict[str, list[float]] = {"ms": [], "default_ms": []}
+    for case, image in zip(
+        (c for c in REAL for _ in range(2)), real(folder), strict=True
+    ):
+        fit = image.fit(effort)
+        off.append(None)
+        if bool(fit.success):
+            deviation = np.hypot(float(fit.std.radius), KNOWN_TO * case.radius)
+            off[-1] = float((float(fit.cylinder.radius) - case.radius) / deviation)
+        for turn in range(2):
+            for key, used in (("ms", effort), ("default_ms", FITS["balanced"])):
+                start = time.perf_counter()
+                image.fit(used)
+                if turn:
+                    ms[key].append(1e3 * (time.perf_counter() - start))
+    return {"off": off} | ms
 
 
 def one_fit(name: str, depth: Any, mask: Any, effort: Effort) -> ij.Fit:

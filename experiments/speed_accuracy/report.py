@@ -45,6 +45,10 @@ FIT_COLUMNS = {
     "height": "height, mm",
 }
 
+REAL_TIMES = {"time": "time, ms", "time_over_balanced": "over balanced"}
+
+REAL_PARTS = {"failures": "failed", "held": "radius within its 95 %"}
+
 RENDER_COLUMNS = {
     "maps.time": "maps, ms",
     "coverage.time": "coverage, ms",
@@ -75,6 +79,18 @@ def tables(results: Results) -> str:
                 rows.append([f"{setting}{mark}", *numbers, *parts])
         if rows:
             blocks.append(table([name, *FIT_COLUMNS.values(), "failed", "wrong"], rows))
+    rows = [
+        [
+            setting,
+            *(number(values[f"fit.{setting}.real.{q}"]) for q in REAL_TIMES),
+            *(percent(values[f"fit.{setting}.real.{q}"]) for q in REAL_PARTS),
+        ]
+        for setting in FITS
+        if f"fit.{setting}.real.time" in values
+    ]
+    if rows:
+        columns = [*REAL_TIMES.values(), *REAL_PARTS.values()]
+        blocks.append(table(["photographs", *columns], rows))
     memory = {setting: values.get(f"fit.{setting}.memory") for setting in FITS}
     rows = [[setting, number(size)] for setting, size in memory.items() if size]
     blocks.append(table(["setting", "peak memory, MB"], rows))
@@ -96,23 +112,24 @@ def tables(results: Results) -> str:
 
 
 def sentences(values: Values) -> list[str]:
-    """What turning each dial of a fit costs and gives, on the easy and hard images."""
+    """What turning each dial of a fit costs and gives."""
     lines = []
     for setting in FITS:
         parts = []
-        for name in ("easy", "hard"):
+        for name in (*DIFFICULTIES, "real"):
             label, default = f"fit.{setting}.{name}", f"fit.balanced.{name}"
             ratio = values.get(f"{label}.time_over_balanced")
+            if setting == "balanced" or ratio is None:
+                continue
+            told = [f"{ratio:.2f} of the time"]
             error, usual = (
                 values.get(f"{one}.radius_over_bound") for one in (label, default)
             )
-            if setting == "balanced" or ratio is None or not error or not usual:
-                continue
-            lost = sum(values[f"{label}.{k}"] or 0 for k in ("failures", "wrong"))
-            parts.append(
-                f"{name}: {ratio:.2f} of the time, {error / usual:.2f} of the radius "
-                f"error, {100 * lost:.0f} % failed or wrong"
-            )
+            if error and usual:
+                told.append(f"{error / usual:.2f} of the radius error")
+            lost = sum(values.get(f"{label}.{k}") or 0 for k in ("failures", "wrong"))
+            told.append(f"{100 * lost:.0f} % failed or wrong")
+            parts.append(f"{name}: {', '.join(told)}")
         if parts:
             lines.append(f"- *{setting}*: {'; '.join(parts)}.")
     return lines

@@ -51,6 +51,8 @@ class Config:
     """Of these, how many are timed."""
     repeats: int = 60
     """Timed calls of each render."""
+    folder: Path | None = None
+    """With the photographs; without it there are none."""
 
 
 def measure(config: Config) -> Iterator[Metric]:
@@ -66,28 +68,48 @@ def measure(config: Config) -> Iterator[Metric]:
         for name, drawn in images.items():
             np.savez(Path(scratch) / f"{name}.npz", **vars(drawn))
         for setting in fits:
-            yield from fit_metrics(setting, images, Path(scratch), config.timed)
+            yield from fit_metrics(
+                setting, images, Path(scratch), config.timed, config.folder
+            )
     for shape in SHAPES:
         yield from render_metrics(shape, renders, config.repeats)
     yield from trace_metrics(traces, exact, config.repeats)
 
 
 def fit_metrics(
-    setting: str, images: dict[str, Images], scratch: Path, timed: int
+    setting: str,
+    images: dict[str, Images],
+    scratch: Path,
+    timed: int,
+    folder: Path | None,
 ) -> Iterator[Metric]:
     """One setting's fits of all images."""
     # What one setting has compiled, the next ones need not.
     own = str(scratch / "compiled")
     cache = Path(os.environ.get("JAX_COMPILATION_CACHE_DIR", own))
-    arguments = [str(scratch), setting, str(timed)]
+    photographs = [] if folder is None else [str(folder.resolve())]
+    arguments = [str(scratch), setting, str(timed), *photographs]
     record = in_new_process("experiments.speed_accuracy.fits", arguments, cache)
     yield Metric(f"fit.{setting}.memory", record["memory"], None, "MB", "lower", 1)
     for name, drawn in images.items():
         label, of_one = f"fit.{setting}.{name}", record[name]
-        yield sample(f"{label}.time", of_one["ms"], "ms")
-        ratios = np.array(of_one["ms"]) / np.array(of_one["default_ms"])
-        yield sample(f"{label}.time_over_balanced", ratios, "1")
+        yield from time_metrics(label, of_one)
         yield from error_metrics(label, of_one, drawn)
+    for name in photographs:
+        label, of_one = f"fit.{setting}.real", record[name]
+        yield from time_metrics(label, of_one)
+        off = [one for one in of_one["off"] if one is not None]
+        count, lost = len(of_one["off"]), len(of_one["off"]) - len(off)
+        held = float(np.mean(np.abs(off) < 1.96)) if off else None
+        yield Metric(f"{label}.failures", lost / count, None, "part", "lower", count)
+        yield Metric(f"{label}.held", held, None, "part", "higher", len(off))
+
+
+def time_metrics(label: str, record: dict[str, Any]) -> Iterator[Metric]:
+    """Times of fits, and their ratios to those with the default."""
+    yield sample(f"{label}.time", record["ms"], "ms")
+    ratios = np.array(record["ms"]) / np.array(record["default_ms"])
+    yield sample(f"{label}.time_over_balanced", ratios, "1")
 
 
 def error_metrics(

@@ -13,7 +13,8 @@ FIT_DIALS: dict[str, tuple[Any, ...]] = {
     "starts": (1, 3),
     "all_starts": (True,),
     "tolerance": (0.02, 0.2, 5.0),
-    "max_steps": (2, 5),
+    "doubts": (False,),
+    "max_steps": (7, 15, 30),
     "kernel": ("pseudo_huber", "cauchy", "squares"),
 }
 

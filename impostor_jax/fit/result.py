@@ -264,6 +264,7 @@ class Asked:
             where the fit was traced, stacked, or made from another.
         measured: What is told of the noise, where no `sigma` was given.
         is_thinned: Whether more readings were given than a fit takes.
+        is_quick: Whether the answer was not doubted, as of an `Effort`.
         contradiction: In words, what of that which was stated, or of the outline, the
             readings exclude; None if nothing, or where the fit was traced or stacked.
         outline_gap: Of the fit; None where no image shows the outline, or likewise.
@@ -273,6 +274,7 @@ class Asked:
     arguments: dict[str, Any] | None = None
     measured: str = ""
     is_thinned: bool = False
+    is_quick: bool = False
     contradiction: str | None = None
     outline_gap: OutlineGap | None = None
     each: tuple["Asked", ...] = ()
@@ -650,6 +652,11 @@ class Fit(eqx.Module):
             lines.append(
                 f"  More readings were given than the {self.num_pixels} that were "
                 f"taken, {which}."
+            )
+        if self.asked.is_quick:
+            lines.append(
+                "  Nothing was doubted: more effort looks for other solutions, and for "
+                "what is not of the object at its region's border."
             )
         if self.asked.measured:
             lines.append(f"  {self.asked.measured}")

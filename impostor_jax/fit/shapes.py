@@ -152,6 +152,7 @@ def fit_shape(
             "camera": given, "initial": initial, "options": options, **known,
         }  # fmt: skip
         fit.asked.measured = told
+        fit.asked.is_quick = not effort.doubts
         fit.asked.is_thinned = not all(
             takes_all(one.region, effort.readings) for one in seen
         )

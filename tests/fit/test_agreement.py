@@ -69,5 +69,5 @@ def test_outliers_all_over_are_no_sign_of_a_border(at_border, within, expected):
     beside = np.arange(1000) < 300
     off = np.arange(1000) % 10 < 10 * np.where(beside, at_border, within)
     used = jnp.ones(1000, bool)
-    found = strays(jnp.asarray(~off), used, jnp.asarray(beside))
+    found = strays(jnp.asarray(~off), used, jnp.asarray(beside, float))
     assert bool(found) is expected

@@ -83,6 +83,12 @@ def test_a_step_limit_ends_in_a_status():
     assert np.isinf(fit.std.radius)
 
 
+def test_a_fit_takes_no_more_steps_than_it_is_given():
+    fit = fitted(ij.Effort(max_steps=30, starts=1, tolerance=1e-6))
+    assert fit.status == ij.FitStatus.STEP_LIMIT
+    assert int(fit.num_steps) == 30
+
+
 def test_tolerance_compiles_nothing_and_saves_steps():
     coarse, fine = (fitted(ij.Effort(tolerance=t)) for t in (2.0, 0.02))
     assert int(coarse.num_steps) < int(fine.num_steps)

@@ -4,6 +4,7 @@ import jax
 import numpy as np
 import pytest
 
+import impostor_jax as ij
 from impostor_jax.fit.problem import BLOCK
 from impostor_jax.fit.regions import (
     BUCKETS,
@@ -12,6 +13,9 @@ from impostor_jax.fit.regions import (
     pixel_indices,
     traced_indices,
 )
+from impostor_jax.fit.seen import Seen, shown_by
+
+CAMERA = ij.PinholeCamera(300.0, 300.0, 109.5, 99.5, 220, 200)
 
 traced = jax.jit(traced_indices, static_argnums=1)
 
@@ -108,3 +112,15 @@ def test_all_of_a_small_image_may_be_the_region():
     row, col = (np.asarray(x) for x in traced(np.ones((20, 30), bool)))
     used = row < 20
     assert len(set(zip(row[used], col[used], strict=True))) == used.sum() == 600
+
+
+def test_few_readings_stand_for_all_beside_the_border():
+    row, col = np.indices((200, 220))
+    region = (row - 100) ** 2 + (col - 110) ** 2 < 80**2
+    image = np.where(region, np.float32(1), np.float32(0))
+    seen = Seen(image, region, CAMERA, ij.ConstantNoise(0.001))
+    whole, few = shown_by(seen), shown_by(seen, 1000)
+    assert set(np.unique(whole.beside)) == {0, 1}
+    taken, own = np.count_nonzero(few.beside), np.count_nonzero(whole.beside)
+    assert 500 < taken < 0.4 * own
+    assert few.beside.sum() == pytest.approx(own, rel=1e-5)

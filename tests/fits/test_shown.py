@@ -127,4 +127,4 @@ def test_a_search_knows_the_radius_and_the_effort(monkeypatch):
     ij.fit_cylinder(WALL, CAMERA, sigma=SIGMA, prior=prior, effort="fast")
     (given,) = calls
     assert given["prior"] == {"radius": (0.04, 0.001)}
-    assert given["effort"].readings == 4096
+    assert given["effort"].readings == 1024
