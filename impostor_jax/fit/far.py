@@ -92,10 +92,9 @@ def told_in_world(world: LocalWorld, fit: Fit, known: Mapping[str, Any]) -> Fit:
     """
     others = fit.alternatives
     others = dataclasses.replace(others, shape=world.told_in_world(others.shape))
-    asked = fit.asked.arguments
     fit = dataclasses.replace(
         fit, shape=world.told_in_world(fit.shape), alternatives=others
     )
-    if asked is not None:
-        fit.asked.arguments = {**asked, **known}
-    return fit
+    if fit.asked.arguments is None:
+        return fit
+    return fit.noting(arguments={**fit.asked.arguments, **known})

@@ -106,13 +106,13 @@ def fit_outline(
 
         fit = fitted_as(options, begin)
         fit = tested_by_readings(kind, fit, options, begin, fitted_as)
-    fit.asked.arguments = {
+    arguments = {
         "depth": None, "camera": camera, "sigma": sigma, "initial": initial,
         "options": options,
         # A caller may write other pixels to it.
         "mask": np.array(mask),
     }  # fmt: skip
-    return fit
+    return fit.noting(arguments=arguments)
 
 
 def _fit_from(

@@ -98,7 +98,7 @@ def compared_with_outline(fit: Fit, seen: Sequence[Seen], is_outline: bool) -> F
     if not found:
         return fit
     gap = max(found, key=lambda one: abs(one.deviations))
-    fit.asked.outline_gap = gap
+    fit = fit.noting(outline_gap=gap)
     if abs(gap.radii) <= LARGE_GAP or not bool(fit.success):
         return fit
     radius = 1e3 * float(body.radius)

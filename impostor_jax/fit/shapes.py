@@ -148,15 +148,13 @@ def fit_shape(
         if places is not None:
             fit, known["places"] = told_by_point(fit, places), places
         given = [*camera] if isinstance(camera, list | tuple) else camera
-        fit.asked.arguments = {
-            "camera": given, "initial": initial, "options": options, **known,
-        }  # fmt: skip
-        fit.asked.measured = told
-        fit.asked.is_quick = not effort.doubts
-        fit.asked.is_thinned = not all(
-            takes_all(one.region, effort.readings) for one in seen
+        known |= {"camera": given, "initial": initial, "options": options}
+        return fit.noting(
+            arguments=known,
+            measured=told,
+            is_quick=not effort.doubts,
+            is_thinned=not all(takes_all(one.region, effort.readings) for one in seen),
         )
-        return fit
 
 
 def _fit_seen(

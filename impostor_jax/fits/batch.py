@@ -2,7 +2,6 @@
 
 __all__ = ["fit_cylinders"]
 
-import dataclasses
 import math
 from collections.abc import Sequence
 from typing import Any, Unpack
@@ -113,7 +112,7 @@ def fit_cylinders(
         fits = tree.unflatten(
             one if far else next(put) for one, far in zip(stacked, exact, strict=True)
         )
-    return dataclasses.replace(fits, asked=Asked(each=tuple(each)))
+    return fits.noting(each=tuple(each))
 
 
 def _distance(camera: AbstractCamera) -> float:

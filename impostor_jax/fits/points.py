@@ -182,8 +182,7 @@ def _fit_with_level(cloud: _Cloud, initial: Cylinder | None, asked: Options) -> 
     wall = wall_of(cloud.ends)
     if wall is None or not wall.is_known:
         fit = _fit_cloud(cloud, None, initial, asked)
-        fit.asked.measured = NOT_MEASURED
-        return fit
+        return fit.noting(measured=NOT_MEASURED)
     level = max(wall.scatter, _resolution(cloud))
     fit = _fit_cloud(cloud, level, initial, asked)
     for _ in range(MOST_LEVELS):
@@ -197,9 +196,8 @@ def _fit_with_level(cloud: _Cloud, initial: Cylinder | None, asked: Options) -> 
 
 def _with_told_level(fit: Fit, cloud: _Cloud, level: float) -> Fit:
     """A fit whose noise was measured, that says so."""
-    fit = with_shared_errors(fit, cloud.ends, level)
-    fit.asked.measured = f"Measured in the points: noise of {1e3 * level:.3g} mm."
-    return fit
+    told = f"Measured in the points: noise of {1e3 * level:.3g} mm."
+    return with_shared_errors(fit, cloud.ends, level).noting(measured=told)
 
 
 def _resolution(cloud: _Cloud) -> float:
