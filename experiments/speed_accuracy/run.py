@@ -28,7 +28,14 @@ from experiments.speed_accuracy.scenes import (
     cans_and_mirror,
     make_images,
 )
-from experiments.speed_accuracy.settings import FITS, MANY, RENDERS, TRACES, Traced
+from experiments.speed_accuracy.settings import (
+    FITS,
+    MANY,
+    PHOTOGRAPHED,
+    RENDERS,
+    TRACES,
+    Traced,
+)
 from experiments.timing import in_new_process, sample, time_in_turns
 from impostor_jax.effort import Effort
 
@@ -87,7 +94,8 @@ def fit_metrics(
     # What one setting has compiled, the next ones need not.
     own = str(scratch / "compiled")
     cache = Path(os.environ.get("JAX_COMPILATION_CACHE_DIR", own))
-    photographs = [] if folder is None else [str(folder.resolve())]
+    is_taken = folder is not None and setting in PHOTOGRAPHED
+    photographs = [str(folder.resolve())] if is_taken else []
     arguments = [str(scratch), setting, str(timed), *photographs]
     record = in_new_process("experiments.speed_accuracy.fits", arguments, cache)
     yield Metric(f"fit.{setting}.memory", record["memory"], None, "MB", "lower", 1)

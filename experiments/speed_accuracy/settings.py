@@ -1,6 +1,6 @@
 """Settings that are compared: the presets, and each dial turned from the default."""
 
-__all__ = ["FITS", "MANY", "RENDERS", "TRACES", "Traced"]
+__all__ = ["FITS", "MANY", "PHOTOGRAPHED", "RENDERS", "TRACES", "Traced"]
 
 import dataclasses
 from typing import Any, NamedTuple
@@ -38,6 +38,11 @@ def _turned(dials: dict[str, tuple[Any, ...]]) -> dict[str, Effort]:
 
 FITS = _turned(FIT_DIALS)
 """Of fits, by name."""
+
+PHOTOGRAPHED = (
+    *EFFORTS, "readings=1024", "starts=1", "doubts=False", "max_steps=15",
+)  # fmt: skip
+"""Those that photographs are fitted with, too: each compiles for minutes."""
 
 RENDERS = _turned(RENDER_DIALS)
 """Of renders, by name."""
