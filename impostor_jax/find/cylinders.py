@@ -37,6 +37,9 @@ MOST_SHARED = 0.3
 """Part of what shows a cylinder that may show another one, found in another sector of
 a scan, too."""
 
+FEWEST_READINGS = 4096
+"""That a fit of a search takes, if there are so many."""
+
 SURE_PRIOR = 4.0
 """Standard deviations of a prior radius within which one is looked for."""
 
@@ -119,6 +122,7 @@ def find_cylinders(
         raise ValueError(
             f"camera must have two rows and columns at least, got {image.shape}"
         )
+    options = dataclasses.replace(options, effort=_of_fits(options.effort))
     parts = _parts(image, camera, noise, sigma, options)
     found = [search(view, request, fitter) for view, fitter in parts]
     detections = sorted(
@@ -139,6 +143,13 @@ def find_cylinders(
         inside=np.array([one.entry.evidence.wall.side < 0 for one in detections], bool),
         planes=_planes(parts, [part.planes for part in found]),
     )
+
+
+def _of_fits(effort: Effort) -> Effort:
+    """What the fits of a search take: its masks are to be doubted in any case."""
+    readings = effort.readings and max(effort.readings, FEWEST_READINGS)
+    steps = max(effort.max_steps, Effort.max_steps)
+    return dataclasses.replace(effort, doubts=True, readings=readings, max_steps=steps)
 
 
 def _told_in_world(
