@@ -94,8 +94,9 @@ def fit_metrics(
     # What one setting has compiled, the next ones need not.
     own = str(scratch / "compiled")
     cache = Path(os.environ.get("JAX_COMPILATION_CACHE_DIR", own))
-    is_taken = folder is not None and setting in PHOTOGRAPHED
-    photographs = [str(folder.resolve())] if is_taken else []
+    photographs = []
+    if folder is not None and setting in PHOTOGRAPHED:
+        photographs.append(str(folder.resolve()))
     arguments = [str(scratch), setting, str(timed), *photographs]
     record = in_new_process("experiments.speed_accuracy.fits", arguments, cache)
     yield Metric(f"fit.{setting}.memory", record["memory"], None, "MB", "lower", 1)

@@ -213,7 +213,7 @@ def _eroded(mask: Mask, reach: int, xp: ModuleType) -> Mask:
     if xp is np:
         # In a tenth of the time, with what lies outside as it is by default: True.
         cross = cv2.getStructuringElement(cv2.MORPH_CROSS, (2 * reach + 1,) * 2)
-        return cv2.erode(mask.view(np.uint8), cross).view(bool)
+        return cv2.erode(np.asarray(mask).view(np.uint8), cross).view(bool)
     height, width = mask.shape
     padded = jnp.pad(mask, reach, constant_values=True)
     inner = mask

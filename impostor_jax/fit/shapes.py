@@ -333,16 +333,16 @@ def _images_of(
     residual: Any, marks: Any, table: Table, size: tuple[int, int], xp: Any
 ) -> tuple[Any, Any, Any]:
     """Residuals of an image, and its pixels on the shape and of its region."""
-    if xp is np:
-        own = table.row < size[0]
-        place = table.row[own] * size[1] + table.col[own]
+    # In a trace what lies beyond the image is dropped.
+    own = table.row < size[0] if xp is np else np.s_[:]
+    row, col = table.row[own], table.col[own]
 
     def image(values: Any) -> Any:
         if xp is not np:
             blank = jnp.zeros(size, values.dtype)
-            return blank.at[table.row, table.col].set(values, mode="drop")
+            return blank.at[row, col].set(values, mode="drop")
         full = np.zeros(size, values.dtype)
-        full.ravel()[place] = values[own]
+        full[row, col] = values[own]
         return full
 
     residual, marks = xp.asarray(residual), xp.asarray(marks)

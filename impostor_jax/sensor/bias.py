@@ -138,7 +138,8 @@ class SmoothField(eqx.Module):
         nodes = np.arange(-reach, MOST_NODES + reach + 1) * NODE_SPACING
         num_cells = math.ceil(MOST_NODES * NODE_SPACING * CELLS_PER_LENGTH) + 1
         cells = np.arange(num_cells) / CELLS_PER_LENGTH
-        weight = _spread(*(jnp.asarray(x, score.dtype) for x in (cells, nodes)), 1.0)
+        dtype = score.dtype
+        weight = _spread(jnp.asarray(cells, dtype), jnp.asarray(nodes, dtype), 1.0)
 
         def along(index: Int[Array, " n"]) -> tuple[Int[Array, " n"], Float[Array, ""]]:
             place = index.astype(score.dtype)
