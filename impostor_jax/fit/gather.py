@@ -27,6 +27,9 @@ from impostor_jax.sensor.base import AbstractDepthNoise
 MOST_AT_EDGE = 512
 """Most pixels at the object's edge that are looked at, spread over all of it."""
 
+FEWEST_AT_EDGE = 128
+"""The same beside few readings, an eighth of more."""
+
 SPREAD = 64
 """Pixels along each side of the image that tell what a solution would hide."""
 
@@ -174,7 +177,7 @@ def _around_some(
         col: Of all pixels.
         xp: As of `table_of`.
     """
-    count = min(MOST_AT_EDGE, len(row) // 8)
+    count = min(MOST_AT_EDGE, max(FEWEST_AT_EDGE, len(row) // 8))
     if xp is np:
         (found,) = np.nonzero(at_edge)
         order = np.argsort(-_shuffle(len(row))[found])

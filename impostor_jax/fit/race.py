@@ -70,14 +70,14 @@ def coarse(table: Table) -> Table:
     """The readings that speak for all."""
     count, at_edge = len(table.row), table.inside.shape[1]
     own = np.count_nonzero(table.rays.exists[:count])
-    end = count + table.inside.size
+    few = np.arange(min(MOST_AT_EDGE, at_edge))
     kept = [np.arange(count - BLOCK, count)]
-    kept += [count + k * at_edge + np.arange(MOST_AT_EDGE) for k in range(5)]
-    kept += [np.arange(end, len(table.rays.x))]
+    kept += [count + k * at_edge + few for k in range(5)]
+    kept += [np.arange(count + table.inside.size, len(table.rays.x))]
     chosen = np.concatenate(kept)
     return table._replace(
         rays=jax.tree.map(lambda values: values[chosen], table.rays),
-        inside=table.inside[:, :MOST_AT_EDGE],
+        inside=table.inside[:, : len(few)],
         row=table.row[-BLOCK:],
         col=table.col[-BLOCK:],
         beside=table.beside[-BLOCK:],

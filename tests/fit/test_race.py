@@ -1,11 +1,12 @@
 """Which of several starts are worth a fit to all readings."""
 
 import numpy as np
+import pytest
 
 import impostor_jax as ij
 from impostor_jax.fit.fittable import CYLINDER
 from impostor_jax.fit.options import Options
-from impostor_jax.fit.problem import BLOCK
+from impostor_jax.fit.problem import BLOCK, posed
 from impostor_jax.fit.race import Ends, coarse, ends_of, worth_a_fit
 from impostor_jax.fit.request import checked_noise, checked_prior, checked_settings
 from impostor_jax.fit.round_body import RoundBody
@@ -53,6 +54,29 @@ def started_from(*starts):
     known = checked_prior(None, CYLINDER.parameters, None)
     few = coarse(table)
     return few, ends_of([few], known, settings, starts, "geman_mcclure")
+
+
+@pytest.mark.parametrize("readings", [None, 1024, 512])
+def test_the_few_keep_their_places_at_the_edge(readings):
+    depth, mask = image()
+    seen = Seen(depth, mask, CAMERA, ij.ConstantNoise(SIGMA))
+    whole = posed_alone(shown_by(seen, readings))
+    few = posed_alone(coarse(shown_by(seen, readings)))
+    count = few.edge.inside.shape[1]
+    assert few.pixels.depth.shape == (BLOCK,)
+    assert 0 < count <= whole.edge.inside.shape[1]
+    for field in ("depth", "exists"):
+        found, wanted = (getattr(one.edge.pixels, field) for one in (few, whole))
+        np.testing.assert_array_equal(found, wanted[:, :count])
+    np.testing.assert_array_equal(few.edge.inside, whole.edge.inside[:, :count])
+    np.testing.assert_array_equal(few.around.depth, whole.around.depth)
+
+
+def posed_alone(table):
+    settings = checked_settings(CYLINDER, Options(), None, SIGMA)
+    prior = checked_prior(None, CYLINDER.parameters, None)
+    (view,) = posed((table,), prior, settings, "geman_mcclure").views
+    return view
 
 
 def test_starts_lead_to_the_object_on_the_readings_that_speak_for_all():
