@@ -207,7 +207,7 @@ def test_options_reach_the_search(find, searched):
     assert (code, err) == (1, "")
     (given,) = searched
     effort = given.pop("effort")
-    assert (effort.starts, effort.readings) == (3, 4096)
+    assert (effort.starts, effort.readings) == (3, 1024)
     assert given == {
         "sigma": 0.002, "prior": {"radius": (0.04, 0.001)}, "min_pixels": 99,
         "min_arc": pytest.approx(np.pi / 2), "radius_range": (0.01, 0.1),
