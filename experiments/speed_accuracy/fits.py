@@ -10,6 +10,8 @@ __all__ = ["main"]
 import json
 import sys
 import time
+from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -42,10 +44,11 @@ def main() -> None:
         outcomes[name] = (loaded, accuracy(name, loaded, effort))
     # Before the default setting needs memory of its own.
     memory = peak_memory_mb()
-    record = {
-        name: found | timing(name, loaded, effort, timed)
-        for name, (loaded, found) in outcomes.items()
-    }
+    record = {}
+    for name, (loaded, found) in outcomes.items():
+        shown = zip(loaded["depth"][:timed], loaded["mask"][:timed], strict=True)
+        calls = [partial(one_fit, name, *one) for one in shown]
+        record[name] = found | timing(calls, effort)
     record |= {name: on_photographs(Path(name), effort) for name in photographs}
     print(json.dumps(record | {"memory": memory}))
 
@@ -68,15 +71,16 @@ def accuracy(name: str, loaded: Any, effort: Effort) -> dict[str, Any]:
     return {"errors": errors, "deviations": deviations}
 
 
-def timing(name: str, loaded: Any, effort: Effort, count: int) -> dict[str, Any]:
+def timing(
+    calls: Sequence[Callable[[Effort], object]], effort: Effort
+) -> dict[str, list[float]]:
     """Milliseconds of fits, and of those with the default, in turns."""
     ms: dict[str, list[float]] = {"ms": [], "default_ms": []}
-    depths, masks = loaded["depth"][:count], loaded["mask"][:count]
     for turn in range(2):
-        for depth, mask in zip(depths, masks, strict=True):
+        for call in calls:
             for key, used in (("ms", effort), ("default_ms", FITS["balanced"])):
                 start = time.perf_counter()
-                one_fit(name, depth, mask, used)
+                call(used)
                 # The first turn compiles for all sizes.
                 if turn:
                     ms[key].append(1e3 * (time.perf_counter() - start))
@@ -87,25 +91,17 @@ def on_photographs(folder: Path, effort: Effort) -> dict[str, Any]:
     """Outcomes of fits of photographs, the sensor told and not, and their times.
 
     Of each the radius less what was measured, in deviations of both; None where the fit
-    failed. An image is fitted in turns with the default, after one round that compiles.
+    failed.
     """
+    images = list(real(folder))
     off: list[float | None] = []
-    ms: dict[str, list[float]] = {"ms": [], "default_ms": []}
-    for case, image in zip(
-        (c for c in REAL for _ in range(2)), real(folder), strict=True
-    ):
+    for case, image in zip((c for c in REAL for _ in range(2)), images, strict=True):
         fit = image.fit(effort)
         off.append(None)
         if bool(fit.success):
             deviation = np.hypot(float(fit.std.radius), KNOWN_TO * case.radius)
             off[-1] = float((float(fit.cylinder.radius) - case.radius) / deviation)
-        for turn in range(2):
-            for key, used in (("ms", effort), ("default_ms", FITS["balanced"])):
-                start = time.perf_counter()
-                image.fit(used)
-                if turn:
-                    ms[key].append(1e3 * (time.perf_counter() - start))
-    return {"off": off} | ms
+    return {"off": off} | timing([image.fit for image in images], effort)
 
 
 def one_fit(name: str, depth: Any, mask: Any, effort: Effort) -> ij.Fit:

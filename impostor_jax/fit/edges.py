@@ -78,7 +78,7 @@ def _left(
     leaning: Reach,
     xp: Any,
 ) -> DepthImage:
-    """What is left of the readings; arguments are those of `without_edges`.
+    """What is left of the readings.
 
     Args:
         depth: Of an image, or the part of it where the region lies.

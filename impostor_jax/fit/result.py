@@ -17,12 +17,13 @@ __all__ = [
     "each_of",
     "named_values",
     "of_images",
+    "on_device",
 ]
 
 import copy
 import dataclasses
 from collections import Counter, OrderedDict
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Any, NamedTuple, TypeVar
 
 import equinox as eqx
@@ -290,6 +291,15 @@ class Asked:
         return cls()
 
 
+def on_device(leaves: Iterable[Any], are_exact: Iterable[bool]) -> list[Any]:
+    """NumPy's as JAX's, each in its own precision, but for what lies far off."""
+    with jax.enable_x64(True):
+        return [
+            leaf if exact else jax.device_put(leaf)
+            for leaf, exact in zip(leaves, are_exact, strict=True)
+        ]
+
+
 class Fit(eqx.Module):
     """A fitted shape; read `success` and `status` first.
 
@@ -466,13 +476,7 @@ class Fit(eqx.Module):
         leaves, tree = jax.tree.flatten(self)
         # By NumPy: JAX takes several milliseconds.
         parts = [np.asarray(values)[chosen] for values in leaves]
-        with jax.enable_x64(True):
-            # What lies far off stays NumPy's.
-            put = [
-                part if is_exact(values) else jax.device_put(part)
-                for part, values in zip(parts, leaves, strict=True)
-            ]
-        part = tree.unflatten(put)
+        part = tree.unflatten(on_device(parts, map(is_exact, leaves)))
         if not self.asked.each:
             return part
         each = tuple(self.asked.each[k] for k in chosen.ravel())

@@ -296,7 +296,7 @@ def _fit_pixels(
         few = [coarse(table) for table in shown]
         return ends_of(few, prior, settings, starts, effort.kernel)
 
-    counts = sum(one.num_readings for one in seen)
+    counts = [one.num_readings for one in seen]
     search = Search(kind, effort, fitted, led, counts)
     found_by(search, seen, shown, initial, known)
     found, num_starts = search.found, search.num_starts

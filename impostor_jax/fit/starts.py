@@ -47,7 +47,7 @@ class Search:
         effort: How much work it takes.
         fitted: How to fit all readings from a start.
         led: Where starts lead on a few of them.
-        num_readings: Of the object.
+        counts: Readings of the object in each of its images.
         found: What starts led to.
         num_starts: How many were tried.
     """
@@ -56,9 +56,14 @@ class Search:
     effort: Effort
     fitted: Callable[[AbstractBody], Assessment]
     led: Callable[[Sequence[AbstractBody]], Ends]
-    num_readings: int
+    counts: Sequence[int]
     found: list[Assessment] = dataclasses.field(default_factory=list)
     num_starts: int = 0
+
+    @property
+    def num_readings(self) -> int:
+        """Of the object in all images."""
+        return sum(self.counts)
 
     def fit(self, start: AbstractBody) -> None:
         """Fit all readings from a start."""
@@ -133,14 +138,16 @@ def found_by(
     move = shown[0].camera_from_world
     if initial is not None:
         search.fit(_placed(kind.body, initial, move))
-        return search.closed()
-    starts = _guesses(kind, seen, shown)[: effort.starts]
+        search.closed()
+        return
+    starts = _guesses(kind, seen, shown, search.counts)[: effort.starts]
     if not starts:
-        return None
+        return
     if known is not None and _leaves_no_doubt(known):
         # Of other pixels beside these, it may be off; the best guess is not.
         search.race([_placed(kind.body, known.shape, move), starts[0]])
-        return search.closed()
+        search.closed()
+        return
     if search.num_readings > MOST_AT_ONCE:
         search.race(starts)
     else:
@@ -153,7 +160,6 @@ def found_by(
     search.closed()
     if effort.doubts:
         _doubt(search)
-    return None
 
 
 def _doubt(search: Search) -> None:
@@ -183,7 +189,10 @@ def _leaves_no_doubt(fit: Fit) -> bool:
 
 
 def _guesses(
-    kind: Fittable, seen: Sequence[Seen], shown: Sequence[Table]
+    kind: Fittable,
+    seen: Sequence[Seen],
+    shown: Sequence[Table],
+    counts: Sequence[int],
 ) -> list[AbstractBody]:
     """First guesses in the first view's frame: the best of each view, then the others.
 
@@ -191,12 +200,12 @@ def _guesses(
     """
     found = []
     moves = [table.camera_from_world for table in shown]
-    for one, move in zip(seen, moves, strict=True):
+    for one, move, count in zip(seen, moves, counts, strict=True):
         sigma = typical_sigma(one.image, one.region, one.noise)
         guesses = kind.guesses(one.image, one.region, one.camera, sigma)
         if one is not seen[0]:
             guesses = [_moved(g, move, moves[0]) for g in guesses]
-        found.append((one.num_readings, guesses))
+        found.append((count, guesses))
     found.sort(key=lambda pair: -pair[0])
     ranks = itertools.zip_longest(*(guesses for _, guesses in found))
     return [guess for rank in ranks for guess in rank if guess is not None]

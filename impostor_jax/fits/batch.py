@@ -15,7 +15,7 @@ from impostor_jax.fit.batch import side_by_side
 from impostor_jax.fit.fittable import CYLINDER
 from impostor_jax.fit.options import FitOptions, Options
 from impostor_jax.fit.request import check_types
-from impostor_jax.fit.result import Asked, Fit
+from impostor_jax.fit.result import Asked, Fit, on_device
 from impostor_jax.fits.shown import fit_or_failure
 from impostor_jax.primitives.cylinder import Cylinder
 from impostor_jax.primitives.local_world import LocalWorld
@@ -100,18 +100,7 @@ def fit_cylinders(
         return tree
 
     tree = side_by_side(fit, order)[0]
-    # In the precision of the fits, which is the effort's.
-    is_double = any(
-        one.dtype == np.float64 and not far
-        for one, far in zip(stacked, exact, strict=True)
-    )
-    with jax.enable_x64(is_double):
-        # What lies far off stays NumPy's, as in a single fit.
-        near = [one for one, far in zip(stacked, exact, strict=True) if not far]
-        put = iter(jax.device_put(near))
-        fits = tree.unflatten(
-            one if far else next(put) for one, far in zip(stacked, exact, strict=True)
-        )
+    fits = tree.unflatten(on_device(stacked, exact))
     return fits.noting(each=tuple(each))
 
 
