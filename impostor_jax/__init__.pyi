@@ -10,10 +10,10 @@ from .find.cylinders import find_cylinders
 from .find.found import Found
 from .fit.alternatives import Alternatives
 from .fit.bore import BoreTest, test_bore
+from .fit.budget import Deviations
 from .fit.depth_loss import depth_loss
 from .fit.options import FitOptions
 from .fit.result import (
-    Deviations,
     Directions,
     Fit,
     FitResult,

@@ -106,9 +106,7 @@ def compiled(method: Method) -> Method:
 
 
 @functools.cache
-def quickly_compiled(
-    function: Callable[..., Any], **options: Any
-) -> Callable[..., Any]:
+def quickly_compiled(function: Callable[..., Any], **options: Any) -> "_Kept":
     """`kept` of a function, compiled in half the time where XLA can.
 
     Args:
@@ -120,7 +118,7 @@ def quickly_compiled(
 
 
 @functools.cache
-def kept(function: Callable[..., Any], **options: Any) -> Callable[..., Any]:
+def kept(function: Callable[..., Any], **options: Any) -> "_Kept":
     """`jax.jit` of a function of this package, kept on disk for the next process.
 
     Args:
@@ -159,14 +157,38 @@ class _Kept:
         return jax.jit(self._function, **asked)
 
     def __call__(self, *args: Any, **kwargs: Any) -> Any:
+        given, static, key = self._asked(args, kwargs)
+        if key is None:
+            return self._jitted(**given, **static)
+        return self._program(given, static, key)(**given)
+
+    def is_new(self, *args: Any, **kwargs: Any) -> bool:
+        """Whether a program for such arguments is not there yet."""
+        *_, key = self._asked(args, kwargs)
+        return key is not None and key not in self.programs
+
+    def prepare(self, *args: Any, **kwargs: Any) -> None:
+        """Load or compile the program for such arguments."""
+        given, static, key = self._asked(args, kwargs)
+        if key is not None:
+            self._program(given, static, key)
+
+    def _asked(
+        self, args: tuple[Any, ...], kwargs: dict[str, Any]
+    ) -> tuple[dict[str, Any], dict[str, Any], tuple[Any, ...] | None]:
+        """Arguments by name, the static ones, and what a program is kept by, if any."""
         given = self._signature.bind(*args, **kwargs).arguments
         static = {name: given.pop(name) for name in self._static_names if name in given}
         leaves, tree = jax.tree.flatten(given)
         types = _types_to_keep(leaves)
         if types is None:
-            return self._jitted(**given, **static)
+            return given, static, None
         settings = tuple(getattr(jax.config, name) for name in SETTINGS)
-        key = (tree, tuple(static.items()), types, settings)
+        return given, static, (tree, tuple(static.items()), types, settings)
+
+    def _program(
+        self, given: dict[str, Any], static: dict[str, Any], key: tuple[Any, ...]
+    ) -> Callable[..., Any]:
         program = self.programs.get(key)
         if program is None:
             # Of threads that need the same, one compiles.
@@ -175,7 +197,7 @@ class _Kept:
                 if program is None:
                     program = self._load_or_compile(key, given, static)
                     self.programs[key] = program
-        return program(**given)
+        return program
 
     def _load_or_compile(
         self, key: tuple[Any, ...], given: dict[str, Any], static: dict[str, Any]

@@ -16,7 +16,7 @@ from experiments.real_images.cases import Case, cases_in, drawn_case
 from experiments.real_images.report import draw, tables
 from experiments.recording import Metric
 from experiments.running import RunConfig, main
-from impostor_jax.fit.result import BUDGET
+from impostor_jax.fit.budget import BUDGET
 
 
 @dataclasses.dataclass(frozen=True)

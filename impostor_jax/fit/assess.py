@@ -20,6 +20,7 @@ from impostor_jax.fit.agreement import (
 )
 from impostor_jax.fit.alternatives import no_alternatives
 from impostor_jax.fit.body import AbstractBody, Readout, coordinates_of
+from impostor_jax.fit.budget import Deviations
 from impostor_jax.fit.deviations import are_numbers, deviations_of
 from impostor_jax.fit.evidence import (
     Readings,
@@ -32,7 +33,7 @@ from impostor_jax.fit.evidence import (
 from impostor_jax.fit.posterior import cost_of, explains, hidden_pixels
 from impostor_jax.fit.prior import prior_residuals, scale_left
 from impostor_jax.fit.problem import Problem, View
-from impostor_jax.fit.result import DISAGREEING, Deviations, Fit
+from impostor_jax.fit.result import DISAGREEING, Fit
 from impostor_jax.fit.solve import STAGES, Solution, in_coordinates, spread_of
 from impostor_jax.fit.status import STATUSES, FitStatus, code_of_first
 from impostor_jax.fit.uncertainty import (
@@ -323,7 +324,7 @@ def assess(problem: Problem, solution: Solution, correlated: bool) -> Assessment
     marks = jnp.where(used, jnp.where(inlier, 2, 1), 0).astype(jnp.int8)
     fit = Fit(
         shape=world.shape,
-        std=jax.tree.map(lambda value: jnp.where(success, value, jnp.inf), std),
+        std=jax.tree.map(lambda x: jnp.where(success, x, jnp.inf), std),
         std_budget=jax.tree.map(lambda x: jnp.where(success, x, jnp.inf), budget),
         coordinates=coordinates_of(world),
         ends_seen=ends_seen,
@@ -334,9 +335,7 @@ def assess(problem: Problem, solution: Solution, correlated: bool) -> Assessment
         num_steps=solution.num_steps,
         num_starts=jnp.ones((), int),
         num_agreeing=jnp.ones((), int),
-        residual=(),
-        inliers=(),
-        region=(),
+        pixelwise=(),
         num_pixels=count,
         rms=rms,
         chi2=chi2,
@@ -372,7 +371,7 @@ def assess(problem: Problem, solution: Solution, correlated: bool) -> Assessment
 def _radius_is_told(body: AbstractBody, std: Deviations) -> Bool[Array, ""]:
     """Whether a radius, of a frustum one of two, is known to less than itself."""
     radii = [name for name in body.coordinates if "radius" in name]
-    outer = [std.values[name] for name in radii if name != "inner_radius"]
+    outer = [getattr(std, name) for name in radii if name != "inner_radius"]
     return jnp.any(jnp.stack(outer) < body.radius)
 
 

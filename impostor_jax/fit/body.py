@@ -256,6 +256,7 @@ class AbstractBody(eqx.Module):
         direction: Vec3,
         chord: float | Float[Array, "*#batch"] = 0.0,
         start: Vec3 | None = None,
+        apart: bool = False,
     ) -> Passing:
         """How rays pass the body.
 
@@ -264,6 +265,8 @@ class AbstractBody(eqx.Module):
             chord: Half-chord below which the square root gives way, as in
                 `blunted_root`.
             start: Where they begin; None for the origin.
+            apart: Whether what all else follows from is computed once. Of 2560 rays of
+                which much is asked that takes 55 us for 75, of more readings longer.
         """
 
     @abc.abstractmethod

@@ -2,7 +2,6 @@
 
 __all__ = ["are_numbers", "deviations_of"]
 
-from collections import OrderedDict
 
 import jax
 import jax.numpy as jnp
@@ -10,9 +9,10 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, PyTree
 
 from impostor_jax.fit.body import AbstractBody, Readout
-from impostor_jax.fit.result import BUDGET, Budget, Deviations, Directions
+from impostor_jax.fit.budget import BUDGET, Budget, Deviations
+from impostor_jax.fit.result import Directions
 from impostor_jax.fit.uncertainty import propagated
-from impostor_jax.numerics import all_finite, product
+from impostor_jax.numerics import all_finite
 
 MOST_TILT = 0.5
 """Standard deviation of an axis, in radians, up to which a shape is known."""
@@ -50,29 +50,24 @@ def deviations_of(
     """
     num_free = root.shape[0]
     parts = [part.reshape(-1, num_free) for part in change.values()]
-    full, is_observed = propagated(jnp.concatenate(parts), root, directions, free)
+    slopes = jnp.concatenate(parts)
+    full, is_observed = propagated(slopes, root, directions, free)
     variance = jnp.where(is_observed, jnp.diagonal(full), jnp.inf)
     std = jnp.sqrt(variance)
     names = np.repeat([*change], [len(part) for part in parts])
 
-    def by_name(values: Float[Array, " m"]) -> OrderedDict[str, Array]:
-        return OrderedDict(
-            (name, values[np.flatnonzero(names == name)].reshape(part.shape[:-1]))
-            for name, part in change.items()
-        )
-
-    slopes, none = jnp.concatenate(parts), jnp.zeros_like(std)
-    share = {name: none for name in BUDGET}
-    for name, own in shares.items():
-        # Correlation may take from a variance, too.
-        squares = jnp.maximum(jnp.sum(product(slopes, own) * slopes, axis=1), 0)
-        share[name] = jnp.where(is_observed, jnp.sqrt(squares), jnp.inf)
-    budget = OrderedDict((name, Deviations(by_name(share[name]))) for name in BUDGET)
+    # Correlation may take from a variance, too.
+    own = jnp.stack([shares.get(name, jnp.zeros_like(root)) for name in BUDGET])
+    squares = jnp.sum(jnp.matmul(slopes[None], own) * slopes[None], axis=2)
+    budget = jnp.where(is_observed[None], jnp.sqrt(jnp.maximum(squares, 0)), jnp.inf)
     # Of a scene with another scale all that is seen is known as well.
-    of_scale = jnp.where(is_observed, share["scale"] ** 2, 0)
-    apart_from_scale = by_name(jnp.sqrt(jnp.maximum(variance - of_scale, 0)))
+    of_scale = jnp.where(is_observed, budget[BUDGET.index("scale")] ** 2, 0)
+    apart_from_scale = jnp.sqrt(jnp.maximum(variance - of_scale, 0))
     known = {
-        name: jnp.all(apart_from_scale[name] < _most_deviation(name, body.radius))
+        name: jnp.all(
+            apart_from_scale[np.flatnonzero(names == name)]
+            < _most_deviation(name, body.radius)
+        )
         for name in body.coordinates
     }
     if "inner_radius" in known:
@@ -98,9 +93,8 @@ def deviations_of(
     public = jnp.where(np.eye(len(own), dtype=bool), variance[own][:, None], full)
     needed = [is_known for name, is_known in known.items() if name not in MAY_BE_OPEN]
     determined = jnp.stack(needed).all()
-    return (
-        Deviations(by_name(std)), Budget(budget), public, observed, determined,
-    )  # fmt: skip
+    told = tuple(names.tolist())
+    return Deviations(std, told), Budget(budget, told), public, observed, determined
 
 
 def are_numbers(body: AbstractBody, *told: PyTree) -> Bool[Array, ""]:

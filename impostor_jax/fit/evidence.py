@@ -327,7 +327,9 @@ def crossing_terms(
     """
     r, pixels = body.radius, edge.pixels
     chord = r / 10
-    seen = computed_once(lambda: body.passing(pixels.direction, chord, pixels.start))
+    seen = computed_once(
+        lambda: body.passing(pixels.direction, chord, pixels.start, apart=True)
+    )
     near = -jnp.sign(seen.local.direction.z[0])
     margins = body.margins(seen)
     kinds = margins.shape[0]

@@ -92,9 +92,7 @@ def told_in_world(world: LocalWorld, fit: Fit, known: Mapping[str, Any]) -> Fit:
     """
     others = fit.alternatives
     others = dataclasses.replace(others, shape=world.told_in_world(others.shape))
-    fit = dataclasses.replace(
-        fit, shape=world.told_in_world(fit.shape), alternatives=others
-    )
+    fit = fit.having(shape=world.told_in_world(fit.shape), alternatives=others)
     if fit.asked.arguments is None:
         return fit
     return fit.noting(arguments={**fit.asked.arguments, **known})

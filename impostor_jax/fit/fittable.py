@@ -1,11 +1,19 @@
 """Shapes that can be fitted: what the way that is the same for all needs of each."""
 
-__all__ = ["CYLINDER", "FRUSTUM", "KINDS", "SPHERE", "TUBE", "Fittable", "no_guess"]
+__all__ = [
+    "CYLINDER",
+    "FRUSTUM",
+    "KINDS",
+    "SPHERE",
+    "TUBE",
+    "Fittable",
+    "Guesses",
+    "no_guess",
+]
 
 import dataclasses
-from collections import OrderedDict
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -17,29 +25,40 @@ from impostor_jax.compiling import quickly_compiled
 from impostor_jax.fit.across import exact_rays
 from impostor_jax.fit.alternatives import no_alternatives
 from impostor_jax.fit.body import AbstractBody, coordinates_of
+from impostor_jax.fit.budget import BUDGET, Budget, Deviations
 from impostor_jax.fit.floor import floor_pixels
 from impostor_jax.fit.guess_round import guess_cylinders, guess_frusta
 from impostor_jax.fit.guess_sphere import guess_spheres
 from impostor_jax.fit.guess_tube import closed, guess_tubes
+from impostor_jax.fit.pixelwise import Pixelwise
 from impostor_jax.fit.result import (
-    BUDGET,
-    Budget,
-    Deviations,
     Directions,
     Fit,
-    of_images,
 )
 from impostor_jax.fit.round_body import RoundBody
 from impostor_jax.fit.solve import STAGE_TOLERANCE
 from impostor_jax.fit.sphere_body import SphereBody
 from impostor_jax.fit.status import STATUSES, FitStatus
 from impostor_jax.fit.surface import Samples, samples_of
+from impostor_jax.fit.threads import in_background
 from impostor_jax.fit.tube_body import TubeBody
 from impostor_jax.primitives.base import AbstractPrimitive
 from impostor_jax.primitives.cylinder import Cylinder
 from impostor_jax.primitives.frustum import Frustum
 from impostor_jax.primitives.solid import Solid
 from impostor_jax.primitives.sphere import Sphere
+
+
+class Guesses(NamedTuple):
+    """First guesses that are made while the caller goes on.
+
+    Attributes:
+        listed: Waits for them; the likeliest is the first.
+        is_new: Whether a program is compiled for them meanwhile.
+    """
+
+    listed: Callable[[], list[Any]]
+    is_new: bool
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -97,14 +116,36 @@ class Fittable:
             camera: Concrete.
             sigma: Typical standard deviation of a reading, in meters.
         """
+        return self.guessing(depth, region, camera, sigma).listed()
+
+    def guessing(
+        self,
+        depth: Float[np.ndarray, "h w"],
+        region: Bool[np.ndarray, "h w"],
+        camera: Sight,
+        sigma: float,
+    ) -> "Guesses":
+        """The same while the caller goes on."""
         samples = samples_of(depth, region, camera, sigma)
         if samples is None:
-            return []
-        found = quickly_compiled(self.guess)(samples)
-        # Sliced by NumPy: a hundredth of the time that JAX takes.
-        bodies, are_any = jax.tree.map(np.asarray, found)
-        places = np.flatnonzero(are_any)
-        return [jax.tree.map(lambda a, k=k: a[k], bodies) for k in places]
+            return Guesses(list, is_new=False)
+        program = quickly_compiled(self.guess)
+        is_new = program.is_new(samples)
+        if is_new:
+            found = in_background(lambda: program(samples))
+        else:
+            values = program(samples)
+
+            def found() -> Any:
+                return values
+
+        def listed() -> list[Any]:
+            # Sliced by NumPy: a hundredth of the time that JAX takes.
+            bodies, are_any = jax.tree.map(np.asarray, found())
+            places = np.flatnonzero(are_any)
+            return [jax.tree.map(lambda a, k=k: a[k], bodies) for k in places]
+
+        return Guesses(listed, is_new)
 
 
 CYLINDER = Fittable(
@@ -144,7 +185,7 @@ KINDS = {kind.shape: kind for kind in (CYLINDER, FRUSTUM, SPHERE, TUBE)}
 """What can be fitted, by its primitive."""
 
 
-def no_guess(kind: Fittable, *regions: Bool[np.ndarray, "h w"]) -> Fit:
+def no_guess(kind: Fittable, *regions: Bool[np.ndarray, "..."]) -> Fit:
     """Result of a fit that could not start; its shape has no meaning.
 
     Args:
@@ -156,14 +197,14 @@ def no_guess(kind: Fittable, *regions: Bool[np.ndarray, "h w"]) -> Fit:
     names, zero = coordinates_of(nothing), nothing.radius
     seen = jnp.zeros(len(nothing.ends), bool)
     read = jax.eval_shape(nothing.readout, nothing, seen)
-    unknown = Deviations(
-        jax.tree.map(lambda part: jnp.full(part.shape, jnp.inf, part.dtype), read)
+    unknown = Deviations.of(
+        {name: np.full(part.shape, np.inf, part.dtype) for name, part in read.items()}
     )
     infinite = np.diag(np.full(len(names), np.inf, zero.dtype))
     return Fit(
         shape=nothing.shape,
         std=unknown,
-        std_budget=Budget(OrderedDict.fromkeys(BUDGET, unknown)),
+        std_budget=Budget(jnp.tile(unknown.vector, (len(BUDGET), 1)), unknown.names),
         covariance=jnp.asarray(infinite),
         coordinates=names,
         ends_seen=seen,
@@ -177,9 +218,7 @@ def no_guess(kind: Fittable, *regions: Bool[np.ndarray, "h w"]) -> Fit:
         num_steps=jnp.array(0),
         num_starts=jnp.array(0),
         num_agreeing=jnp.array(0),
-        residual=of_images([jnp.zeros(x.shape, zero.dtype) for x in regions]),
-        inliers=of_images([jnp.zeros(x.shape, bool) for x in regions]),
-        region=of_images([jnp.asarray(region) for region in regions]),
+        pixelwise=tuple(Pixelwise.of_region(x, zero.dtype) for x in regions),
         num_pixels=jnp.array(sum(counts)),
         rms=jnp.full_like(zero, jnp.inf),
         chi2=jnp.full_like(zero, jnp.inf),

@@ -9,7 +9,6 @@ is in a fit to depth.
 
 __all__ = ["fit_outline"]
 
-import dataclasses
 from typing import Any
 
 import jax
@@ -130,7 +129,7 @@ def _fit_from(
     if finalists:
         return best_of([_assessed(problem, one) for one in finalists])
     failed = no_guess(kind, np.asarray(matte.beside()))
-    return dataclasses.replace(failed, source="outline")
+    return failed.having(source="outline")
 
 
 def _finalists(kind: Fittable, problem: OutlineProblem) -> list[Traced]:

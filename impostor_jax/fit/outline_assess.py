@@ -28,6 +28,7 @@ from impostor_jax.fit.outline_solve import (
     coverage_errors,
     scale_coordinate,
 )
+from impostor_jax.fit.pixelwise import Pixelwise
 from impostor_jax.fit.prior import prior_residuals
 from impostor_jax.fit.result import Fit
 from impostor_jax.fit.robust import KERNELS, robust_residual
@@ -132,7 +133,8 @@ def assess_outline(problem: OutlineProblem, found: Traced) -> Assessment:
     most = jnp.where(problem.is_hard, MOST_HARD_CHI2, MOST_CHI2)
     agrees = (chi2 < most) & (places.share_off <= MOST_OFF)
     finite = are_numbers(body, std, budget, covariance, chi2)
-    height, told = std.values.get("height"), world.readout(world, places.ends_seen)
+    height = std.height if "height" in std.names else None
+    told = world.readout(world, places.ends_seen)
     if height is not None:
         # What may be as thin as a coin, or the end of anything, shows no wall.
         is_known &= places.wall_seen
@@ -143,10 +145,9 @@ def assess_outline(problem: OutlineProblem, found: Traced) -> Assessment:
     is_told = success | (code == STATUSES.index(FitStatus.UNDETERMINED))
     meters = problem.footprint * problem.sigma * estimate.center[2]
 
-    def image_of(values: Bool[Array, " n"]) -> Bool[Array, "h w"]:
-        blank = jnp.zeros((camera.height, camera.width), bool)
-        return blank.at[problem.row, problem.col].set(values, mode="drop")
-
+    marks = jnp.where(problem.is_pixel, jnp.where(agreement.near, 2, 1), 0)
+    beyond = camera.height * camera.width
+    place = problem.row * camera.width + problem.col
     num_free = jnp.sum(jnp.any(settings.free != 0, axis=0)).astype(chi2.dtype)
     p_value = tail(chi2, count - num_free)
     has_p_value = problem.is_trusted & ~problem.is_hard
@@ -163,9 +164,14 @@ def assess_outline(problem: OutlineProblem, found: Traced) -> Assessment:
         num_steps=found.num_steps,
         num_starts=jnp.ones((), int),
         num_agreeing=jnp.ones((), int),
-        residual=jnp.zeros((camera.height, camera.width), off.dtype),
-        inliers=image_of(agreement.near),
-        region=image_of(problem.is_pixel),
+        pixelwise=(
+            Pixelwise(
+                residual=jnp.zeros_like(off),
+                marks=marks.astype(jnp.int8),
+                place=jnp.where(problem.is_pixel, place, beyond),
+                shape=(camera.height, camera.width),
+            ),
+        ),
         num_pixels=jnp.sum(problem.is_pixel),
         rms=jnp.sqrt(agreement.squares / count) * meters,
         chi2=chi2,

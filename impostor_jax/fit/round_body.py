@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 from typing_extensions import override
 
+from impostor_jax.compiling import computed_once
 from impostor_jax.fit.body import (
     AbstractBody,
     FreeDirections,
@@ -171,10 +172,16 @@ class RoundBody(AbstractBody):
         direction: Vec3,
         chord: float | Float[Array, "*#batch"] = 0.0,
         start: Vec3 | None = None,
+        apart: bool = False,
     ) -> Passing:
         frame = jnp.concatenate([tangent_basis(self.axis), self.axis[None]])
         local, foot = local_ray(direction, self.center, frame, start)
-        inverse, nearest, square, within = self._wall(local.origin, local.direction)
+        if apart:
+            local, foot = computed_once(lambda: (local, foot))
+        of_wall = self._wall(local.origin, local.direction)
+        if apart:
+            of_wall = computed_once(lambda: of_wall)
+        inverse, nearest, square, within = of_wall
         half, half_slope = blunted_root(square, chord)
         o, d = local.origin, local.direction
         o1, o2, o_a, e1, e2, d_a = o.x, o.y, o.z, d.x, d.y, d.z

@@ -22,7 +22,6 @@ from impostor_jax.effort import MIN_READINGS, Effort
 from impostor_jax.fit.assess import Assessment, assess
 from impostor_jax.fit.body import AbstractBody
 from impostor_jax.fit.border import fit_of_one_surface
-from impostor_jax.fit.by_point import told_by_point
 from impostor_jax.fit.copied import counted_copies
 from impostor_jax.fit.edges import without_edges
 from impostor_jax.fit.far import fitted_near
@@ -32,6 +31,7 @@ from impostor_jax.fit.learned import fit_with_learned_rays
 from impostor_jax.fit.measured import with_measured
 from impostor_jax.fit.options import Options
 from impostor_jax.fit.outline_gap import compared_with_outline
+from impostor_jax.fit.pixelwise import Pixelwise
 from impostor_jax.fit.prior import Prior
 from impostor_jax.fit.problem import Settings, Table, posed
 from impostor_jax.fit.race import Ends, coarse, ends_of
@@ -55,10 +55,10 @@ from impostor_jax.fit.request import (
     checked_settings,
     views_given,
 )
-from impostor_jax.fit.result import Fit, each_of, of_images
+from impostor_jax.fit.result import Fit, each_of
 from impostor_jax.fit.seen import Seen, seen_by, shown_by
 from impostor_jax.fit.solve import solve
-from impostor_jax.fit.starts import Search, found_by
+from impostor_jax.fit.starts import Search, found_by, guesses_of
 from impostor_jax.fit.stated import tested_by_readings
 from impostor_jax.fit.status import FitStatus
 from impostor_jax.fit.weighing import best_of, likeliest
@@ -85,7 +85,7 @@ def fit_shape(
     """Fit a shape; the arguments are those of `fit_cylinder`.
 
     A mask must be given unless something is traced. Where the images are made of
-    points, `places` are those of `told_by_point`, and `rounding` is the standard
+    points, `places` are those of `Pixelwise.of_points`, and `rounding` is the standard
     deviation that their coordinates were rounded with.
     """
     effort = options.effort
@@ -146,7 +146,9 @@ def fit_shape(
         elif not isinstance(sigma, list | tuple):
             known["sigma"] = checked[0].sigma
         if places is not None:
-            fit, known["places"] = told_by_point(fit, places), places
+            told_by_point = Pixelwise.of_points(fit.pixelwise, places)
+            fit = fit.having(pixelwise=(told_by_point,), source="points")
+            known["places"] = places
         given = [*camera] if isinstance(camera, list | tuple) else camera
         known |= {"camera": given, "initial": initial, "options": options}
         return fit.noting(
@@ -284,13 +286,17 @@ def _fit_pixels(
         effort: How much work it takes.
         correlated: Whether the covariance allows for correlated residuals.
     """
+    guesses = guesses_of(kind, seen) if initial is None else []
     shown = tuple(shown_by(one, effort.readings, correlated) for one in seen)
     compiled = quickly_compiled(fit_from, static_argnames=("kernel", "correlated"))
 
+    asked = {"kernel": effort.kernel, "correlated": correlated}
+    if any(one.is_new for one in guesses):
+        # While that for the guesses is.
+        compiled.prepare(shown, prior, settings, kind.blank, **asked)
+
     def fitted(start: AbstractBody) -> Assessment:
-        return compiled(
-            shown, prior, settings, start, kernel=effort.kernel, correlated=correlated
-        )
+        return compiled(shown, prior, settings, start, **asked)
 
     def led(starts: Sequence[AbstractBody]) -> Ends:
         few = [coarse(table) for table in shown]
@@ -298,7 +304,8 @@ def _fit_pixels(
 
     counts = [one.num_readings for one in seen]
     search = Search(kind, effort, fitted, led, counts)
-    found_by(search, seen, shown, initial, known)
+    moves = [table.camera_from_world for table in shown]
+    found_by(search, moves, guesses, initial, known)
     found, num_starts = search.found, search.num_starts
     if not found:
         return no_guess(kind, *(one.region for one in seen))
@@ -311,42 +318,25 @@ def _told_by_pixel(
     fit: Fit,
     found: Assessment,
     shown: Sequence[Table],
-    sizes: Sequence[Any],
+    shapes: Sequence[tuple[int, ...]],
     xp: Any = np,
 ) -> Fit:
-    """A fit with images of what is told of each reading.
+    """A fit with what is told of each reading.
 
     Args:
-        fit: Without them.
+        fit: Without that.
         found: What is said of the readings.
         shown: Which pixels these are.
-        sizes: Of the images.
+        shapes: Of the images.
         xp: NumPy, or `jax.numpy` of what is traced.
     """
-    of_views = zip(found.residual, found.marks, shown, sizes, strict=True)
-    images = [_images_of(*one, xp) for one in of_views]
-    residual, inliers, region = (of_images([*one]) for one in zip(*images, strict=True))
-    return dataclasses.replace(fit, residual=residual, inliers=inliers, region=region)
-
-
-def _images_of(
-    residual: Any, marks: Any, table: Table, size: tuple[int, int], xp: Any
-) -> tuple[Any, Any, Any]:
-    """Residuals of an image, and its pixels on the shape and of its region."""
-    # In a trace what lies beyond the image is dropped.
-    own = table.row < size[0] if xp is np else np.s_[:]
-    row, col = table.row[own], table.col[own]
-
-    def image(values: Any) -> Any:
-        if xp is not np:
-            blank = jnp.zeros(size, values.dtype)
-            return blank.at[row, col].set(values, mode="drop")
-        full = np.zeros(size, values.dtype)
-        full[row, col] = values[own]
-        return full
-
-    residual, marks = xp.asarray(residual), xp.asarray(marks)
-    return image(residual), image(marks == 2), image(marks > 0)
+    parts = []
+    of_views = zip(found.residual, found.marks, shown, shapes, strict=True)
+    for residual, marks, table, (height, width) in of_views:
+        place = table.row * width + table.col
+        place = xp.where(table.row < height, place, height * width).astype(xp.int32)
+        parts.append(Pixelwise(residual, marks, place, (height, width)))
+    return fit.having(pixelwise=tuple(parts))
 
 
 def fit_from(

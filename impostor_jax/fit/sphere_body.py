@@ -82,6 +82,7 @@ class SphereBody(AbstractBody):
         direction: Vec3,
         chord: float | Float[Array, "*#batch"] = 0.0,
         start: Vec3 | None = None,
+        apart: bool = False,
     ) -> Passing:
         r = self.radius
         frame = jnp.eye(3, dtype=r.dtype)

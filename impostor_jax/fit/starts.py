@@ -5,7 +5,7 @@ few readings that speak for all, and those that may lead to a better end, or ano
 are fitted to all readings.
 """
 
-__all__ = ["Search", "found_by"]
+__all__ = ["Search", "found_by", "guesses_of"]
 
 import dataclasses
 import itertools
@@ -18,8 +18,7 @@ import numpy as np
 from impostor_jax.effort import Effort
 from impostor_jax.fit.assess import Assessment
 from impostor_jax.fit.body import AbstractBody
-from impostor_jax.fit.fittable import Fittable
-from impostor_jax.fit.problem import Table
+from impostor_jax.fit.fittable import Fittable, Guesses
 from impostor_jax.fit.race import MOST_STARTS, Ends, worth_a_fit
 from impostor_jax.fit.regions import typical_sigma
 from impostor_jax.fit.result import Fit
@@ -120,8 +119,8 @@ class Search:
 
 def found_by(
     search: Search,
-    seen: Sequence[Seen],
-    shown: Sequence[Table],
+    moves: Sequence[RigidTransform],
+    guesses: Sequence[Guesses],
     initial: AbstractPrimitive | None,
     known: Fit | None,
 ) -> None:
@@ -129,18 +128,18 @@ def found_by(
 
     Args:
         search: As yet without a start.
-        seen: The object.
-        shown: What its images show of it.
+        moves: Poses of the cameras.
+        guesses: Of each image, as `guesses_of` returns them; none beside a start.
         initial: In the world frame.
         known: A fit of the same pixels, or of more.
     """
     kind, effort, found = search.kind, search.effort, search.found
-    move = shown[0].camera_from_world
+    move = moves[0]
     if initial is not None:
         search.fit(_placed(kind.body, initial, move))
         search.closed()
         return
-    starts = _guesses(kind, seen, shown, search.counts)[: effort.starts]
+    starts = _in_order(guesses, moves, search.counts)[: effort.starts]
     if not starts:
         return
     if known is not None and _leaves_no_doubt(known):
@@ -188,10 +187,22 @@ def _leaves_no_doubt(fit: Fit) -> bool:
     return bool(fit.success) and not np.any(np.asarray(fit.alternatives.weight))
 
 
-def _guesses(
-    kind: Fittable,
-    seen: Sequence[Seen],
-    shown: Sequence[Table],
+def guesses_of(kind: Fittable, seen: Sequence[Seen]) -> list[Guesses]:
+    """First guesses of an object in the frame of each of its cameras."""
+    return [
+        kind.guessing(
+            one.image,
+            one.region,
+            one.camera,
+            typical_sigma(one.image, one.region, one.noise),
+        )
+        for one in seen
+    ]
+
+
+def _in_order(
+    guesses: Sequence[Guesses],
+    moves: Sequence[RigidTransform],
     counts: Sequence[int],
 ) -> list[AbstractBody]:
     """First guesses in the first view's frame: the best of each view, then the others.
@@ -199,16 +210,14 @@ def _guesses(
     Views with more readings come first.
     """
     found = []
-    moves = [table.camera_from_world for table in shown]
-    for one, move, count in zip(seen, moves, counts, strict=True):
-        sigma = typical_sigma(one.image, one.region, one.noise)
-        guesses = kind.guesses(one.image, one.region, one.camera, sigma)
-        if one is not seen[0]:
-            guesses = [_moved(g, move, moves[0]) for g in guesses]
-        found.append((count, guesses))
+    for own, move, count in zip(guesses, moves, counts, strict=True):
+        bodies = own.listed()
+        if move is not moves[0]:
+            bodies = [_moved(body, move, moves[0]) for body in bodies]
+        found.append((count, bodies))
     found.sort(key=lambda pair: -pair[0])
-    ranks = itertools.zip_longest(*(guesses for _, guesses in found))
-    return [guess for rank in ranks for guess in rank if guess is not None]
+    ranks = itertools.zip_longest(*(bodies for _, bodies in found))
+    return [body for rank in ranks for body in rank if body is not None]
 
 
 @partial(jax.jit, static_argnums=0)

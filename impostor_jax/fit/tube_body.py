@@ -146,9 +146,11 @@ class TubeBody(AbstractBody):
         direction: Vec3,
         chord: float | Float[Array, "*#batch"] = 0.0,
         start: Vec3 | None = None,
+        apart: bool = False,
     ) -> Passing:
         outer, bore = (
-            body.passing(direction, chord, start) for body in (self.outer, self.bore)
+            body.passing(direction, chord, start, apart)
+            for body in (self.outer, self.bore)
         )
         # From between the ends and within the outer wall a camera sees the bore's.
         within = ~outer.outside | (outer.on_cap & (outer.rim < self.inner_radius))

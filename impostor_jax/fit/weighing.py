@@ -6,8 +6,6 @@ others weigh widens the standard deviations of the best, so that they cover all.
 
 __all__ = ["AMBIGUOUS_FROM", "best_of", "likeliest"]
 
-import dataclasses
-from collections import OrderedDict
 from collections.abc import Sequence
 from functools import partial
 from typing import NamedTuple
@@ -20,7 +18,8 @@ from jaxtyping import Array, Bool, Float
 from impostor_jax.fit.alternatives import MOST_ALTERNATIVES, Alternatives
 from impostor_jax.fit.assess import Assessment
 from impostor_jax.fit.body import AbstractBody, Readout
-from impostor_jax.fit.result import Budget, Deviations, Fit
+from impostor_jax.fit.budget import Deviations, Values
+from impostor_jax.fit.result import Fit
 from impostor_jax.fit.status import STATUSES, FitStatus
 
 AMBIGUOUS_FROM = 0.05
@@ -71,8 +70,7 @@ def best_of(found: Sequence[Assessment], num_starts: int | None = None) -> Fit:
             _is_same(other.found, _apart(other.found, one)) for other in rivals
         ):
             rivals.append(rival)
-    fit = dataclasses.replace(
-        best.fit,
+    fit = best.fit.having(
         num_steps=jnp.array(sum(int(one.fit.num_steps) for one in found)),
         num_starts=jnp.array(num_starts or len(found)),
         num_agreeing=jnp.array(num_agreeing),
@@ -158,7 +156,7 @@ def _with_rivals(
         weights: Of the fit and the others.
     """
     told = _told(fit, rivals, weights[1:])
-    fit = dataclasses.replace(fit, alternatives=told)
+    fit = fit.having(alternatives=told)
     if not bool(fit.success):
         return fit
     is_ambiguous = np.sum(weights[1:]) > AMBIGUOUS_FROM
@@ -170,30 +168,21 @@ def _with_rivals(
         [np.outer(off, off) for off in offs],
         weights,
     )
-    std = OrderedDict(
-        (
-            name,
-            jnp.sqrt(
-                _mixed(
-                    part**2,
-                    [rival.found.fit.std.values[name] ** 2 for rival in rivals],
-                    [np.asarray(rival.away[name] ** 2) for rival in rivals],
-                    weights,
-                )
-            ),
-        )
-        for name, part in fit.std.values.items()
-    )
-    apart = [
-        _root_of_difference(np.asarray(full), np.asarray(part))
-        for full, part in zip(std.values(), fit.std.values.values(), strict=True)
+    offs = [
+        np.concatenate([np.atleast_1d(rival.away[name]) for name in fit.std.values])
+        for rival in rivals
     ]
-    more = Deviations(OrderedDict(zip(std, apart, strict=True)))
-    parts = OrderedDict(fit.std_budget.parts, alternatives=more)
-    return dataclasses.replace(
-        fit,
-        std=Deviations(std),
-        std_budget=Budget(parts),
+    variance = _mixed(
+        fit.std.vector**2,
+        [rival.found.fit.std.vector**2 for rival in rivals],
+        [off**2 for off in offs],
+        weights,
+    )
+    std = Deviations(jnp.sqrt(variance), fit.std.names)
+    more = _root_of_difference(np.asarray(std.vector), np.asarray(fit.std.vector))
+    return fit.having(
+        std=std,
+        std_budget=fit.std_budget.having("alternatives", more),
         covariance=covariance,
         success=jnp.array(not is_ambiguous),
         status_code=jnp.array(STATUSES.index(status)),
@@ -201,8 +190,8 @@ def _with_rivals(
 
 
 def _root_of_difference(
-    full: Float[np.ndarray, "*n"], part: Float[np.ndarray, "*n"]
-) -> Float[Array, "*n"]:
+    full: Float[np.ndarray, " n"], part: Float[np.ndarray, " n"]
+) -> Float[Array, " n"]:
     """Deviation that makes `full` of `part`; infinite where that is."""
     known = np.isfinite(part)
     squares = np.where(known, full, 0) ** 2 - np.where(known, part, 0) ** 2
@@ -210,8 +199,8 @@ def _root_of_difference(
 
 
 def _mixed(
-    own: Array,
-    others: Sequence[Array],
+    own: Values,
+    others: Sequence[Values],
     squares: Sequence[Float[np.ndarray, "..."]],
     weights: Float[np.ndarray, " r"],
 ) -> Array:

@@ -2,7 +2,6 @@
 
 __all__ = ["fit_cylinders"]
 
-import math
 from collections.abc import Sequence
 from typing import Any, Unpack
 
@@ -11,17 +10,14 @@ import numpy as np
 
 from impostor_jax.arguments import is_concrete, is_exact, unmasked
 from impostor_jax.camera.base import AbstractCamera
-from impostor_jax.fit.batch import side_by_side
 from impostor_jax.fit.fittable import CYLINDER
 from impostor_jax.fit.options import FitOptions, Options
+from impostor_jax.fit.pixelwise import alike
 from impostor_jax.fit.request import check_types
-from impostor_jax.fit.result import Asked, Fit, on_device
+from impostor_jax.fit.result import Fit, on_device
+from impostor_jax.fit.threads import side_by_side
 from impostor_jax.fits.shown import fit_or_failure
 from impostor_jax.primitives.cylinder import Cylinder
-from impostor_jax.primitives.local_world import LocalWorld
-
-ALIGNMENT = 64
-"""Bytes to whose multiples XLA aligns what it computes with on processors."""
 
 
 def fit_cylinders(
@@ -75,44 +71,27 @@ def fit_cylinders(
         check_types(Cylinder, one, initial, count)
 
     asked = Options.of(options)
-    stacked: list[np.ndarray] = []
-    exact: list[bool] = []
-    each = [Asked()] * count
-    # The farthest first, of whose types the others are stacked.
-    order = sorted(range(count), key=lambda k: -_distance(cameras[k]))
 
-    def fit(index: int) -> Any:
+    def fit(index: int) -> Fit:
         mask = None if masks is None else masks[index]
         start = None if initial is None else jax.tree.map(lambda a: a[index], initial)
-        found = fit_or_failure(
+        return fit_or_failure(
             CYLINDER, depths[index], cameras[index], mask, sigma, start, asked
         )
-        each[index] = found.asked
-        leaves, tree = jax.tree.flatten(found)
-        if not stacked:
-            # The first fit, which is made alone.
-            stacked.extend(_aligned((count, *one.shape), one.dtype) for one in leaves)
-            exact.extend(map(is_exact, leaves))
-        # By NumPy, and at once: JAX would compile a program for each number of images,
-        # in 0.5 s, and need fresh memory for the images of all fits, 0.3 ms each.
-        for place, leaf in zip(stacked, leaves, strict=True):
-            place[index] = leaf
-        return tree
 
-    tree = side_by_side(fit, order)[0]
-    fits = tree.unflatten(on_device(stacked, exact))
-    return fits.noting(each=tuple(each))
+    return _stacked(side_by_side(fit, range(count)))
 
 
-def _distance(camera: AbstractCamera) -> float:
-    """From the origin, in meters, if its place is known in double precision."""
-    world = LocalWorld.of([camera])
-    return 0.0 if world is None else float(np.linalg.norm(world.place))
+def _stacked(fits: Sequence[Fit]) -> Fit:
+    """Several fits as one.
 
-
-def _aligned(shape: tuple[int, ...], dtype: np.dtype) -> np.ndarray:
-    """Empty memory that JAX takes as it is; 0.6 ms an image if it had to copy."""
-    size = math.prod(shape) * dtype.itemsize
-    space = np.empty(size + ALIGNMENT, np.uint8)
-    start = -space.ctypes.data % ALIGNMENT
-    return space[start : start + size].view(dtype).reshape(shape)
+    By NumPy: JAX would compile a program for each number of fits.
+    """
+    told = alike([fit.pixelwise[0] for fit in fits])
+    filled = [fit.having(pixelwise=(one,)) for fit, one in zip(fits, told, strict=True)]
+    leaves, (tree, *_) = zip(*map(jax.tree.flatten, filled), strict=True)
+    values = [*zip(*leaves, strict=True)]
+    exact = [any(map(is_exact, parts)) for parts in values]
+    stacked = [np.stack([*map(np.asarray, parts)]) for parts in values]
+    together = tree.unflatten(on_device(stacked, exact))
+    return together.noting(each=tuple(fit.asked for fit in fits))

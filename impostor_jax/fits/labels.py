@@ -9,10 +9,10 @@ import numpy as np
 
 from impostor_jax.arguments import is_concrete, unmasked
 from impostor_jax.camera.base import AbstractCamera
-from impostor_jax.fit.batch import side_by_side
 from impostor_jax.fit.fittable import CYLINDER, FRUSTUM, SPHERE, TUBE
 from impostor_jax.fit.options import FitOptions, Options
 from impostor_jax.fit.result import Fit
+from impostor_jax.fit.threads import side_by_side
 from impostor_jax.fits.shown import fit_or_failure
 from impostor_jax.fits.single import fit_cylinder, fit_frustum, fit_sphere, fit_tube
 from impostor_jax.primitives.base import AbstractPrimitive

@@ -18,7 +18,6 @@ from jaxtyping import Bool, Float, Int
 from impostor_jax.arguments import is_concrete, working_precision
 from impostor_jax.camera.ray_table import RayTable, turned_to
 from impostor_jax.effort import MIN_READINGS
-from impostor_jax.fit.by_point import told_by_point
 from impostor_jax.fit.fittable import CYLINDER, no_guess
 from impostor_jax.fit.measured import NOT_MEASURED
 from impostor_jax.fit.options import FitOptions, Options
@@ -166,8 +165,8 @@ def _fit_viewless(
     """The same where nobody tells from where they were seen."""
     wall = wall_of(cloud.ends)
     if wall is None or not wall.is_known:
-        nothing = no_guess(CYLINDER, np.ones((1, len(cloud.ends)), bool))
-        return told_by_point(nothing, [np.arange(len(cloud.ends))])
+        nothing = no_guess(CYLINDER, np.ones(len(cloud.ends), bool))
+        return nothing.having(source="points")
     level = max(wall.scatter, _resolution(cloud))
     seen = seen_across(cloud.ends, wall)
     cloud = cloud._replace(starts=seen.starts, counts=seen.is_near)

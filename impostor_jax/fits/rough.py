@@ -7,7 +7,6 @@ than what errs alike, that is how many times fewer points there are in effect.
 
 __all__ = ["with_shared_errors"]
 
-from collections import OrderedDict
 from dataclasses import replace
 
 import jax
@@ -16,7 +15,7 @@ import numpy as np
 from jaxtyping import Float
 
 from impostor_jax.camera.ray_table import turned_to
-from impostor_jax.fit.result import Budget, Fit
+from impostor_jax.fit.result import Fit
 
 PATCHES = (np.pi / 12, np.pi / 6)
 """Width of patches in radians; they are as high as wide."""
@@ -52,17 +51,13 @@ def with_shared_errors(fit: Fit, points: Float[np.ndarray, "n 3"], level: float)
     def widened(value: jax.Array) -> jax.Array:
         return value * jnp.asarray(root, value.dtype)
 
-    def shared(noise: jax.Array) -> jax.Array:
-        return noise * jnp.asarray(np.sqrt(times - 1), noise.dtype)
-
-    parts = dict(fit.std_budget.parts)
-    parts["correlation"] = jax.tree.map(shared, parts["noise"])
+    budget = fit.std_budget
+    shared = budget["noise"].vector * np.sqrt(times - 1)
     observed = replace(fit.observed, deviation=widened(fit.observed.deviation))
-    return replace(
-        fit,
+    return fit.having(
         covariance=fit.covariance * jnp.asarray(times, fit.covariance.dtype),
         std=jax.tree.map(widened, fit.std),
-        std_budget=Budget(OrderedDict(parts)),
+        std_budget=budget.having("correlation", shared),
         observed=observed,
     )
 

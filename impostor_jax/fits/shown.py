@@ -258,4 +258,4 @@ def fit_or_failure(
                     )
                 regions.append(np.asarray(region))
             failed = no_guess(kind, *regions)
-        return replace(failed, source="outline") if depth is None else failed
+        return failed.having(source="outline") if depth is None else failed

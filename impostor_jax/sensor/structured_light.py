@@ -160,7 +160,7 @@ class StructuredLight(AbstractDepthNoise):
     @property
     @override
     def bias(self) -> Bias:
-        return Bias(across=self.across, angle=self.angle)
+        return Bias.of_rays(self.across, self.angle)
 
     @override
     @compiled

@@ -107,7 +107,7 @@ class TimeOfFlight(AbstractDepthNoise):
     @property
     @override
     def bias(self) -> Bias:
-        return Bias(across=self.across, angle=self.angle)
+        return Bias.of_rays(self.across, self.angle)
 
     @override
     @compiled

@@ -4,7 +4,6 @@ import dataclasses
 import functools
 import json
 import re
-from collections import OrderedDict
 
 import jax.numpy as jnp
 
@@ -29,7 +28,7 @@ def fit_of(shape, **std):
     lines = {name: jnp.full(3, STD) for name in names}
     lines |= {name: jnp.asarray(STD) for name in sizes}
     return dataclasses.replace(
-        can_fit(), shape=shape, std=ij.Deviations(OrderedDict(lines | given))
+        can_fit(), shape=shape, std=ij.Deviations.of(lines | given)
     )
 
 
