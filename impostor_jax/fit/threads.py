@@ -2,6 +2,7 @@
 
 __all__ = ["in_background", "side_by_side"]
 
+import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any, TypeVar
@@ -18,7 +19,7 @@ def side_by_side(fit: Callable[[int], Values], which: Sequence[int]) -> list[Val
     in_precision = _in_own_precision(fit)
     # The first alone, which compiles for all.
     first = in_precision(which[0])
-    with ThreadPoolExecutor() as pool:
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
         return [first, *pool.map(in_precision, which[1:])]
 
 
