@@ -9,6 +9,7 @@ is compared with the wall changes with a motion of the body by alpha dn + beta d
 __all__ = [
     "AbstractBody",
     "FreeDirections",
+    "Margins",
     "Passing",
     "Readout",
     "blunted_root",
@@ -21,7 +22,7 @@ __all__ = [
 
 import abc
 from collections import OrderedDict
-from typing import Any
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -138,6 +139,31 @@ class Passing(eqx.Module):
     def is_missed(self) -> Bool[Array, "*batch"]:
         """Whether the ray passes the body by, at its wall or past the rim of a cap."""
         return self.is_past_rim | (~self.on_cap & (self.square < 0))
+
+
+class Margins(NamedTuple):
+    """What passes 0 where a body's outline does, one for each of its parts.
+
+    That of the wall first, then those of the ends that face away and the camera. Of a
+    body with a bore two more, of the same ends as they are seen in it; beside any other
+    place these do not change.
+
+    Attributes:
+        value: Positive outside. The largest tells of the outline.
+        tells: Whether rays are where that part has a place.
+        end: Which of the body's ends each is of; 0 of the wall.
+        side: Of each, as `of_end` takes it.
+        line: The number of the line in the image that each is on, one for each end, and
+            for each in a bore.
+        lines: The numbers that there are.
+    """
+
+    value: Float[Array, "k n m"]
+    tells: Bool[Array, "k n m"]
+    end: Float[Array, "k m"]
+    side: Float[np.ndarray, " k"]
+    line: Float[Array, "k m"]
+    lines: tuple[float, ...]
 
 
 def blunted_root(
@@ -306,12 +332,8 @@ class AbstractBody(eqx.Module):
         """
 
     @abc.abstractmethod
-    def margins(self, passing: Passing) -> Float[Array, "k n m"]:
-        """Margins of which one passes 0 at the outline, positive outside.
-
-        That of the wall first, then those of the ends that face away and the camera.
-        Of a body with a bore two more, of the same ends as they are seen in it; beside
-        any other place these do not change.
+    def margins(self, passing: Passing) -> Margins:
+        """What passes 0 at the outline.
 
         Args:
             passing: How rays pass the body: the first along the first axis through a

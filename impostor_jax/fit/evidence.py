@@ -330,9 +330,8 @@ def crossing_terms(
     seen = computed_once(
         lambda: body.passing(pixels.direction, chord, pixels.start, apart=True)
     )
-    near = -jnp.sign(seen.local.direction.z[0])
-    margins = body.margins(seen)
-    kinds = margins.shape[0]
+    outline = body.margins(seen)
+    margins, kinds = outline.value, len(outline.value)
     gap, middle = margins[:, 1:] - margins[:, :1], (margins[:, 1:] + margins[:, :1]) / 2
     steep = jnp.abs(gap)
     across = jnp.maximum(steep[:, :2].max(axis=1), steep[:, 2:].max(axis=1))
@@ -358,12 +357,7 @@ def crossing_terms(
     steepest = gap >= (1 - 1e-3) * across[:, None]
     valid = outside[None, 1:] & inside & steepest & (gap > 0)
     valid &= jnp.abs(off) < FARTHEST_CROSSING
-    # Beside the wall's edge its two points have no place along the axis.
-    central = (seen.square > 0.2 * (r * r)) & seen.outside
-    kind = np.arange(kinds)[:, None, None]
-    is_end = kind > 0
-    # Of those of a bore the body knows that itself.
-    valid &= ~is_end | (kind > 2) | (central[:1] & central[1:])[None]
+    valid &= outline.tells[:, 1:] & outline.tells[:, :1]
     score = jnp.where(valid, off, -jnp.inf).reshape(4 * kinds, -1)
     # The first of the best, counted in floating point, since XLA does not vectorize
     # minima of whole numbers: in 15 us where `argmax` takes 40.
@@ -378,11 +372,14 @@ def crossing_terms(
 
     crosses = jnp.any(jnp.isfinite(score), axis=0)
     step = jnp.where(crosses, pick(gap), 1)
-    # Four neighbors of each margin, of which the first is the wall's; in a bore an end
-    # is on the other side.
-    is_wall, in_bore = best < 4, best >= 12
-    side = jnp.where((best < 8) | (best >= 16), -1.0, 1.0).astype(r.dtype)
-    end = jnp.where(is_wall, 0, jnp.where(in_bore, -side, side) * near)
+    # Four neighbors of each margin, of which the first is the wall's.
+    is_wall = best < 4
+    kind = jnp.floor(best / 4)[None] == jnp.arange(kinds, dtype=r.dtype)[:, None]
+    side = jnp.asarray(outline.side, r.dtype)[:, None]
+    end, side, line = (
+        jnp.sum(jnp.where(kind, values, 0), axis=0)
+        for values in (outline.end, side, outline.line)
+    )
     shows = pick(jnp.where(shown, 1, 0).astype(r.dtype)[None, 1:])
     # Where most neighbors beyond an end are no background, the object goes on, and the
     # few that are err. A neighbor on the body itself says so by more than a majority:
@@ -390,18 +387,18 @@ def crossing_terms(
     says = jnp.where(is_own, OWN_VOTES, jnp.where(has, 1.0, 0.0)).astype(r.dtype)
     reads = pick(says[None, 1:])
     votes = jnp.where(shows > 0, shows, -reads)
-    group = jnp.where(in_bore, 2 - side / 2, end)
-    groups = [-1, 0, 1] if kinds <= 3 else [-1, 0, 1, 1.5, 2.5]
-    same = group[None] == jnp.array(groups, r.dtype)[:, None]
+    same = line[None] == jnp.array(outline.lines, r.dtype)[:, None]
 
     def of_all(values: Float[Array, " m"]) -> Float[Array, " m"]:
-        # Their sum over all crossings of the same end, or of the wall. What a mask
-        # leaves out of a bore says nothing of the ends outside.
+        # Their sum over all crossings of the same line. What a mask leaves out of a
+        # bore says nothing of the ends outside.
         totals = jnp.sum(jnp.where(same, values[None], 0), axis=1)
         return jnp.sum(jnp.where(same, totals[:, None], 0), axis=0)
 
     # Beside a rim the outline is neither straight nor the wall's.
-    in_length = jnp.all((margins[:, 1:] < 0) & (margins[:, :1] < 0) | ~is_end, axis=0)
+    is_wall_part = np.arange(kinds)[:, None, None] == 0
+    in_length = (margins[:, 1:] < 0) & (margins[:, :1] < 0)
+    in_length = jnp.all(in_length | is_wall_part, axis=0)
     is_straight = pick(jnp.where(in_length, 1, 0).astype(r.dtype)[None]) > 0
     counts = crosses & (shows > 0)
     counts &= jnp.where(is_wall, is_straight & is_outline, of_all(votes) > 0)

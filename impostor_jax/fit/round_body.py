@@ -15,6 +15,7 @@ from impostor_jax.compiling import computed_once
 from impostor_jax.fit.body import (
     AbstractBody,
     FreeDirections,
+    Margins,
     Passing,
     Readout,
     blunted_root,
@@ -39,6 +40,10 @@ FARTHEST = 1e3
 LEAST_END = 1e-4
 """Radius of a frustum's end, in radii at its center, below which none can be told."""
 
+
+CENTRAL = 0.2
+"""Squared half-chord, in squared radii, from which a ray passes the wall so far within
+its outline that an end has a place along the axis there."""
 
 SHORT = 2.0
 """Height in radii up to which an object is short."""
@@ -384,15 +389,24 @@ class RoundBody(AbstractBody):
         )
 
     @override
-    def margins(self, passing: Passing) -> Float[Array, "k n m"]:
+    def margins(self, passing: Passing) -> Margins:
         near, half = -jnp.sign(passing.local.direction.z[0]), self.height / 2
-        return jnp.stack(
-            [
-                -passing.square,
-                # The end that faces away is met where rays enter the wall.
-                -near[None] * passing.enter_along - half,
-                near[None] * passing.leave_along - half,
-            ]
+        # Beside the wall's edge its two points have no place along the axis.
+        central = (passing.square > CENTRAL * self.radius**2) & passing.outside
+        value = [
+            -passing.square,
+            # The end that faces away is met where rays enter the wall.
+            -near[None] * passing.enter_along - half,
+            near[None] * passing.leave_along - half,
+        ]
+        end = jnp.stack([jnp.zeros_like(near), -near, near])
+        return Margins(
+            value=jnp.stack(value),
+            tells=jnp.stack([jnp.ones_like(central), central, central]),
+            end=end,
+            side=np.array([-1.0, -1.0, 1.0]),
+            line=end,
+            lines=(-1, 0, 1),
         )
 
     @override

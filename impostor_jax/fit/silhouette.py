@@ -102,7 +102,7 @@ def distances(body: AbstractBody, rays: RayDifferentials) -> Places:
     def insides(x: Float[Array, " n"], y: Float[Array, " n"]) -> Float[Array, "k n"]:
         direction = Vec3(x[None], y[None], jnp.ones_like(x)[None])
         seen = body.passing(direction, CHORD * body.radius)
-        wall, *ends = body.margins(seen)
+        wall, *ends = body.margins(seen).value
         # From the squared half-chord to the distance within the wall, which is linear
         # in the image: at a pixel's distance the square is 2 % off at 25 pixels.
         square = -wall * safe_divide(jnp.ones_like(wall), jnp.abs(seen.inverse))

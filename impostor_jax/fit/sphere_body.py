@@ -13,6 +13,7 @@ from typing_extensions import override
 from impostor_jax.fit.body import (
     AbstractBody,
     FreeDirections,
+    Margins,
     Passing,
     Readout,
     blunted_root,
@@ -155,8 +156,17 @@ class SphereBody(AbstractBody):
         )
 
     @override
-    def margins(self, passing: Passing) -> Float[Array, "k n m"]:
-        return -passing.square[None]
+    def margins(self, passing: Passing) -> Margins:
+        value = -passing.square[None]
+        wall = jnp.zeros_like(value[:, 0])
+        return Margins(
+            value=value,
+            tells=jnp.ones(value.shape, bool),
+            end=wall,
+            side=np.array([-1.0]),
+            line=wall,
+            lines=(0,),
+        )
 
     @override
     def of_end(

@@ -27,11 +27,12 @@ from typing_extensions import override
 from impostor_jax.fit.body import (
     AbstractBody,
     FreeDirections,
+    Margins,
     Passing,
     Readout,
     grown,
 )
-from impostor_jax.fit.round_body import RoundBody
+from impostor_jax.fit.round_body import CENTRAL, RoundBody
 from impostor_jax.geometry.frames import RigidTransform
 from impostor_jax.geometry.vec3 import Vec3
 from impostor_jax.numerics import Numbers, safe_divide, safe_sqrt, smallest_slope
@@ -44,9 +45,8 @@ INNER = 5
 WIDEST = 0.999
 """Inner radius, in outer ones, that a fit goes to."""
 
-CENTRAL = 0.2
-"""Squared half-chord in a bore, in squared radii, from which a ray passes its wall so
-far within the outline that an end has a place along the axis there."""
+OF_BORE = (2.0, 3.0)
+"""Numbers of the lines on which a bore's ends are seen."""
 
 
 class TubeBody(AbstractBody):
@@ -232,7 +232,7 @@ class TubeBody(AbstractBody):
         ]
 
     @override
-    def margins(self, passing: Passing) -> Float[Array, "k n m"]:
+    def margins(self, passing: Passing) -> Margins:
         within, d = passing.within, passing.local.direction
         near = -jnp.sign(d.z[0])
         # Through the far end of the bore, where its wall is seen beside.
@@ -251,7 +251,19 @@ class TubeBody(AbstractBody):
         for margin, is_told in pairs:
             own = jnp.where(jnp.any(is_told[1:], axis=0), margin[0], -1)
             of_bore.append(jnp.where(is_told, margin, own[None]))
-        return jnp.concatenate([self.outer.margins(passing), jnp.stack(of_bore)])
+        outer = self.outer.margins(passing)
+        ends = jnp.stack([-near, near])
+        told = jnp.ones((2, *within.shape), bool)
+        lines = jnp.stack([jnp.full_like(near, line) for line in OF_BORE])
+        return Margins(
+            value=jnp.concatenate([outer.value, jnp.stack(of_bore)]),
+            tells=jnp.concatenate([outer.tells, told]),
+            end=jnp.concatenate([outer.end, ends]),
+            # In a bore an end is on the other side.
+            side=np.concatenate([outer.side, [1.0, -1.0]]),
+            line=jnp.concatenate([outer.line, lines]),
+            lines=(*outer.lines, *OF_BORE),
+        )
 
     @override
     def of_end(
