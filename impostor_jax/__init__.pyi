@@ -28,7 +28,7 @@ from .fit.taper import TaperTest, test_taper
 from .fits.batch import fit_cylinders
 from .fits.labels import fit_labels
 from .fits.points import fit_cylinder_to_points
-from .fits.single import fit_cylinder, fit_frustum, fit_sphere, fit_tube
+from .fits.single import fit_box, fit_cylinder, fit_frustum, fit_sphere, fit_tube
 from .geometry.frames import RigidTransform
 from .io.camera_from import camera_from
 from .io.dataset import read_dataset
@@ -145,6 +145,7 @@ __all__ = [
     "depth_loss",
     "difference",
     "find_cylinders",
+    "fit_box",
     "fit_cylinder",
     "fit_cylinder_to_points",
     "fit_cylinders",

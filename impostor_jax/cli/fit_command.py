@@ -53,7 +53,7 @@ class FitCommand:
     labels: tyro.conf.UseAppendAction[tuple[Path, ...]] = ()
     """Label image instead of a mask: 0 where there is no object, otherwise its number;
     each object is fitted. Of several depth images as masks are given."""
-    shape: Literal["cylinder", "sphere", "frustum", "tube"] = "cylinder"
+    shape: Literal["cylinder", "sphere", "frustum", "tube", "box"] = "cylinder"
     """What is fitted."""
     sigma: float | None = None
     """Standard deviation of a depth reading, in meters. If neither this nor a sensor is
@@ -223,6 +223,7 @@ class FitCommand:
     def _function(self) -> Any:
         """What fits the shape."""
         from impostor_jax.fits.single import (
+            fit_box,
             fit_cylinder,
             fit_frustum,
             fit_sphere,
@@ -234,6 +235,7 @@ class FitCommand:
             "sphere": fit_sphere,
             "frustum": fit_frustum,
             "tube": fit_tube,
+            "box": fit_box,
         }[self.shape]
 
     def _taper(self, fit: "Fit") -> "TaperTest | None":

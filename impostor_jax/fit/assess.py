@@ -42,7 +42,7 @@ from impostor_jax.fit.uncertainty import (
     sandwich_root,
     score_covariance,
 )
-from impostor_jax.numerics import product, safe_divide, safe_sqrt
+from impostor_jax.numerics import product, safe_divide
 from impostor_jax.sensor.across import AcrossRay
 
 MOST_CHI2 = 9.0
@@ -156,15 +156,14 @@ def assess(problem: Problem, solution: Solution, correlated: bool) -> Assessment
     inlier = computed_once(is_near)
     crossing = (edges.weight > 0) & (jnp.abs(edges.residual) < 6)
     whitened = jnp.where(inlier, terms.residual, 0)
-    shown = _cap_shown(readings, depth, spread)
+    slack = 3 * spread / jnp.where(terms.weight > 0, terms.weight, 1)
+    shown = jnp.where(terms.weight > 0, body.end_shown(seen, depth, slack), 0)
     ends = jnp.array(body.ends, shown.dtype)[:, None]
     counts = jnp.sum(inlier[None] & (shown[None] == ends), axis=1)
     counts += jnp.sum(crossing[None] & (edges.end[None] == ends), axis=1)
     ends_seen = counts >= MIN_END_TERMS
-    outward = jnp.where(
-        (inlier & ~seen.on_cap)[None], seen.along[None] * ends, -jnp.inf
-    )
-    reach = jnp.max(outward, axis=1)
+    outward = jnp.where(inlier[None], body.outward(seen), -jnp.inf)
+    reach = jnp.max(outward, axis=1, initial=-jnp.inf)
     estimate = body
     body, carried = estimate.drawn_in(
         ends_seen | ~jnp.asarray(settings.draws_in), reach
@@ -370,7 +369,7 @@ def assess(problem: Problem, solution: Solution, correlated: bool) -> Assessment
 
 def _radius_is_told(body: AbstractBody, std: Deviations) -> Bool[Array, ""]:
     """Whether a radius, of a frustum one of two, is known to less than itself."""
-    radii = [name for name in body.coordinates if "radius" in name]
+    radii = [x for x in body.coordinates if "radius" in x or x == "size"]
     outer = [getattr(std, name) for name in radii if name != "inner_radius"]
     return jnp.any(jnp.stack(outer) < body.radius)
 
@@ -460,17 +459,6 @@ def _products(
     """Products of some terms of Jacobian and residual, in free coordinates."""
     some = jnp.where(counts[None], terms.augmented, 0)
     return in_coordinates(product(some, some.T), into)
-
-
-def _cap_shown(
-    readings: Readings, depth: Float[Array, " n"], spread: Float[Array, ""]
-) -> Float[Array, " n"]:
-    """End whose cap each reading shows, -1 or 1, as it could not be the wall's."""
-    terms, seen = readings.terms, readings.passing
-    wall = seen.nearest + seen.foot + seen.sign * safe_sqrt(seen.square)
-    is_wall = jnp.abs(wall - depth) * terms.weight <= 3 * spread
-    on_cap = seen.on_cap & (seen.rim < seen.cap_radius) & ~is_wall
-    return jnp.where(on_cap, seen.sign * jnp.sign(seen.local.direction.z), 0)
 
 
 def _is_filled(

@@ -300,6 +300,24 @@ class AbstractBody(eqx.Module):
         """Which rays from outside the body meets."""
 
     @abc.abstractmethod
+    def end_shown(self, passing: Passing, depth: Numbers, slack: Numbers) -> Numbers:
+        """Which of the `ends` readings show, as they could not be the wall's; or 0.
+
+        Args:
+            passing: How their rays pass the body.
+            depth: That was read.
+            slack: By how much a reading of the wall may be off.
+        """
+
+    @abc.abstractmethod
+    def outward(self, passing: Passing) -> Float[Array, "e n"]:
+        """How far towards each end rays see the body, from its center; or -inf."""
+
+    @abc.abstractmethod
+    def far_side(self, passing: Passing) -> Numbers:
+        """Ray parameter up to which a ray that meets the body sees nothing behind."""
+
+    @abc.abstractmethod
     def of_reading(
         self, passing: Passing, alpha: Numbers, beta: Numbers, on_cap: Bool[Array, "*b"]
     ) -> list[Numbers]:

@@ -198,7 +198,7 @@ def _costs(held: dict[str, Any]) -> Any:
                 shown_by(one.without_edges(), effort.readings) for one in seen
             )
             settings = checked_settings(kind, plain, None, sigma)
-            known = checked_prior(None, kind.parameters, None)
+            known = checked_prior(None, kind.expectable, None)
             compiled = quickly_compiled(_cost, static_argnames="kernel")
             body = kind.body.of(shape)
             return float(compiled(shown, known, settings, body, kernel=effort.kernel))

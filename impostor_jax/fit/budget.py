@@ -1,6 +1,6 @@
 """Standard deviations of a fit by name, and what they are made of."""
 
-__all__ = ["BUDGET", "Budget", "Deviations", "Values"]
+__all__ = ["ANGLES", "BUDGET", "Budget", "Deviations", "Values"]
 
 from collections import OrderedDict
 from collections.abc import Mapping
@@ -17,14 +17,19 @@ from impostor_jax.text import described, text_or_repr
 Values = Float[Array, "..."] | Float[np.ndarray, "..."]
 
 
+ANGLES: tuple[str, ...] = ("axis", "rotation")
+"""What is in radians; all else is in meters."""
+
+
 class Deviations(eqx.Module):
     """Standard deviations by name, as in `std.radius`; `inf` where undetermined.
 
-    Each is in meters, and `axis` in radians; 0 is what was held.
+    Each is in meters, `axis` and `rotation` in radians; 0 is what was held.
 
     Of any shape there are its own parameters: `center`, `radius`, `height`, or `p1`,
-    `p2`, `radius1` and `radius2`, or `outer_radius` and `inner_radius`. Points are
-    along x, y and z of the world. Where an end is not seen, the place along the axis is
+    `p2`, `radius1` and `radius2`, or `outer_radius` and `inner_radius`, or `size` and
+    `rotation`, which are along and about a box's own axes. Points are along x, y and z
+    of the world. Where an end is not seen, the place along the axis is
     free, so every direction that the axis has a part in is undetermined. So there are,
     too:
 
@@ -32,6 +37,7 @@ class Deviations(eqx.Module):
     * `across_axis`: Of the center along the same two; determined even where the ends
       are not.
     * `along_axis`: Of the center along the axis.
+    * `along_edges`: Of a box's center along its own axes.
 
     Attributes:
         vector: All of them, one after the other: each output of a compiled program
@@ -69,7 +75,8 @@ class Deviations(eqx.Module):
         return vector[..., first : first + count]
 
     def __str__(self) -> str:
-        return text_or_repr(self, lambda: described(self, {"axis": "rad"}, self.values))
+        units = dict.fromkeys(ANGLES, "rad")
+        return text_or_repr(self, lambda: described(self, units, self.values))
 
 
 BUDGET: tuple[str, ...] = (

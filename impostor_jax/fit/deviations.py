@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, PyTree
 
 from impostor_jax.fit.body import AbstractBody, Readout
-from impostor_jax.fit.budget import BUDGET, Budget, Deviations
+from impostor_jax.fit.budget import ANGLES, BUDGET, Budget, Deviations
 from impostor_jax.fit.result import Directions
 from impostor_jax.fit.uncertainty import propagated
 from impostor_jax.numerics import all_finite
@@ -25,7 +25,7 @@ MOST_OF_RADIUS = 1 / 7
 tell, standard deviations were 14 % of it and more and errors up to five of them; of 10
 degrees 11 % and 1.5."""
 
-MAY_BE_OPEN = ("along_axis", "height", "inner_radius")
+MAY_BE_OPEN = ("along_axis", "height", "inner_radius", "along_edges", "size")
 """What only the ends, or a bore that may be out of sight, determine; a shape is known
 without."""
 
@@ -77,7 +77,7 @@ def deviations_of(
     full, is_observed = full[np.ix_(own, own)], is_observed[own]
     # Motions of the surface: an angle moves the ends by half the size.
     size = body.size
-    lengths = jnp.where(names[own] == "axis", size, 1)
+    lengths = jnp.where(np.isin(names[own], ANGLES), size, 1)
     surface = full * (lengths[:, None] * lengths[None])
     # What is free stands apart from the rest and comes first: no variance of that is
     # more than their sum. A larger number would round the others away.
@@ -108,6 +108,6 @@ def are_numbers(body: AbstractBody, *told: PyTree) -> Bool[Array, ""]:
 
 def _most_deviation(name: str, radius: Float[Array, ""]) -> float | Float[Array, ""]:
     """Standard deviation up to which something is known."""
-    if name == "axis":
+    if name in ANGLES:
         return MOST_TILT
     return radius * (MOST_OF_RADIUS if "radius" in name else MOST_ASIDE)

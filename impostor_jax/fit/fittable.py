@@ -1,6 +1,7 @@
 """Shapes that can be fitted: what the way that is the same for all needs of each."""
 
 __all__ = [
+    "BOX",
     "CYLINDER",
     "FRUSTUM",
     "KINDS",
@@ -25,8 +26,10 @@ from impostor_jax.compiling import quickly_compiled
 from impostor_jax.fit.across import exact_rays
 from impostor_jax.fit.alternatives import no_alternatives
 from impostor_jax.fit.body import AbstractBody, coordinates_of
+from impostor_jax.fit.box_body import BoxBody
 from impostor_jax.fit.budget import BUDGET, Budget, Deviations
 from impostor_jax.fit.floor import floor_pixels
+from impostor_jax.fit.guess_box import guess_boxes
 from impostor_jax.fit.guess_round import guess_cylinders, guess_frusta
 from impostor_jax.fit.guess_sphere import guess_spheres
 from impostor_jax.fit.guess_tube import closed, guess_tubes
@@ -43,6 +46,7 @@ from impostor_jax.fit.surface import Samples, samples_of
 from impostor_jax.fit.threads import in_background
 from impostor_jax.fit.tube_body import TubeBody
 from impostor_jax.primitives.base import AbstractPrimitive
+from impostor_jax.primitives.box import Box
 from impostor_jax.primitives.cylinder import Cylinder
 from impostor_jax.primitives.frustum import Frustum
 from impostor_jax.primitives.solid import Solid
@@ -86,6 +90,11 @@ class Fittable:
     most_tolerance: float = np.inf
     closed: Callable[[Any], Any] | None = None
     foreign: Callable[..., Bool[np.ndarray, "h w"]] | None = None
+
+    @property
+    def expectable(self) -> tuple[str, ...]:
+        """Names of what a prior may be of."""
+        return tuple(name for name in self.parameters if name != "rotation")
 
     @property
     def coordinates(self) -> tuple[str, ...]:
@@ -181,7 +190,14 @@ TUBE = Fittable(
     closed=closed,
     foreign=floor_pixels,
 )
-KINDS = {kind.shape: kind for kind in (CYLINDER, FRUSTUM, SPHERE, TUBE)}
+BOX = Fittable(
+    shape=Box,
+    body=BoxBody,
+    guess=guess_boxes,
+    parameters=("center", "rotation", "size"),
+    nothing={"center": (0, 0, 0), "frame": np.eye(3), "half": (0, 0, 0)},
+)
+KINDS = {kind.shape: kind for kind in (BOX, CYLINDER, FRUSTUM, SPHERE, TUBE)}
 """What can be fitted, by its primitive."""
 
 

@@ -21,7 +21,7 @@ from impostor_jax.camera.pinhole import PinholeCamera
 from impostor_jax.compiling import quickly_compiled
 from impostor_jax.fit.assess import Assessment
 from impostor_jax.fit.body import AbstractBody, change_of
-from impostor_jax.fit.fittable import TUBE, Fittable, no_guess
+from impostor_jax.fit.fittable import BOX, TUBE, Fittable, no_guess
 from impostor_jax.fit.guess_outline import guess_outlines
 from impostor_jax.fit.matte import Matte, checked_matte
 from impostor_jax.fit.options import Options
@@ -69,9 +69,11 @@ def fit_outline(
             camera is no pinhole camera, or there are several, the shape is a tube, or
             something is traced.
     """
-    if kind is TUBE:
+    if kind in (BOX, TUBE):
+        name = kind.shape.__name__.lower() if kind is BOX else "tube"
         raise ValueError(
-            "depth must be given to fit a tube, got None: an outline shows no bore"
+            f"depth must be given to fit a {name}, got None: only the outlines of "
+            "cylinders, frusta and spheres are fitted"
         )
     if options.mask_meaning != "outline":
         raise ValueError(
@@ -99,7 +101,7 @@ def fit_outline(
         posed, begin = converted((camera, initial))
 
         def fitted_as(asked: Options, begin: AbstractPrimitive | None) -> Fit:
-            beliefs = converted(checked_prior(asked.prior, kind.parameters, begin))
+            beliefs = converted(checked_prior(asked.prior, kind.expectable, begin))
             problem = _posed(kind, matte, posed, beliefs, begin, asked)
             return _fit_from(kind, problem, begin, asked, matte)
 

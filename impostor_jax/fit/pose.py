@@ -11,6 +11,7 @@ from impostor_jax.geometry.frames import Points, RigidTransform
 from impostor_jax.geometry.so3 import tangent_basis
 from impostor_jax.geometry.vec3 import unit
 from impostor_jax.primitives.base import AbstractPrimitive
+from impostor_jax.primitives.box import Box
 from impostor_jax.primitives.cylinder import Cylinder
 from impostor_jax.primitives.frustum import Frustum
 from impostor_jax.primitives.sphere import Sphere
@@ -24,10 +25,10 @@ def pose_of(shape: AbstractPrimitive) -> Pose:
 
     The origin is the center, of a frustum the middle between its ends; z is the axis,
     and x and y are the two vectors of `tangent_basis(axis)`. A sphere has no axis: its
-    frame has that of the world.
+    frame has that of the world. A box has its own.
 
     Args:
-        shape: A cylinder, a frustum, a sphere or a tube.
+        shape: A box, a cylinder, a frustum, a sphere or a tube.
 
     Raises:
         ValueError: It is another shape.
@@ -37,6 +38,8 @@ def pose_of(shape: AbstractPrimitive) -> Pose:
             jnp.eye(3, dtype=shape.dtype), (*shape.batch_shape, 3, 3)
         )
         return _homogeneous(rotation, shape.center)
+    if isinstance(shape, Box):
+        return _homogeneous(shape.rotation, shape.center)
     if isinstance(shape, Frustum):
         center, axis = (shape.p1 + shape.p2) / 2, shape.axis
     elif isinstance(shape, Cylinder):

@@ -12,7 +12,7 @@ from impostor_jax.fit.body import AbstractBody, Passing
 from impostor_jax.fit.evidence import Readings
 from impostor_jax.fit.prior import prior_residuals
 from impostor_jax.fit.problem import Problem, View, sigma_of
-from impostor_jax.numerics import Numbers, all_finite, safe_divide
+from impostor_jax.numerics import Numbers, all_finite
 
 MISSED_LOSS = 3.0
 """Loss of a pixel that the body should cover and does not, or the reverse, in nats."""
@@ -138,10 +138,7 @@ def _hidden_in(problem: Problem, view: View, body: AbstractBody) -> Float[Array,
     sigma = sigma_of(view.noise, around, seen.depth, seen.cos_incidence)
     margin = jnp.minimum(_beside(problem, view, seen), body.radius)
     is_within = seen.square > seen.square_at(margin, body.radius)
-    # A mug has no cap, and shows the inside of its wall and its floor.
-    along, ahead = seen.local.origin.z, seen.local.direction.z
-    floor = -seen.cap - 2 * safe_divide(along, ahead)
-    inside = jnp.minimum(seen.nearest + jnp.maximum(seen.half, 0), floor)
+    inside = body.far_side(seen)
     behind = jnp.where(seen.on_cap, inside + seen.foot, seen.depth)
     hides = body.covers(seen) & is_within & (around.depth > behind + 5 * sigma)
     return jnp.sum(hides, dtype=sigma.dtype) * view.each

@@ -17,6 +17,9 @@ from impostor_jax.sensor.bias import Bias
 Numbers = Float[Array, "..."] | Float[np.ndarray, "..."]
 Belief = tuple[Numbers, Numbers]
 
+OWN = {"size": "edges"}
+"""Names that a body has for what a caller calls otherwise."""
+
 
 class Prior(eqx.Module):
     """Expected value and standard deviation of each parameter; None where unknown.
@@ -31,6 +34,7 @@ class Prior(eqx.Module):
         outer_radius: Of a tube, in meters.
         inner_radius: Of its bore, in meters.
         height: In meters.
+        size: Of a box, along its edges, in meters.
     """
 
     center: Belief | None = None
@@ -41,6 +45,7 @@ class Prior(eqx.Module):
     outer_radius: Belief | None = None
     inner_radius: Belief | None = None
     height: Belief | None = None
+    size: Belief | None = None
 
     @property
     def tells(self) -> Bool[Array, ""]:
@@ -116,7 +121,7 @@ def _residuals(prior: Prior, body: AbstractBody) -> Float[Array, " n"]:
         belief = getattr(prior, name)
         if belief is None:
             continue
-        value, (expected, deviation) = getattr(body, name), belief
+        value, (expected, deviation) = getattr(body, OWN.get(name, name)), belief
         # Of an axis the length is the sine of the angle, and either sign will do.
         off = jnp.cross(expected, value) if name == "axis" else value - expected
         parts.append(jnp.atleast_1d(off) / deviation)

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from impostor_jax.fit.alternatives import Named
+from impostor_jax.fit.budget import ANGLES
 
 FIT_VERSION = 1
 """Of the records that are written: one more for each change that a reader must know."""
@@ -73,7 +74,7 @@ def estimate_record(fit: Any) -> dict[str, Any]:
 
     def of_all(std: Any) -> dict[str, Any]:
         return {
-            name + ("_rad" if name == "axis" else "_m"): numbers(getattr(std, name))
+            name + ("_rad" if name in ANGLES else "_m"): numbers(getattr(std, name))
             for name in told
         }
 
@@ -104,7 +105,7 @@ def _test(test: Any, shape: str) -> dict[str, Any]:
 def _named(values: Named) -> dict[str, Any]:
     """Lengths, points and an axis, by name and unit."""
     return {
-        name if name == "axis" else f"{name}_m": numbers(value)
+        name if name in ANGLES else f"{name}_m": numbers(value)
         for name, value in values.items()
     }
 

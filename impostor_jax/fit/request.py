@@ -57,6 +57,9 @@ from impostor_jax.sensor.gaussian import ConstantNoise
 from impostor_jax.sensor.lateral import LateralNoise
 from impostor_jax.sensor.scale_error import corrected
 
+VECTORS = ("center", "axis", "size")
+"""Parameters of three numbers."""
+
 USUAL_SIGMA = 0.001
 """Standard deviation in meters that is taken where a caller names none."""
 
@@ -237,9 +240,10 @@ def checked_prior(
     beliefs = {}
     for name, belief in prior.items():
         one_of("prior", name, parameters)
-        if name in ("radius1", "radius2") and initial is None:
+        if name in ("radius1", "radius2", "size") and initial is None:
+            part = "edge" if name == "size" else "end"
             raise ValueError(
-                f"initial must be given with prior[{name!r}]: it tells which end is "
+                f"initial must be given with prior[{name!r}]: it tells which {part} is "
                 "which"
             )
         if not isinstance(belief, tuple | list) or len(belief) != 2:
@@ -250,7 +254,7 @@ def checked_prior(
         label = f"prior[{name!r}]"
         value, deviation = belief
         real_number(f"standard deviation of {label}", deviation, positive=True)
-        if name in ("center", "axis"):
+        if name in VECTORS:
             value = float_array(label, value, (3,))
             if name == "axis":
                 check_direction(label, value)
@@ -266,7 +270,7 @@ def checked_prior(
 def _nothing_known(parameters: tuple[str, ...], dtype: DTypeLike) -> Prior:
     beliefs = {}
     for name in parameters:
-        size = (3,) if name in ("center", "axis") else ()
+        size = (3,) if name in VECTORS else ()
         beliefs[name] = (np.zeros(size, dtype), np.array(np.inf, dtype))
     return Prior(**beliefs)
 

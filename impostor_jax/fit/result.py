@@ -40,6 +40,7 @@ from impostor_jax.fit.status import STATUSES, FitStatus
 from impostor_jax.fit.text import line, millimeters, plain
 from impostor_jax.numerics import nan_where
 from impostor_jax.primitives.base import AbstractPrimitive
+from impostor_jax.primitives.box import Box
 from impostor_jax.primitives.cylinder import Cylinder
 from impostor_jax.primitives.frustum import Frustum
 from impostor_jax.primitives.solid import Solid
@@ -54,6 +55,7 @@ TOLD = {
     Cylinder: ("center", "axis", "radius", "height"),
     Frustum: ("p1", "p2", "axis", "radius1", "radius2"),
     Sphere: ("center", "radius"),
+    Box: ("center", "rotation", "size"),
     Solid: ("center", "axis", "outer_radius", "inner_radius", "height"),
 }
 """What a reader is told of each shape; a solid that is fitted is a tube."""
@@ -63,6 +65,7 @@ UNSEEN = {
     "center's",
     Solid: "height is the visible extent, center its middle; across the axis the "
     "center's",
+    Box: "size is the visible extent, center its middle; along the edges the center's",
     Frustum: "it is put where the wall was last seen; across the axis the middle's",
 }
 """What it means where an end is not seen."""
@@ -214,9 +217,9 @@ class Fit(eqx.Module):
     is asked of each: they can be counted, indexed and iterated.
 
     Attributes:
-        shape: The estimate, in the world frame: a cylinder, a frustum or a sphere, and
-            `cylinder`, `frustum` and `sphere` are names of it; or a tube, which is a
-            solid, and `tube` has its values. The axis is signed so
+        shape: The estimate, in the world frame: a cylinder, a frustum, a sphere or a
+            box, and `cylinder`, `frustum`, `sphere` and `box` are names of it; or a
+            tube, which is a solid, and `tube` has its values. The axis is signed so
             that its largest component is positive, and so is that of a frustum from p1
             to p2, if its p1 is not that of `initial`. Where an end is not seen, it is
             put where the wall was last seen; a frustum's radius is the wall's there.
@@ -234,7 +237,7 @@ class Fit(eqx.Module):
             second are along the two vectors of `tangent_basis(axis)`.
         ends_seen: Whether the image shows the ends: of a cylinder that at
             center - axis * height / 2 and the other, of a frustum p1 and p2. A sphere
-            has none.
+            has none, and a box six, two along each of its axes.
         observed: Which directions the image determines.
         success: Whether the fit converged to a shape that explains the readings.
         status_code: Position of `status` in `FitStatus`; the form that can be traced.
@@ -296,6 +299,11 @@ class Fit(eqx.Module):
         return self._shape_of(Frustum)
 
     @property
+    def box(self) -> Box:
+        """The estimate, where it is a box."""
+        return self._shape_of(Box)
+
+    @property
     def sphere(self) -> Sphere:
         """The estimate, where it is a sphere."""
         return self._shape_of(Sphere)
@@ -341,7 +349,7 @@ class Fit(eqx.Module):
 
     @property
     def kind(self) -> str:
-        """What was fitted: a cylinder, a frustum, a sphere or a tube."""
+        """What was fitted: a box, a cylinder, a frustum, a sphere or a tube."""
         return _name_of(type(self.shape))
 
     def _shape_of(self, kind: type[Shape]) -> Shape:
@@ -356,7 +364,7 @@ class Fit(eqx.Module):
 
     @property
     def height_observed(self) -> bool:
-        """Whether both ends are seen; needs a single, concrete result."""
+        """Whether all ends are seen; needs a single, concrete result."""
         return bool(self.ends_seen.all())
 
     @property
@@ -609,9 +617,12 @@ class Fit(eqx.Module):
         if self.source in OF_SOURCE:
             lines.append(OF_SOURCE[self.source])
         if not self.height_observed:
-            across = millimeters(self.std.across_axis)
+            std = self.std
+            across = std.along_edges if self.kind == "box" else std.across_axis
+            across = millimeters(across)
+            what = "A face" if self.kind == "box" else "An end"
             lines.append(
-                f"  An end is not seen: {UNSEEN[type(self.shape)]} std is {across} mm."
+                f"  {what} is not seen: {UNSEEN[type(self.shape)]} std is {across} mm."
             )
         return "\n".join(lines)
 

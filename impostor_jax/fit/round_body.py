@@ -26,7 +26,14 @@ from impostor_jax.fit.body import (
 from impostor_jax.geometry.frames import RigidTransform
 from impostor_jax.geometry.so3 import tangent_basis
 from impostor_jax.geometry.vec3 import Vec3, unit
-from impostor_jax.numerics import Numbers, product, safe_norm, safe_sqrt, smallest_slope
+from impostor_jax.numerics import (
+    Numbers,
+    product,
+    safe_divide,
+    safe_norm,
+    safe_sqrt,
+    smallest_slope,
+)
 from impostor_jax.primitives.cylinder import Cylinder
 from impostor_jax.primitives.frustum import Frustum
 
@@ -282,6 +289,27 @@ class RoundBody(AbstractBody):
         enters = jnp.minimum(passing.enter_along, passing.leave_along) < half
         leaves = jnp.maximum(passing.enter_along, passing.leave_along) > -half
         return (passing.square > 0) & passing.outside & enters & leaves
+
+    @override
+    def end_shown(self, passing: Passing, depth: Numbers, slack: Numbers) -> Numbers:
+        seen = passing
+        wall = seen.nearest + seen.foot + seen.sign * safe_sqrt(seen.square)
+        on_cap = seen.on_cap & (seen.rim < seen.cap_radius)
+        on_cap &= jnp.abs(wall - depth) > slack
+        return jnp.where(on_cap, seen.sign * jnp.sign(seen.local.direction.z), 0)
+
+    @override
+    def outward(self, passing: Passing) -> Float[Array, "e n"]:
+        ends = jnp.array(self.ends, passing.along.dtype)[:, None]
+        along = passing.along[None] * ends
+        return jnp.where(passing.on_cap[None], -jnp.inf, along)
+
+    @override
+    def far_side(self, passing: Passing) -> Numbers:
+        # A mug has no cap, and shows the inside of its wall and its floor.
+        along, ahead = passing.local.origin.z, passing.local.direction.z
+        floor = -passing.cap - 2 * safe_divide(along, ahead)
+        return jnp.minimum(passing.nearest + jnp.maximum(passing.half, 0), floor)
 
     @override
     def of_reading(

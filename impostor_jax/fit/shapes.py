@@ -98,7 +98,7 @@ def fit_shape(
         views, sigma, told = with_measured(views, sigma)
     with working_precision(effort.precision, given) as converted:
         settings = checked_settings(kind, options, initial, sigma)
-        beliefs = checked_prior(options.prior, kind.parameters, initial)
+        beliefs = checked_prior(options.prior, kind.expectable, initial)
         checked, noises = zip(*map(_checked, views), strict=True)
         cameras = [converted(view.camera) for view in checked]
         noises, start, beliefs = converted(([*noises], initial, beliefs))
@@ -130,7 +130,7 @@ def fit_shape(
 
         def fitted_as(asked: Options, begin: AbstractPrimitive | None) -> Fit:
             settings = checked_settings(kind, asked, begin, sigma)
-            known = converted(checked_prior(asked.prior, kind.parameters, begin))
+            known = converted(checked_prior(asked.prior, kind.expectable, begin))
             return _fit_seen(kind, seen, begin, known, settings, *also)
 
         fit = _fit_seen(kind, seen, start, beliefs, settings, *also)

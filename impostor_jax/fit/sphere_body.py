@@ -121,6 +121,18 @@ class SphereBody(AbstractBody):
         return (passing.square > 0) & passing.outside
 
     @override
+    def end_shown(self, passing: Passing, depth: Numbers, slack: Numbers) -> Numbers:
+        return jnp.zeros_like(depth)
+
+    @override
+    def outward(self, passing: Passing) -> Float[Array, "e n"]:
+        return jnp.zeros((0, *passing.along.shape), passing.along.dtype)
+
+    @override
+    def far_side(self, passing: Passing) -> Numbers:
+        return passing.nearest + jnp.maximum(passing.half, 0)
+
+    @override
     def of_reading(
         self, passing: Passing, alpha: Numbers, beta: Numbers, on_cap: Bool[Array, "*b"]
     ) -> list[Numbers]:

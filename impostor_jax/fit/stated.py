@@ -13,16 +13,19 @@ import dataclasses
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
 from impostor_jax.fit.body import AbstractBody
+from impostor_jax.fit.budget import ANGLES
 from impostor_jax.fit.fittable import Fittable
 from impostor_jax.fit.options import Options
+from impostor_jax.fit.prior import OWN
 from impostor_jax.fit.result import Fit
 from impostor_jax.fit.status import FitStatus
 from impostor_jax.fit.text import millimeters
-from impostor_jax.geometry.so3 import tangent_basis
+from impostor_jax.geometry.so3 import tangent_basis, turn_of
 from impostor_jax.primitives.base import AbstractPrimitive
 
 MOST_APART = 5.0
@@ -95,7 +98,7 @@ def _all_stated(
     if options.fixed:
         held = kind.body.of(initial)
         stated += [
-            Stated(name, np.asarray(getattr(held, name), np.float64), 0.0)
+            Stated(name, np.asarray(_value(held, name), np.float64), 0.0)
             for name in options.fixed
         ]
     return stated
@@ -163,9 +166,16 @@ def _apart(
         toward = value / np.linalg.norm(value)
         # Either sign will do.
         return basis @ toward * (1 if toward @ axis > 0 else -1), body.coordinates[name]
-    away = np.atleast_1d(value - np.asarray(_value(body, name), np.float64))
+    own = np.asarray(_value(body, name), np.float64)
+    if name == "rotation":
+        turn = turn_of(jnp.asarray(own.T @ value))
+        return np.asarray(turn, np.float64), body.coordinates[name]
+    away = np.atleast_1d(value - own)
     if name in body.coordinates:
         return away, body.coordinates[name]
+    if "along_edges" in body.coordinates:
+        frame = np.asarray(_value(body, "frame"), np.float64)
+        return frame @ away, body.coordinates["along_edges"]
     # The center of a shape with an axis.
     axis, basis = _axis_and_across(body)
     names = (*body.coordinates["across_axis"], *body.coordinates["along_axis"])
@@ -182,16 +192,16 @@ def _axis_and_across(
 
 def _value(body: AbstractBody, name: str) -> Array:
     """A parameter that this kind of body has."""
-    return getattr(body, name)
+    return getattr(body, OWN.get(name, name))
 
 
 def _with_unit(name: str, value: Any, deviation: float) -> str:
     """A value and its deviation, for a reader."""
-    if name == "axis":
-        numbers = " ".join(f"{x:.3f}" for x in value)
+    if name in ANGLES:
+        numbers = " ".join(f"{x:.3f}" for x in np.ravel(value))
         text, unit, spread = numbers, "degrees", f"{np.degrees(deviation):.2g}"
     else:
         text, unit, spread = millimeters(value), "mm", f"{1e3 * deviation:.2g}"
     if deviation == 0:
-        return text if name == "axis" else f"{text} {unit}"
+        return text if name in ANGLES else f"{text} {unit}"
     return f"{text} +- {spread} {unit}"

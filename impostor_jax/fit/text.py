@@ -6,6 +6,8 @@ from typing import Any
 
 import numpy as np
 
+from impostor_jax.fit.budget import ANGLES
+
 
 def millimeters(values: Any) -> str:
     """Lengths side by side, in millimeters."""
@@ -14,16 +16,17 @@ def millimeters(values: Any) -> str:
 
 def plain(name: str, values: Any) -> str:
     """A length, a point or an axis by its name."""
-    if name == "axis":
-        return f"axis {_numbers(values, digits=5)}"
+    if name in ANGLES:
+        return f"{name} {_numbers(np.ravel(values), digits=5)}"
     return f"{name} {millimeters(values)} mm"
 
 
 def line(name: str, values: Any, deviations: Any) -> str:
     """Line of a length, a point or an axis, and its standard deviations."""
-    if name == "axis":
+    if name in ANGLES:
         tilt = _numbers(np.degrees(np.asarray(deviations)))
-        return f"  axis    {_numbers(values, digits=5)}  (std {tilt} degrees)"
+        told = _numbers(np.ravel(values), digits=5)
+        return f"  {name:<7} {told}  (std {tilt} degrees)"
     return f"  {name:<7} {millimeters(values)} mm  (std {millimeters(deviations)})"
 
 

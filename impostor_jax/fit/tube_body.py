@@ -212,6 +212,18 @@ class TubeBody(AbstractBody):
         return is_wall | (self.outer.covers(passing) & ~passing.within)
 
     @override
+    def end_shown(self, passing: Passing, depth: Numbers, slack: Numbers) -> Numbers:
+        return self.outer.end_shown(passing, depth, slack)
+
+    @override
+    def outward(self, passing: Passing) -> Float[Array, "e n"]:
+        return self.outer.outward(passing)
+
+    @override
+    def far_side(self, passing: Passing) -> Numbers:
+        return self.outer.far_side(passing)
+
+    @override
     def of_reading(
         self, passing: Passing, alpha: Numbers, beta: Numbers, on_cap: Bool[Array, "*b"]
     ) -> list[Numbers]:

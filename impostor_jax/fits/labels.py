@@ -9,15 +9,22 @@ import numpy as np
 
 from impostor_jax.arguments import is_concrete, unmasked
 from impostor_jax.camera.base import AbstractCamera
-from impostor_jax.fit.fittable import CYLINDER, FRUSTUM, SPHERE, TUBE
+from impostor_jax.fit.fittable import BOX, CYLINDER, FRUSTUM, SPHERE, TUBE
 from impostor_jax.fit.options import FitOptions, Options
 from impostor_jax.fit.result import Fit
 from impostor_jax.fit.threads import side_by_side
 from impostor_jax.fits.shown import fit_or_failure
-from impostor_jax.fits.single import fit_cylinder, fit_frustum, fit_sphere, fit_tube
+from impostor_jax.fits.single import (
+    fit_box,
+    fit_cylinder,
+    fit_frustum,
+    fit_sphere,
+    fit_tube,
+)
 from impostor_jax.primitives.base import AbstractPrimitive
 
 KIND_OF = {
+    fit_box: BOX,
     fit_cylinder: CYLINDER,
     fit_frustum: FRUSTUM,
     fit_sphere: SPHERE,
@@ -48,7 +55,7 @@ def fit_labels(
         depth: (H, W), as in `fit_cylinder`; None where the labels are outlines.
         camera: The camera that took it.
         labels: (H, W), integers: 0 where there is no object, otherwise its number.
-        fit: `fit_cylinder`, `fit_sphere`, `fit_frustum` or `fit_tube`.
+        fit: `fit_cylinder`, `fit_sphere`, `fit_frustum`, `fit_tube` or `fit_box`.
         sigma: Of all objects, as in `fit_cylinder`.
         initial: Start of all fits, as in `fit_cylinder`.
         options: What `FitOptions` lists.

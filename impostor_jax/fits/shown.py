@@ -142,7 +142,7 @@ def _fit_found(
     with working_precision(precision, given) as converted:
         # Before a search: it takes longer than all else.
         checked_settings(kind, options, initial, sigma)
-        checked_prior(options.prior, kind.parameters, initial)
+        checked_prior(options.prior, kind.expectable, initial)
         image, noise, sigma = checked_readings(depth, camera, sigma)
         image = np.asarray(image)
         check_readings([Given(image, camera, None, sigma)])

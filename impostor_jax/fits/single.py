@@ -1,15 +1,16 @@
 """Fit one shape to what is seen of it: a cylinder, a frustum, a sphere or a tube."""
 
-__all__ = ["fit_cylinder", "fit_frustum", "fit_sphere", "fit_tube"]
+__all__ = ["fit_box", "fit_cylinder", "fit_frustum", "fit_sphere", "fit_tube"]
 
 from collections.abc import Sequence
 from typing import Any, Unpack
 
 from impostor_jax.camera.base import AbstractCamera
-from impostor_jax.fit.fittable import CYLINDER, FRUSTUM, SPHERE, TUBE
+from impostor_jax.fit.fittable import BOX, CYLINDER, FRUSTUM, SPHERE, TUBE
 from impostor_jax.fit.options import FitOptions, Options
 from impostor_jax.fit.result import Fit
 from impostor_jax.fits.shown import fit_shown
+from impostor_jax.primitives.box import Box
 from impostor_jax.primitives.cylinder import Cylinder
 from impostor_jax.primitives.frustum import Frustum
 from impostor_jax.primitives.solid import Solid
@@ -144,6 +145,51 @@ def fit_frustum(
     """
     asked = Options.of(options)
     return fit_shown(FRUSTUM, depth, camera, mask, sigma, initial, asked)
+
+
+def fit_box(
+    depth: Any,
+    camera: Cameras,
+    mask: Any = None,
+    sigma: Any = None,
+    initial: Box | None = None,
+    **options: Unpack[FitOptions],
+) -> Fit:
+    """Fit center, rotation and size of a box to a depth image: a carton, or a room.
+
+        fit = ij.fit_box(depth, camera, mask=mask, sigma=0.001)
+        print(fit.box.size, fit.std.size)
+
+    The likelihood, the starts and the covariance are those of `fit_cylinder`, and so is
+    what may be traced and differentiated. Without a mask a box is found as a frustum is
+    in `fit_frustum`.
+
+    Of six faces an image shows three at most. Where another one is, the background
+    beside the outline tells. What nothing tells is open: the size along such an edge is
+    the visible extent, with infinite standard deviation, and so is the center's. Of a
+    box of which one face alone is seen the status is `undetermined`, as of anything
+    that a plane explains as well.
+
+    Args:
+        depth: (H, W), or a list, as in `fit_cylinder`.
+        camera: The camera that took it, or a list.
+        mask: (H, W), as in `fit_cylinder`.
+        sigma: As in `fit_cylinder`.
+        initial: Start of the fit, in the world frame; found from the image if None. Its
+            edges keep their order; without, they are in no order that means anything.
+        options: What `FitOptions` lists; a prior may be of `center` and `size`.
+
+    Returns:
+        The fit; `std.rotation` is about the box's own axes, in radians, `std.size`
+        along its edges, `std.along_edges` that of the center along them. A fit that
+        failed says so in `status`, with infinite standard deviations.
+
+    Raises:
+        TypeError: As in `fit_cylinder`, like the next.
+        ValueError: Likewise; or depth is None.
+    """
+    asked = Options.of(options)
+    return fit_shown(BOX, depth, camera, mask, sigma, initial, asked)
 
 
 def fit_sphere(

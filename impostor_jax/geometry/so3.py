@@ -1,6 +1,6 @@
 """Rotations and directions."""
 
-__all__ = ["tangent_basis"]
+__all__ = ["rotation_by", "tangent_basis", "turn_of"]
 
 import jax.numpy as jnp
 from jaxtyping import Array, Float
@@ -21,3 +21,31 @@ def tangent_basis(axis: Float[Array, "3"]) -> Float[Array, "2 3"]:
     first = jnp.stack([1 + sign * x * x * a, sign * b, -sign * x])
     second = jnp.stack([b, sign + y * y * a, -y])
     return jnp.stack([first, second])
+
+
+def rotation_by(turn: Float[Array, "3"]) -> Float[Array, "3 3"]:
+    """Rotation about a vector, by twice the arctangent of half its length.
+
+    That is its length to third order, and smooth at 0, where the exponential has a
+    square root.
+
+    References:
+        Cayley's transform; half the vector is that of Gibbs.
+    """
+    x, y, z = turn[0] / 2, turn[1] / 2, turn[2] / 2
+    zero = jnp.zeros_like(x)
+    cross = jnp.stack(
+        [jnp.stack([zero, -z, y]), jnp.stack([z, zero, -x]), jnp.stack([-y, x, zero])]
+    )
+    half = turn / 2
+    squares = jnp.sum(half**2)
+    outer = half[:, None] * half[None]
+    eye = jnp.eye(3, dtype=turn.dtype)
+    return ((1 - squares) * eye + 2 * cross + 2 * outer) / (1 + squares)
+
+
+def turn_of(rotation: Float[Array, "3 3"]) -> Float[Array, "3"]:
+    """The vector of `rotation_by`; infinite for a half turn."""
+    r = rotation
+    twice = jnp.stack([r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1]])
+    return 2 * twice / (1 + r[0, 0] + r[1, 1] + r[2, 2])

@@ -54,13 +54,22 @@ def notes_of(shown: Shown) -> list[str]:
         told = ", ".join(plain(name, value) for name, value in values.items())
         notes.append(f"With {100 * weight:.1f} % it is another: {told}.")
     if not fit.height_observed:
-        notes.append(f"An end is not seen: {UNSEEN[type(fit.shape)].split(';')[0]}.")
+        what = "A face" if fit.kind == "box" else "An end"
+        notes.append(f"{what} is not seen: {UNSEEN[type(fit.shape)].split(';')[0]}.")
     return notes
 
 
 def _parameter(name: str, value: Any, std: Any) -> list[Number]:
-    """Lines of a length, a point or an axis."""
+    """Lines of a length, a point, an axis or a rotation."""
     values, stds = (np.asarray(x, float) for x in (value, std))
+    if name == "rotation":
+        turn = ", ".join(_length(x) for x in np.degrees(stds))
+        rows = zip("xyz", values.T, strict=True)
+        told = [(letter, " ".join(f"{x:.5f}" for x in row)) for letter, row in rows]
+        return [
+            *(Number(f"edge {letter}", text, "", "") for letter, text in told),
+            Number("rotation", "", turn, "\N{DEGREE SIGN}"),
+        ]
     if name == "axis":
         tilt = ", ".join(_length(x) for x in np.degrees(stds))
         parts = zip("xyz", values, strict=True)

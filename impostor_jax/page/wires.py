@@ -17,6 +17,7 @@ from jaxtyping import Float
 
 from impostor_jax.fit.result import Fit
 from impostor_jax.geometry.so3 import tangent_basis
+from impostor_jax.primitives.box import Box
 from impostor_jax.primitives.cylinder import Cylinder
 from impostor_jax.primitives.frustum import Frustum
 from impostor_jax.primitives.sphere import Sphere
@@ -55,6 +56,8 @@ class Wires:
 
 def wires_of(fit: Fit) -> Wires | None:
     """Wireframe of a fit's shape; None where no size has a finite deviation above 0."""
+    if isinstance(fit.shape, Box):
+        return _of_box(fit)
     sizes = _sizes(fit)
     shrinking = [size.value / size.std for size in sizes.values() if size.std > 0]
     if not shrinking:
@@ -64,6 +67,26 @@ def wires_of(fit: Fit) -> Wires | None:
         np.concatenate([_lines(wall, part) for wall in walls]) for part in (0, 1)
     )
     return Wires(values, stds, min(shrinking))
+
+
+def _of_box(fit: Fit) -> Wires | None:
+    """The twelve edges of a box."""
+    size, std, rotation = (
+        np.asarray(x, float) for x in (fit.box.size, fit.std.size, fit.box.rotation)
+    )
+    std = np.where(np.isfinite(std), std, 0)
+    if not np.any(std > 0):
+        return None
+    corners = np.array([*itertools.product((-0.5, 0.5), repeat=3)])
+    edges = [
+        pair
+        for pair in itertools.combinations(range(len(corners)), 2)
+        if np.count_nonzero(corners[pair[0]] - corners[pair[1]]) == 1
+    ]
+    place = (corners * size) @ rotation.T + np.asarray(fit.box.center, float)
+    change = (corners * std) @ rotation.T
+    most = float(np.min(size[std > 0] / std[std > 0]))
+    return Wires(place[edges], change[edges], most)
 
 
 class Wall(NamedTuple):

@@ -6,13 +6,14 @@ import sys
 import cv2
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 import impostor_jax as ij
 from impostor_jax.__main__ import main
 from impostor_jax.io.scene_file import write_scene
 from tests.fit.scenes import can, image, image_of
 from tests.fit.test_labels import RADII, two_cans
-from tests.groups import RELEASE, SMALL_IMAGES
+from tests.groups import FULL, RELEASE, SMALL_IMAGES
 from tests.page.scenes import scene_of
 
 pytestmark = SMALL_IMAGES
@@ -145,6 +146,22 @@ def test_a_tube_is_fitted_and_a_can_tested_for_a_bore(fit, folder):
     assert record_of(folder)["bore"]["needed"] is True
 
 
+@FULL
+def test_a_box_is_fitted(fit, folder):
+    turned = Rotation.from_rotvec([0.4, 0.7, 0.2]).as_matrix()
+    depth, mask = image_of(ij.Box((0.01, -0.01, 0.4), turned, (0.06, 0.04, 0.1)))
+    np.save(folder / "carton.npy", depth)
+    cv2.imwrite(str(folder / "carton.png"), np.asarray(mask, np.uint8))
+    code, out, err = fit("carton.npy", "--mask", "carton.png", "--shape", "box")
+    assert (code, err) == (0, "")
+    assert "  size    " in out
+    record = record_of(folder)
+    assert record["shape"] == "box"
+    assert sorted(record["size_m"]) == pytest.approx([0.04, 0.06, 0.1], abs=1e-3)
+    assert len(record["ends_seen"]) == 6
+    assert (folder / "out" / "overlay.png").is_file()
+
+
 @RELEASE
 def test_a_frustum_is_fitted_from_a_start(fit, folder):
     truth, half = can(), 0.06
@@ -223,7 +240,7 @@ def test_depth_in_millimeters_gets_a_hint_on_one_line(fit, folder):
         (("can.npy", "--shape", "tube", "--initial", "start.json"), "hold one tube"),
         (("ball.npy", "--shape", "sphere", "--prior-height", "1", "1"),
          "prior must be one of center, radius"),
-        (("can.npy", "--shape", "box"), "--shape"),
+        (("can.npy", "--shape", "cube"), "--shape"),
     ],
 )  # fmt: skip
 def test_bad_option_gives_one_line_and_exit_code_2(arguments, message, fit, folder):

@@ -23,7 +23,8 @@ def can_fit():
 def fit_of(shape, **std):
     """A fit that found a shape, with standard deviations of its sizes."""
     given = {name: jnp.asarray(value) for name, value in std.items()}
-    names = ("center", "axis", "across_axis", "along_axis", "p1", "p2")
+    names = ("center", "axis", "across_axis", "along_axis", "p1", "p2", "size")
+    names += ("rotation", "along_edges")
     sizes = ("radius", "radius1", "radius2", "outer_radius", "inner_radius", "height")
     lines = {name: jnp.full(3, STD) for name in names}
     lines |= {name: jnp.asarray(STD) for name in sizes}

@@ -7,6 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 import impostor_jax as ij
 from impostor_jax.find.found import Found
@@ -103,6 +104,26 @@ def test_wires_are_of_the_sizes_at_the_ends_of_their_intervals(name, times):
     assert {int(k) for k in np.abs(off[:, None] - expected).argmin(axis=1)} == {
         *range(len(radii))
     }
+
+
+def test_a_box_is_drawn_by_its_edges():
+    turn = Rotation.from_rotvec([0.4, 0.7, 0.2]).as_matrix()
+    box = ij.Box((0.1, 0.05, 0.55), turn, (0.06, 0.04, 0.1))
+    fit = fit_of(box, size=(STD, np.inf, STD))
+    wires = wires_of(fit)
+    assert wires is not None
+    assert wires.place.shape == (12, 2, 3)
+    own = (wires.place + 2 * wires.change - np.asarray(box.center)) @ turn
+    half = np.array([0.03 + STD, 0.02, 0.05 + STD])
+    np.testing.assert_allclose(np.abs(own), np.broadcast_to(half, own.shape), atol=1e-6)
+    along = np.sort(np.abs(own[:, 1] - own[:, 0]), axis=1)
+    np.testing.assert_allclose(along[:, :2], 0, atol=1e-6)
+    assert wires.most == pytest.approx(0.06 / STD)
+    told = {name: rest for name, *rest in numbers_of(shown_of(fit)[0])}
+    assert told["size x"][0] == "60.0"
+    assert told["size y"][1] == "not determined"
+    assert told["edge x"][0].startswith("0.7")
+    assert wires_of(fit_of(box, size=(np.inf, 0.0, np.inf))) is None
 
 
 def test_wires_grow_by_what_is_determined_alone():
