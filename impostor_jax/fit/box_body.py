@@ -44,7 +44,6 @@ ENDS = (-1, 1, -2, 2, -3, 3)
 FARTHEST = 1e3
 """Sizes of the box within which a ray along a slab enters and leaves it."""
 
-
 TURNS = np.array(
     [
         turn

@@ -24,11 +24,11 @@ from impostor_jax.fits.single import (
 from impostor_jax.primitives.base import AbstractPrimitive
 
 KIND_OF = {
-    fit_box: BOX,
     fit_cylinder: CYLINDER,
     fit_frustum: FRUSTUM,
     fit_sphere: SPHERE,
     fit_tube: TUBE,
+    fit_box: BOX,
 }
 
 
