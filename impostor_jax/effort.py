@@ -69,7 +69,8 @@ class Effort:
         doubts: Whether a fit doubts its answer: looks for other solutions beside the
             best, for what is not of the object at its region's border, and for errors
             across the rays that nobody told of. Where it does not, a border that
-            contradicts the rest is a failure, and so is a bore with a floor.
+            contradicts the rest is a failure, and so is a bore with a floor. Without a
+            mask it does: what is found goes on to what lies beside.
         tolerance: Length of a step at which a fit ends, in standard deviations. Where
             it is differentiated it is at most 0.02, and of a frustum, whose taper
             settles slowly, 0.2.

@@ -78,6 +78,8 @@ def fit_shown(
     is_masked = all(view.mask is not None for view in views)
     if is_masked or not is_concrete(given):
         return fit_shape(kind, depth, camera, mask, sigma, initial, options)
+    # What is found goes on to what lies beside: it is cut down with any effort.
+    options = replace(options, effort=replace(options.effort, doubts=True))
     if len(views) == 1:
         return _fit_found(kind, *views[0], initial, options)
     masks = _masks_of(kind, views, initial, options)

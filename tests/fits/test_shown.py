@@ -44,6 +44,13 @@ def test_the_surest_cylinder_is_fitted():
     assert not np.asarray(several.region[1:]).any()
 
 
+def test_a_quick_fit_cuts_down_what_it_has_found():
+    depth, _ = image()
+    fit = ij.fit_cylinder(depth, CAMERA, sigma=SIGMA, effort="fast")
+    assert fit.success
+    assert abs(float(fit.cylinder.radius) - 0.04) < 4 * float(fit.std.radius)
+
+
 @pytest.mark.parametrize("fit", [ij.fit_cylinder, ij.fit_frustum, ij.fit_sphere])
 def test_a_wall_shows_no_object(fit):
     found = fit(WALL, CAMERA, sigma=SIGMA)
