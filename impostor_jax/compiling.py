@@ -162,10 +162,13 @@ class _Kept:
             return self._jitted(**given, **static)
         return self._program(given, static, key)(**given)
 
-    def is_new(self, *args: Any, **kwargs: Any) -> bool:
-        """Whether a program for such arguments is not there yet."""
-        *_, key = self._asked(args, kwargs)
-        return key is not None and key not in self.programs
+    def ready(self, *args: Any, **kwargs: Any) -> Callable[[], Any] | None:
+        """The call with such arguments; None where its program is not there yet."""
+        given, static, key = self._asked(args, kwargs)
+        if key is None:
+            return functools.partial(self._jitted, **given, **static)
+        program = self.programs.get(key)
+        return program and functools.partial(program, **given)
 
     def prepare(self, *args: Any, **kwargs: Any) -> None:
         """Load or compile the program for such arguments."""

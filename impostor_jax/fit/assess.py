@@ -368,7 +368,7 @@ def assess(problem: Problem, solution: Solution, correlated: bool) -> Assessment
 
 
 def _radius_is_told(body: AbstractBody, std: Deviations) -> Bool[Array, ""]:
-    """Whether a radius, of a frustum one of two, is known to less than itself."""
+    """Whether a radius, or an edge, one of several, is known to less than itself."""
     radii = [x for x in body.coordinates if "radius" in x or x == "size"]
     outer = [getattr(std, name) for name in radii if name != "inner_radius"]
     return jnp.any(jnp.stack(outer) < body.radius)

@@ -38,7 +38,7 @@ from impostor_jax.primitives.box import Box
 FACES = ((0, -1), (0, 1), (1, -1), (1, 1), (2, -1), (2, 1))
 """Axis and side of each face."""
 
-ENDS = (-1, 1, -2, 2, -3, 3)
+ENDS = tuple((axis + 1) * side for axis, side in FACES)
 """Their numbers: an axis, counted from 1, times a side."""
 
 FARTHEST = 1e3
@@ -160,17 +160,12 @@ class BoxBody(AbstractBody):
         leave = -_largest([-last for _, last in slabs])
         outside = enter + foot > 0
         cap = jnp.where(outside, enter, leave)
-        normal = self._seen(local, slabs, outside)
-        facing = _dot(normal, _parts(local.direction))
+        normal = self._seen(local, outside)
+        facing = normal.dot(local.direction)
         length = jnp.sqrt(local.direction.dot(local.direction))
-        point = _at(local, cap)
-        beside = [
-            jnp.where(n == 0, jnp.abs(x) - half, -jnp.inf)
-            for n, x, half in zip(normal, point, self.half, strict=True)
-        ]
-        beyond, r = _largest(beside), self.radius
+        beyond, r = _largest(self._beside(normal, local.at(cap))), self.radius
         # How far within the outline it passes.
-        within = jnp.minimum(-_largest(self._overshoots(local, slabs)), r)
+        within = jnp.minimum(-_largest(self._overshoots(local)), r)
         zero = jnp.zeros_like(cap)
         return Passing(
             local=local,
@@ -195,7 +190,7 @@ class BoxBody(AbstractBody):
         )
 
     def _slabs(self, local: Ray) -> list[tuple[Numbers, Numbers]]:
-        """Ray parameters at which each slab is entered and left.
+        """Ray parameters at which each slab is entered and left, finite for every ray.
 
         A ray along a slab is in it all the way, within it or not: how far it passes
         beside is an overshoot.
@@ -208,30 +203,33 @@ class BoxBody(AbstractBody):
             found.append((-o * per_step - reach, -o * per_step + reach))
         return found
 
-    def _seen(
-        self,
-        local: Ray,
-        slabs: list[tuple[Numbers, Numbers]],
-        outside: Bool[Array, "*batch"],
-    ) -> list[Numbers]:
+    def _seen(self, local: Ray, outside: Bool[Array, "*batch"]) -> Vec3:
         """Outward normal of the face that rays see, in the box's own frame."""
+        slabs = self._slabs(local)
         enters = _first_largest([first for first, _ in slabs])
         leaves = _first_largest([-last for _, last in slabs])
-        return [
-            jnp.where(
-                outside, jnp.where(one, -_side(d), 0), jnp.where(other, _side(d), 0)
+        sides = [_side(d) for d in _parts(local.direction)]
+        faces = zip(enters, leaves, sides, strict=True)
+        return Vec3(
+            *(
+                jnp.where(outside, jnp.where(one, -side, 0), jnp.where(other, side, 0))
+                for one, other, side in faces
             )
-            for one, other, d in zip(enters, leaves, _along(local)[1], strict=True)
+        )
+
+    def _beside(self, normal: Vec3, point: Vec3) -> list[Numbers]:
+        """How far points of a face's plane lie beyond it, along each of its edges."""
+        return [
+            jnp.where(n == 0, jnp.abs(x) - half, -jnp.inf)
+            for n, x, half in zip(_parts(normal), _parts(point), self.half, strict=True)
         ]
 
-    def _overshoots(
-        self, local: Ray, slabs: list[tuple[Numbers, Numbers]]
-    ) -> list[Numbers]:
+    def _overshoots(self, local: Ray) -> list[Numbers]:
         """How far, along each axis, rays pass beyond the face by which they leave.
 
         There where they have entered both other slabs.
         """
-        found = []
+        slabs, found = self._slabs(local), []
         for k, (half, o, d) in enumerate(zip(self.half, *_along(local), strict=True)):
             others = [first for j, (first, _) in enumerate(slabs) if j != k]
             found.append(_side(d) * (o + d * jnp.maximum(*others)) - half)
@@ -242,7 +240,7 @@ class BoxBody(AbstractBody):
         return (passing.half > 0) & passing.outside
 
     def _of_plane(
-        self, local: Ray, reach: Numbers, normal: list[Numbers]
+        self, local: Ray, reach: Numbers, normal: Vec3
     ) -> tuple[list[Numbers], list[Numbers]]:
         """Derivatives in all coordinates where a ray meets the plane of a face.
 
@@ -252,24 +250,23 @@ class BoxBody(AbstractBody):
         Returns:
             Of the ray's parameter, and of n.x - h where the ray stays at the point.
         """
-        point, step = _at(local, reach), _parts(local.direction)
-        facing = _dot(normal, step)
+        facing = normal.dot(local.direction)
         per_facing = jnp.where(facing == 0, 0, 1 / jnp.where(facing == 0, 1, facing))
-        held = [*_cross(normal, point)]
+        held = _parts(normal.cross(local.at(reach)))
         for k, side in FACES:
-            held.append(jnp.where(normal[k] == side, -1, 0).astype(facing.dtype))
+            is_own = _parts(normal)[k] == side
+            held.append(jnp.where(is_own, -1, 0).astype(facing.dtype))
         return [-one * per_facing for one in held], held
 
     @override
     def end_shown(self, passing: Passing, depth: Numbers, slack: Numbers) -> Numbers:
-        slabs = self._slabs(passing.local)
-        normal = self._seen(passing.local, slabs, passing.outside)
-        face = normal[0] + 2 * normal[1] + 3 * normal[2]
+        normal = self._seen(passing.local, passing.outside)
+        face = normal.x + 2 * normal.y + 3 * normal.z
         return jnp.where(passing.rim < passing.cap_radius, face, 0)
 
     @override
     def outward(self, passing: Passing) -> Float[Array, "e n"]:
-        point = _at(passing.local, passing.cap)
+        point = _parts(passing.local.at(passing.cap))
         return jnp.stack([side * point[k] for k, side in FACES])
 
     @override
@@ -282,21 +279,14 @@ class BoxBody(AbstractBody):
     ) -> list[Numbers]:
         """Derivative of the depth where rays see a face, or pass beside it."""
         local, reach = passing.local, passing.cap
-        slabs = self._slabs(local)
-        normal = self._seen(local, slabs, passing.outside)
+        normal = self._seen(local, passing.outside)
         of_reach, _ = self._of_plane(local, reach, normal)
-        point, step = _at(local, reach), _parts(local.direction)
-        beside = [
-            jnp.where(n == 0, jnp.abs(x) - half, -jnp.inf)
-            for n, x, half in zip(normal, point, self.half, strict=True)
-        ]
-        past = passing.overshoot > 0
-        farthest = [
-            jnp.where(one & past, _side(x), 0)
-            for one, x in zip(_first_largest(beside), point, strict=True)
-        ]
+        point, past = local.at(reach), passing.overshoot > 0
+        is_farthest = _first_largest(self._beside(normal, point))
+        pairs = zip(is_farthest, _parts(point), strict=True)
+        farthest = Vec3(*(jnp.where(one & past, _side(x), 0) for one, x in pairs))
         _, of_side = self._of_plane(local, reach, farthest)
-        slides = 1 + _dot(farthest, step)
+        slides = 1 + farthest.dot(local.direction)
         pairs = zip(of_reach, of_side, strict=True)
         told = [slides * one + other for one, other in pairs]
         return [jnp.where(on_cap, one, 0) for one in told]
@@ -312,7 +302,7 @@ class BoxBody(AbstractBody):
 
     @override
     def margins(self, passing: Passing) -> Margins:
-        overshoots = self._overshoots(passing.local, self._slabs(passing.local))
+        overshoots = self._overshoots(passing.local)
         step = _parts(passing.local.direction)
         value = jnp.stack([-jnp.ones_like(overshoots[0]), *overshoots])
         ends = [(k + 1) * _side(d[0]) for k, d in enumerate(step)]
@@ -327,25 +317,19 @@ class BoxBody(AbstractBody):
         """How far beyond a face rays meet the last of the two slabs across it."""
         local, slabs = passing.local, self._slabs(passing.local)
         step = _parts(local.direction)
-        own = [
-            jnp.where(jnp.abs(end) == k + 1, jnp.sign(end), 0) for k in range(len(step))
-        ]
-        first = [
+        own = [jnp.where(jnp.abs(end) == k, jnp.sign(end), 0) for k in (1, 2, 3)]
+        across = [
             jnp.where(n == 0, enter, -jnp.inf)
             for n, (enter, _) in zip(own, slabs, strict=True)
         ]
-        reach = _largest(first)
-        normal = [
-            jnp.where(one, -_side(d), 0)
-            for one, d in zip(_first_largest(first), step, strict=True)
-        ]
-        of_reach, _ = self._of_plane(local, reach, normal)
-        _, held = self._of_plane(local, reach, own)
-        slides = _dot(own, step)
-        first, second, third = (
-            jnp.abs(n) * h for n, h in zip(own, self.half, strict=True)
-        )
-        error = _dot(own, _at(local, reach)) - (first + second + third)
+        pairs = zip(_first_largest(across), step, strict=True)
+        entered = Vec3(*(jnp.where(one, -_side(d), 0) for one, d in pairs))
+        reach, face = _largest(across), Vec3(*own)
+        of_reach, _ = self._of_plane(local, reach, entered)
+        _, held = self._of_plane(local, reach, face)
+        slides = face.dot(local.direction)
+        x, y, z = (jnp.abs(n) * half for n, half in zip(own, self.half, strict=True))
+        error = face.dot(local.at(reach)) - (x + y + z)
         told = [slides * one + other for one, other in zip(of_reach, held, strict=True)]
         return error, told
 
@@ -459,20 +443,6 @@ def _parts(vector: Vec3) -> list[Numbers]:
 def _along(local: Ray) -> tuple[list[Numbers], list[Numbers]]:
     """Where rays begin and their directions, along each axis."""
     return _parts(local.origin), _parts(local.direction)
-
-
-def _at(local: Ray, reach: Numbers) -> list[Numbers]:
-    """Points of rays."""
-    return [o + d * reach for o, d in zip(*_along(local), strict=True)]
-
-
-def _dot(first: list[Numbers], second: list[Numbers]) -> Numbers:
-    return first[0] * second[0] + first[1] * second[1] + first[2] * second[2]
-
-
-def _cross(first: list[Numbers], second: list[Numbers]) -> list[Numbers]:
-    (a, b, c), (x, y, z) = first, second
-    return [b * z - c * y, c * x - a * z, a * y - b * x]
 
 
 def _side(value: Numbers) -> Numbers:

@@ -16,7 +16,6 @@ from impostor_jax.text import described, text_or_repr
 
 Values = Float[Array, "..."] | Float[np.ndarray, "..."]
 
-
 ANGLES: tuple[str, ...] = ("axis", "rotation")
 """What is in radians; all else is in meters."""
 
@@ -29,9 +28,8 @@ class Deviations(eqx.Module):
     Of any shape there are its own parameters: `center`, `radius`, `height`, or `p1`,
     `p2`, `radius1` and `radius2`, or `outer_radius` and `inner_radius`, or `size` and
     `rotation`, which are along and about a box's own axes. Points are along x, y and z
-    of the world. Where an end is not seen, the place along the axis is
-    free, so every direction that the axis has a part in is undetermined. So there are,
-    too:
+    of the world. Where an end is not seen, the place along the axis is free, so every
+    direction that the axis has a part in is undetermined. So there are, too:
 
     * `axis`: Along the two vectors of `tangent_basis(axis)`.
     * `across_axis`: Of the center along the same two; determined even where the ends

@@ -34,7 +34,7 @@ from impostor_jax.fit.outline_solve import (
 )
 from impostor_jax.fit.prior import Prior
 from impostor_jax.fit.request import check_types, checked_prior, checked_settings
-from impostor_jax.fit.result import Fit
+from impostor_jax.fit.result import Fit, name_of
 from impostor_jax.fit.stated import tested_by_readings
 from impostor_jax.fit.weighing import best_of
 from impostor_jax.primitives.base import AbstractPrimitive, in_camera_frame
@@ -66,14 +66,13 @@ def fit_outline(
 
     Raises:
         ValueError: As there; or the mask is none, or not said to be the outline, the
-            camera is no pinhole camera, or there are several, the shape is a tube, or
-            something is traced.
+            camera is no pinhole camera, or there are several, the shape is a box or a
+            tube, or something is traced.
     """
     if kind in (BOX, TUBE):
-        name = kind.shape.__name__.lower() if kind is BOX else "tube"
         raise ValueError(
-            f"depth must be given to fit a {name}, got None: only the outlines of "
-            "cylinders, frusta and spheres are fitted"
+            f"depth must be given to fit a {name_of(kind.shape)}, got None: only the "
+            "outlines of cylinders, frusta and spheres are fitted"
         )
     if options.mask_meaning != "outline":
         raise ValueError(

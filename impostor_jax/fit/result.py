@@ -12,6 +12,7 @@ __all__ = [
     "SphereDeviations",
     "SphereFit",
     "each_of",
+    "name_of",
     "named_values",
     "of_images",
     "on_device",
@@ -60,13 +61,18 @@ TOLD = {
 }
 """What a reader is told of each shape; a solid that is fitted is a tube."""
 
+EXTENT = (
+    "An end is not seen: height is the visible extent, center its middle; across the "
+    "axis the center's"
+)
+
 UNSEEN = {
-    Cylinder: "height is the visible extent, center its middle; across the axis the "
-    "center's",
-    Solid: "height is the visible extent, center its middle; across the axis the "
-    "center's",
-    Box: "size is the visible extent, center its middle; along the edges the center's",
-    Frustum: "it is put where the wall was last seen; across the axis the middle's",
+    Box: "A face is not seen: size is the visible extent, center its middle; along the "
+    "edges the center's",
+    Cylinder: EXTENT,
+    Solid: EXTENT,
+    Frustum: "An end is not seen: it is put where the wall was last seen; across the "
+    "axis the middle's",
 }
 """What it means where an end is not seen."""
 
@@ -113,7 +119,8 @@ def named_values(shape: AbstractPrimitive) -> Named:
     return {name: getattr(held, name) for name in TOLD[type(shape)]}
 
 
-def _name_of(kind: type[AbstractPrimitive]) -> str:
+def name_of(kind: type[AbstractPrimitive]) -> str:
+    """What a caller calls a primitive; a solid that is fitted is a tube."""
     return "tube" if kind is Solid else kind.__name__.lower()
 
 
@@ -350,12 +357,12 @@ class Fit(eqx.Module):
     @property
     def kind(self) -> str:
         """What was fitted: a box, a cylinder, a frustum, a sphere or a tube."""
-        return _name_of(type(self.shape))
+        return name_of(type(self.shape))
 
     def _shape_of(self, kind: type[Shape]) -> Shape:
         if isinstance(self.shape, kind):
             return self.shape
-        wanted, found = _name_of(kind), self.kind
+        wanted, found = name_of(kind), self.kind
         # What looks for attributes, as `inspect` does, goes on.
         raise AttributeError(
             f"fit.{wanted} needs the fit of a {wanted}, got that of a {found}: it is "
@@ -619,10 +626,8 @@ class Fit(eqx.Module):
         if not self.height_observed:
             std = self.std
             across = std.along_edges if self.kind == "box" else std.across_axis
-            across = millimeters(across)
-            what = "A face" if self.kind == "box" else "An end"
             lines.append(
-                f"  {what} is not seen: {UNSEEN[type(self.shape)]} std is {across} mm."
+                f"  {UNSEEN[type(self.shape)]} std is {millimeters(across)} mm."
             )
         return "\n".join(lines)
 

@@ -47,7 +47,6 @@ FARTHEST = 1e3
 LEAST_END = 1e-4
 """Radius of a frustum's end, in radii at its center, below which none can be told."""
 
-
 CENTRAL = 0.2
 """Squared half-chord, in squared radii, from which a ray passes the wall so far within
 its outline that an end has a place along the axis there."""

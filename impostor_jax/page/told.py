@@ -54,8 +54,7 @@ def notes_of(shown: Shown) -> list[str]:
         told = ", ".join(plain(name, value) for name, value in values.items())
         notes.append(f"With {100 * weight:.1f} % it is another: {told}.")
     if not fit.height_observed:
-        what = "A face" if fit.kind == "box" else "An end"
-        notes.append(f"{what} is not seen: {UNSEEN[type(fit.shape)].split(';')[0]}.")
+        notes.append(UNSEEN[type(fit.shape)].split(";")[0] + ".")
     return notes
 
 

@@ -10,6 +10,7 @@ import impostor_jax as ij
 from impostor_jax.fit.body import AbstractBody
 from impostor_jax.fit.fittable import KINDS
 from impostor_jax.geometry.vec3 import Vec3
+from impostor_jax.numerics import product
 
 BODIES = {
     "cylinder": lambda: ij.Cylinder((0.02, 0.01, 0.8), (0.3, 0.8, 0.52), 0.1, 0.3),
@@ -90,3 +91,14 @@ def in_double(name: str):
         return jax.tree.map(
             lambda x: jnp.asarray(np.asarray(x, np.float32), float), shape
         )
+
+
+@jax.jit
+def moved_then_turned(body, tangent, move):
+    """A body that moves in its own frame, and the same in another one."""
+    free = body.free_directions(())
+    there = body.transformed(move)
+    carried = product(tangent, body.carried(move))
+    return body.retracted(tangent, free).transformed(move), there.retracted(
+        carried, free
+    )

@@ -13,7 +13,14 @@ from impostor_jax.geometry.frames import RigidTransform
 from impostor_jax.geometry.rays import Ray
 from impostor_jax.geometry.vec3 import Vec3
 from impostor_jax.numerics import eps, product
-from tests.fit.bodies import BODIES, FAR, body_of, in_double, rays
+from tests.fit.bodies import (
+    BODIES,
+    FAR,
+    body_of,
+    in_double,
+    moved_then_turned,
+    rays,
+)
 from tests.fit.scenes import can
 
 CHORD = 0.003
@@ -81,17 +88,6 @@ def test_turned_twice_a_body_seen_from_the_side_is_itself(double):
     assert abs(float(again.axis @ body.axis)) == pytest.approx(1)
     np.testing.assert_allclose(again.center, body.center, atol=1e-12)
     assert (again.radius, again.height) == (body.radius, body.height)
-
-
-@jax.jit
-def moved_then_turned(body, tangent, move):
-    """A body that moves in its own frame, and the same in another one."""
-    free = body.free_directions(())
-    there = body.transformed(move)
-    carried = product(tangent, body.carried(move))
-    return body.retracted(tangent, free).transformed(move), there.retracted(
-        carried, free
-    )
 
 
 def test_motions_are_carried_to_other_frames(double_body):

@@ -13,7 +13,7 @@ from impostor_jax.geometry.rays import Ray
 from impostor_jax.geometry.so3 import rotation_by, turn_of
 from impostor_jax.geometry.vec3 import Vec3
 from impostor_jax.numerics import eps
-from tests.fit.bodies import rays
+from tests.fit.bodies import moved_then_turned, rays
 from tests.fit.scenes import CAMERA, SIGMA, image_of
 
 TURN = Rotation.from_rotvec([0.4, 0.7, 0.2]).as_matrix()
@@ -111,16 +111,6 @@ def test_gradients_are_those_of_forward_mode(double_box):
     plain, found = map(np.asarray, derivatives(BoxBody.of(double_box), direction))
     scale = 1 + np.abs(plain).max(axis=2, keepdims=True)
     np.testing.assert_allclose(found / scale, plain / scale, atol=1e-9)
-
-
-@jax.jit
-def moved_then_turned(body, tangent, move):
-    free = body.free_directions(())
-    there = body.transformed(move)
-    carried = tangent @ body.carried(move)
-    return body.retracted(tangent, free).transformed(move), there.retracted(
-        carried, free
-    )
 
 
 def test_motions_are_carried_to_other_frames(double_box):
