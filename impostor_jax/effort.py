@@ -58,7 +58,8 @@ class Effort:
             ray and a neighbor's met different things, or one of them a shadow.
         spacing: A traced picture's rays go through every n-th row and column; a pixel
             between four that met the same takes their mean, and others are cast.
-        readings: Most that a fit takes of an object in an image; 65536 if None. A
+        readings: Most that a fit takes of an object in an image; if None 65536, or 16384
+            of a sensor whose errors neighbors share, of which more tell no more. A
             larger image then takes no longer. Half of them are beside the border, where
             they graze the wall and know most of its radius, and the others are evenly
             spread. Fewer than some thousand hardly show that a real sensor's errors
@@ -133,7 +134,8 @@ EFFORTS: dict[str, tuple[str, Effort]] = {
         ),
     ),
     "balanced": (
-        "Up to 65536 readings; more starts where the first does not explain them.",
+        "Up to 65536 readings, 16384 of a sensor whose errors neighbors share; more "
+        "starts where the first does not explain them.",
         Effort(),
     ),
     "exact": (

@@ -4,6 +4,7 @@ __all__ = [
     "SQUARE",
     "DepthUnitsWarning",
     "chosen_pixels",
+    "most_readings",
     "pixel_indices",
     "sigma_face_on",
     "takes_all",
@@ -35,8 +36,13 @@ TRACED_READINGS = 15872
 """Most readings that a traced fit uses, evenly spaced over its region."""
 
 MOST_READINGS = BLOCK << 7
-"""Of an object that a fit takes, 65536. Real errors are shared by neighbors, and white
-ones leave a radius of a thousandth of itself to a millionth."""
+"""Of an object that a fit takes, 65536: white errors leave a radius of a thousandth of
+itself to a millionth."""
+
+MOST_SHARED = BLOCK << 5
+"""The same of a sensor whose readings share errors, of which more tell no more, 16384:
+of tins of 17000 pixels the interval of a radius stays as it is, and of a tunnel of
+148000 it is a twentieth wider."""
 
 BUCKETS = tuple(BLOCK << k for k in range(3, 20, 2))
 """Readings are filled up to one of these numbers, so that few sizes are compiled."""
@@ -119,13 +125,24 @@ def warn_of_units(
         )
 
 
-def takes_all(region: Bool[np.ndarray, "h w"], most: int | None) -> bool:
+def most_readings(asked: int | None, noise: AbstractDepthNoise) -> int:
+    """How many readings of an object a fit takes at most.
+
+    Args:
+        asked: Of an `Effort`.
+        noise: Of the readings.
+    """
+    bias = noise.bias
+    return asked or (MOST_SHARED if bias.scales or bias.fields else MOST_READINGS)
+
+
+def takes_all(region: Bool[np.ndarray, "h w"], most: int) -> bool:
     """Whether a fit takes all pixels of a region; the arguments are of the next."""
-    return int(np.count_nonzero(region)) <= (most or MOST_READINGS)
+    return int(np.count_nonzero(region)) <= most
 
 
 def chosen_pixels(
-    image: Float[np.ndarray, "h w"], region: Bool[np.ndarray, "h w"], most: int | None
+    image: Float[np.ndarray, "h w"], region: Bool[np.ndarray, "h w"], most: int
 ) -> Bool[np.ndarray, "h w"]:
     """Pixels of a region that a fit takes: all, or those that tell most.
 
@@ -137,11 +154,10 @@ def chosen_pixels(
     Args:
         image: In meters; 0 where there is no reading.
         region: Pixels of the object.
-        most: How many are taken; `MOST_READINGS` if None.
+        most: How many are taken.
     """
     if takes_all(region, most):
         return region
-    most = most or MOST_READINGS
     box = cropped(region)
     own = region[box]
     reads = own & (image[box] > 0)

@@ -12,7 +12,12 @@ from impostor_jax.camera.spherical import SphericalCamera
 from impostor_jax.fit.edges import without_edges
 from impostor_jax.fit.gather import table_of
 from impostor_jax.fit.problem import Table
-from impostor_jax.fit.regions import chosen_pixels, pixel_indices
+from impostor_jax.fit.regions import (
+    chosen_pixels,
+    most_readings,
+    pixel_indices,
+    takes_all,
+)
 from impostor_jax.sensor.base import AbstractDepthNoise
 
 
@@ -35,6 +40,10 @@ class Seen(NamedTuple):
     def num_readings(self) -> int:
         """Pixels of the object that hold one."""
         return int(np.count_nonzero(self.image[self.region]))
+
+    def is_taken(self, readings: int | None) -> bool:
+        """Whether a fit takes all its pixels, with as many `readings` as asked."""
+        return takes_all(self.region, most_readings(readings, self.noise))
 
     def without_edges(self) -> "Seen":
         """The same without readings that its noise model does not speak for."""
@@ -112,8 +121,9 @@ def shown_by(
         readings: Of an `Effort`.
         correlated: Whether the covariance allows for correlated residuals.
     """
-    chosen = chosen_pixels(seen.image, seen.region, readings)
-    row, col = pixel_indices(chosen, readings)
+    most = most_readings(readings, seen.noise)
+    chosen = chosen_pixels(seen.image, seen.region, most)
+    row, col = pixel_indices(chosen, most)
     return table_of(
         seen.image, seen.region, row, col, seen.camera, seen.noise, correlated
     )

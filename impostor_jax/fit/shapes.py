@@ -37,8 +37,8 @@ from impostor_jax.fit.problem import Settings, Table, posed
 from impostor_jax.fit.race import Ends, coarse, ends_of
 from impostor_jax.fit.regions import (
     chosen_pixels,
+    most_readings,
     pixel_indices,
-    takes_all,
     traced_indices,
     warn_of_units,
 )
@@ -155,7 +155,7 @@ def fit_shape(
             arguments=known,
             measured=told,
             is_quick=not effort.doubts,
-            is_thinned=not all(takes_all(one.region, effort.readings) for one in seen),
+            is_thinned=not all(one.is_taken(effort.readings) for one in seen),
         )
 
 
@@ -200,7 +200,7 @@ def _fit_seen(
         used = [
             # What it took for the object's, if that is told of all pixels.
             one._replace(region=np.asarray(region))
-            if takes_all(one.region, effort.readings)
+            if one.is_taken(effort.readings)
             else one
             for one, region in zip(parts, each_of(before.region), strict=True)
         ]
@@ -410,8 +410,9 @@ def _shown_traced(
     if sees is not None:
         region = jnp.asarray(region) & sees
     if isinstance(region, np.ndarray):
-        chosen = chosen_pixels(np.ones(region.shape), region, readings)
-        row, col = map(jnp.asarray, pixel_indices(chosen, readings))
+        most = most_readings(readings, noise)
+        chosen = chosen_pixels(np.ones(region.shape), region, most)
+        row, col = map(jnp.asarray, pixel_indices(chosen, most))
     else:
         row, col = traced_indices(region, readings)
     depth, region = map(jnp.asarray, (depth, region))

@@ -90,9 +90,10 @@ class Search:
                 continue
             end = jax.tree.map(lambda values, k=k: values[k], ends.body)
             both = [self.fitted(end)]
-            if self.effort.doubts:
+            if self.effort.doubts and count == 1:
                 # From where it began, too: all readings may lead a start elsewhere than
-                # the few, which are not always the ones misled.
+                # the few, which are not always the ones misled. Where several starts
+                # end in one place, they are not.
                 both.append(self.fitted(starts[k - len(first)]))
             better = likeliest(both)
             self.found.extend(one for one in both if one is not better)

@@ -8,12 +8,17 @@ import impostor_jax as ij
 from impostor_jax.fit.problem import BLOCK
 from impostor_jax.fit.regions import (
     BUCKETS,
+    MOST_READINGS,
     TRACED_READINGS,
     chosen_pixels,
+    most_readings,
     pixel_indices,
     traced_indices,
 )
 from impostor_jax.fit.seen import Seen, shown_by
+from impostor_jax.sensor.gaussian import ConstantNoise
+
+NOISE, SENSOR = ConstantNoise(0.001), ij.StructuredLight.sensor()
 
 CAMERA = ij.PinholeCamera(300.0, 300.0, 109.5, 99.5, 220, 200)
 
@@ -31,7 +36,7 @@ def spread_evenly(values, size):
 def test_indices_end_with_pixels_that_speak_for_all(side, most):
     region = np.zeros((80, 90), bool)
     region[5 : 5 + side, 7 : 7 + side] = True
-    chosen = chosen_pixels(np.ones(region.shape), region, most)
+    chosen = chosen_pixels(np.ones(region.shape), region, most or MOST_READINGS)
     row, col = pixel_indices(chosen, most)
     assert len(row) == (1024 if most else BUCKETS[0])
     used = row < 80
@@ -71,14 +76,24 @@ def test_half_of_few_readings_are_beside_the_border_of_all():
 
 def test_no_more_readings_are_taken_than_there_are_sizes_for():
     region = np.ones((400, 300), bool)
-    assert chosen_pixels(np.ones(region.shape), region, None).sum() == 65536
+    assert chosen_pixels(np.ones(region.shape), region, MOST_READINGS).sum() == 65536
     # Points are an image of one row.
     row = np.ones((1, 70000), bool)
-    places = np.flatnonzero(chosen_pixels(np.ones(row.shape), row, None))
+    places = np.flatnonzero(chosen_pixels(np.ones(row.shape), row, MOST_READINGS))
     assert len(places) == 65536
     assert np.diff(places).max() <= 2
     few = np.ones((40, 30), bool)
-    assert chosen_pixels(np.ones(few.shape), few, None) is few
+    assert chosen_pixels(np.ones(few.shape), few, MOST_READINGS) is few
+
+
+def test_of_readings_that_share_errors_fewer_are_taken():
+    asked = [most_readings(None, noise) for noise in (NOISE, SENSOR)]
+    assert asked == [65536, 16384]
+    assert most_readings(20000, SENSOR) == 20000
+    region = np.ones((CAMERA.height, CAMERA.width), bool)
+    seen = Seen(np.ones(region.shape), region, CAMERA, SENSOR)
+    assert not seen.is_taken(None) and seen.is_taken(1 << 20)
+    assert len(shown_by(seen).row) == 16384
 
 
 @pytest.mark.parametrize("most", [None, 1000])
