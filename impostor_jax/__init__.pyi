@@ -7,7 +7,7 @@ from .camera.pixels import Tile
 from .camera.spherical import SphericalCamera
 from .effort import Effort
 from .find.cylinders import find_cylinders
-from .find.found import Found
+from .find.found import Found, FoundInPoints
 from .fit.alternatives import Alternatives
 from .fit.bore import BoreTest, test_bore
 from .fit.budget import Deviations
@@ -28,6 +28,7 @@ from .fit.taper import TaperTest, test_taper
 from .fits.batch import fit_cylinders
 from .fits.labels import fit_labels
 from .fits.points import fit_cylinder_to_points
+from .fits.search_points import find_cylinders_in_points
 from .fits.single import fit_box, fit_cylinder, fit_frustum, fit_sphere, fit_tube
 from .geometry.frames import RigidTransform
 from .io.camera_from import camera_from
@@ -104,6 +105,7 @@ __all__ = [
     "FitStatus",
     "FlyingPixels",
     "Found",
+    "FoundInPoints",
     "Frustum",
     "FrustumDeviations",
     "FrustumFit",
@@ -145,6 +147,7 @@ __all__ = [
     "depth_loss",
     "difference",
     "find_cylinders",
+    "find_cylinders_in_points",
     "fit_box",
     "fit_cylinder",
     "fit_cylinder_to_points",

@@ -58,12 +58,12 @@ class Effort:
             ray and a neighbor's met different things, or one of them a shadow.
         spacing: A traced picture's rays go through every n-th row and column; a pixel
             between four that met the same takes their mean, and others are cast.
-        readings: Most that a fit takes of an object in an image; if None 65536, or 16384
-            of a sensor whose errors neighbors share, of which more tell no more. A
-            larger image then takes no longer. Half of them are beside the border, where
-            they graze the wall and know most of its radius, and the others are evenly
-            spread. Fewer than some thousand hardly show that a real sensor's errors
-            are correlated: say so.
+        readings: Most that a fit takes of an object in an image; if None 65536, or
+            16384 of a sensor whose errors neighbors share, of which more tell no more.
+            A larger image then takes no longer. Half of them are beside the border,
+            where they graze the wall and know most of its radius, and the others are
+            evenly spread. Fewer than some thousand hardly show that a real sensor's
+            errors are correlated: say so.
         starts: First guesses that a fit tries; there are 9 at most.
         all_starts: Whether it tries all of them, or more than one only where the first
             does not explain the readings.

@@ -24,6 +24,7 @@ LAYERS = (
     "sensor",
     "fit",
     "find",
+    "clouds",
     "fits",
     "calibrate",
     "io",

@@ -5,10 +5,17 @@ regression). The search chooses by the weights, too: after a change of what is f
 of the facts, run this again until the weights stay.
 """
 
-__all__ = ["Config", "Weights", "fit_weights"]
+__all__ = [
+    "Config",
+    "Judged",
+    "Weights",
+    "fit_weights",
+    "summary_of",
+    "weights_text",
+]
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -90,6 +97,15 @@ class Judged(NamedTuple):
     right: Bool[np.ndarray, " n"]
     image: Int[np.ndarray, " n"]
 
+    @staticmethod
+    def of(rows: Sequence[Float[np.ndarray, "_ 1+f"]]) -> "Judged":
+        """The detections of some images, but for those that are ignored."""
+        image = np.repeat(np.arange(len(rows)), [len(own) for own in rows])
+        verdict, facts = np.split(np.concatenate(rows), [1], axis=1)
+        verdict = verdict[:, 0]
+        rated = verdict != IGNORED
+        return Judged(facts[rated], verdict[rated] == RIGHT, image[rated])
+
 
 def derive(config: Config) -> str:
     """Search images of all presets, and tell the weights and how good they are."""
@@ -100,22 +116,27 @@ def derive(config: Config) -> str:
             PRESETS[name], config.count, SEED + k, kept_folder(), config.workers
         )
         rows += runs.of_each("facts", judged_rows, OUR_SOURCES)
-    found = _judged(rows)
-    weights = fit_weights(found.facts, found.right)
-    unseen = _cross_validated(found)
+    found = Judged.of(rows)
     preset = found.image // config.count
-    blocks = [
-        _text(weights),
-        table(
-            ["detections", "all", "right", "false and sure", "right and not", "error"],
-            [_summary("all", found.right, unseen)]
-            + [
-                _summary(name, found.right[preset == k], unseen[preset == k])
-                for k, name in enumerate(NAMES)
-            ],
-        ),
+    named = {name: preset == k for k, name in enumerate(NAMES)}
+    return f"{weights_text(found, FACTS)}\n\n{summary_of(found, named)}"
+
+
+def summary_of(found: Judged, named: Mapping[str, Bool[np.ndarray, " n"]]) -> str:
+    """A table of how good weights are on images that they were not derived from.
+
+    Args:
+        found: The detections.
+        named: Which of them are of each preset, by its name.
+    """
+    unseen = _cross_validated(found)
+    rows = [_summary("all", found.right, unseen)]
+    rows += [
+        _summary(name, found.right[own], unseen[own]) for name, own in named.items()
     ]
-    return "\n\n".join(blocks)
+    return table(
+        ["detections", "all", "right", "false and sure", "right and not", "error"], rows
+    )
 
 
 def judged_rows(
@@ -130,15 +151,6 @@ def judged_rows(
     verdicts = match(truth_of(image), detections, LEVELS["standard"]).verdict
     rows = [[verdict, *one.facts] for verdict, one in zip(verdicts, found, strict=True)]
     return np.array(rows, float).reshape(-1, 1 + len(FACTS))
-
-
-def _judged(rows: Sequence[Float[np.ndarray, "_ 1+f"]]) -> Judged:
-    """The detections of some images, but for those that are ignored."""
-    image = np.repeat(np.arange(len(rows)), [len(own) for own in rows])
-    verdict, facts = np.split(np.concatenate(rows), [1], axis=1)
-    verdict = verdict[:, 0]
-    rated = verdict != IGNORED
-    return Judged(facts[rated], verdict[rated] == RIGHT, image[rated])
 
 
 def fit_weights(
@@ -187,11 +199,12 @@ def _summary(
     return [name, *map(str, counts), number(error, ".3f")]
 
 
-def _text(weights: Weights) -> str:
-    """The weights as they stand in `confidence.py`."""
+def weights_text(found: Judged, names: Iterable[str]) -> str:
+    """The weights as they stand in a `confidence.py`, in the order of their facts."""
+    weights = fit_weights(found.facts, found.right)
     lines = [
         f'    "{name}": {weight:.2f},'
-        for name, weight in zip(FACTS, weights.of_facts, strict=True)
+        for name, weight in zip(names, weights.of_facts, strict=True)
     ]
     facts = "\n".join(["FACTS: dict[str, float] = {", *lines, "}"])
     return f"{facts}\n\nBIAS = {weights.bias:.2f}"

@@ -154,15 +154,17 @@ def directions_of(
     return x.astype(dtype), y.astype(dtype)
 
 
-def turned_to(direction: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3 3"]:
-    """Rotation to a frame whose z axis is along a direction.
+def turned_to(direction: Float[np.ndarray, "*batch 3"]) -> np.ndarray:
+    """Rotations (*batch, 3, 3) to frames whose z axis is along a direction.
 
     Any will do for what has none, as the mean of directions all around.
     """
-    length = np.linalg.norm(direction)
-    z = direction / length if length > LEAST_MEAN else np.eye(3)[2]
+    length = np.linalg.norm(direction, axis=-1, keepdims=True)
+    is_known = length > LEAST_MEAN
+    z = np.where(is_known, direction / np.where(is_known, length, 1), np.eye(3)[2])
     # Whichever of two axes is more across it.
-    across = np.eye(3)[0] if abs(z[0]) < abs(z[1]) else np.eye(3)[1]
-    x = across - z * (z @ across)
-    x /= np.linalg.norm(x)
-    return np.stack([x, np.cross(z, x), z])
+    is_x = np.abs(z[..., :1]) < np.abs(z[..., 1:2])
+    across = np.where(is_x, np.eye(3)[0], np.eye(3)[1])
+    x = across - z * np.sum(z * across, axis=-1, keepdims=True)
+    x /= np.linalg.norm(x, axis=-1, keepdims=True)
+    return np.stack([x, np.cross(z, x), z], axis=-2)

@@ -3,7 +3,6 @@
 __all__ = ["FindCommand"]
 
 import dataclasses
-import hashlib
 import math
 import sys
 import time
@@ -14,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import tyro
 
 from impostor_jax.cli.dials import Dials, EffortName, chosen_effort
+from impostor_jax.cli.found_before import count_there, digest_of
 from impostor_jax.cli.given import (
     chosen_noise,
     hints_on_stderr,
@@ -29,8 +29,6 @@ from impostor_jax.cli.inputs import (
 )
 
 if TYPE_CHECKING:
-    import numpy as np
-
     from impostor_jax.camera.base import AbstractCamera
     from impostor_jax.io.camera_file import CameraFile
 
@@ -40,20 +38,25 @@ RECORD, PICTURES = "found.json", ("labels.png", "overlay.png")
 
 @dataclasses.dataclass(frozen=True)
 class FindCommand:
-    """Find every cylinder in depth images, without masks.
+    """Find every cylinder in depth images, without masks; or in clouds of points.
 
-    Writes found.json, labels.png (16 bit: 0 for none, k for the k-th cylinder of
-    found.json) and overlay.png; of several images each into a folder of its name. With
-    --page, a page for a browser, too, on which readings and cylinders are turned with
-    the mouse. The exit code is 0 if a cylinder was found, 1 if none was and 2 if the
-    input is bad.
+    Of depth images, which need --camera, it writes found.json, labels.png (16 bit: 0
+    for none, k for the k-th cylinder of found.json) and overlay.png; of several images
+    each into a folder of its name. With --page, a page for a browser, too, on which
+    readings and cylinders are turned with the mouse. Of clouds it writes found.json and
+    labels.npy: the number for each point of the file, but for those that are not
+    finite. The exit code is 0 if a cylinder was found, 1 if none was and 2 if the input
+    is bad.
     """
 
     depth: tyro.conf.Positional[tuple[Path, ...]]
     """Depth images: 16-bit PNG, or meters as floating-point TIFF or NPY; or folders of
-    them, or patterns in quotes, as 'frames/*.png'."""
-    camera: Path
+    them, or patterns in quotes, as 'frames/*.png'. Without a camera, clouds of points:
+    PLY, PCD, LAS, LAZ, NPY or text."""
+    camera: Path | None = None
     """Camera file (JSON): fx, fy, cx, cy, width, height, depth_scale_m, distortion."""
+    origin: tuple[float, float, float] | None = None
+    """Where the sensor stood, of clouds whose file does not say it, in meters."""
     sigma: float | None = None
     """Standard deviation of a depth reading, in meters; 0.001 if neither this nor a
     sensor is given."""
@@ -66,7 +69,8 @@ class FindCommand:
     prior_height: tuple[float, float] | None = None
     """Expected height and its standard deviation, in meters."""
     min_pixels: int | None = None
-    """Fewest pixels of a cylinder, as in `find_cylinders`, like the next two."""
+    """Fewest pixels of a cylinder, as in `find_cylinders`, like the next two; of clouds
+    fewest points."""
     min_arc_deg: float | None = None
     """Smallest angle about the axis over which the wall is seen."""
     radius_range: tuple[float, float] | None = None
@@ -93,6 +97,10 @@ class FindCommand:
         from impostor_jax.cli.ending import stream_beside
         from impostor_jax.io.atomic import check_output_file, check_output_folder
 
+        if self.camera is None:
+            return self._run_on_clouds()
+        if self.origin is not None:
+            raise ValueError("--origin must be given with clouds alone, not --camera")
         images = images_of(self.depth)
         places = places_of(images, self.output)
         several = len(images) > 1
@@ -135,12 +143,28 @@ class FindCommand:
             raise KeyboardInterrupt(rest) from interrupt
         return 0 if any(counts) else 1
 
-    def _asked(self, camera: "AbstractCamera") -> dict[str, Any]:
-        """What a search takes by name."""
+    def _run_on_clouds(self) -> int:
+        """The same without a camera."""
+        from impostor_jax.cli.find_points import check_clouds, find_in_clouds
+
+        check_clouds(self.depth, self.json, self.page, self.sensor)
+        check_noise(self.sigma, None)
+        asked = self._asked(None, "min_points") | {"origin": self.origin}
+        return find_in_clouds(self.depth, self.output, self.json, self.resume, asked)
+
+    def _asked(
+        self, camera: "AbstractCamera | None", fewest: str = "min_pixels"
+    ) -> dict[str, Any]:
+        """What a search takes by name.
+
+        Args:
+            camera: Of the images; None of clouds.
+            fewest: How the search calls the fewest pixels.
+        """
         arc = self.min_arc_deg
         asked = {
             "prior": priors_of(self.prior_radius, self.prior_height) or None,
-            "min_pixels": self.min_pixels,
+            fewest: self.min_pixels,
             "min_arc": None if arc is None else math.radians(arc),
             "radius_range": self.radius_range,
         }
@@ -177,11 +201,12 @@ class FindCommand:
         depth = read_depth(image, depth_scale_m, (camera.height, camera.width))
         record = self.json or place / RECORD
         made_from = _made_from(image, file, asked)
+        files = [place / name for name in PICTURES]
         # A page that is there may be of another run: nothing on it tells.
         if (
             self.resume
             and self.page is None
-            and (count := _count_there(record, place, made_from)) is not None
+            and (count := count_there(record, files, made_from)) is not None
         ):
             tell(f"{count} found before")
             return count
@@ -190,7 +215,7 @@ class FindCommand:
             found = find_cylinders(depth, camera, **asked)
         seconds = time.perf_counter() - start
         tell(str(found))
-        write_index(place / PICTURES[0], _index(found.masks))
+        write_index(place / PICTURES[0], found.labels - 1)
         write_overlay(place / PICTURES[1], found, depth, camera)
         if self.page is not None:
             from impostor_jax.page.fit_page import view
@@ -198,16 +223,6 @@ class FindCommand:
             view(found, depth, camera).save(self.page)
         write_json(record, found_record(found, camera, seconds, made_from))
         return len(found)
-
-
-def _index(masks: "np.ndarray") -> "np.ndarray":
-    """Number of the mask that each pixel is of, from 0; -1 of none."""
-    import numpy as np
-
-    index = np.full(masks.shape[1:], -1)
-    for number, mask in enumerate(masks):
-        index[mask] = number
-    return index
 
 
 def _made_from(
@@ -220,32 +235,11 @@ def _made_from(
 
     sigma = asked["sigma"]
     is_model = isinstance(sigma, AbstractDepthNoise)
-    with image.open("rb") as data:
-        digest = hashlib.file_digest(data, "sha256").hexdigest()
     return {
         "depth": image.name,
-        "sha256": digest,
+        "sha256": digest_of(image),
         "camera": camera_record(*file),
         **asked,
         "sigma": sensor_record(sigma) if is_model else sigma,
         "effort": dataclasses.asdict(asked["effort"]),
     }
-
-
-def _count_there(record: Path, place: Path, made_from: dict[str, Any]) -> int | None:
-    """How many cylinders were found where all files are there; else None."""
-    import json
-
-    from impostor_jax.find.found import FOUND_VERSION
-    from impostor_jax.io.json_file import check_version, read_json_object
-
-    paths = record, *(place / name for name in PICTURES)
-    if not all(path.is_file() for path in paths):
-        return None
-    what = f"record {str(record)!r}"
-    there = read_json_object(record, what)
-    check_version(there, FOUND_VERSION, what)
-    # As JSON has it, lists for tuples.
-    if there.get("made_from") != json.loads(json.dumps(made_from)):
-        return None
-    return len(there["cylinders"])

@@ -5,7 +5,14 @@ synthetic images of other seeds than any that is reported; experiments/find_accu
 says how well calibrated they are.
 """
 
-__all__ = ["FACTS", "confidence", "facts_of"]
+__all__ = [
+    "ALLOWED",
+    "FACTS",
+    "confidence",
+    "exactness",
+    "facts_of",
+    "probability",
+]
 
 import math
 
@@ -73,7 +80,7 @@ def facts_of(
     chi2, exact = 1.0, 0.98
     if fit is not None:
         chi2 = float(fit.chi2) / noise**2
-        exact = min(max(_exact(fit), 1e-3), 1 - 1e-3)
+        exact = exactness(fit)
     return np.array(
         [
             math.log(max(evidence.misfit, 0.7) / 0.7),
@@ -92,14 +99,21 @@ def facts_of(
 
 def confidence(facts: Float[np.ndarray, " f"]) -> float:
     """Probability that a cylinder is there; 0 where a fact is no number."""
-    odds = BIAS + float(facts @ np.array(list(FACTS.values())))
+    return probability(BIAS + float(facts @ np.array(list(FACTS.values()))))
+
+
+def probability(odds: float) -> float:
+    """Of the logarithm of its odds; 0 where that is no number."""
     if math.isnan(odds):
         return 0.0
     return 1 / (1 + math.exp(-min(max(odds, -50), 50)))
 
 
-def _exact(fit: Fit) -> float:
-    """Probability that radius, axis and place are within 10 %, 5 degrees, .15 radii."""
+def exactness(fit: Fit) -> float:
+    """Probability that radius, axis and place are within 10 %, 5 degrees, .15 radii.
+
+    Neither 0 nor 1, so that its odds are finite.
+    """
     radius = float(fit.cylinder.radius)
 
     def within(limit: float, deviation: float) -> float:
@@ -107,4 +121,5 @@ def _exact(fit: Fit) -> float:
 
     chance = within(0.1 * radius, float(fit.std.radius))
     chance *= within(math.radians(5), float(np.max(fit.std.axis)))
-    return chance * within(0.15 * radius, float(np.max(fit.std.across_axis)))
+    chance *= within(0.15 * radius, float(np.max(fit.std.across_axis)))
+    return min(max(chance, 1e-3), 1 - 1e-3)

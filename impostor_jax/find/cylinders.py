@@ -1,6 +1,6 @@
 """Find every cylinder in a depth image."""
 
-__all__ = ["MOST_PIXELS", "find_cylinders"]
+__all__ = ["MOST_PIXELS", "checked_radii", "find_cylinders"]
 
 import dataclasses
 from collections.abc import Mapping
@@ -114,7 +114,7 @@ def find_cylinders(
     request = Request(
         min_pixels=whole_number("min_pixels", min_pixels, 1),
         min_arc=real_number("min_arc", min_arc, positive=True, unit="radians"),
-        radius_range=_radii(radius_range, prior),
+        radius_range=checked_radii(radius_range, prior),
     )
     image, noise, sigma = checked_readings(depth, camera, sigma)
     image = np.asarray(image)
@@ -201,7 +201,7 @@ def _distinct(detections: list[Detection]) -> list[Detection]:
     return kept
 
 
-def _radii(
+def checked_radii(
     radius_range: tuple[float, float], prior: Mapping[str, Any] | None
 ) -> tuple[float, float]:
     """Range of the radii that are looked for, in meters."""

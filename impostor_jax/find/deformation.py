@@ -106,18 +106,24 @@ def wall_readings(scene: Scene, evidence: Evidence) -> Wall | None:
     )
 
 
-def deformation(scene: Scene, axis: Float[np.ndarray, "3"], wall: Wall) -> Deformation:
-    """How far a surface is from a cylinder's, by the readings of its wall."""
+def deformation(axis: Float[np.ndarray, "3"], wall: Wall, shared: float) -> Deformation:
+    """How far a surface is from a cylinder's, by the readings of its wall.
+
+    Args:
+        axis: Of the wall.
+        wall: Its readings.
+        shared: How many of them share an error.
+    """
     place, own = wall.place, wall.terms(axis)
     c, s = own[:, 1], own[:, 2]
     others = [place, place**2, c * c - s * s, 2 * c * s, place**2 * c, place**2 * s]
     terms = np.column_stack([own, *others])
     found = solved(terms, wall.miss, wall.deviation)
-    price = PRICE * scene.shared
+    price = PRICE * shared
     seam = _seam(place, terms, wall.miss, wall.deviation * found.scatter, price)
     return Deformation(
         found.value[5:],
-        np.sqrt(scene.shared) * found.deviation[5:],
+        np.sqrt(shared) * found.deviation[5:],
         None if seam is None else wall.middle + wall.half * seam,
     )
 

@@ -243,7 +243,7 @@ class _Search:
         if evidence.misfit > 3 or evidence.explained < evidence.behind + evidence.other:
             return None
         readings = wall_readings(scene, evidence)
-        shape = readings and deformation(scene, evidence.wall.axis, readings)
+        shape = readings and deformation(evidence.wall.axis, readings, scene.shared)
         if (shape is None or shape.vague > 1) and caps.rim < np.pi / 2:
             return None
         if shape is not None and np.any(

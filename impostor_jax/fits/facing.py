@@ -11,9 +11,9 @@ __all__ = ["share_away", "tested_by_facing"]
 import numpy as np
 from jaxtyping import Float
 
+from impostor_jax.clouds.wall import Wall, wall_near, wall_of
 from impostor_jax.fit.result import Fit
 from impostor_jax.fit.surface import at_most
-from impostor_jax.fits.wall import Wall, wall_near, wall_of
 from impostor_jax.primitives.cylinder import Cylinder
 
 MOST_POINTS = 1000

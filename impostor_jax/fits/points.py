@@ -6,36 +6,42 @@ distance of points is biased. What only an image shows is left out: background b
 end, outlines, and errors that neighbors share.
 """
 
-__all__ = ["fit_cylinder_to_points"]
+__all__ = ["fit_cylinder_to_points", "fit_points", "in_one_frame"]
 
 from typing import Any, NamedTuple, Unpack
 
 import cv2
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 
 from impostor_jax.arguments import is_concrete, working_precision
 from impostor_jax.camera.ray_table import RayTable, turned_to
-from impostor_jax.effort import MIN_READINGS
+from impostor_jax.clouds.wall import Wall, wall_of
 from impostor_jax.fit.fittable import CYLINDER, no_guess
 from impostor_jax.fit.measured import NOT_MEASURED
 from impostor_jax.fit.options import FitOptions, Options
 from impostor_jax.fit.regions import BUCKETS
-from impostor_jax.fit.request import check_types, checked_noise
+from impostor_jax.fit.request import check_types
 from impostor_jax.fit.result import Fit
 from impostor_jax.fit.shapes import fit_shape
+from impostor_jax.fit.status import FitStatus
+from impostor_jax.fits.among import surest_among
 from impostor_jax.fits.facing import tested_by_facing
-from impostor_jax.fits.grid import rounding_of
+from impostor_jax.fits.given_points import (
+    GivenPoints,
+    check_options,
+    level_of,
+    points_given,
+    single_noise,
+)
 from impostor_jax.fits.rough import with_shared_errors
 from impostor_jax.fits.viewless import seen_across
-from impostor_jax.fits.wall import wall_of
 from impostor_jax.geometry.frames import RigidTransform
 from impostor_jax.numerics import eps
 from impostor_jax.primitives.cylinder import Cylinder
 from impostor_jax.primitives.local_world import LocalWorld
 from impostor_jax.sensor.base import AbstractDepthNoise
-from impostor_jax.sensor.bias import is_none
 from impostor_jax.sensor.gaussian import ConstantNoise
 
 WIDEST = 55.0
@@ -47,6 +53,15 @@ MOST_LEVELS = 3
 
 SAME_LEVEL = 0.1
 """Change of that level, over itself, with which it is known."""
+
+FAILED = (
+    FitStatus.NO_FIRST_GUESS,
+    FitStatus.POOR_FIT,
+    FitStatus.STEP_LIMIT,
+    FitStatus.NOT_FINITE,
+)
+"""Statuses after which most points may be of something else, among which a cylinder is
+looked for. So may be those that face away from their origin."""
 
 MOST_ROUNDED = 0.1
 """Part of the noise that the rounding of coordinates may be."""
@@ -66,17 +81,19 @@ def fit_cylinder_to_points(
         fit = ij.fit_cylinder_to_points(stem, (0.0, 0.0, 1.7), sigma=0.004)
 
     The points are those of the object, in any order, outliers among them. An end is
-    seen where points lie on its cap; otherwise the height is the visible extent.
+    seen where points lie on its cap; otherwise the height is the visible extent. Where
+    most points are of something else, up to two thirds, the cylinder is looked for
+    among them as `find_cylinders_in_points` does, and fitted if it is sure.
 
     Args:
         points: (N, 3), in meters, in the world frame; or (N, 6), each with the place
             from which the sensor saw it.
-        origin: (3,), that place where it is one for all. Where it is wrong, points of
-            the wall face away from it: the fit is `CONTRADICTED`, and `reason` says
-            which share of them. If None, of points (N, 3) as of clouds that were
-            merged, they err by `sigma` in all directions, and what lies off the wall
-            near which half of them lie, as caps and branches, is left out; they may
-            then surround it.
+        origin: (3,), that place where it is one for all, or (N, 3). Where it is wrong,
+            points of the wall face away from it: the fit is `CONTRADICTED`, and
+            `reason` says which share of them. If None, of points (N, 3) as of clouds
+            that were merged, they err by `sigma` in all directions, and what lies off
+            the wall near which half of them lie, as caps and branches, is left out;
+            they may then surround it.
         sigma: Standard deviation of a range in meters, or a noise model of single
             readings, as in `fit_cylinder`. What they err by across their rays is
             learned unless the model says it. If None, it is measured: how far points
@@ -97,44 +114,50 @@ def fit_cylinder_to_points(
             them in double precision, or subtract an offset.
     """
     asked = Options.of(options)
-    _check_options(asked)
+    check_options(asked)
     if not is_concrete((points, origin, sigma, initial)):
         raise ValueError(
             "points, origin, sigma and initial must be concrete, got traced ones"
         )
-    ends, starts = _checked_points(points, origin)
-    dtype = _type_of(points)
-    rounding, counts = rounding_of(ends, dtype), np.ones(len(ends), bool)
-    cloud = _Cloud(ends, starts, dtype, rounding, counts)
-    if starts is None:
-        return _fit_viewless(cloud, sigma, initial, asked)
+    given = points_given(points, origin)
+    fit = fit_points(given, sigma, initial, asked)
+    is_refuted = fit.status is FitStatus.CONTRADICTED and not asked.prior
+    if initial is None and (is_refuted or fit.status in FAILED):
+        found = surest_among(given, level_of(sigma, given))
+        if found is not None:
+            cloud = given._replace(counts=found.own)
+            return fit_points(cloud, sigma, found.start, asked, found.wall)
+    return fit
+
+
+def fit_points(
+    cloud: GivenPoints,
+    sigma: Any,
+    initial: Cylinder | None,
+    asked: Options,
+    wall: Wall | None = None,
+) -> Fit:
+    """The same of points that are checked.
+
+    Args:
+        cloud: The points.
+        sigma: As of `fit_cylinder_to_points`, like the next two.
+        initial: Start of the fit.
+        asked: The options.
+        wall: Near which they lie; looked for where it is needed if None.
+    """
+    if cloud.starts is None:
+        return _fit_viewless(cloud, sigma, initial, asked, wall)
     if sigma is None:
-        fit = _fit_with_level(cloud, initial, asked)
+        fit = _fit_with_level(cloud, initial, asked, wall)
     else:
         fit = _fit_cloud(cloud, sigma, initial, asked)
-    return tested_by_facing(fit, ends, starts)
-
-
-class _Cloud(NamedTuple):
-    """Points, and what is known of them.
-
-    Attributes:
-        ends: The points.
-        starts: Where each was seen from; None where nobody tells.
-        dtype: Floating-point type that they came in.
-        rounding: Standard deviation of each coordinate by that, or by a file's grid.
-        counts: Which are looked at.
-    """
-
-    ends: Float[np.ndarray, "n 3"]
-    starts: Float[np.ndarray, "n 3"] | None
-    dtype: np.dtype
-    rounding: float
-    counts: Bool[np.ndarray, " n"]
+    own = cloud.counts
+    return tested_by_facing(fit, cloud.ends[own], cloud.starts[own])
 
 
 def _fit_cloud(
-    cloud: _Cloud, sigma: Any, initial: Cylinder | None, asked: Options
+    cloud: GivenPoints, sigma: Any, initial: Cylinder | None, asked: Options
 ) -> Fit:
     """Fit points of which it is known from where they were seen."""
     ends, starts, dtype, rounding, counts = cloud
@@ -145,7 +168,7 @@ def _fit_cloud(
         is_far = LocalWorld.of(view.camera for view in views) is not None
         own = np.dtype(np.float64 if is_far else jnp.result_type(float))
         dtype = min(own, dtype, key=lambda dtype: dtype.itemsize)
-        _check_rounding(dtype, ends, starts, _checked_noise(sigma))
+        _check_rounding(dtype, ends, starts, single_noise(sigma))
     for view in views:
         check_types(Cylinder, view.camera, initial)
         view.mask[0, : len(view.places)] &= counts[view.places]
@@ -160,25 +183,34 @@ def _fit_cloud(
 
 
 def _fit_viewless(
-    cloud: _Cloud, sigma: Any, initial: Cylinder | None, asked: Options
+    cloud: GivenPoints,
+    sigma: Any,
+    initial: Cylinder | None,
+    asked: Options,
+    wall: Wall | None,
 ) -> Fit:
     """The same where nobody tells from where they were seen."""
-    wall = wall_of(cloud.ends)
+    wall = wall or wall_of(cloud.ends)
     if wall is None or not wall.is_known:
         nothing = no_guess(CYLINDER, np.ones(len(cloud.ends), bool))
         return nothing.having(source="points")
     level = max(wall.scatter, _resolution(cloud))
     seen = seen_across(cloud.ends, wall)
-    cloud = cloud._replace(starts=seen.starts, counts=seen.is_near)
+    cloud = cloud._replace(starts=seen.starts, counts=cloud.counts & seen.is_near)
     noise = _in_all_directions(level if sigma is None else sigma)
     start = seen.start if initial is None else initial
     fit = _fit_cloud(cloud, noise, start, asked)
     return _with_told_level(fit, cloud, level) if sigma is None else fit
 
 
-def _fit_with_level(cloud: _Cloud, initial: Cylinder | None, asked: Options) -> Fit:
+def _fit_with_level(
+    cloud: GivenPoints,
+    initial: Cylinder | None,
+    asked: Options,
+    wall: Wall | None,
+) -> Fit:
     """The same where nobody tells how large the noise is."""
-    wall = wall_of(cloud.ends)
+    wall = wall or wall_of(cloud.ends)
     if wall is None or not wall.is_known:
         fit = _fit_cloud(cloud, None, initial, asked)
         return fit.noting(measured=NOT_MEASURED)
@@ -193,13 +225,13 @@ def _fit_with_level(cloud: _Cloud, initial: Cylinder | None, asked: Options) -> 
     return _with_told_level(fit, cloud, level)
 
 
-def _with_told_level(fit: Fit, cloud: _Cloud, level: float) -> Fit:
+def _with_told_level(fit: Fit, cloud: GivenPoints, level: float) -> Fit:
     """A fit whose noise was measured, that says so."""
     told = f"Measured in the points: noise of {1e3 * level:.3g} mm."
     return with_shared_errors(fit, cloud.ends, level).noting(measured=told)
 
 
-def _resolution(cloud: _Cloud) -> float:
+def _resolution(cloud: GivenPoints) -> float:
     """What numbers tell of coordinates, in meters: single precision beside a point."""
     around = np.abs(cloud.ends - np.median(cloud.ends, axis=0)).max()
     own = np.abs(cloud.ends).max() * eps(cloud.dtype)
@@ -208,7 +240,7 @@ def _resolution(cloud: _Cloud) -> float:
 
 def _in_all_directions(sigma: Any) -> AbstractDepthNoise:
     """Noise that is as large across the rays, which nobody knows, as along them."""
-    noise = _checked_noise(sigma)
+    noise = single_noise(sigma)
     if not isinstance(noise, ConstantNoise):
         raise ValueError(
             "sigma must be a number, or ConstantNoise, for points without an origin, "
@@ -235,83 +267,6 @@ class _View(NamedTuple):
     places: Int[np.ndarray, " n"]
 
 
-def _check_options(options: Options) -> None:
-    if options.mask_meaning != "region":
-        raise ValueError(
-            f"mask_meaning must be 'region' for points, got {options.mask_meaning!r}: "
-            "they have no outline"
-        )
-    if options.errors == "correlated":
-        raise ValueError(
-            "errors must be 'independent' for points, got 'correlated': they have no "
-            "neighbors"
-        )
-
-
-def _checked_points(
-    points: Any, origin: Any
-) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3"] | None]:
-    """Points and where each was seen from; None where nobody tells."""
-    values = _as_numbers("points", points)
-    if values.ndim != 2 or values.shape[1] not in (3, 6):
-        raise ValueError(f"points must be (N, 3) or (N, 6), got shape {values.shape}")
-    if values.shape[1] == 6:
-        if origin is not None:
-            raise ValueError(
-                "origin must not be given with points of shape (N, 6), which have one "
-                "each"
-            )
-        ends, starts = values[:, :3], values[:, 3:]
-    elif origin is None:
-        ends, starts = values, None
-    else:
-        place = _as_numbers("origin", origin)
-        if place.shape != (3,):
-            raise ValueError(f"origin must be (3,), got shape {place.shape}")
-        ends, starts = values, np.broadcast_to(place, values.shape)
-    if len(ends) < MIN_READINGS:
-        raise ValueError(
-            f"points must be at least {MIN_READINGS}, got {len(ends)} of them"
-        )
-    if starts is not None and np.any(np.all(ends == starts, axis=1)):
-        raise ValueError("points must lie off the origin that they were seen from")
-    return ends, starts
-
-
-def _as_numbers(name: str, value: Any) -> Float[np.ndarray, "..."]:
-    if np.ma.is_masked(value):
-        raise ValueError(
-            f"{name} must hold no masked values, got {np.ma.count_masked(value)}: "
-            "leave their rows out"
-        )
-    try:
-        values = np.asarray(value, np.float64)
-    except (TypeError, ValueError) as error:
-        raise ValueError(f"{name} must be numbers, got {value!r}") from error
-    if not np.all(np.isfinite(values)):
-        raise ValueError(f"{name} must be finite, got NaN or infinity")
-    return values
-
-
-def _checked_noise(sigma: Any) -> AbstractDepthNoise:
-    """Noise of single readings: what pixels of an image share has no meaning."""
-    noise = checked_noise(sigma)
-    bias = noise.bias
-    shares = bias.fields or bias.lean is not None
-    if shares or not (is_none(bias.edge_reach) and is_none(bias.window_reach)):
-        raise ValueError(
-            "sigma must be a number or a noise model of single readings for points, "
-            f"got {noise!r}, which says how pixels of an image err together"
-        )
-    return noise
-
-
-def _type_of(points: Any) -> np.dtype:
-    """Floating-point type that points came in."""
-    given = np.asarray(points).dtype
-    return given if np.issubdtype(given, np.floating) else np.dtype(np.float64)
-
-
 def _check_rounding(
     dtype: np.dtype,
     ends: Float[np.ndarray, "n 3"],
@@ -332,14 +287,29 @@ def _check_rounding(
         )
 
 
+def in_one_frame(
+    ends: Float[np.ndarray, "n 3"], starts: Float[np.ndarray, "n 3"]
+) -> bool:
+    """Whether all rays are near enough to their mean for one frame to hold them."""
+    unit = _directions(ends, starts)
+    rotation = turned_to(unit.mean(axis=0))
+    return bool(np.all(unit @ rotation[2] > np.cos(np.radians(WIDEST))))
+
+
+def _directions(
+    ends: Float[np.ndarray, "n 3"], starts: Float[np.ndarray, "n 3"]
+) -> Float[np.ndarray, "n 3"]:
+    rays = ends - starts
+    return rays / np.linalg.norm(rays, axis=1, keepdims=True)
+
+
 def _views_of(
     ends: Float[np.ndarray, "n 3"], starts: Float[np.ndarray, "n 3"]
 ) -> list[_View]:
     """The rays in frames that look along them: one, or those of a cube's faces."""
-    rays = ends - starts
-    unit = rays / np.linalg.norm(rays, axis=1, keepdims=True)
+    unit = _directions(ends, starts)
     rotation = turned_to(unit.mean(axis=0))
-    if np.all(unit @ rotation[2] > np.cos(np.radians(WIDEST))):
+    if in_one_frame(ends, starts):
         return [_view_of(ends, starts, np.arange(len(ends)), rotation)]
     around = unit @ rotation.T
     largest = np.argmax(np.abs(around), axis=1)

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float
 
-from impostor_jax.fits.wall import Wall
+from impostor_jax.clouds.wall import Wall
 from impostor_jax.primitives.cylinder import Cylinder
 
 MOST_OFF = 3.0

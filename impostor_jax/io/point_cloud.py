@@ -1,11 +1,17 @@
 """A point cloud as files hold it, and what is checked of all of them."""
 
-__all__ = ["PointCloud", "cloud_of"]
+__all__ = ["SUFFIXES", "TEXT_SUFFIXES", "PointCloud", "cloud_of"]
 
 from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
+
+TEXT_SUFFIXES = (".xyz", ".txt", ".csv", ".asc", ".pts")
+"""Endings of files of columns of numbers."""
+
+SUFFIXES = (".ply", ".pcd", ".las", ".laz", ".npy", *TEXT_SUFFIXES)
+"""Endings of all files of points that are read."""
 
 
 class PointCloud(NamedTuple):

@@ -14,7 +14,7 @@ from jaxtyping import Float
 from impostor_jax.arguments import real_number
 from impostor_jax.io.input_file import opened
 from impostor_jax.io.npy_file import check_npy_bytes, npy_header
-from impostor_jax.io.point_cloud import PointCloud, cloud_of
+from impostor_jax.io.point_cloud import TEXT_SUFFIXES, PointCloud, cloud_of
 from impostor_jax.io.points_pcd import read_pcd
 from impostor_jax.io.points_ply import read_ply
 from impostor_jax.io.points_text import read_text
@@ -137,6 +137,6 @@ READERS: dict[str, Callable[[io.BufferedReader, str], Found]] = {
     ".las": _read_las,
     ".laz": _read_las,
     ".npy": _read_npy,
-    **dict.fromkeys((".xyz", ".txt", ".csv", ".asc", ".pts"), _read_text),
+    **dict.fromkeys(TEXT_SUFFIXES, _read_text),
 }
 """By the endings of files."""

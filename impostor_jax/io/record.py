@@ -1,12 +1,12 @@
 """What is made of the record of a fit, and the record of a search, as JSON."""
 
-__all__ = ["found_record", "shape_of_fit"]
+__all__ = ["found_in_points_record", "found_record", "shape_of_fit"]
 
 from collections.abc import Callable
 from typing import Any
 
 from impostor_jax.camera.base import AbstractCamera
-from impostor_jax.find.found import Found
+from impostor_jax.find.found import Found, FoundInPoints
 from impostor_jax.fit.record import FIT_VERSION
 from impostor_jax.io.json_file import arguments_of, check_keys, check_version
 from impostor_jax.primitives import PRIMITIVES
@@ -71,6 +71,28 @@ def found_record(
         "version": record["version"],
         "frame": f"the camera's: {axes}" if is_camera else "the world's",
         "image": {"width": camera.width, "height": camera.height},
+        "cylinders": record["cylinders"],
+        "planes": record["planes"],
+        "seconds": seconds,
+        "made_from": made_from,
+    }
+
+
+def found_in_points_record(
+    found: FoundInPoints, seconds: float, made_from: dict[str, Any] | None = None
+) -> dict[str, Any]:
+    """Turn the cylinders of a cloud into what JSON can hold.
+
+    Args:
+        found: The result.
+        seconds: Time that the search took.
+        made_from: What it depends on, if that is to be told.
+    """
+    record = found.to_dict()
+    return {
+        "version": record["version"],
+        "frame": "the points'",
+        "cloud": {"points": len(found.labels), "searched": found.num_searched},
         "cylinders": record["cylinders"],
         "planes": record["planes"],
         "seconds": seconds,

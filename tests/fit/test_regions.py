@@ -92,7 +92,8 @@ def test_of_readings_that_share_errors_fewer_are_taken():
     assert most_readings(20000, SENSOR) == 20000
     region = np.ones((CAMERA.height, CAMERA.width), bool)
     seen = Seen(np.ones(region.shape), region, CAMERA, SENSOR)
-    assert not seen.is_taken(None) and seen.is_taken(1 << 20)
+    assert not seen.is_taken(None)
+    assert seen.is_taken(1 << 20)
     assert len(shown_by(seen).row) == 16384
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import impostor_jax as ij
-from impostor_jax.fits.wall import wall_of
+from impostor_jax.clouds.wall import wall_of
 from tests.groups import FULL, OF_POINTS
 
 pytestmark = OF_POINTS

@@ -5,12 +5,12 @@ It is rough beside a fit, but needs no start, no noise and no viewpoint, and hal
 points may be others'.
 """
 
-__all__ = ["Wall", "wall_near", "wall_of"]
+__all__ = ["Wall", "refined_walls", "wall_near", "wall_of"]
 
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from impostor_jax.camera.ray_table import turned_to
 from impostor_jax.fit.surface import at_most
@@ -164,7 +164,21 @@ def _refined(
     radius: float,
     size: float,
 ) -> Wall | None:
-    """Wall with the least distances from points, robustly, by Gauss-Newton steps.
+    """Wall with the least distances from points, robustly; the arguments are of one."""
+    start = axis[None], center[None], np.array([radius])
+    return refined_walls(points[None], *start, np.array([size]))[0]
+
+
+def refined_walls(
+    points: Float[np.ndarray, "p n 3"],
+    axis: Float[np.ndarray, "p 3"],
+    center: Float[np.ndarray, "p 3"],
+    radius: Float[np.ndarray, " p"],
+    size: Float[np.ndarray, " p"],
+) -> list[Wall | None]:
+    """Walls with the least distances from groups of points, robustly.
+
+    By Gauss-Newton steps, of all groups together; None where they lead to none.
 
     Args:
         points: In the world.
@@ -174,29 +188,62 @@ def _refined(
         size: Of all points, in meters.
     """
     frame = turned_to(axis)
-    scatter, information = np.inf, np.eye(5)
+    center, radius = center.copy(), radius.copy()
+    count = len(points)
+    scatter, information = np.full(count, np.inf), np.tile(np.eye(5), (count, 1, 1))
+    is_good = np.ones(count, bool)
+    going = np.arange(count)
     for _ in range(MOST_STEPS):
-        x, y, z = ((points - center) @ frame.T).T
-        distance = np.maximum(np.hypot(x, y), np.finfo(float).tiny)
-        off = distance - radius
-        # Of the points that are near already: half of all may be others'.
-        near = np.abs(off[np.abs(off) < TUKEY * scatter])
-        scatter = 1.4826 * float(np.median(near)) if len(near) else 0.0
-        scatter = max(scatter, 1e-9 * size)
-        # Tukey's weights: far points, of branches, caps or none, count nothing.
-        root = np.maximum(1 - (off / (TUKEY * scatter)) ** 2, 0)
-        slope = np.stack([x, y, x * z / size, y * z / size, distance], axis=1)
-        slope *= (root / distance)[:, None]
-        information = slope.T @ slope
-        if not np.linalg.cond(information) < MOST_CONDITION:
-            return None
-        step = np.linalg.solve(information, slope.T @ (root * off))
-        moved = frame.T @ np.array([step[0], step[1], 0.0])
-        turned = frame[2] + frame.T @ np.array([step[2] / size, step[3] / size, 0.0])
-        frame, center, radius = turned_to(turned), center + moved, radius + step[4]
-        if not (0 < radius < 1e3 * size):
-            return None
-        if np.abs(step).max() < ENOUGH * scatter:
+        if not len(going):
             break
-    deviation = scatter * float(np.sqrt(np.linalg.inv(information)[4, 4]))
-    return Wall(frame, center, float(radius), scatter, deviation)
+        about = points[going] - center[going, None]
+        x, y, z = np.moveaxis(about @ frame[going].transpose(0, 2, 1), 2, 0)
+        distance = np.maximum(np.hypot(x, y), np.finfo(float).tiny)
+        off = distance - radius[going, None]
+        # Of the points that are near already: half of all may be others'.
+        away = np.abs(off)
+        near = away < TUKEY * scatter[going, None]
+        scatter[going] = 1.4826 * _median_of(away, near)
+        scatter[going] = np.maximum(scatter[going], 1e-9 * size[going])
+        # Tukey's weights: far points, of branches, caps or none, count nothing.
+        wide = TUKEY * scatter[going, None]
+        root = np.maximum(1 - (off / wide) ** 2, 0)
+        own = size[going, None]
+        slope = np.stack([x, y, x * z / own, y * z / own, distance], axis=2)
+        slope *= (root / distance)[:, :, None]
+        information[going] = slope.transpose(0, 2, 1) @ slope
+        is_sane = np.linalg.cond(information[going]) < MOST_CONDITION
+        is_good[going[~is_sane]] = False
+        going, slope = going[is_sane], slope[is_sane]
+        pull = np.einsum("pni,pn->pi", slope, (root * off)[is_sane])
+        step = np.linalg.solve(information[going], pull[:, :, None])[:, :, 0]
+        first, second, third = frame[going].transpose(1, 0, 2)
+        own = size[going, None]
+        center[going] += first * step[:, :1] + second * step[:, 1:2]
+        turned = third + first * step[:, 2:3] / own + second * step[:, 3:4] / own
+        frame[going] = turned_to(turned)
+        radius[going] += step[:, 4]
+        has_size = (radius[going] > 0) & (radius[going] < 1e3 * size[going])
+        is_good[going[~has_size]] = False
+        is_last = np.abs(step).max(axis=1, initial=0) < ENOUGH * scatter[going]
+        going = going[has_size & ~is_last]
+    walls: list[Wall | None] = [None] * count
+    for k in np.flatnonzero(is_good):
+        variance = np.linalg.inv(information[k])[4, 4]
+        deviation = float(scatter[k] * np.sqrt(variance))
+        own = float(radius[k]), float(scatter[k]), deviation
+        walls[k] = Wall(frame[k], center[k], *own)
+    return walls
+
+
+def _median_of(
+    values: Float[np.ndarray, "p n"], counts: Bool[np.ndarray, "p n"]
+) -> Float[np.ndarray, " p"]:
+    """Median of those values of each row that count; 0 where none does."""
+    ordered = np.sort(np.where(counts, values, np.inf), axis=1)
+    number = np.count_nonzero(counts, axis=1)
+    low, high = np.maximum(number - 1, 0) // 2, number // 2
+    rows = np.arange(len(values))
+    high = np.minimum(high, values.shape[1] - 1)
+    middle = (ordered[rows, low] + ordered[rows, high]) / 2
+    return np.where(number > 0, middle, 0)

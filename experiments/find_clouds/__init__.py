@@ -1,0 +1,1 @@
+"""How well cylinders are found in clouds of points."""

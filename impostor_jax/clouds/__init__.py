@@ -1,0 +1,1 @@
+"""Cylinders in point clouds: what is proposed and what speaks for it."""

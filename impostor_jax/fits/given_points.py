@@ -1,0 +1,146 @@
+"""Points as a caller gives them, checked: what fits and searches of clouds share."""
+
+__all__ = [
+    "GivenPoints",
+    "as_numbers",
+    "check_options",
+    "level_of",
+    "points_given",
+    "single_noise",
+]
+
+from typing import Any, NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Bool, Float
+
+from impostor_jax.effort import MIN_READINGS
+from impostor_jax.fit.options import Options
+from impostor_jax.fit.request import checked_noise
+from impostor_jax.fits.grid import rounding_of
+from impostor_jax.sensor.base import AbstractDepthNoise
+from impostor_jax.sensor.bias import is_none
+
+
+class GivenPoints(NamedTuple):
+    """Points, and what is known of them.
+
+    Attributes:
+        ends: The points.
+        starts: Where each was seen from; None where nobody tells.
+        dtype: Floating-point type that they came in.
+        rounding: Standard deviation of each coordinate by that, or by a file's grid.
+        counts: Which are looked at.
+    """
+
+    ends: Float[np.ndarray, "n 3"]
+    starts: Float[np.ndarray, "n 3"] | None
+    dtype: np.dtype
+    rounding: float
+    counts: Bool[np.ndarray, " n"]
+
+
+def points_given(points: Any, origin: Any) -> GivenPoints:
+    """Points and what is known of them; the arguments are of `fit_cylinder_to_points`.
+
+    Raises:
+        ValueError: They have a wrong shape or value, or are fewer than 50.
+    """
+    ends, starts = _checked_points(points, origin)
+    dtype = _type_of(points)
+    counts = np.ones(len(ends), bool)
+    return GivenPoints(ends, starts, dtype, rounding_of(ends, dtype), counts)
+
+
+def check_options(options: Options) -> None:
+    """Raise where an option has no meaning for points."""
+    if options.mask_meaning != "region":
+        raise ValueError(
+            f"mask_meaning must be 'region' for points, got {options.mask_meaning!r}: "
+            "they have no outline"
+        )
+    if options.errors == "correlated":
+        raise ValueError(
+            "errors must be 'independent' for points, got 'correlated': they have no "
+            "neighbors"
+        )
+
+
+def single_noise(sigma: Any) -> AbstractDepthNoise:
+    """Noise of single readings: what pixels of an image share has no meaning."""
+    noise = checked_noise(sigma)
+    bias = noise.bias
+    shares = bias.fields or bias.lean is not None
+    if shares or not (is_none(bias.edge_reach) and is_none(bias.window_reach)):
+        raise ValueError(
+            "sigma must be a number or a noise model of single readings for points, "
+            f"got {noise!r}, which says how pixels of an image err together"
+        )
+    return noise
+
+
+def level_of(sigma: Any, given: GivenPoints) -> float | None:
+    """Typical standard deviation of a point; None if nobody tells."""
+    if sigma is None:
+        return None
+    noise = single_noise(sigma)
+    reach = 1.0
+    if given.starts is not None:
+        reach = float(np.median(np.linalg.norm(given.ends - given.starts, axis=1)))
+    return float(noise.sigma(jnp.asarray(reach), jnp.ones(())))
+
+
+def _checked_points(
+    points: Any, origin: Any
+) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3"] | None]:
+    """Points and where each was seen from; None where nobody tells."""
+    values = as_numbers("points", points)
+    if values.ndim != 2 or values.shape[1] not in (3, 6):
+        raise ValueError(f"points must be (N, 3) or (N, 6), got shape {values.shape}")
+    if values.shape[1] == 6:
+        if origin is not None:
+            raise ValueError(
+                "origin must not be given with points of shape (N, 6), which have one "
+                "each"
+            )
+        ends, starts = values[:, :3], values[:, 3:]
+    elif origin is None:
+        ends, starts = values, None
+    else:
+        place = as_numbers("origin", origin)
+        if place.shape not in ((3,), values.shape):
+            raise ValueError(
+                f"origin must be (3,), or {values.shape}, one a point, got shape "
+                f"{place.shape}"
+            )
+        ends, starts = values, np.broadcast_to(place, values.shape)
+    if len(ends) < MIN_READINGS:
+        raise ValueError(
+            f"points must be at least {MIN_READINGS}, got {len(ends)} of them"
+        )
+    if starts is not None and np.any(np.all(ends == starts, axis=1)):
+        raise ValueError("points must lie off the origin that they were seen from")
+    return ends, starts
+
+
+def as_numbers(name: str, value: Any) -> Float[np.ndarray, "..."]:
+    """An argument as finite numbers in double precision, or a clear error."""
+    if np.ma.is_masked(value):
+        raise ValueError(
+            f"{name} must hold no masked values, got {np.ma.count_masked(value)}: "
+            "leave their rows out"
+        )
+    try:
+        values = np.asarray(value, np.float64)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"{name} must be numbers, got {value!r}") from error
+    if not np.all(np.isfinite(values)):
+        raise ValueError(f"{name} must be finite, got NaN or infinity")
+    return values
+
+
+def _type_of(points: Any) -> np.dtype:
+    """Floating-point type that points came in."""
+    given = np.asarray(points).dtype
+    return given if np.issubdtype(given, np.floating) else np.dtype(np.float64)

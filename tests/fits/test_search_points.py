@@ -1,0 +1,156 @@
+"""Every cylinder of a cloud, with labels for its points."""
+
+import jax
+import numpy as np
+import pytest
+
+import impostor_jax as ij
+from tests.clouds.scenes import floor, wall
+from tests.groups import OF_POINTS
+from tests.schemas import validator
+
+pytestmark = OF_POINTS
+
+ORIGIN = np.array([0.0, 4.0, 0.5])
+NOISE = 0.002
+ARC = (-1.3, 1.3)
+PIPES = [((0, 0, 0.5), (1, 0, 0), 0.06, 2.0), ((0.6, 0.6, 0.8), (0, 0, 1), 0.1, 1.6)]
+
+
+@pytest.fixture(scope="module")
+def cloud():
+    """Two pipes over a floor, as they are seen from one place; and which is whose."""
+    rng = np.random.default_rng(0)
+    parts = [wall(rng, 3000, *pipe, ARC) for pipe in PIPES]
+    parts.append(floor(rng, 8000, 3.0))
+    points = np.concatenate(parts)
+    rays = points - ORIGIN
+    rays /= np.linalg.norm(rays, axis=1, keepdims=True)
+    owner = np.repeat([1, 2, 0], [3000, 3000, 8000])
+    return points + rng.normal(0, NOISE, (len(points), 1)) * rays, owner
+
+
+@pytest.fixture(scope="module")
+def found(cloud):
+    return ij.find_cylinders_in_points(cloud[0], ORIGIN)
+
+
+def check(found, owner, shift=(0, 0, 0)):
+    assert len(found) == 2
+    for fit, label in zip(found.fits, (1, 2), strict=True):
+        own = found.labels == label
+        number = np.bincount(owner[own]).argmax()
+        center, axis, radius, length = PIPES[number - 1]
+        assert np.mean(owner[own] == number) > 0.99
+        assert own.sum() > 2900
+        assert fit.success
+        off = abs(float(fit.cylinder.radius) - radius)
+        assert off < 4 * float(fit.std.radius)
+        assert abs(np.asarray(fit.cylinder.axis) @ axis) > 1 - 1e-5
+        away = np.asarray(fit.cylinder.center) - np.asarray(shift) - center
+        across = np.linalg.norm(np.cross(away, axis))
+        assert across < 5 * float(np.max(fit.std.across_axis))
+        assert float(fit.cylinder.height) == pytest.approx(length, rel=0.03)
+
+
+def test_pipes_are_found_with_their_points_and_the_floor_is_taken(cloud, found):
+    check(found, cloud[1])
+    assert found.confidence.min() > 0.9
+    assert not found.inside.any()
+    # As much of the wall as was drawn.
+    assert found.visible == pytest.approx((ARC[1] - ARC[0]) / (2 * np.pi), rel=0.2)
+    np.testing.assert_array_equal(found.masks[0], found.labels == 1)
+    assert found.planes.batch_shape == (1,)
+    assert float(found.planes.unit_normal[0, 2]) == pytest.approx(1, abs=1e-3)
+    assert found.fits[0].region.shape == (np.count_nonzero(found.labels == 1),)
+    text = str(found)
+    assert text.startswith("2 found, 1 planes taken away\n  1: radius ")
+
+
+def test_the_record_is_of_the_schema(found):
+    from impostor_jax.io.record import found_in_points_record
+
+    record = found_in_points_record(found, 1.0)
+    validator("found").validate(record)
+    assert record["cloud"] == {"points": 14000, "searched": 14000}
+    assert record["cylinders"][0]["num_points"] > 2900
+
+
+def test_far_coordinates_and_an_origin_for_each_point_change_nothing(cloud, found):
+    points, owner = cloud
+    shift = np.array([5.0e5, 5.4e6, 300.0])
+    origins = np.broadcast_to(ORIGIN + shift, points.shape)
+    both = np.concatenate([points + shift, origins], axis=1)
+    far = ij.find_cylinders_in_points(both)
+    check(far, owner, shift)
+    np.testing.assert_array_equal(far.labels, found.labels)
+    radii = [[float(fit.cylinder.radius) for fit in one] for one in (far, found)]
+    np.testing.assert_allclose(*radii, atol=1e-5)
+
+
+def test_a_viewpoint_need_not_be_known(cloud):
+    points, owner = cloud
+    check(ij.find_cylinders_in_points(points, sigma=NOISE), owner)
+
+
+def test_normals_and_a_range_of_radii_are_taken(cloud):
+    points, owner = cloud
+    normals = np.zeros_like(points)
+    for number, (center, axis, *_) in enumerate(PIPES, start=1):
+        about = points - np.asarray(center, float)
+        out = about - np.outer(about @ axis, axis)
+        normals[owner == number] = -2 * out[owner == number]
+    normals[owner == 0] = (0, 0, 1)
+    found = ij.find_cylinders_in_points(
+        points, ORIGIN, normals=normals, radius_range=(0.08, 0.2)
+    )
+    (fit,) = found.fits
+    assert float(fit.cylinder.radius) == pytest.approx(0.1, abs=1e-3)
+
+
+def test_a_floor_alone_holds_nothing(cloud):
+    points, owner = cloud
+    found = ij.find_cylinders_in_points(points[owner == 0], ORIGIN)
+    assert len(found) == 0
+    assert not found.labels.any()
+    assert found.masks.shape == (0, 8000)
+    assert found.cylinders.batch_shape == (0,)
+    assert found.to_dict()["cylinders"] == []
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"points": np.zeros((10, 3))}, "points must be at least 50, got 10"),
+        ({"normals": np.ones((3, 3))}, "normals must be .14000, 3."),
+        ({"normals": np.zeros((14000, 3))}, "normals must have a direction"),
+        ({"radius_range": (1.0, 0.1)}, "radius_range must be the smaller"),
+        ({"min_points": 0}, "min_points"),
+        ({"min_arc": -1.0}, "min_arc"),
+        ({"origin": (0, 0)}, r"origin must be \(3,\), or \(14000, 3\)"),
+        ({"sigma": ij.StructuredLight.sensor()}, "noise model of single readings"),
+        ({"effort": "quick"}, "effort must be"),
+    ],
+)
+def test_bad_arguments_are_named(cloud, given, message):
+    with pytest.raises(ValueError, match=message):
+        ij.find_cylinders_in_points(**({"points": cloud[0]} | given))
+
+
+def test_traced_points_are_refused(cloud):
+    with pytest.raises(ValueError, match="must be concrete"):
+        jax.jit(ij.find_cylinders_in_points)(cloud[0])
+
+
+@pytest.mark.parametrize("share", [0.3, 0.7])
+def test_a_pipe_is_fitted_among_more_points_of_something_else(cloud, share):
+    rng = np.random.default_rng(5)
+    pipe = cloud[0][cloud[1] == 2]
+    others = rng.uniform(
+        (-1.2, -1.5, -0.3), (0.4, 0.9, 1.9), (int(3000 * share / (1 - share)), 3)
+    )
+    fit = ij.fit_cylinder_to_points(np.concatenate([pipe, others]), ORIGIN, sigma=NOISE)
+    assert fit.success
+    assert abs(float(fit.cylinder.radius) - 0.1) < 4 * float(fit.std.radius)
+    assert fit.region.shape == (len(pipe) + len(others),)
+    assert np.count_nonzero(fit.region[3000:]) < 0.1 * len(others)
