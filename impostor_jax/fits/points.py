@@ -91,9 +91,10 @@ def fit_cylinder_to_points(
         origin: (3,), that place where it is one for all, or (N, 3). Where it is wrong,
             points of the wall face away from it: the fit is `CONTRADICTED`, and
             `reason` says which share of them. If None, of points (N, 3) as of clouds
-            that were merged, they err by `sigma` in all directions, and what lies off
-            the wall near which half of them lie, as caps and branches, is left out;
-            they may then surround it.
+            that were merged, rays from the side that most of them face stand for it,
+            and what they err by across these is learned; what lies off the wall near
+            which half of them lie, as caps and branches, is left out, and they may
+            surround it.
         sigma: Standard deviation of a range in meters, or a noise model of single
             readings, as in `fit_cylinder`. What they err by across their rays is
             learned unless the model says it. If None, it is measured: how far points
@@ -194,13 +195,12 @@ def _fit_viewless(
     if wall is None or not wall.is_known:
         nothing = no_guess(CYLINDER, np.ones(len(cloud.ends), bool))
         return nothing.having(source="points")
-    level = max(wall.scatter, _resolution(cloud))
     seen = seen_across(cloud.ends, wall)
-    cloud = cloud._replace(starts=seen.starts, counts=cloud.counts & seen.is_near)
-    noise = _in_all_directions(level if sigma is None else sigma)
+    near = cloud._replace(starts=seen.starts, counts=cloud.counts & seen.is_near)
     start = seen.start if initial is None else initial
-    fit = _fit_cloud(cloud, noise, start, asked)
-    return _with_told_level(fit, cloud, level) if sigma is None else fit
+    if sigma is None:
+        return _fit_from_level(near, wall, start, asked)
+    return _fit_cloud(near, _single_number(sigma), start, asked)
 
 
 def _fit_with_level(
@@ -214,6 +214,13 @@ def _fit_with_level(
     if wall is None or not wall.is_known:
         fit = _fit_cloud(cloud, None, initial, asked)
         return fit.noting(measured=NOT_MEASURED)
+    return _fit_from_level(cloud, wall, initial, asked)
+
+
+def _fit_from_level(
+    cloud: GivenPoints, wall: Wall, initial: Cylinder | None, asked: Options
+) -> Fit:
+    """The same from how far points scatter about a wall, until that is told by a fit."""
     level = max(wall.scatter, _resolution(cloud))
     fit = _fit_cloud(cloud, level, initial, asked)
     for _ in range(MOST_LEVELS):
@@ -238,17 +245,15 @@ def _resolution(cloud: GivenPoints) -> float:
     return float(max(around * eps(np.float32, 16), own))
 
 
-def _in_all_directions(sigma: Any) -> AbstractDepthNoise:
-    """Noise that is as large across the rays, which nobody knows, as along them."""
+def _single_number(sigma: Any) -> AbstractDepthNoise:
+    """Noise that does not depend on places which nobody knows."""
     noise = single_noise(sigma)
     if not isinstance(noise, ConstantNoise):
         raise ValueError(
             "sigma must be a number, or ConstantNoise, for points without an origin, "
             f"got {noise!r}, which depends on where they were seen from"
         )
-    if not noise.bias.has_exact_rays:
-        return noise
-    return ConstantNoise(noise.deviation, across=noise.deviation)
+    return noise
 
 
 class _View(NamedTuple):

@@ -1,9 +1,10 @@
 """Points of which nobody tells where they were seen from, as a merged cloud.
 
-They are compared with the nearest point of the wall, as with errors that are as large
-in all directions. Rays that are told stand for that, parallel and across the axis: to
-the near half of the wall from outside, to the far half from the axis. Along and across
-them points err alike, so that their direction makes no difference.
+Parallel rays across the axis stand for it: to the half of the wall that faces most
+points from outside, to the other from the axis. A scan from one place errs along them.
+What errs in all directions, as the scans of several places together, errs across them
+as much, and that is learned: errors that are taken for alike in all directions shrink
+the radius of a scan from one place, by ten times what is left then.
 """
 
 __all__ = ["Viewless", "seen_across"]

@@ -23,6 +23,7 @@ LONG = (
     "cross_ray_noise",
     "extremes",
     "find_accuracy",
+    "find_clouds",
     "fit_outline",
     "fit_page",
     "fit_shapes",
