@@ -135,8 +135,7 @@ def continues(first: Support, other: Support) -> bool:
         return False
     middle = two.center + two.frame[2] * (other.low + other.high) / 2
     nearest = np.clip((middle - one.center) @ one.frame[2], first.low, first.high)
-    ends = [two.center + two.frame[2] * end for end in (other.low, other.high)]
-    end = min(
-        ends, key=lambda p: np.linalg.norm(p - one.center - one.frame[2] * nearest)
-    )
-    return float(np.linalg.norm(one.across(end[None]))) < larger
+    beside = one.center + one.frame[2] * nearest
+    ends = two.center + np.outer([other.low, other.high], two.frame[2])
+    nearer = ends[np.argmin(np.linalg.norm(ends - beside, axis=1))]
+    return bool(np.linalg.norm(one.across(nearer[None])) < larger)

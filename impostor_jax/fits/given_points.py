@@ -5,6 +5,7 @@ __all__ = [
     "as_numbers",
     "check_options",
     "level_of",
+    "number_of",
     "points_given",
     "single_noise",
 ]
@@ -21,6 +22,7 @@ from impostor_jax.fit.request import checked_noise
 from impostor_jax.fits.grid import rounding_of
 from impostor_jax.sensor.base import AbstractDepthNoise
 from impostor_jax.sensor.bias import is_none
+from impostor_jax.sensor.gaussian import ConstantNoise
 
 
 class GivenPoints(NamedTuple):
@@ -89,6 +91,17 @@ def level_of(sigma: Any, given: GivenPoints) -> float | None:
     if given.starts is not None:
         reach = float(np.median(np.linalg.norm(given.ends - given.starts, axis=1)))
     return float(noise.sigma(jnp.asarray(reach), jnp.ones(())))
+
+
+def number_of(sigma: Any) -> AbstractDepthNoise:
+    """Noise of points without an origin: the same wherever they were seen from."""
+    noise = single_noise(sigma)
+    if not isinstance(noise, ConstantNoise):
+        raise ValueError(
+            "sigma must be a number, or ConstantNoise, for points without an origin, "
+            f"got {noise!r}, which depends on where they were seen from"
+        )
+    return noise
 
 
 def _checked_points(

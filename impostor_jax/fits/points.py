@@ -32,6 +32,7 @@ from impostor_jax.fits.given_points import (
     GivenPoints,
     check_options,
     level_of,
+    number_of,
     points_given,
     single_noise,
 )
@@ -42,7 +43,6 @@ from impostor_jax.numerics import eps
 from impostor_jax.primitives.cylinder import Cylinder
 from impostor_jax.primitives.local_world import LocalWorld
 from impostor_jax.sensor.base import AbstractDepthNoise
-from impostor_jax.sensor.gaussian import ConstantNoise
 
 WIDEST = 55.0
 """Angle in degrees, from the middle of all rays, up to which one frame holds them;
@@ -200,7 +200,7 @@ def _fit_viewless(
     start = seen.start if initial is None else initial
     if sigma is None:
         return _fit_from_level(near, wall, start, asked)
-    return _fit_cloud(near, _single_number(sigma), start, asked)
+    return _fit_cloud(near, number_of(sigma), start, asked)
 
 
 def _fit_with_level(
@@ -220,7 +220,7 @@ def _fit_with_level(
 def _fit_from_level(
     cloud: GivenPoints, wall: Wall, initial: Cylinder | None, asked: Options
 ) -> Fit:
-    """The same from how far points scatter about a wall, until that is told by a fit."""
+    """The same from how far points scatter about a wall, until a fit tells it."""
     level = max(wall.scatter, _resolution(cloud))
     fit = _fit_cloud(cloud, level, initial, asked)
     for _ in range(MOST_LEVELS):
@@ -243,17 +243,6 @@ def _resolution(cloud: GivenPoints) -> float:
     around = np.abs(cloud.ends - np.median(cloud.ends, axis=0)).max()
     own = np.abs(cloud.ends).max() * eps(cloud.dtype)
     return float(max(around * eps(np.float32, 16), own))
-
-
-def _single_number(sigma: Any) -> AbstractDepthNoise:
-    """Noise that does not depend on places which nobody knows."""
-    noise = single_noise(sigma)
-    if not isinstance(noise, ConstantNoise):
-        raise ValueError(
-            "sigma must be a number, or ConstantNoise, for points without an origin, "
-            f"got {noise!r}, which depends on where they were seen from"
-        )
-    return noise
 
 
 class _View(NamedTuple):

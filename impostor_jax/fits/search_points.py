@@ -32,8 +32,8 @@ from impostor_jax.fits.given_points import (
     GivenPoints,
     as_numbers,
     level_of,
+    number_of,
     points_given,
-    single_noise,
 )
 from impostor_jax.fits.points import fit_points, in_one_frame
 from impostor_jax.primitives.plane import Plane
@@ -107,8 +107,8 @@ def find_cylinders_in_points(
     options = Options.of({"effort": effort, "prior": prior})
     checked_prior(prior, CYLINDER.parameters, None)
     given = points_given(points, origin)
-    if sigma is not None:
-        single_noise(sigma)
+    if sigma is not None and given.starts is None:
+        number_of(sigma)
     request = Request(
         min_points=whole_number("min_points", min_points, 1),
         min_arc=real_number("min_arc", min_arc, positive=True, unit="radians"),
@@ -226,10 +226,8 @@ class _Fits:
     def detection(self, candidate: Candidate) -> Detection | None:
         """What is found where a candidate is; None where nothing is."""
         support = candidate.support
-        if (
-            confidence(facts_of(self.cloud, support))
-            < LEAST_CHANCE * self.request.least_sure
-        ):
+        chance = confidence(facts_of(self.cloud, support))
+        if chance < LEAST_CHANCE * self.request.least_sure:
             return None
         own = self._points_of(candidate)
         if len(own) < MIN_READINGS:
@@ -238,13 +236,13 @@ class _Fits:
         wall, start = placed.wall, placed.start
         ends, starts, dtype, rounding, _ = self.given
         counts = np.ones(len(own), bool)
-        # From all around one frame does not hold the rays, and each number of frames
-        # is compiled for itself; errors that are alike in all directions need none.
-        starts = None if starts is None else starts[own]
+        starts, sigma = None if starts is None else starts[own], self.sigma
         if starts is not None and not in_one_frame(ends[own], starts):
-            starts = None
+            # Each number of frames would be compiled for itself; a fit without a
+            # viewpoint needs one.
+            starts, sigma = None, self.request.sigma
         points = GivenPoints(ends[own], starts, dtype, rounding, counts)
-        fit = fit_points(points, self.sigma, start, self.options, wall)
+        fit = fit_points(points, sigma, start, self.options, wall)
         radius = float(fit.cylinder.radius)
         if not bool(fit.success) or abs(radius / wall.radius - 1) > MOST_MOVED:
             return None
