@@ -26,6 +26,9 @@ FLATTEST = 0.1
 """The same up to which a point is of no wall of few spacings, whose neighbors scatter
 by a quarter of their extent where its radius is 2.5 spacings, and by 0.1 at 6."""
 
+SAME = 1e-7
+"""Distance of two points, over the extent of all, up to which they are one."""
+
 DRAWN = 30
 """Points that are asked for their voxels, over the seeds that are wanted."""
 
@@ -91,6 +94,8 @@ def cloud_of(
     chosen, representative = _thinned(points - middle, most)
     own = points[chosen] - middle
     tree = KDTree(own)
+    # Points that are there twice have no distance.
+    least = max(SAME * float(np.ptp(own, axis=0).max()), np.finfo(np.float32).tiny)
     distance, _ = tree.query(own, k=2, workers=-1)
     found, rough, is_flat = _planes_at(own, tree)
     if normals is not None:
@@ -105,7 +110,7 @@ def cloud_of(
         rough=rough,
         is_flat=is_flat,
         origins=seen_from,
-        gaps=distance[:, 1],
+        gaps=np.clip(distance[:, 1], least, None if len(own) > 1 else least),
         middle=middle,
         representative=representative,
         chosen=chosen,
@@ -122,9 +127,8 @@ def _thinned(
     points: Float[np.ndarray, "m 3"], most: int
 ) -> tuple[Int[np.ndarray, " n"], Int[np.ndarray, " m"]]:
     """One point of each voxel, and which of these stands for each point."""
-    everything = np.arange(len(points))
     if len(points) <= most:
-        return everything, everything
+        return _distinct(points)
     # On surfaces the nearest neighbors of fewer points are farther by the root.
     some = np.random.default_rng(0).choice(len(points), most // 2, replace=False)
     distance, _ = KDTree(points[some]).query(points[some], k=2, workers=-1)
@@ -134,6 +138,18 @@ def _thinned(
         if len(first) <= most:
             return first, of_voxel
         edge *= 1.1 * float(np.sqrt(len(first) / most))
+
+
+def _distinct(
+    points: Float[np.ndarray, "m 3"],
+) -> tuple[Int[np.ndarray, " n"], Int[np.ndarray, " m"]]:
+    """The first of each that are equal, in their order, and which stands for each."""
+    _, first, of_place = np.unique(
+        points, axis=0, return_index=True, return_inverse=True
+    )
+    order = np.argsort(first)
+    rank = np.argsort(order)
+    return first[order], rank[of_place.ravel()]
 
 
 def _first_of_voxels(
@@ -159,7 +175,7 @@ def _planes_at(
         for at in range(0, len(left), AT_A_TIME):
             part = left[at : at + AT_A_TIME]
             _, near = tree.query(points[part], k=count, workers=-1)
-            values, vectors = scatter_of(points[near])
+            values, vectors = scatter_of(points[near.reshape(len(part), -1)])
             normals[part] = vectors[:, :, 0]
             least = np.maximum(values[:, 0], 0)
             # Three numbers of a plane are fitted.
@@ -186,7 +202,7 @@ def spread_seeds(
     if len(points) <= count:
         return np.arange(len(points))
     order = np.random.default_rng(seed).permutation(len(points))[: DRAWN * count]
-    extent = np.ptp(points, axis=0).max()
+    extent = max(float(np.ptp(points, axis=0).max()), np.finfo(np.float32).tiny)
     low, high = extent / 1e4, extent
     first = order[:1]
     # Fewer voxels the larger they are; at last the edge is known to 4 %.

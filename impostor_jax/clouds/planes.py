@@ -69,6 +69,8 @@ def planes_of(cloud: Cloud) -> Planes:
     """Planes of a cloud, those of large patches first, of these the flattest."""
     points = cloud.points
     label = np.zeros(len(points), int)
+    if len(points) < FEWEST:
+        return Planes(np.zeros((0, 3)), np.zeros((0, 3)), label)
     found: list[tuple[np.ndarray, np.ndarray]] = []
     seeds = spread_seeds(points, SEEDS, seed=1)
     for size in PATCHES:

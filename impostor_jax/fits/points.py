@@ -221,13 +221,14 @@ def _fit_from_level(
     cloud: GivenPoints, wall: Wall, initial: Cylinder | None, asked: Options
 ) -> Fit:
     """The same from how far points scatter about a wall, until a fit tells it."""
-    level = max(wall.scatter, _resolution(cloud))
+    least = _resolution(cloud)
+    level = max(wall.scatter, least)
     fit = _fit_cloud(cloud, level, initial, asked)
     for _ in range(MOST_LEVELS):
-        scale = fit.across.scale.item()
-        if not fit.is_shape or abs(scale - 1) < SAME_LEVEL:
+        wanted = max(level * fit.across.scale.item(), least)
+        if not fit.is_shape or abs(wanted / level - 1) < SAME_LEVEL:
             break
-        level *= scale
+        level = wanted
         fit = _fit_cloud(cloud, level, initial, asked)
     return _with_told_level(fit, cloud, level)
 

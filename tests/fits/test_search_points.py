@@ -154,3 +154,33 @@ def test_a_pipe_is_fitted_among_more_points_of_something_else(cloud, share):
     assert abs(float(fit.cylinder.radius) - 0.1) < 4 * float(fit.std.radius)
     assert fit.region.shape == (len(pipe) + len(others),)
     assert np.count_nonzero(fit.region[3000:]) < 0.1 * len(others)
+
+
+LINE = np.linspace(0, 1, 400)[:, None] * [1.0, 2.0, 3.0]
+
+
+@pytest.mark.parametrize(
+    "points",
+    [np.ones((100, 3)), np.repeat([[0.0, 0, 0], [1, 1, 1]], 100, axis=0), LINE],
+    ids=["one place", "two places", "a line"],
+)
+@pytest.mark.parametrize("origin", [None, (5.0, 0.0, 0.0)])
+def test_points_of_nothing_are_no_cylinder(points, origin):
+    assert len(ij.find_cylinders_in_points(points, origin)) == 0
+    assert ij.fit_cylinder_to_points(points, origin).status == "no_first_guess"
+
+
+def test_points_that_are_there_twice_change_nothing(cloud, found):
+    twice = ij.find_cylinders_in_points(np.concatenate([cloud[0]] * 2), ORIGIN)
+    assert len(twice) == 2
+    np.testing.assert_array_equal(twice.labels[:14000], twice.labels[14000:])
+    assert np.mean(twice.labels[:14000] == found.labels) > 0.99
+
+
+def test_points_without_noise_may_lie_far_off():
+    rng = np.random.default_rng(6)
+    shift = np.array([5e5, 5e6, 0.0])
+    points = wall(rng, 2000, (0, 0, 0), (0, 0, 1), 0.1, 1.0, (-1.0, 1.0)) + shift
+    fit = ij.fit_cylinder_to_points(points)
+    assert fit.success
+    assert float(fit.cylinder.radius) == pytest.approx(0.1, abs=1e-6)
