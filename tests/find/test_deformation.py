@@ -24,7 +24,7 @@ def departure(image, wall, camera=CAMERA):
     evidence = weighed(scene, wall)
     low, high = evidence.ends
     readings = wall_readings(scene, evidence)
-    return deformation(scene, wall.axis, readings), (high - low) / 2
+    return deformation(wall.axis, readings, scene.shared), (high - low) / 2
 
 
 @pytest.mark.parametrize("camera", CAMERAS)
@@ -102,7 +102,7 @@ def test_errors_that_pixels_share_leave_more_open():
     wall = wall_of(CAN)
     evidence = weighed(scene, wall)
     alone, shared = (
-        deformation(one, wall.axis, wall_readings(one, evidence))
+        deformation(wall.axis, wall_readings(one, evidence), one.shared)
         for one in (scene, scene._replace(shared=100.0))
     )
     assert shared.vague == pytest.approx(10 * alone.vague)
