@@ -4,7 +4,6 @@ __all__ = ["FindCommand"]
 
 import dataclasses
 import math
-import sys
 import time
 from functools import partial
 from pathlib import Path
@@ -95,6 +94,7 @@ class FindCommand:
         from tqdm import tqdm
 
         from impostor_jax.cli.ending import stream_beside
+        from impostor_jax.cli.in_turn import found_in_turn
         from impostor_jax.io.atomic import check_output_file, check_output_folder
 
         if self.camera is None:
@@ -125,23 +125,11 @@ class FindCommand:
         check_page(self.page)
         # Lines for a reader go elsewhere if a file is printed; around the bar.
         tell = partial(tqdm.write, file=stream_beside(self.json, self.page))
-        bar = tqdm(
-            zip(images, places, strict=True),
-            total=len(images),
-            unit="image",
-            disable=None if several else True,
-            file=sys.stderr,
-        )
-        counts = []
-        try:
-            for image, place in bar:
-                if several:
-                    tell(f"{image}:")
-                counts.append(self._found(image, place, file, asked, tell))
-        except KeyboardInterrupt as interrupt:
-            rest = "interrupted; --resume finds the rest"
-            raise KeyboardInterrupt(rest) from interrupt
-        return 0 if any(counts) else 1
+
+        def search(image: Path, place: Path) -> int:
+            return self._found(image, place, file, asked, tell)
+
+        return found_in_turn(images, places, "image", tell, search)
 
     def _run_on_clouds(self) -> int:
         """The same without a camera."""

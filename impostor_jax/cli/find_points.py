@@ -3,7 +3,6 @@
 __all__ = ["check_clouds", "find_in_clouds"]
 
 import dataclasses
-import sys
 import time
 from collections.abc import Callable, Sequence
 from functools import partial
@@ -70,26 +69,20 @@ def find_in_clouds(
     from tqdm import tqdm
 
     from impostor_jax.cli.ending import stream_beside
-    from impostor_jax.io.atomic import check_output_folder
+    from impostor_jax.cli.in_turn import found_in_turn
+    from impostor_jax.io.atomic import check_output_file, check_output_folder
 
     places = places_of(clouds, output)
-    several = len(clouds) > 1
     for place in places:
         check_output_folder(place, FILES)
+    if json is not None:
+        check_output_file(json, "json")
     tell = partial(tqdm.write, file=stream_beside(json))
-    bar = tqdm(
-        zip(clouds, places, strict=True),
-        total=len(clouds),
-        unit="cloud",
-        disable=None if several else True,
-        file=sys.stderr,
-    )
-    counts = []
-    for cloud, place in bar:
-        if several:
-            tell(f"{cloud}:")
-        counts.append(_found(cloud, place, json, is_resumed, asked, tell))
-    return 0 if any(counts) else 1
+
+    def search(cloud: Path, place: Path) -> int:
+        return _found(cloud, place, json, is_resumed, asked, tell)
+
+    return found_in_turn(clouds, places, "cloud", tell, search)
 
 
 def _found(

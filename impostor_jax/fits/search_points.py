@@ -172,7 +172,7 @@ def search_cloud(
             if any(continues(piece, support) for piece in pieces):
                 continue
             pieces.append(support)
-            one = fits.detection(candidate)
+            one = fits.detection(candidate, support)
             if one is not None:
                 found.append(one)
         high = min(high, MOST_UNRESOLVED * cloud.spacing)
@@ -223,8 +223,13 @@ class _Fits:
     sigma: Any
     options: Options
 
-    def detection(self, candidate: Candidate) -> Detection | None:
-        """What is found where a candidate is; None where nothing is."""
+    def detection(self, candidate: Candidate, placed: Support) -> Detection | None:
+        """What is found where a candidate is; None where nothing is.
+
+        Args:
+            candidate: In the cloud's frame.
+            placed: Its support in the caller's.
+        """
         support = candidate.support
         chance = confidence(facts_of(self.cloud, support))
         if chance < LEAST_CHANCE * self.request.least_sure:
@@ -232,7 +237,6 @@ class _Fits:
         own = self._points_of(candidate)
         if len(own) < MIN_READINGS:
             return None
-        placed = support.moved(self.cloud.middle)
         wall, start = placed.wall, placed.start
         ends, starts, dtype, rounding, _ = self.given
         counts = np.ones(len(own), bool)
