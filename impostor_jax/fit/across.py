@@ -22,7 +22,11 @@ from impostor_jax.fit.problem import View, sigma_of
 from impostor_jax.numerics import product, safe_divide, safe_sqrt
 
 WITHIN = 4.0
-"""Standard deviations within which readings tell; others may be outliers."""
+"""Standard deviations within which readings tell; others may be outliers. Of these some
+are within, too: as many as are beyond it, up to twice as far, and their squares are
+taken off. Ten percent of outliers within 0.1 m were else taken for errors across the
+rays, since more of them are within where a ray grazes, and 47 of 1000 random cylinders
+came out wrong by 5 to 24 standard deviations."""
 
 LEAST_ASSUMED = 0.1
 """Error across the ray, in errors along it, with which readings are weighed at least:
@@ -68,7 +72,7 @@ def across_found(
         readings: What each says, as it is compared with the estimate.
         repeats: Readings that tell as much as one whose error is its own.
     """
-    found = []
+    found, outliers = [], []
     taken = weight = jnp.zeros_like(repeats)
     for view, body, told in zip(views, bodies, readings, strict=True):
         seen, pixels, bias = told.passing, view.pixels, view.noise.bias
@@ -83,11 +87,17 @@ def across_found(
         across = bias.across_at(near * jnp.sqrt(length)) ** 2
         variance = own + across * other
         assumed = own + jnp.maximum(across, LEAST_ASSUMED**2 * along) * other
-        z = told.terms.residual
-        counts = told.used & ~seen.on_cap & (jnp.abs(z) < WITHIN)
+        z = jnp.abs(told.terms.residual)
+        is_wall = told.used & ~seen.on_cap
+        counts = is_wall & (z < WITHIN)
         rows = jnp.stack([own, other, z * z * variance]) / assumed[None]
         rows = jnp.where(counts[None], rows, 0)
         found.append(product(rows, rows.T))
+        # Of rays that are taken for exact, and are not, many are beyond that are none.
+        outlies = is_wall & (z >= WITHIN) & (z < 2 * WITHIN) & (across > 0)
+        square = jnp.where(outlies, WITHIN**2 / 3 * variance, 0)
+        parts = jnp.stack([own, other]) / assumed[None]
+        outliers.append(product(parts, square / assumed))
         ones = jnp.where(counts, 1, 0).astype(repeats.dtype)
         taken += jnp.sum(ones * jnp.sqrt(across))
         weight += jnp.sum(ones)
@@ -102,13 +112,15 @@ def across_found(
     inverse = jnp.where(is_told, 1 / jnp.where(is_told, left, 1), 0)
     other = jnp.sum(moments[:, 1, 2] - share * moments[:, 0, 2]) * inverse
     own = safe_divide(jnp.sum(moments[:, 0, 2] - mixed * other), jnp.sum(first))
+    of_first, of_second = jnp.stack(outliers).T
+    sure = other - jnp.sum(of_second - share * of_first) * inverse
     # Squares of normal residuals vary by twice their square.
     deviation = safe_sqrt(2 * inverse * repeats)
     scale = jnp.where(is_told & (own > 0), safe_sqrt(own), 1)
     return AcrossRays(
         deviation=safe_divide(taken, weight),
         found=safe_sqrt(other) / scale,
-        score=safe_divide(other, deviation * scale**2),
+        score=safe_divide(sure, deviation * scale**2),
         doubt=deviation,
         scale=scale,
     )

@@ -185,7 +185,7 @@ def reading_terms(
         chord = safe_sqrt(seen.square)
         grazing = (seen.square < (GRAZING * sigma) ** 2) & ~seen.on_cap & ~coarse
         grazing &= jnp.abs(reach - chord) < OUTLIER * sigma
-        steadiness = 1.0
+        steadiness, is_skewed = 1.0, grazing
     else:
         moved = computed_once(
             lambda: moved_rays(
@@ -193,7 +193,7 @@ def reading_terms(
             )
         )
         weight, squares = jnp.where(used, moved.weight, 0), moved.squares
-        steadiness = moved.steadiness
+        steadiness, is_skewed = moved.steadiness, moved.is_skewed
         grazing = ~seen.on_cap & ~coarse
         seen = jax.tree.map(partial(jnp.where, grazing), moved.passing, seen)
         chord = safe_sqrt(seen.square)
@@ -211,7 +211,7 @@ def reading_terms(
     terms = Terms(
         augmented=_stacked([part * weight for part in (*gradient, error)]),
         weight=weight,
-        widening=jnp.where(grazing, SQUARE_WIDTH, 1.0).astype(weight.dtype),
+        widening=jnp.where(grazing & is_skewed, SQUARE_WIDTH, 1.0).astype(weight.dtype),
         end=blank,
     )
     follows = jnp.where(grazing, jnp.abs(2 * chord * per_square), 1)

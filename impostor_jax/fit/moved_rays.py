@@ -55,6 +55,10 @@ OUTLIER = 4.0
 lever: squares of outliers only ever widen a wall. With 10, ten percent of them within
 0.1 m took up to 14 standard deviations off the radii of thin rods."""
 
+GRAZING = 4.0
+"""Place of a point along its ray, in errors of a reading, within which the square of
+that is skewed."""
+
 STEEPEST_CAP = 0.02
 """Least cosine of the incidence at which a cap's readings are weighed."""
 
@@ -79,12 +83,14 @@ class MovedRays(NamedTuple):
         weight: Inverse of the standard deviation of a depth there.
         steadiness: By how much the mean of `squares` falls as the half-chord's square
             of the known ray does.
+        is_skewed: Whether they are distributed so.
     """
 
     passing: Passing
     squares: Float[Array, " n"]
     weight: Float[Array, " n"]
     steadiness: Float[Array, " n"]
+    is_skewed: Bool[Array, " n"]
 
 
 class _Rays(NamedTuple):
@@ -182,6 +188,7 @@ def moved_rays(
     from_axis = safe_sqrt(radius) - apart
     from_axis *= jnp.sqrt(law.variance / jnp.maximum(of_distance, tiny))
     is_far = jnp.abs(squares) > 2 * OUTLIER * jnp.sqrt(law.variance)
+    is_skewed = law.variance < GRAZING**2 * (along**2 + (across * inverse) ** 2)
     on_cap = across * (1 / jnp.maximum(seen.cos_incidence, STEEPEST_CAP) ** 2 - 1)
     of_depth = jnp.where(
         seen.on_cap, along + on_cap / length, law.variance / (law.h + along / 2)
@@ -191,6 +198,7 @@ def moved_rays(
         squares=jnp.where(is_far, 2 * from_axis, squares),
         weight=jax.lax.rsqrt(of_depth),
         steadiness=law.steadiness,
+        is_skewed=is_skewed & ~is_far,
     )
 
 
