@@ -35,6 +35,7 @@ from .io.camera_from import camera_from
 from .io.dataset import read_dataset
 from .io.dataset_shard import LabeledImage
 from .io.depth_folder import DepthFolder, DepthFrame, read_depth_folder
+from .io.found_table import write_table
 from .io.mesh_export import to_mesh
 from .io.mesh_file import read_mesh
 from .io.point_cloud import PointCloud
@@ -177,4 +178,5 @@ __all__ = [
     "tube",
     "union",
     "view",
+    "write_table",
 ]

@@ -1,0 +1,54 @@
+"""Tables of what was found."""
+
+import csv
+
+import numpy as np
+import pytest
+
+import impostor_jax as ij
+from impostor_jax.io.found_table import table_of
+from tests.page.scenes import can_fit
+
+
+def found_of(count):
+    """A search of an image that found a can so many times."""
+    fits = (can_fit(),) * count
+    masks = np.zeros((count, 4, 5), bool)
+    some, inside = np.full(count, 0.75), np.zeros(count, bool)
+    planes = ij.Plane(np.zeros((0, 3)), np.zeros((0, 3)))
+    return ij.Found(fits, masks, some, some, inside, planes)
+
+
+def test_a_row_has_the_numbers_of_the_record():
+    record = found_of(2).to_dict()["cylinders"][1]
+    row = table_of(found_of(2))[1]
+    assert row["label"] == 2
+    assert [row[f"center_m_{k}"] for k in "xyz"] == record["center_m"]
+    assert row["std_radius_m"] == record["std"]["radius_m"]
+    assert not any(isinstance(value, list | dict) for value in row.values())
+
+
+def test_what_is_written_is_read_again(tmp_path):
+    rows = table_of(found_of(2))
+    ij.write_table(found_of(2), tmp_path / "found.csv")
+    with (tmp_path / "found.csv").open(newline="") as file:
+        read = list(csv.DictReader(file))
+    assert [float(one["radius_m"]) for one in read] == [r["radius_m"] for r in rows]
+    assert list(read[0]) == list(rows[0])
+
+
+def test_parquet_is_read_by_pyarrow(tmp_path):
+    parquet = pytest.importorskip("pyarrow.parquet")
+    rows = table_of(found_of(2))
+    ij.write_table(found_of(2), tmp_path / "found.parquet")
+    assert parquet.read_table(tmp_path / "found.parquet").to_pylist() == rows
+
+
+def test_of_nothing_the_table_is_empty(tmp_path):
+    ij.write_table(found_of(0), tmp_path / "found.csv")
+    assert (tmp_path / "found.csv").read_text() == ""
+
+
+def test_another_kind_of_file_is_refused(tmp_path):
+    with pytest.raises(ValueError, match=r"path must end with \.csv or \.parquet"):
+        ij.write_table(found_of(1), tmp_path / "found.xlsx")
