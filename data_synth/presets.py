@@ -11,8 +11,11 @@ from data_synth.distribution import Choice, Fixed, LogUniform, Uniform, Whole
 from data_synth.preset import Preset, Rules
 from data_synth.roughness import Roughness
 from data_synth.scenery import (
+    Arms,
+    Bags,
     Balls,
     Books,
+    Bottles,
     Boxes,
     Bumps,
     Cones,
@@ -20,12 +23,15 @@ from data_synth.scenery import (
     Hands,
     Mounds,
     Pillars,
+    Rolls,
 )
 from impostor_jax.io.json_file import read_json_object
+from impostor_jax.sensor.correlated import CorrelatedNoise
 from impostor_jax.sensor.dropout import Dropout
 from impostor_jax.sensor.flying_pixels import FlyingPixels
 from impostor_jax.sensor.gaussian import ConstantNoise
 from impostor_jax.sensor.lateral import LateralNoise
+from impostor_jax.sensor.matching_window import MatchingWindow
 from impostor_jax.sensor.quantization import StereoDisparity
 from impostor_jax.sensor.structured_light import StructuredLight
 from impostor_jax.sensor.time_of_flight import TimeOfFlight
@@ -47,6 +53,10 @@ CONES = Cones(
     lying=0.15,
 )
 
+BANDED = CorrelatedNoise(MatchingWindow(StructuredLight()), 0.001, 20.0)
+"""What `StructuredLight.sensor` errs by, but for the scale: how far off a thing is from
+where it is seen to be then tells of how it is found."""
+
 TABLE: dict[str, Any] = {
     "distance": Uniform(0.7, 1.1),
     "elevation": Uniform(20.0, 60.0),
@@ -60,6 +70,9 @@ TABLE: dict[str, Any] = {
     "rules": Rules(visible_fraction=0.1),
 }
 """Of the presets of many things on a table: where it is, and what reads it."""
+
+BANDED_TABLE: dict[str, Any] = TABLE | {"sensor": Dropout(BANDED)}
+"""The same, read by a camera that matches windows."""
 
 MIXED: dict[str, Any] = {
     "count": Whole(2, 5),
@@ -200,6 +213,59 @@ PRESETS = {
         "mirror and one is of glass, under two lamps.",
         appearance=Appearance(mirrors=0.2, glasses=0.1),
         **MIXED,
+    ),
+    "everyday_things": Preset(
+        sentence="Up to three cans, standing and lying, some of them low, among what "
+        "kitchens and workshops hold: bottles, jars, bags, towels, arms, hands, boxes "
+        "and books, read by structured light whose readings lean at edges and have "
+        "bands.",
+        count=Whole(0, 3),
+        radius=LogUniform(0.012, 0.1),
+        aspect=LogUniform(0.6, 8.0),
+        placement=("standing", "standing", "lying"),
+        scenery=(
+            Bottles(
+                count=Whole(0, 2),
+                radius=LogUniform(0.025, 0.06),
+                aspect=Uniform(2.5, 6.0),
+                waist=Uniform(-0.25, 0.3),
+                neck=Uniform(0.25, 0.7),
+                shoulder=Uniform(0.2, 0.6),
+                lying=0.3,
+            ),
+            Arms(
+                count=Whole(0, 1),
+                length=Uniform(0.18, 0.3),
+                radius=Uniform(0.025, 0.05),
+                taper=Uniform(0.5, 0.8),
+                swell=Uniform(0.0, 0.15),
+                bend=Uniform(0.0, 0.06),
+            ),
+            Hands(count=Whole(0, 1), length=Uniform(0.15, 0.2)),
+            Bags(
+                count=Whole(0, 1),
+                size=LogUniform(0.03, 0.09),
+                lump=Uniform(0.3, 0.7),
+            ),
+            Rolls(
+                count=Whole(0, 1),
+                length=Uniform(0.12, 0.3),
+                radius=LogUniform(0.02, 0.06),
+                unevenness=Uniform(0.04, 0.2),
+                wave=Uniform(0.7, 2.5),
+            ),
+            Boxes(count=Whole(0, 2), edge=LogUniform(0.04, 0.2)),
+            Books(
+                count=Whole(0, 1),
+                length=Uniform(0.15, 0.25),
+                thickness=Uniform(0.01, 0.04),
+                leaning=0.3,
+                tilt=Uniform(8.0, 35.0),
+            ),
+            Balls(count=Whole(0, 1), radius=LogUniform(0.02, 0.07)),
+            CUPS,
+        ),
+        **BANDED_TABLE,
     ),
     "no_cylinders": Preset(
         sentence="No cylinder: boxes, books, balls, cones, cups, hands and bumps on a "

@@ -2,8 +2,11 @@
 
 __all__ = [
     "SCENERY",
+    "Arms",
+    "Bags",
     "Balls",
     "Books",
+    "Bottles",
     "Boxes",
     "Bumps",
     "Cones",
@@ -11,6 +14,7 @@ __all__ = [
     "Hands",
     "Mounds",
     "Pillars",
+    "Rolls",
     "Scenery",
     "Things",
 ]
@@ -31,7 +35,7 @@ from data_synth.scenery_base import (
     somewhere,
     turned_by,
 )
-from data_synth.scenery_soft import Bumps, Hands
+from data_synth.scenery_soft import Arms, Bags, Bottles, Bumps, Hands, Rolls
 from data_synth.solid import Cluster, Cuboid, Point, Round
 from impostor_jax.primitives.base import AbstractPrimitive
 from impostor_jax.primitives.box import Box
@@ -251,7 +255,10 @@ class Mounds(Scenery):
         return Cluster("mound", place[None], np.array([radius]))
 
 
-SCENERY = (Boxes, Books, Balls, Cones, Hands, Bumps, Pillars, Corners, Mounds)
+SCENERY = (
+    Boxes, Books, Balls, Cones, Hands, Arms, Bottles, Bags, Rolls, Bumps, Pillars,
+    Corners, Mounds,
+)  # fmt: skip
 """All kinds."""
 
 

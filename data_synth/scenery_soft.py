@@ -1,10 +1,10 @@
-"""Scenery without flat faces or straight walls: hands and bumps, of many balls.
+"""Scenery without flat faces or straight walls, of many balls.
 
 They are no heightfields: one of those is cast at every ray of an image, which takes
 seconds, and balls at the rays that can meet them.
 """
 
-__all__ = ["Bumps", "Hands"]
+__all__ = ["Arms", "Bags", "Bottles", "Bumps", "Hands", "Rolls"]
 
 import dataclasses
 from typing import ClassVar
@@ -22,6 +22,12 @@ from impostor_jax.primitives.sphere import Sphere
 LINKS = 32
 """Balls of a finger, or of a bump: 2 mm apart, so that one of 8 mm is uneven by less
 than 0.1 mm."""
+
+PROFILE = 96
+"""Balls of a body of revolution: 2 mm apart in one of 20 cm."""
+
+LUMPS = 40
+"""Balls of a bag, which overlap by far."""
 
 FINGERS, METACARPALS = 5, 4
 """The balls of a hand are in so many rows."""
@@ -115,6 +121,159 @@ class Bumps(Things):
         height = np.full(LINKS, short * (self.part.draw(rng) - 1))
         center = np.stack([along, np.zeros(LINKS), height], axis=1)
         return Loose(somewhere(Cluster("bump", center, radius), spread, rng))
+
+
+@dataclasses.dataclass(frozen=True)
+class Arms(Things):
+    """Forearms that lie on the table: rows of balls, tapered, thicker near the elbow.
+
+    Attributes:
+        length: In meters.
+        radius: Of the thicker end, in meters.
+        taper: Radius of the wrist over that.
+        swell: How much thicker the muscle is, as a part.
+        bend: How far the middle is off the straight, over the length, at most.
+    """
+
+    length: Distribution
+    radius: Distribution
+    taper: Distribution
+    swell: Distribution
+    bend: Distribution
+
+    may_touch: ClassVar[bool] = False
+
+    @property
+    @override
+    def shapes(self) -> tuple[type[AbstractPrimitive], int]:
+        return Sphere, PROFILE
+
+    @override
+    def draw(self, spread: float, rng: np.random.Generator) -> Loose:
+        length, wide = self.length.draw(rng), self.radius.draw(rng)
+        t = np.linspace(0.0, 1.0, PROFILE)
+        straight = 1 + (self.taper.draw(rng) - 1) * t
+        muscle = self.swell.draw(rng) * np.exp(-(((t - 0.25) / 0.2) ** 2))
+        radius = wide * (straight + muscle)
+        off = length * self.bend.draw(rng) * 4 * t * (1 - t)
+        center = np.stack([length * (t - 0.5), off, radius], axis=1)
+        return Loose(somewhere(Cluster("arm", center, radius), spread, rng))
+
+
+@dataclasses.dataclass(frozen=True)
+class Bottles(Things):
+    """Bottles, jars and jugs without a straight wall: a waist, a belly and a shoulder.
+
+    Attributes:
+        radius: Of the foot, in meters.
+        aspect: Height over that.
+        waist: How much narrower, or, if negative, wider, the middle is, as a part.
+        neck: Radius of the neck over that of the foot.
+        shoulder: Part of the height over which it narrows to the neck.
+        lying: Share of those that lie.
+    """
+
+    radius: Distribution
+    aspect: Distribution
+    waist: Distribution
+    neck: Distribution
+    shoulder: Distribution
+    lying: float
+
+    may_touch: ClassVar[bool] = False
+
+    def __post_init__(self) -> None:
+        """A waist may be of either sign."""
+
+    @property
+    @override
+    def shapes(self) -> tuple[type[AbstractPrimitive], int]:
+        return Sphere, PROFILE
+
+    @override
+    def draw(self, spread: float, rng: np.random.Generator) -> Loose:
+        foot = self.radius.draw(rng)
+        height, neck = foot * self.aspect.draw(rng), self.neck.draw(rng)
+        t = np.linspace(0.0, 1.0, PROFILE)
+        body = 1 - self.waist.draw(rng) * np.sin(np.pi * t) ** 2
+        along = np.clip((t - 0.95 + self.shoulder.draw(rng)) * 5, -20, 20)
+        radius = foot * (neck + (body - neck) / (1 + np.exp(4 * along)))
+        # Round at the foot, so that no ball reaches below it.
+        place = np.maximum(height * t, radius)
+        center = np.stack([0 * t, 0 * t, place], axis=1)
+        if rng.random() < self.lying:
+            center = np.stack([place - height / 2, 0 * t, 0 * t + radius.max()], axis=1)
+        return Loose(somewhere(Cluster("bottle", center, radius), spread, rng))
+
+
+@dataclasses.dataclass(frozen=True)
+class Bags(Things):
+    """Bags of coffee or of cloth: lumps in an ellipsoid, on the table.
+
+    Attributes:
+        size: Half of its axes, in meters; each is drawn.
+        lump: Radius of a lump over the smallest of those.
+    """
+
+    size: Distribution
+    lump: Distribution
+
+    may_touch: ClassVar[bool] = False
+
+    @property
+    @override
+    def shapes(self) -> tuple[type[AbstractPrimitive], int]:
+        return Sphere, LUMPS
+
+    @override
+    def draw(self, spread: float, rng: np.random.Generator) -> Loose:
+        size = np.array([self.size.draw(rng) for _ in range(3)])
+        radius = size.min() * np.array([self.lump.draw(rng) for _ in range(LUMPS)])
+        inside = rng.normal(size=(LUMPS, 3))
+        inside /= np.linalg.norm(inside, axis=1, keepdims=True)
+        inside *= rng.random((LUMPS, 1)) ** (1 / 3)
+        center = inside * np.maximum(size - radius.max(), 0.1 * size)
+        center[:, 2] -= np.min(center[:, 2] - radius)
+        return Loose(somewhere(Cluster("bag", center, radius), spread, rng))
+
+
+@dataclasses.dataclass(frozen=True)
+class Rolls(Things):
+    """Rolled towels and cushions: rows of balls whose size and height wander.
+
+    Attributes:
+        length: In meters.
+        radius: In meters.
+        unevenness: Standard deviation of the radius, as a part.
+        wave: Length over which it wanders, over the radius.
+    """
+
+    length: Distribution
+    radius: Distribution
+    unevenness: Distribution
+    wave: Distribution
+
+    may_touch: ClassVar[bool] = False
+
+    @property
+    @override
+    def shapes(self) -> tuple[type[AbstractPrimitive], int]:
+        return Sphere, PROFILE
+
+    @override
+    def draw(self, spread: float, rng: np.random.Generator) -> Loose:
+        length, middle = self.length.draw(rng), self.radius.draw(rng)
+        place = np.linspace(-length / 2, length / 2, PROFILE)
+        wave = middle * self.wave.draw(rng)
+        away = (place[:, None] - place) / wave
+        smooth = np.exp(-(away**2))
+        smooth /= np.sqrt((smooth**2).sum(axis=1, keepdims=True))
+        uneven, aside = (smooth @ rng.normal(size=(PROFILE, 2))).T
+        part = self.unevenness.draw(rng)
+        radius = middle * np.clip(1 + part * uneven, 0.4, 1.8)
+        off = part * middle * aside
+        center = np.stack([place, off, radius], axis=1)
+        return Loose(somewhere(Cluster("roll", center, radius), spread, rng))
 
 
 def _row(

@@ -37,7 +37,8 @@ def test_describe_lists_the_presets(call, capsys):
     lines = capsys.readouterr().out.splitlines()
     assert [line.partition(":")[0] for line in lines] == [
         "bench", "tabletop_cans", "pipes", "tree_trunks", "tree_scan",
-        "inside_pipe", "hard", "mixed_table", "color_table", "no_cylinders",
+        "inside_pipe", "hard", "mixed_table", "color_table", "everyday_things",
+        "no_cylinders",
     ]  # fmt: skip
 
 

@@ -17,7 +17,17 @@ from data_synth.draw import draw_scene
 from data_synth.pose import Pose
 from data_synth.presets import PRESETS
 from data_synth.preview import preview
-from data_synth.scenery import Bumps, Cones, Corners, Hands, Pillars
+from data_synth.scenery import (
+    Arms,
+    Bags,
+    Bottles,
+    Bumps,
+    Cones,
+    Corners,
+    Hands,
+    Pillars,
+    Rolls,
+)
 from data_synth.validate import validate
 from impostor_jax.__main__ import main
 from impostor_jax.io.dataset import read_dataset
@@ -287,6 +297,43 @@ def test_labels_of_scenery_render_the_clean_depth(empty):
 def test_bad_presets_of_scenery_are_refused(changes, message):
     with pytest.raises(ValueError, match=message):
         dataclasses.replace(SMALL, **changes)
+
+
+SOFT = {
+    "arm": Arms(
+        Fixed(1), length=Fixed(0.25), radius=Fixed(0.04), taper=Fixed(0.6),
+        swell=Fixed(0.1), bend=Fixed(0.05),
+    ),
+    "bottle": Bottles(
+        Fixed(1), radius=Fixed(0.04), aspect=Fixed(4.0), waist=Fixed(0.2),
+        neck=Fixed(0.4), shoulder=Fixed(0.4), lying=0.5,
+    ),
+    "bag": Bags(Fixed(1), size=Fixed(0.06), lump=Uniform(0.3, 0.7)),
+    "roll": Rolls(
+        Fixed(1), length=Fixed(0.2), radius=Fixed(0.04), unevenness=Fixed(0.15),
+        wave=Fixed(1.5),
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("kind", SOFT)
+def test_what_is_soft_lies_on_the_table_and_is_no_cylinder(kind):
+    rng = np.random.default_rng(1)
+    for _ in range(20):
+        thing = SOFT[kind].draw(0.2, rng).object
+        assert thing.kind == kind
+        bottom = thing.center[:, 2] - thing.radius
+        assert bottom.min() == pytest.approx(0, abs=1e-12)
+        assert len(thing.radius) == SOFT[kind].shapes[1]
+        # Balls of one size in a row would be a cylinder.
+        assert np.ptp(thing.radius) > 0.05 * thing.radius.max()
+
+
+def test_a_bottle_may_have_a_belly():
+    wide = dataclasses.replace(SOFT["bottle"], waist=Fixed(-0.2), lying=0.0)
+    thing = wide.draw(0.2, np.random.default_rng(0)).object
+    assert 0.044 < thing.radius.max() < 0.05
+    assert thing.radius.argmax() not in (0, len(thing.radius) - 1)
 
 
 def test_bad_scenery_is_refused():
