@@ -31,7 +31,7 @@ from experiments.markdown import number, table
 from impostor_jax.caching import keep_compiled
 from impostor_jax.find import search
 from impostor_jax.find.confidence import FACTS
-from impostor_jax.find.cylinders import MOST_PIXELS
+from impostor_jax.find.cylinders import MOST_PIXELS, read_by
 from impostor_jax.find.fitting import Fitter
 from impostor_jax.find.view import view_of
 from impostor_jax.fit.options import Options
@@ -142,14 +142,19 @@ def summary_of(found: Judged, named: Mapping[str, Bool[np.ndarray, " n"]]) -> st
 def judged_rows(
     image: ij.LabeledImage, sensor: ij.AbstractDepthNoise
 ) -> Float[np.ndarray, "k 1+f"]:
-    """Verdict and facts of the detections in an image, unsure ones too."""
-    depth = image.depth.astype(np.float32)
-    view = view_of(depth, image.camera, sensor, MOST_PIXELS)
-    fitter = Fitter.of(depth, image.camera, sensor, sensor, Options())
-    found = search.search(view, REQUEST, fitter).detections
-    detections = [detection_of(one.fit, one.confidence) for one in found]
-    verdicts = match(truth_of(image), detections, LEVELS["standard"]).verdict
-    rows = [[verdict, *one.facts] for verdict, one in zip(verdicts, found, strict=True)]
+    """Verdict and facts of the detections in an image, unsure ones too.
+
+    It is searched twice: once with the sensor told, once with nothing told of it.
+    """
+    rows: list[list[float]] = []
+    for told in (sensor, None):
+        depth, noise, sigma = read_by(image.depth, image.camera, told)
+        view = view_of(depth, image.camera, noise, MOST_PIXELS)
+        fitter = Fitter.of(depth, image.camera, noise, sigma, Options())
+        found = search.search(view, REQUEST, fitter).detections
+        detections = [detection_of(one.fit, one.confidence) for one in found]
+        verdicts = match(truth_of(image), detections, LEVELS["standard"]).verdict
+        rows += [[v, *one.facts] for v, one in zip(verdicts, found, strict=True)]
     return np.array(rows, float).reshape(-1, 1 + len(FACTS))
 
 

@@ -13,7 +13,7 @@ from impostor_jax.matching import BINS, LEVELS
 
 NAMES = (
     *("tabletop_cans", "pipes", "tree_trunks", "inside_pipe", "hard"),
-    *("mixed_table", "no_cylinders"),
+    *("mixed_table", "everyday_things", "no_cylinders"),
 )
 """Of the presets."""
 

@@ -26,20 +26,20 @@ from impostor_jax.find.rivals import Rivals
 from impostor_jax.fit.result import Fit
 
 FACTS: dict[str, float] = {
-    "misfit": -0.50,
-    "chi2": -2.45,
-    "against": -6.93,
-    "shape": -6.20,
-    "cone": -29.79,
-    "ball": -3.33,
-    "vague": -5.26,
-    "exact": 0.30,
-    "size": 0.39,
-    "rim": 1.46,
+    "misfit": -2.41,
+    "chi2": -5.37,
+    "against": -6.50,
+    "shape": -4.19,
+    "cone": -56.22,
+    "ball": -2.57,
+    "vague": -2.23,
+    "exact": 0.54,
+    "size": 0.52,
+    "rim": 2.62,
 }
 """Name of each fact, and its weight."""
 
-BIAS = 3.53
+BIAS = 0.81
 """Log-odds where all facts are 0."""
 
 ALLOWED = 0.02

@@ -1,6 +1,6 @@
 """Find every cylinder in a depth image."""
 
-__all__ = ["MOST_PIXELS", "checked_radii", "find_cylinders"]
+__all__ = ["MOST_PIXELS", "checked_radii", "find_cylinders", "read_by"]
 
 import dataclasses
 from collections.abc import Mapping
@@ -22,6 +22,7 @@ from impostor_jax.find.sectors import sectors_of, view_of_sector
 from impostor_jax.find.view import View, view_of
 from impostor_jax.fit.far import near_prior, told_in_world
 from impostor_jax.fit.fittable import CYLINDER
+from impostor_jax.fit.measured import law_of_noise
 from impostor_jax.fit.options import Options
 from impostor_jax.fit.request import checked_prior, checked_readings
 from impostor_jax.primitives.local_world import LocalWorld
@@ -73,7 +74,8 @@ def find_cylinders(
         camera: That took it: with or without a lens, orthographic, or a scanner, whose
             sectors are searched one after the other, up to 60 degrees of elevation.
         sigma: Standard deviation of a reading in meters, or a noise model of the
-            sensor; 1 mm if None. Where planes show that it is larger, that counts.
+            sensor; if None it is measured in the image, by each fit among its own
+            readings. Where planes show that it is larger, that counts.
         min_pixels: Fewest pixels of a cylinder; 150 by default.
         min_arc: Smallest angle about its axis over which it, or the rim of a cap, is
             seen, in radians; 0.6 by default.
@@ -81,7 +83,8 @@ def find_cylinders(
         prior: As of `fit_cylinder`. A radius is looked for within four standard
             deviations.
         effort: How much work it takes, as of `fit_cylinder`; `stride` says that every
-            n-th row and column is searched.
+            n-th row and column is searched. Without doubts the quick fit by which a
+            candidate is tried is the one that is returned.
 
     Returns:
         What was found, the surest first; the same for the same image. Nothing that is
@@ -116,8 +119,7 @@ def find_cylinders(
         min_arc=real_number("min_arc", min_arc, positive=True, unit="radians"),
         radius_range=checked_radii(radius_range, prior),
     )
-    image, noise, sigma = checked_readings(depth, camera, sigma)
-    image = np.asarray(image)
+    image, noise, sigma = read_by(depth, camera, sigma)
     if isinstance(camera, SphericalCamera) and min(image.shape) < 2:
         raise ValueError(
             f"camera must have two rows and columns at least, got {image.shape}"
@@ -145,11 +147,27 @@ def find_cylinders(
     )
 
 
+def read_by(
+    depth: Any, camera: AbstractCamera, sigma: Any
+) -> tuple[Float[np.ndarray, "h w"], AbstractDepthNoise, Any]:
+    """Depth in meters, its noise, and what fits are told of that.
+
+    Where nothing is told it is measured in the image. A fit measures white noise among
+    its own readings; what neighbors share is the camera's.
+    """
+    image, noise, told = checked_readings(depth, camera, sigma)
+    if sigma is None:
+        noise = law_of_noise(np.asarray(image), camera).noise
+        if noise.bias.fields:
+            image, noise, told = checked_readings(depth, camera, noise)
+    return np.asarray(image), noise, told
+
+
 def _of_fits(effort: Effort) -> Effort:
-    """What the fits of a search take: its masks are to be doubted in any case."""
+    """What the fits of a search take, of which more depends than of one fit."""
     readings = effort.readings and max(effort.readings, FEWEST_READINGS)
     steps = max(effort.max_steps, Effort.max_steps)
-    return dataclasses.replace(effort, doubts=True, readings=readings, max_steps=steps)
+    return dataclasses.replace(effort, readings=readings, max_steps=steps)
 
 
 def _told_in_world(

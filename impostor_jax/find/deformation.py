@@ -5,7 +5,14 @@ barrel, an ellipse, a bend. Each comes with its standard deviation, so that what
 image leaves open is told from what it refutes.
 """
 
-__all__ = ["Deformation", "Wall", "deformation", "solved", "wall_readings"]
+__all__ = [
+    "Deformation",
+    "Wall",
+    "bending",
+    "deformation",
+    "solved",
+    "wall_readings",
+]
 
 import itertools
 from typing import NamedTuple
@@ -21,6 +28,10 @@ PRICE = 30.0
 
 SEAM_BINS = 32
 """Places where two cylinders may meet."""
+
+ALL_AROUND = 0.5
+"""Length of the mean of the directions out of a wall, below which these go all around:
+of those over half a turn it is 0.64."""
 
 FEWEST = 20
 """Readings that it takes."""
@@ -104,6 +115,29 @@ def wall_readings(scene: Scene, evidence: Evidence) -> Wall | None:
         middle,
         half,
     )
+
+
+def bending(axis: Float[np.ndarray, "3"], wall: Wall, shared: float) -> float:
+    """Standard deviations by which a wall is bent across its axis, and no plane.
+
+    Infinite where it is seen from all around, as a pipe is from inside.
+
+    Args:
+        axis: Of the wall.
+        wall: Its readings.
+        shared: How many of them share an error.
+    """
+    forward = wall.out.mean(axis=0)
+    length = np.linalg.norm(forward)
+    if length < ALL_AROUND:
+        return np.inf
+    forward /= length
+    place = wall.out * (1 + wall.miss)[:, None]
+    aside, ahead = place @ np.cross(axis, forward), place @ forward
+    aside = aside - aside.mean()
+    terms = np.stack([np.ones_like(aside), aside, wall.place, aside**2], axis=1)
+    found = solved(terms, ahead, wall.deviation)
+    return float(abs(found.value[3]) / found.deviation[3] / np.sqrt(shared))
 
 
 def deformation(axis: Float[np.ndarray, "3"], wall: Wall, shared: float) -> Deformation:
@@ -221,11 +255,12 @@ def _left_over(products: Float[np.ndarray, "*b m m"]) -> Float[np.ndarray, "*b"]
 
 def _within(scene: Scene, evidence: Evidence) -> np.ndarray:
     """Pixels that a wall explains, but for those beside others."""
-    explained = np.zeros(scene.view.depth.shape, np.uint8)
-    explained.ravel()[evidence.pixels] = 1
-    # Where only every n-th pixel was looked at, none has a neighbor.
-    inner = cv2.erode(explained, np.ones((3, 3), np.uint8))
-    index = np.flatnonzero(inner)
-    if len(index) < min(FEWEST, len(evidence.pixels) / 4):
-        index = evidence.pixels
-    return index[:: max(1, len(index) // 5000)]
+    index = evidence.pixels
+    # Where only some were looked at, none has a neighbor.
+    if evidence.share == 1:
+        explained = np.zeros(scene.view.depth.shape, np.uint8)
+        explained.ravel()[index] = 1
+        inner = np.flatnonzero(cv2.erode(explained, np.ones((3, 3), np.uint8)))
+        if len(inner) >= min(FEWEST, len(index) / 4):
+            index = inner
+    return index[:: max(1, len(index) // 2000)]

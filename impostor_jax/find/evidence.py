@@ -28,17 +28,20 @@ AGREEING = 0.6
 UNSURE = 0.25
 """Deviation from which a measured normal says nothing, in radians."""
 
-MOST_SEEN = 60_000
+MOST_SEEN = 20_000
 """Pixels of a box that are looked at; of a larger one every n-th row and column."""
 
-MOST_WEIGHED = 12_000
+MOST_WEIGHED = 3_000
 """Pixels inside of an outline that are weighed, evenly spread."""
 
-MOST_POOLED = 6144
+MOST_POOLED = 2048
 """Readings that tell where along its axis a wall may be."""
 
 LEAST_COSINE = 0.05
 """Cosine of the incidence, at least, of a reading that lies on a wall."""
+
+NARROW = 12.0
+"""Pixels across a narrow wall."""
 
 MOST_BINS = 128
 """Bins along an axis."""
@@ -152,6 +155,8 @@ class Evidence:
         other: Of another surface: taken, of a plane, or of other normals.
         arc: Around the axis, over which it is explained, in radians.
         misfit: Mean square of the deviations of what it explains.
+        width: Of a pixel there, in meters.
+        share: How many pixels each of those stands for.
     """
 
     wall: Candidate
@@ -164,6 +169,13 @@ class Evidence:
     other: float
     arc: float
     misfit: float
+    width: float = 0.0
+    share: float = 1.0
+
+    @property
+    def is_narrow(self) -> bool:
+        """Whether it is so few pixels wide that what is proposed for it is rough."""
+        return 2 * self.wall.radius < NARROW * self.width
 
     @property
     def seen(self) -> float:
@@ -328,6 +340,8 @@ def weighed(scene: Scene, wall: Candidate) -> Evidence | None:
         other=number(other),
         arc=_arc(out, wall.axis, told, core),
         misfit=float(np.mean(deviation[told] ** 2)),
+        width=width / step,
+        share=step,
     )
 
 

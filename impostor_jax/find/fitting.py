@@ -9,6 +9,7 @@ the scan.
 __all__ = ["Fitter"]
 
 import dataclasses
+import warnings
 from typing import Any
 
 import jax.numpy as jnp
@@ -19,6 +20,7 @@ from typing_extensions import override
 from impostor_jax.camera.base import AbstractCamera
 from impostor_jax.camera.pinhole import PinholeCamera
 from impostor_jax.camera.spherical import SphericalCamera
+from impostor_jax.effort import Effort
 from impostor_jax.find.evidence import Candidate, Evidence
 from impostor_jax.find.sectors import Sector
 from impostor_jax.find.view import View
@@ -37,9 +39,8 @@ from impostor_jax.sensor.bias import Bias, is_none
 MOST_GUESSES = 6
 """First guesses of an object that are weighed."""
 
-FEW = 2000
-"""Pixels of a mask up to which a fit that fails is tried from its own guesses: the
-walls that are proposed for a thin thing are rough."""
+QUICK: dict[str, Any] = {"doubts": False, "readings": 4096, "max_steps": 20}
+"""What is less of a fit that tries a candidate."""
 
 NEAREST = 1e-3
 """Smallest depth that a noise model is asked for, in meters."""
@@ -144,8 +145,18 @@ class Fitter:
             found.append(Candidate(center, axis, radius, side))
         return found
 
+    def tried(self, mask: Bool[np.ndarray, "h w"], evidence: Evidence) -> Fit:
+        """A quick fit, as `fit`: most of what is fitted is refused."""
+        effort = dataclasses.replace(self.options.effort, **QUICK)
+        return self._started(mask, evidence, effort)
+
     def fit(self, mask: Bool[np.ndarray, "h w"], evidence: Evidence) -> Fit:
         """Fit the pixels of a mask of the image, from a wall between its ends."""
+        return self._started(mask, evidence, self.options.effort)
+
+    def _started(
+        self, mask: Bool[np.ndarray, "h w"], evidence: Evidence, effort: Effort
+    ) -> Fit:
         wall, (low, high) = evidence.wall, _around(evidence)
         center = wall.center + (low + high) / 2 * wall.axis
         if not self.away:
@@ -156,17 +167,23 @@ class Fitter:
             wall.radius,
             1.02 * (high - low),
         )
-        fit = self._fit(mask, start)
-        if bool(fit.success) or self.away or np.count_nonzero(mask) > FEW:
+        fit = self._fit(mask, start, effort)
+        if bool(fit.success) or self.away or not evidence.is_narrow:
             return fit
         if fit.status == FitStatus.UNDETERMINED:
             # It is the readings that leave something open.
             return fit
-        return self._fit(mask, None)
+        return self._fit(mask, None, effort)
 
-    def _fit(self, mask: Bool[np.ndarray, "h w"], start: Cylinder | None) -> Fit:
+    def _fit(
+        self, mask: Bool[np.ndarray, "h w"], start: Cylinder | None, effort: Effort
+    ) -> Fit:
         given = self.depth, self.seen_by, mask, self.sigma
-        fit = fit_shape(CYLINDER, *given, start, self.options)
+        options = dataclasses.replace(self.options, effort=effort)
+        with warnings.catch_warnings():
+            # Of what is refused nobody wants to know; what is found tells it itself.
+            warnings.filterwarnings("ignore", "the image shows the wall's outline")
+            fit = fit_shape(CYLINDER, *given, start, options)
         if not (self.away and bool(fit.success)):
             return fit
         # The far camera has the rotation of its pose alone.

@@ -12,7 +12,13 @@ from jaxtyping import Bool, Float, Int
 
 from impostor_jax.find.caps import Caps, caps_of
 from impostor_jax.find.confidence import confidence, facts_of
-from impostor_jax.find.deformation import Deformation, Wall, deformation, wall_readings
+from impostor_jax.find.deformation import (
+    Deformation,
+    Wall,
+    bending,
+    deformation,
+    wall_readings,
+)
 from impostor_jax.find.evidence import Candidate, Evidence, Scene, shown, weighed
 from impostor_jax.find.fitting import Fitter
 from impostor_jax.find.normals import Normals, normals_of, stray
@@ -36,8 +42,19 @@ LEAST_CHANCE = 0.2
 """Of the confidence that is asked for: chance of being right, as far as it is known
 without a fit, of what is fitted."""
 
+LEAST_BENT = 2.0
+"""Standard deviations by which a wall must be bent that is not seen from outline to
+outline: on what is flat a fit goes to a radius of many meters, slowly."""
+
+WIDE_ARC = 1.6
+"""Angle over which a wall is seen, in radians, from which its outlines tell its radius:
+of a thin one more than its bend."""
+
 CHANGED = 0.03
 """Part of a mask from whose change on it is fitted again."""
+
+FEW = 2000
+"""Pixels up to which no quick fit tries a candidate: it would know too little."""
 
 LEAST_SURE = 0.5
 """Confidence of what is found: what is likelier than not."""
@@ -243,7 +260,11 @@ class _Search:
         if evidence.misfit > 3 or evidence.explained < evidence.behind + evidence.other:
             return None
         readings = wall_readings(scene, evidence)
-        shape = readings and deformation(evidence.wall.axis, readings, scene.shared)
+        axis, shared = evidence.wall.axis, scene.shared
+        is_part = evidence.arc < WIDE_ARC and not caps.rim
+        if is_part and readings and bending(axis, readings, shared) < LEAST_BENT:
+            return None
+        shape = readings and deformation(axis, readings, shared)
         if (shape is None or shape.vague > 1) and caps.rim < np.pi / 2:
             return None
         if shape is not None and np.any(
@@ -294,25 +315,29 @@ class _Search:
         if not confidence(self._facts(scene, entry)) >= self.least_chance:
             return False, []
         mask = self._mask(scene, entry)
-        fit = self.fitter.fit(self._of_image(mask), entry.evidence)
-        if not bool(fit.success):
-            return False, []
-        final = self._entry(scene, self.fitter.wall_of(fit, entry.evidence.wall))
+        # Most of what is fitted is refused: of many pixels a quick fit tells enough.
+        is_quick = np.count_nonzero(mask) > FEW
+        fitted = self.fitter.tried if is_quick else self.fitter.fit
+        fit = fitted(self._of_image(mask), entry.evidence)
+        final = self._led_to(scene, fit, entry)
         if final is None or self._found(final.evidence.wall):
             return False, []
         halves = self._halves(scene, final, 2)
         if halves is not None:
             return False, halves
+        if not confidence(self._facts(scene, final, fit)) >= self.least_chance:
+            return False, []
         before, mask = mask, self._mask(scene, final)
-        if np.count_nonzero(mask ^ before) > CHANGED * np.count_nonzero(mask):
+        changed = np.count_nonzero(mask ^ before) > CHANGED * np.count_nonzero(mask)
+        if changed or (is_quick and self.fitter.options.effort.doubts):
             # The fit knows better than the proposal what shows it.
             again = self.fitter.fit(self._of_image(mask), final.evidence)
-            better = bool(again.success) and self._entry(
-                scene, self.fitter.wall_of(again, final.evidence.wall)
-            )
-            if better:
+            better = self._led_to(scene, again, final)
+            if better is not None:
                 fit, final = again, better
                 mask = self._mask(scene, final)
+            elif is_quick:
+                return False, []
         facts = self._facts(scene, final, fit)
         sure = confidence(facts)
         # What is no number is not sure.
@@ -322,6 +347,12 @@ class _Search:
         taken = cv2.dilate(mask.view(np.uint8), np.ones((3, 3), np.uint8)) > 0
         self.free = self.free & ~taken
         return True, []
+
+    def _led_to(self, scene: Scene, fit: Fit, entry: Entry) -> Entry | None:
+        """What is known of the wall that a fit of a candidate found; None for none."""
+        if not bool(fit.success):
+            return None
+        return self._entry(scene, self.fitter.wall_of(fit, entry.evidence.wall))
 
     def _facts(
         self, scene: Scene, entry: Entry, fit: Fit | None = None

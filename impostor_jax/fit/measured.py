@@ -12,14 +12,22 @@ one, so it is counted with them as with `StructuredLight.sensor`; white noise is
 a scene that was drawn.
 """
 
-__all__ = ["NOT_MEASURED", "MeasuredNoise", "measured_noise", "with_measured"]
+__all__ = [
+    "NOT_MEASURED",
+    "MeasuredNoise",
+    "law_of_noise",
+    "measured_noise",
+    "with_measured",
+]
 
+import itertools
 import math
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float
+from scipy import optimize
 
 from impostor_jax.camera.base import AbstractRays
 from impostor_jax.camera.pinhole import PinholeCamera
@@ -32,10 +40,12 @@ from impostor_jax.fit.request import (
 from impostor_jax.fit.surface import at_most, cropped
 from impostor_jax.sensor.base import AbstractDepthNoise
 from impostor_jax.sensor.correlated import CorrelatedNoise
+from impostor_jax.sensor.gaussian import ConstantNoise
 from impostor_jax.sensor.matching import BAND_LENGTH, BANDS, OFFSET
 from impostor_jax.sensor.matching_window import MatchingWindow
 from impostor_jax.sensor.quantization import StereoDisparity
 from impostor_jax.sensor.scale_error import ScaleError
+from impostor_jax.sensor.structured_light import StructuredLight
 
 FEWEST = 200
 """Differences that tell a level of noise to a tenth."""
@@ -96,6 +106,9 @@ depth cameras' smooth errors are of some `BANDS`."""
 MOST_LINES = 40
 """Rows, and columns, along which differences are taken, evenly spread."""
 
+NUM_DEPTHS = 5
+"""Ranges of depth in which noise is measured."""
+
 SAMPLE = 4096
 """Readings that tell to which step depths are rounded."""
 
@@ -150,7 +163,7 @@ def measured_noise(
 
     Args:
         image: Depths in meters; 0 where there is no reading.
-        region: Pixels of the object.
+        region: Pixels of the object, or of all that is seen.
         camera: That took it.
     """
     some = region & (image > 0)
@@ -171,7 +184,9 @@ def measured_noise(
         return None
     if not isinstance(camera, PinholeCamera):
         return _white(white * middle**2)
-    around = _around(image, (image > 0) & ~region)
+    seen = image > 0
+    beside = seen & ~region
+    around = _around(image, beside if beside.any() else seen)
     if around is None:
         around = Around(_is_filtered(own_levels, step), 0.0)
     if not (around.is_filtered or around.smooth > 0):
@@ -188,6 +203,43 @@ def measured_noise(
         "no image tells, is counted."
     )
     return MeasuredNoise(noise, text)
+
+
+def law_of_noise(
+    image: Float[np.ndarray, "h w"], camera: AbstractRays
+) -> MeasuredNoise:
+    """How the noise of an image grows with depth, whatever it shows; 1 mm if nothing.
+
+    Args:
+        image: Depths in meters; 0 where there is no reading.
+        camera: That took it.
+    """
+    seen = image > 0
+    whole = measured_noise(image, seen, camera)
+    if whole is None:
+        return MeasuredNoise(checked_noise(None), NOT_MEASURED)
+    if whole.noise.bias.fields:
+        # What neighbors share is of the inverse depth.
+        return whole
+    # What stands before a wall may have few readings, and little of the wall's noise.
+    ends = np.geomspace(image[seen].min(), image[seen].max(), NUM_DEPTHS + 1)
+    middles, levels = [], []
+    for low, high in itertools.pairwise(ends):
+        own = seen & (image >= low) & (image <= high)
+        known = own.any() and measured_noise(image, own, camera)
+        if known and isinstance(known.noise, ConstantNoise):
+            middles.append(float(np.median(image[own])))
+            levels.append(float(known.noise.deviation))
+    if not levels:
+        return whole
+    # Each counts by its relative error; of neither part there is less than none.
+    square, level = np.square(middles), np.array(levels)
+    terms = np.stack([np.ones_like(level), square], axis=1) / level[:, None]
+    floor, growth = optimize.nnls(terms, np.ones_like(level))[0]
+    # The model has some of either.
+    floor = max(floor, 1e-3 * level.min())
+    law = StructuredLight(floor, growth, best_depth=0.0, grazing=0.0)
+    return whole._replace(noise=law)
 
 
 def _white(level: float) -> MeasuredNoise:

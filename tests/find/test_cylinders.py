@@ -59,6 +59,27 @@ def test_of_the_things_on_a_table_only_cans_are_found():
     np.testing.assert_array_equal(again.confidence, found.confidence)
 
 
+def test_with_nothing_told_noise_is_that_of_the_depth():
+    # The wall's 9 mm were taken for the can's, too, which then showed nothing.
+    truth = ij.Cylinder((0.02, 0.0, 0.8), (0.2, 0.9, 0.1), 0.03, 0.15)
+    wall = ij.Plane((0.0, 0.0, 2.4), (0.0, 0.0, -1.0))
+    image = image_of([truth, wall], CAMERA, sigma=0.0)
+    deviation = 0.0005 + 0.0015 * image.depth**2
+    noise = deviation * np.random.default_rng(2).normal(size=deviation.shape)
+    found = ij.find_cylinders((image.depth + noise).astype(np.float32), CAMERA)
+    assert len(found.fits) == 1
+    fit = found.fits[0]
+    assert abs(float(fit.cylinder.radius) - 0.03) < 4 * float(fit.std.radius)
+    assert "Measured in the image" in str(fit)
+
+
+def test_of_what_is_refused_there_is_no_warning(recwarn):
+    ball = ij.Sphere((0.0, 0.0, 0.6), 0.05)
+    wall = ij.Plane((0.0, 0.0, 0.9), (0.0, 0.0, -1.0))
+    ij.find_cylinders(image_of([ball, wall], CAMERA).depth, CAMERA, SIGMA)
+    assert not recwarn.list
+
+
 @pytest.mark.parametrize("value", [0.0, np.nan, 0.8])
 def test_in_an_empty_image_nothing_is_found(value):
     depth = np.full((CAMERA.height, CAMERA.width), value, np.float32)

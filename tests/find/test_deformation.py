@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import impostor_jax as ij
-from impostor_jax.find.deformation import deformation, wall_readings
+from impostor_jax.find.deformation import bending, deformation, wall_readings
 from impostor_jax.find.evidence import weighed
 from tests.find.scenes import (
     CAMERA,
@@ -48,6 +48,28 @@ def test_a_cone_shows_its_taper():
     assert abs(found.value[0] - slope * half / radius) < 3 * found.deviation[0]
     assert found.value[0] > 5 * found.deviation[0]
     assert found.seam is None
+
+
+def bend(image, wall):
+    """Of what an image shows of a wall."""
+    scene = scene_of(image, free=image.owner >= 0)
+    readings = wall_readings(scene, weighed(scene, wall))
+    return bending(wall.axis, readings, scene.shared)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_wall_is_bent_and_what_is_flat_is_not(seed):
+    assert bend(image_of([CAN], seed=seed), wall_of(CAN)) > 50
+    flat = ij.Plane((0.0, 0.0, 0.4), (0.0, 0.0, -1.0))
+    axis = np.array([0.0, 1.0, 0.0])
+    touching = wall_of(ij.Cylinder((0.0, 0.0, 20.4), axis, 20.0, 0.2))
+    assert bend(image_of([flat], seed=seed), touching) < 4
+
+
+def test_what_goes_all_around_is_bent():
+    # Out of a pipe that is seen from inside the directions have no mean.
+    pipe = ij.Cylinder((0.0, 0.0, 0.5), (0.05, 0.0, 1.0), 0.1, 2.0)
+    assert bend(image_of([pipe]), wall_of(pipe, side=-1.0)) == np.inf
 
 
 def test_a_ball_shows_its_barrel():

@@ -19,6 +19,6 @@ def test_a_fit_of_parallel_rays_forgets_the_camera_that_stood_in(monkeypatch):
     depth, mask = image()
     noise, options = ij.ConstantNoise(SIGMA), Options.of({})
     fitter = fitting.Fitter.of(depth, ORTHOGRAPHIC, noise, SIGMA, options)
-    fit = fitter._fit(mask, None)
+    fit = fitter._fit(mask, None, ij.Effort())
     assert fit.asked.arguments is None
     np.testing.assert_array_equal(fit.cylinder.radius, can_fit().cylinder.radius)

@@ -1,11 +1,12 @@
 """Noise that is measured in the image, where nothing is told of the sensor."""
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
 import impostor_jax as ij
-from impostor_jax.fit.measured import measured_noise
+from impostor_jax.fit.measured import law_of_noise, measured_noise
 from tests.fit.scenes import CAMERA, SIGMA, can, image
 
 SHAPE = can()
@@ -96,3 +97,23 @@ def test_an_image_without_noise_is_held_against_nothing_and_says_so():
     assert fit.success
     assert np.isnan(fit.p_value)
     assert "not measured" in str(fit)
+
+
+def test_noise_is_found_to_grow_with_depth():
+    # Of a wall at 2.5 m it is five times as large as of the can at 0.8 m, of which an
+    # image has few readings.
+    sensor = ij.StructuredLight()
+    wall = ij.Plane((0.0, 0.0, 2.5), (0.1, 0.0, -1.0))
+    maps = ij.render(ij.Scene([SHAPE, wall]), CAMERA, outputs=("depth", "normal"))
+    readings = sensor.sample(jax.random.key(3), maps.depth, maps.normal, CAMERA)
+    law = law_of_noise(np.asarray(readings), CAMERA).noise
+    depths, steep = jnp.array([0.8, 2.5]), jnp.ones(2)
+    ratio = np.asarray(law.sigma(depths, steep) / sensor.sigma(depths, steep))
+    # The can's bend adds to what is told of it: of so few pixels, 60 %.
+    assert 0.8 < ratio[0] < 2
+    assert ratio[1] == pytest.approx(1, abs=0.25)
+
+
+def test_an_image_of_nothing_has_the_usual_noise():
+    law = law_of_noise(np.zeros((CAMERA.height, CAMERA.width), np.float32), CAMERA)
+    assert float(law.noise.deviation) == pytest.approx(0.001)
