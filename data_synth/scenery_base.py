@@ -46,15 +46,18 @@ class Scenery(abc.ABC):
 
     Attributes:
         count: How many are in an image.
+        signed: Names of the attributes that may be negative.
     """
 
     count: Distribution
+
+    signed: ClassVar[tuple[str, ...]] = ()
 
     def __post_init__(self) -> None:
         for field in dataclasses.fields(self):
             value = getattr(self, field.name)
             low = value.ends[0] if isinstance(value, Distribution) else value
-            if low < 0:
+            if low < 0 and field.name not in self.signed:
                 raise ValueError(
                     f"{field.name} of {type(self).__name__} must not be negative, got "
                     f"{value}"

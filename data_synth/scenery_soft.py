@@ -34,7 +34,24 @@ FINGERS, METACARPALS = 5, 4
 
 
 @dataclasses.dataclass(frozen=True)
-class Hands(Things):
+class _OfBalls(Things):
+    """Things that are made of balls, and touch nothing else.
+
+    Attributes:
+        num_balls: Of one of them.
+    """
+
+    may_touch: ClassVar[bool] = False
+    num_balls: ClassVar[int]
+
+    @property
+    @override
+    def shapes(self) -> tuple[type[AbstractPrimitive], int]:
+        return Sphere, self.num_balls
+
+
+@dataclasses.dataclass(frozen=True)
+class Hands(_OfBalls):
     """Hands that lie on the table, palm down: rows of balls, tapered and bent.
 
     Attributes:
@@ -43,12 +60,7 @@ class Hands(Things):
 
     length: Distribution
 
-    may_touch: ClassVar[bool] = False
-
-    @property
-    @override
-    def shapes(self) -> tuple[type[AbstractPrimitive], int]:
-        return Sphere, LINKS * (FINGERS + METACARPALS)
+    num_balls: ClassVar[int] = LINKS * (FINGERS + METACARPALS)
 
     @override
     def draw(self, spread: float, rng: np.random.Generator) -> Loose:
@@ -90,7 +102,7 @@ class Hands(Things):
 
 
 @dataclasses.dataclass(frozen=True)
-class Bumps(Things):
+class Bumps(_OfBalls):
     """Prolate ellipsoids, as rows of balls, of which the table shows the upper part.
 
     Attributes:
@@ -103,12 +115,7 @@ class Bumps(Things):
     stretch: Distribution
     part: Distribution
 
-    may_touch: ClassVar[bool] = False
-
-    @property
-    @override
-    def shapes(self) -> tuple[type[AbstractPrimitive], int]:
-        return Sphere, LINKS
+    num_balls: ClassVar[int] = LINKS
 
     @override
     def draw(self, spread: float, rng: np.random.Generator) -> Loose:
@@ -124,7 +131,7 @@ class Bumps(Things):
 
 
 @dataclasses.dataclass(frozen=True)
-class Arms(Things):
+class Arms(_OfBalls):
     """Forearms that lie on the table: rows of balls, tapered, thicker near the elbow.
 
     Attributes:
@@ -141,12 +148,7 @@ class Arms(Things):
     swell: Distribution
     bend: Distribution
 
-    may_touch: ClassVar[bool] = False
-
-    @property
-    @override
-    def shapes(self) -> tuple[type[AbstractPrimitive], int]:
-        return Sphere, PROFILE
+    num_balls: ClassVar[int] = PROFILE
 
     @override
     def draw(self, spread: float, rng: np.random.Generator) -> Loose:
@@ -161,7 +163,7 @@ class Arms(Things):
 
 
 @dataclasses.dataclass(frozen=True)
-class Bottles(Things):
+class Bottles(_OfBalls):
     """Bottles, jars and jugs without a straight wall: a waist, a belly and a shoulder.
 
     Attributes:
@@ -180,15 +182,8 @@ class Bottles(Things):
     shoulder: Distribution
     lying: float
 
-    may_touch: ClassVar[bool] = False
-
-    def __post_init__(self) -> None:
-        """A waist may be of either sign."""
-
-    @property
-    @override
-    def shapes(self) -> tuple[type[AbstractPrimitive], int]:
-        return Sphere, PROFILE
+    num_balls: ClassVar[int] = PROFILE
+    signed: ClassVar[tuple[str, ...]] = ("waist",)
 
     @override
     def draw(self, spread: float, rng: np.random.Generator) -> Loose:
@@ -207,7 +202,7 @@ class Bottles(Things):
 
 
 @dataclasses.dataclass(frozen=True)
-class Bags(Things):
+class Bags(_OfBalls):
     """Bags of coffee or of cloth: lumps in an ellipsoid, on the table.
 
     Attributes:
@@ -218,12 +213,7 @@ class Bags(Things):
     size: Distribution
     lump: Distribution
 
-    may_touch: ClassVar[bool] = False
-
-    @property
-    @override
-    def shapes(self) -> tuple[type[AbstractPrimitive], int]:
-        return Sphere, LUMPS
+    num_balls: ClassVar[int] = LUMPS
 
     @override
     def draw(self, spread: float, rng: np.random.Generator) -> Loose:
@@ -238,7 +228,7 @@ class Bags(Things):
 
 
 @dataclasses.dataclass(frozen=True)
-class Rolls(Things):
+class Rolls(_OfBalls):
     """Rolled towels and cushions: rows of balls whose size and height wander.
 
     Attributes:
@@ -253,12 +243,7 @@ class Rolls(Things):
     unevenness: Distribution
     wave: Distribution
 
-    may_touch: ClassVar[bool] = False
-
-    @property
-    @override
-    def shapes(self) -> tuple[type[AbstractPrimitive], int]:
-        return Sphere, PROFILE
+    num_balls: ClassVar[int] = PROFILE
 
     @override
     def draw(self, spread: float, rng: np.random.Generator) -> Loose:

@@ -339,3 +339,5 @@ def test_a_bottle_may_have_a_belly():
 def test_bad_scenery_is_refused():
     with pytest.raises(ValueError, match="stretch of Bumps must not be negative"):
         Bumps(Fixed(1), Fixed(0.1), stretch=Uniform(-1.0, 1.0), part=Fixed(1.0))
+    with pytest.raises(ValueError, match="radius of Bottles must not be negative"):
+        dataclasses.replace(SOFT["bottle"], radius=Fixed(-0.1))
