@@ -191,8 +191,8 @@ class Bottles(_OfBalls):
         height, neck = foot * self.aspect.draw(rng), self.neck.draw(rng)
         t = np.linspace(0.0, 1.0, PROFILE)
         body = 1 - self.waist.draw(rng) * np.sin(np.pi * t) ** 2
-        along = np.clip((t - 0.95 + self.shoulder.draw(rng)) * 5, -20, 20)
-        radius = foot * (neck + (body - neck) / (1 + np.exp(4 * along)))
+        past = t - 0.95 + self.shoulder.draw(rng)
+        radius = foot * (neck + (body - neck) / (1 + np.exp(20 * past)))
         # Round at the foot, so that no ball reaches below it.
         place = np.maximum(height * t, radius)
         center = np.stack([0 * t, 0 * t, place], axis=1)

@@ -325,7 +325,8 @@ class _Search:
         halves = self._halves(scene, final, 2)
         if halves is not None:
             return False, halves
-        if not confidence(self._facts(scene, final, fit)) >= self.least_chance:
+        facts = self._facts(scene, final, fit)
+        if not confidence(facts) >= self.least_chance:
             return False, []
         before, mask = mask, self._mask(scene, final)
         changed = np.count_nonzero(mask ^ before) > CHANGED * np.count_nonzero(mask)
@@ -335,10 +336,9 @@ class _Search:
             better = self._led_to(scene, again, final)
             if better is not None:
                 fit, final = again, better
-                mask = self._mask(scene, final)
+                mask, facts = self._mask(scene, final), self._facts(scene, final, fit)
             elif is_quick:
                 return False, []
-        facts = self._facts(scene, final, fit)
         sure = confidence(facts)
         # What is no number is not sure.
         if not sure >= self.request.least_sure:

@@ -44,20 +44,13 @@ from jaxtyping import Array, Bool, Float
 
 from impostor_jax.compiling import computed_once
 from impostor_jax.fit.body import AbstractBody, Passing
-from impostor_jax.fit.moved_rays import OUTLIER, moved_rays
+from impostor_jax.fit.moved_rays import GRAZING, OUTLIER, moved_rays
 from impostor_jax.fit.problem import Edge, Pixels, View, sigma_of
 from impostor_jax.geometry.vec3 import Vec3
 from impostor_jax.numerics import Numbers, safe_divide, safe_sqrt
 from impostor_jax.sensor.base import AbstractDepthNoise
 from impostor_jax.sensor.bias import is_none
 from impostor_jax.sensor.matching_window import STEEPEST
-
-GRAZING = 4.0
-"""Half-chord, in standard deviations of a reading, below which squares are compared.
-
-From there on the bend of the square root moves a reading's expectation by less than
-1/32 of its standard deviation.
-"""
 
 FOLD = 3.0
 """Standard deviations by which a grazing reading may lie behind the nearest approach by

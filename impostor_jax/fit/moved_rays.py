@@ -31,7 +31,7 @@ References:
     regressions? (1950), of errors beside what is controlled.
 """
 
-__all__ = ["OUTLIER", "MovedRays", "moved_rays", "parts_of_variance"]
+__all__ = ["GRAZING", "OUTLIER", "MovedRays", "moved_rays", "parts_of_variance"]
 
 from typing import NamedTuple
 
@@ -56,8 +56,12 @@ lever: squares of outliers only ever widen a wall. With 10, ten percent of them 
 0.1 m took up to 14 standard deviations off the radii of thin rods."""
 
 GRAZING = 4.0
-"""Place of a point along its ray, in errors of a reading, within which the square of
-that is skewed."""
+"""Half-chord, in standard deviations of a reading, below which its square is skewed,
+and is what is compared where rays are exact.
+
+From there on the bend of the square root moves a reading's expectation by less than
+1/32 of its standard deviation.
+"""
 
 STEEPEST_CAP = 0.02
 """Least cosine of the incidence at which a cap's readings are weighed."""
