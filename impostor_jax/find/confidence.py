@@ -30,7 +30,7 @@ FACTS: dict[str, float] = {
     "chi2": -5.37,
     "against": -6.50,
     "shape": -4.19,
-    "cone": -56.22,
+    "cone": -12.45,
     "ball": -2.57,
     "vague": -2.23,
     "exact": 0.54,
@@ -43,8 +43,13 @@ BIAS = 0.81
 """Log-odds where all facts are 0."""
 
 ALLOWED = 0.02
-"""Departure from a cylinder, over the radius, and slope of its wall, in radians, that
-are not held against it: no sensor is as straight as that."""
+"""Departure from a cylinder, over the radius, that is not held against it: no sensor is
+as straight as that."""
+
+SLOPES = (0.025, 0.045)
+"""Of a wall against its axis, in radians: what is not held against it, and from where
+on it is a cone. Drawn sensors tilt no right wall by more than two deviations and .02;
+the bands of two real ones tilt cans by .0025 and .0064 more."""
 
 
 def facts_of(
@@ -75,7 +80,7 @@ def facts_of(
     size = evidence.explained + caps.size
     cone, ball = 0.0, 0.0
     if rivals is not None:
-        cone = max(abs(rivals.slope) - 2 * rivals.deviation - ALLOWED, 0.0)
+        cone = abs(rivals.slope) - 2 * rivals.deviation
         ball = min(max(1 + rivals.ball, 0.0), 1.5) ** 2
     chi2, exact = 1.0, 0.98
     if fit is not None:
@@ -87,7 +92,7 @@ def facts_of(
             min(max(chi2 - 1, 0.0), 3.0),
             math.sqrt((evidence.behind + evidence.other) / total),
             math.sqrt(min(over, 1.0)),
-            math.sqrt(cone),
+            float(np.interp(cone, SLOPES, (0.0, 1.0))),
             ball,
             min(vague, 0.5),
             math.log(exact / (1 - exact)),
