@@ -9,6 +9,7 @@ import sys
 import time
 from collections.abc import Iterator, Sequence
 from concurrent.futures import BrokenExecutor
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -34,19 +35,19 @@ class Work:
     dask: str | None = None
     """Address of a dask scheduler whose workers share the folder (extra: scale)."""
 
-    def options(self) -> dict[str, Any]:
+    @contextlib.contextmanager
+    def options(self) -> Iterator[dict[str, Any]]:
         """Arguments of `generate` and `resume`."""
+        from impostor_jax.workers import dask_executor
+
         options = dataclasses.asdict(self)
         address = options.pop("dask")
-        if address is not None:
-            try:
-                from dask.distributed import Client
-            except ImportError as error:
-                raise ValueError(
-                    "dask needs the extra scale: pip install 'impostor-jax[scale]'"
-                ) from error
-            options["executor"] = Client(address).get_executor(pure=False)
-        return options
+        if address is None:
+            yield options
+            return
+        tell = partial(print, file=sys.stderr)
+        with dask_executor(address, tell) as options["executor"]:
+            yield options
 
 
 @dataclasses.dataclass(frozen=True)
@@ -87,9 +88,9 @@ class Generate:
         from data_synth.generate import generate
         from impostor_jax.io.sensor_record import read_sensor
 
-        options, start = self.work.options(), time.perf_counter()
+        start = time.perf_counter()
         sensor = None if self.sensor is None else read_sensor(self.sensor)
-        with _shown(self.count) as progress:
+        with self.work.options() as options, _shown(self.count) as progress:
             reports = generate(
                 self.preset,
                 self.count,
@@ -144,8 +145,9 @@ class Resume:
         manifest = Manifest.read(self.folder)
         missing = manifest.missing(self.folder, range(manifest.num_shards))
         count = sum(len(manifest.images_of(k)) for k in missing)
-        options, start = self.work.options(), time.perf_counter()
-        with _shown(None if self.repair else count) as progress:
+        start = time.perf_counter()
+        shown = _shown(None if self.repair else count)
+        with self.work.options() as options, shown as progress:
             reports = resume(
                 self.folder,
                 allow_other_maker=self.allow_other_maker,

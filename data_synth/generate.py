@@ -2,18 +2,12 @@
 
 __all__ = ["Progress", "generate", "resume"]
 
-import concurrent.futures
 import contextlib
 import dataclasses
-import itertools
-import multiprocessing
-import multiprocessing.connection
-import os
+import functools
 import shutil
-import signal
-import threading
-from collections.abc import Callable, Generator, Iterator, Sequence
-from concurrent.futures import Executor, ProcessPoolExecutor
+from collections.abc import Callable, Sequence
+from concurrent.futures import Executor
 from pathlib import Path
 from typing import Any
 
@@ -28,9 +22,7 @@ from data_synth.shard import ShardReport, make_shard
 from impostor_jax.io.atomic import write_atomically, write_json, write_text
 from impostor_jax.io.dataset import MANIFEST, SPLIT
 from impostor_jax.sensor.base import noise_model
-
-WAITING = 1000
-"""Most shards that are handed to an executor and not made yet."""
+from impostor_jax.workers import done_by, number_of_workers
 
 Progress = Callable[[ShardReport], object]
 """Is called with each shard that is made."""
@@ -97,7 +89,7 @@ def generate(
         drawn, name, count, seed, shard_size, layout, clean=clean, normals=normals
     )
     part = _part(manifest, shard, num_shards)
-    workers = _checked_workers(workers)
+    workers = number_of_workers(workers)
     if not str(output):
         raise ValueError("output must be the path of a folder, got an empty one")
     folder = Path(output)
@@ -144,7 +136,7 @@ def resume(
     if not allow_other_maker:
         manifest.check_same_maker()
     part = _part(manifest, shard, num_shards)
-    workers = _checked_workers(workers)
+    workers = number_of_workers(workers)
     if repair:
         for number in damaged(path, manifest, part):
             # Without its checksums a shard is not whole.
@@ -166,15 +158,6 @@ def _part(manifest: Manifest, shard: int | None, num_shards: int) -> range:
             f"shard must be from 0 to {num_shards - 1}, num_shards less 1; got {shard}"
         )
     return range(shard, manifest.num_shards, num_shards)
-
-
-def _checked_workers(workers: int | None) -> int:
-    """Number of processes; one a processor if None."""
-    if workers is None:
-        return len(os.sched_getaffinity(0))
-    if workers < 1:
-        raise ValueError(f"workers must be at least 1, got {workers}")
-    return workers
 
 
 def _prepare(folder: Path, manifest: Manifest, *, is_shared: bool) -> None:
@@ -240,7 +223,9 @@ def _run(
         _remove_partial(manifest.shard_path(folder, shard))
     reports = []
     if missing:
-        with contextlib.closing(_made(folder, missing, executor, workers)) as made:
+        work = functools.partial(make_shard, str(folder.resolve()))
+        made = done_by(work, missing, executor, min(workers, len(missing)))
+        with contextlib.closing(made):
             for report in made:
                 reports.append(report)
                 if progress is not None:
@@ -249,86 +234,7 @@ def _run(
     return reports
 
 
-def _made(
-    folder: Path, shards: Sequence[int], executor: Executor | None, workers: int
-) -> Generator[ShardReport]:
-    """Make shards, in the order in which they are ready."""
-    own = None
-    if executor is None:
-        workers = min(workers, len(shards))
-        own = executor = ProcessPoolExecutor(
-            workers,
-            multiprocessing.get_context("spawn"),
-            initializer=_begin_worker,
-            initargs=(max(1, len(os.sched_getaffinity(0)) // workers),),
-        )
-    home, rest, futures = str(folder.resolve()), iter(shards), set()
-    try:
-        while True:
-            with _interrupts_kept_back():
-                for shard in itertools.islice(rest, WAITING - len(futures)):
-                    futures.add(executor.submit(make_shard, home, shard))
-            if not futures:
-                return
-            done, futures = concurrent.futures.wait(
-                futures, return_when=concurrent.futures.FIRST_COMPLETED
-            )
-            yield from (future.result() for future in done)
-    finally:
-        for future in futures:
-            future.cancel()
-        if own is not None:
-            own.shutdown()
-
-
-@contextlib.contextmanager
-def _interrupts_kept_back() -> Iterator[None]:
-    """Let an interrupt wait, and processes that are begun here never see one.
-
-    They would print where they were, until `_begin_worker` has them ignore it.
-    """
-    kept: list[int] = []
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    # Another thread may take it, and then the main one runs the handler all the same: a
-    # process whose start is cut short there prints that it was told nothing.
-    handler = None
-    if threading.current_thread() is threading.main_thread():
-        handler = signal.signal(signal.SIGINT, lambda number, _: kept.append(number))
-    try:
-        yield
-    finally:
-        # None of another thread, and where it was not set by Python.
-        if handler is not None:
-            signal.signal(signal.SIGINT, handler)
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
-        if kept:
-            signal.raise_signal(signal.SIGINT)
-
-
 def _remove_partial(path: Path) -> None:
     """Remove what processes that were killed left of a shard."""
     for left in path.parent.glob(f".{path.name}.*"):
         shutil.rmtree(left)
-
-
-def _begin_worker(threads: int) -> None:
-    """Let only the parent end this process, and let it end with the parent.
-
-    An interrupt from the keyboard reaches all processes: workers finish their shards.
-    Without the thread they would wait for work for ever after a parent that was killed.
-
-    Args:
-        threads: Of XLA. If each process had one for every processor, they would wait
-            for each other's: an image would take a fifth longer.
-    """
-    # Read when the first array is made, which the import of JAX does not do.
-    os.environ.setdefault("PJRT_NPROC", str(threads))
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    parent = multiprocessing.parent_process()
-    assert parent is not None
-
-    def wait() -> None:
-        multiprocessing.connection.wait([parent.sentinel])
-        os._exit(1)
-
-    threading.Thread(target=wait, daemon=True).start()

@@ -35,11 +35,12 @@ from .io.camera_from import camera_from
 from .io.dataset import read_dataset
 from .io.dataset_shard import LabeledImage
 from .io.depth_folder import DepthFolder, DepthFrame, read_depth_folder
-from .io.found_table import write_table
 from .io.mesh_export import to_mesh
 from .io.mesh_file import read_mesh
 from .io.point_cloud import PointCloud
 from .io.points_file import read_points
+from .io.tables import read_results, write_table
+from .many.mapping import map_images
 from .page.fit_page import FitPage, view
 from .primitives.base import AbstractPrimitive
 from .primitives.box import Box
@@ -160,6 +161,7 @@ __all__ = [
     "intersection",
     "io",
     "lit",
+    "map_images",
     "outline",
     "outline_box",
     "outline_tile",
@@ -167,6 +169,7 @@ __all__ = [
     "read_depth_folder",
     "read_mesh",
     "read_points",
+    "read_results",
     "render",
     "shade",
     "signed_distance",

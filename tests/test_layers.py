@@ -11,6 +11,7 @@ PACKAGE = Path(impostor_jax.__file__).parent
 LAYERS = (
     "numerics",
     "caching",
+    "workers",
     "program_store",
     "compiling",
     "effort",
@@ -33,6 +34,7 @@ LAYERS = (
     "viewer",
     "glsl",
     "page",
+    "many",
     "parity",
     "cli",
     "__main__",

@@ -4,56 +4,53 @@ __all__ = ["FindCommand"]
 
 import dataclasses
 import math
-import time
-from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import tyro
 
 from impostor_jax.cli.dials import Dials, EffortName, chosen_effort
-from impostor_jax.cli.found_before import count_there, digest_of
-from impostor_jax.cli.given import (
-    chosen_noise,
-    hints_on_stderr,
-    images_of,
-    places_of,
-    priors_of,
-)
+from impostor_jax.cli.given import chosen_noise, hints_on_stderr, priors_of
 from impostor_jax.cli.inputs import (
     check_images,
     check_noise,
     check_page,
     check_single_image,
 )
+from impostor_jax.cli.many import Many, check_given, is_one, run_on_many
 
 if TYPE_CHECKING:
-    from impostor_jax.camera.base import AbstractCamera
-    from impostor_jax.io.camera_file import CameraFile
+    from impostor_jax.many.items import AbstractItem
+    from impostor_jax.many.tasks import FindTask
 
-RECORD, PICTURES = "found.json", ("labels.png", "overlay.png")
-"""What it writes."""
+RECORD, PICTURES, LABELS = "found.json", ("labels.png", "overlay.png"), "labels.npy"
+"""What it writes: of an image the first two, of a cloud the first and the last."""
 
 
 @dataclasses.dataclass(frozen=True)
 class FindCommand:
     """Find every cylinder in depth images, without masks; or in clouds of points.
 
-    Of depth images, which need --camera, it writes found.json, labels.png (16 bit: 0
-    for none, k for the k-th cylinder of found.json) and overlay.png; of several images
-    each into a folder of its name. With --page, a page for a browser, too, on which
-    readings and cylinders are turned with the mouse. Of clouds it writes found.json and
-    labels.npy: the number for each point of the file, but for those that are not
-    finite. The exit code is 0 if a cylinder was found, 1 if none was and 2 if the input
-    is bad.
+    Of a depth image, which needs --camera, it writes found.json, labels.png (16 bit: 0
+    for none, k for the k-th cylinder of found.json) and overlay.png. With --page, a
+    page for a browser, too, on which readings and cylinders are turned with the mouse.
+    Of a cloud it writes found.json and labels.npy: the number for each point of the
+    file, but for those that are not finite. The exit code is 0 if a cylinder was found,
+    1 if none was and 2 if the input is bad.
+
+    Of several each has a folder of its name, and a table tells of all; one that is
+    broken is a row of it, and then the exit code is 1.
     """
 
     depth: tyro.conf.Positional[tuple[Path, ...]]
-    """Depth images: 16-bit PNG, or meters as floating-point TIFF or NPY; or folders of
-    them, or patterns in quotes, as 'frames/*.png'. Without a camera, clouds of points:
-    PLY, PCD, LAS, LAZ, NPY or text."""
+    """Depth images: 16-bit PNG, or meters as floating-point TIFF or NPY; folders of
+    them, lists of them in .txt files, patterns in quotes, as 'frames/*.png'; or
+    datasets of impostor-synth, BOP, TUM RGB-D, ScanNet or Redwood. Without a camera
+    clouds of points, too: PLY, PCD, LAS, LAZ, NPY or text."""
     camera: Path | None = None
-    """Camera file (JSON): fx, fy, cx, cy, width, height, depth_scale_m, distortion."""
+    """Camera file (JSON): fx, fy, cx, cy, width, height, depth_scale_m, distortion. Of
+    several images it may be a pattern, as '{folder}/camera.json' or
+    'cameras/{name}.json'; most datasets have their own."""
     origin: tuple[float, float, float] | None = None
     """Where the sensor stood, of clouds whose file does not say it, in meters."""
     sigma: float | None = None
@@ -82,152 +79,95 @@ class FindCommand:
     page: Path | None = None
     """HTML file on which what was found in a single image is looked at, in a browser
     with WebGL2: readings by their residuals, cylinders, intervals and numbers."""
-    resume: bool = False
-    """Leave images as they are whose files are there, made from the same image with the
-    same options: the rest of an interrupted run."""
     effort: EffortName = "balanced"
     """How much work it takes; each dial may be set apart from it."""
     dials: Dials = dataclasses.field(default_factory=Dials)
 
+    many: Many = dataclasses.field(default_factory=Many)
+
     def run(self) -> int:
         """Run the command; returns the exit code."""
-        from tqdm import tqdm
-
-        from impostor_jax.cli.ending import stream_beside
-        from impostor_jax.cli.in_turn import found_in_turn
-        from impostor_jax.io.atomic import check_output_file, check_output_folder
-
-        if self.camera is None:
-            return self._run_on_clouds()
-        if self.origin is not None:
+        check_given(self.depth)
+        if self.origin is not None and self.camera is not None:
             raise ValueError("--origin must be given with clouds alone, not --camera")
-        images = images_of(self.depth)
-        places = places_of(images, self.output)
-        several = len(images) > 1
-        if self.json is not None and several:
+        self.many.check()
+        check_noise(self.sigma, self.sensor)
+        if is_one(self.depth, self.camera):
+            return self._run_on_one(self.depth[0])
+        if self.json is not None:
             raise ValueError(
                 "--json must not be given with several images: each has a found.json "
                 "of its own"
             )
-        check_single_image(self.page, not several)
-        check_noise(self.sigma, self.sensor)
-        check_images(self.camera, images, {})
+        check_single_image(self.page, is_single=False)
         # This starts JAX.
-        from impostor_jax.io.camera_file import CameraFile, read_camera
+        from impostor_jax.many.inputs import items_of
 
-        camera, depth_scale_m = read_camera(self.camera)
-        file = CameraFile(camera, depth_scale_m)
-        asked = self._asked(camera)
-        for place in places:
-            check_output_folder(place, (RECORD, *PICTURES))
+        items = items_of(self.depth, self.camera)
+        return run_on_many(items, self._task(items[0]), self.output, self.many)
+
+    def _run_on_one(self, path: Path) -> int:
+        """Search a single image or cloud."""
+        from impostor_jax.cli.ending import stream_beside
+        from impostor_jax.io.atomic import check_output_file, check_output_folder
+
+        if self.camera is None:
+            self._check_cloud(path)
+        else:
+            check_images(self.camera, [path], {})
+        files = (RECORD, LABELS) if self.camera is None else (RECORD, *PICTURES)
+        check_output_folder(self.output, files)
         if self.json is not None:
             check_output_file(self.json, "json")
         check_page(self.page)
-        # Lines for a reader go elsewhere if a file is printed; around the bar.
-        tell = partial(tqdm.write, file=stream_beside(self.json, self.page))
+        # This starts JAX.
+        from impostor_jax.many.inputs import items_of
 
-        def search(image: Path, place: Path) -> int:
-            return self._found(image, place, file, asked, tell)
-
-        return found_in_turn(images, places, "image", tell, search)
-
-    def _run_on_clouds(self) -> int:
-        """The same without a camera."""
-        from impostor_jax.cli.find_points import check_clouds, find_in_clouds
-
-        check_clouds(self.depth, self.json, self.page, self.sensor)
-        check_noise(self.sigma, None)
-        asked = self._asked(None, "min_points") | {"origin": self.origin}
-        return find_in_clouds(self.depth, self.output, self.json, self.resume, asked)
-
-    def _asked(
-        self, camera: "AbstractCamera | None", fewest: str = "min_pixels"
-    ) -> dict[str, Any]:
-        """What a search takes by name.
-
-        Args:
-            camera: Of the images; None of clouds.
-            fewest: How the search calls the fewest pixels.
-        """
-        arc = self.min_arc_deg
-        asked = {
-            "prior": priors_of(self.prior_radius, self.prior_height) or None,
-            fewest: self.min_pixels,
-            "min_arc": None if arc is None else math.radians(arc),
-            "radius_range": self.radius_range,
-        }
-        given = {name: value for name, value in asked.items() if value is not None}
-        return given | {
-            "sigma": chosen_noise(self.sigma, self.sensor, camera),
-            "effort": chosen_effort(self.effort, self.dials),
-        }
-
-    def _found(
-        self,
-        image: Path,
-        place: Path,
-        file: "CameraFile",
-        asked: dict[str, Any],
-        tell: Any,
-    ) -> int:
-        """Search one image and write its files, the record last; how many were found.
-
-        Args:
-            image: Of the depth.
-            place: Folder of what is written.
-            file: What the camera file holds.
-            asked: As of `_asked`.
-            tell: Prints a line for a reader.
-        """
-        from impostor_jax.find.cylinders import find_cylinders
-        from impostor_jax.io.atomic import write_json
-        from impostor_jax.io.depth_image import read_depth, write_index
-        from impostor_jax.io.record import found_record
-        from impostor_jax.viewer.figure import write_overlay
-
-        camera, depth_scale_m = file
-        depth = read_depth(image, depth_scale_m, (camera.height, camera.width))
-        record = self.json or place / RECORD
-        made_from = _made_from(image, file, asked)
-        files = [place / name for name in PICTURES]
-        # A page that is there may be of another run: nothing on it tells.
-        if (
-            self.resume
-            and self.page is None
-            and (count := count_there(record, files, made_from)) is not None
-        ):
-            tell(f"{count} found before")
-            return count
-        start = time.perf_counter()
+        (item,) = items_of([path], self.camera)
+        task, shown = self._task(item), item.read()
         with hints_on_stderr():
-            found = find_cylinders(depth, camera, **asked)
-        seconds = time.perf_counter() - start
-        tell(str(found))
-        write_index(place / PICTURES[0], found.labels - 1)
-        write_overlay(place / PICTURES[1], found, depth, camera)
+            found, seconds = task.found_in(shown)
+        # Lines for a reader go elsewhere if a file is printed.
+        print(found, file=stream_beside(self.json, self.page))
         if self.page is not None:
             from impostor_jax.page.fit_page import view
 
-            view(found, depth, camera).save(self.page)
-        write_json(record, found_record(found, camera, seconds, made_from))
-        return len(found)
+            view(found, shown.depth, shown.camera).save(self.page)
+        task.write(found, shown, seconds, self.output, self.json)
+        return 0 if found else 1
 
+    def _check_cloud(self, path: Path) -> None:
+        """Raise a `ValueError` where a cloud is asked what images have, or is none."""
+        from impostor_jax.io.point_cloud import SUFFIXES
 
-def _made_from(
-    image: Path, file: "CameraFile", asked: dict[str, Any]
-) -> dict[str, Any]:
-    """What the files of an image depend on, for its record."""
-    from impostor_jax.io.camera_file import camera_record
-    from impostor_jax.io.sensor_record import sensor_record
-    from impostor_jax.sensor.base import AbstractDepthNoise
+        if path.suffix.lower() not in SUFFIXES:
+            raise ValueError(
+                f"--camera must be given to search the depth image {str(path)!r}; "
+                f"clouds end in one of {', '.join(SUFFIXES)}"
+            )
+        for flag, value in (("--page", self.page), ("--sensor", self.sensor)):
+            if value is not None:
+                raise ValueError(f"{flag} must be given with depth images alone")
 
-    sigma = asked["sigma"]
-    is_model = isinstance(sigma, AbstractDepthNoise)
-    return {
-        "depth": image.name,
-        "sha256": digest_of(image),
-        "camera": camera_record(*file),
-        **asked,
-        "sigma": sensor_record(sigma) if is_model else sigma,
-        "effort": dataclasses.asdict(asked["effort"]),
-    }
+    def _task(self, item: "AbstractItem") -> "FindTask":
+        """What is done on images or on clouds, of which this is the first."""
+        from impostor_jax.many.items import CloudFile
+        from impostor_jax.many.tasks import FindTask
+
+        is_cloud = isinstance(item, CloudFile)
+        arc = self.min_arc_deg
+        asked = {
+            "prior": priors_of(self.prior_radius, self.prior_height) or None,
+            "min_points" if is_cloud else "min_pixels": self.min_pixels,
+            "min_arc": None if arc is None else math.radians(arc),
+            "radius_range": self.radius_range,
+            "origin": self.origin,
+        }
+        given = {name: value for name, value in asked.items() if value is not None}
+        return FindTask(
+            given
+            | {
+                "sigma": chosen_noise(self.sigma, self.sensor, item),
+                "effort": chosen_effort(self.effort, self.dials),
+            }
+        )

@@ -3,10 +3,9 @@
 __all__ = ["FitCommand"]
 
 import dataclasses
-import time
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Literal
 
 import tyro
 
@@ -15,7 +14,6 @@ from impostor_jax.cli.given import (
     chosen_noise,
     files_of,
     hints_on_stderr,
-    places_of,
     priors_of,
     start_of,
 )
@@ -25,31 +23,43 @@ from impostor_jax.cli.inputs import (
     check_page,
     check_single_image,
 )
+from impostor_jax.cli.many import Many, check_given, is_one, run_on_many
 
 if TYPE_CHECKING:
-    from impostor_jax.camera.base import AbstractCamera
-    from impostor_jax.fit.bore import BoreTest
     from impostor_jax.fit.result import Fit
-    from impostor_jax.fit.taper import TaperTest
+    from impostor_jax.many.items import AbstractItem
+    from impostor_jax.many.tasks import FitTask
+
+FILES = ("fit.json", "overlay.png")
+"""What it writes of an image."""
 
 
 @dataclasses.dataclass(frozen=True)
 class FitCommand:
-    """Fit a capped cylinder, or another shape, to depth images.
+    """Fit a capped cylinder, or another shape, to depth images or clouds of points.
 
-    Writes fit.json and overlay.png; of several images each into a folder of its name,
-    of several labels each into a folder label_N. With --page, a page for a browser,
-    too, on which readings and shapes are turned with the mouse. The exit code is 0 if
-    all fits succeeded, 1 if one failed and 2 if the input is bad.
+    Writes fit.json and overlay.png; of several labels each into a folder label_N. With
+    --page, a page for a browser, too, on which readings and shapes are turned with the
+    mouse. The exit code is 0 if all fits succeeded, 1 if one failed and 2 if the input
+    is bad.
+
+    Of several images each has a folder of its name, and a table tells of all; one that
+    is broken is a row of it, and then the exit code is 1.
     """
 
     depth: tyro.conf.Positional[tuple[Path, ...]]
-    """Depth images: 16-bit PNG, or meters as floating-point TIFF or NPY."""
-    camera: Path
-    """Camera file (JSON): fx, fy, cx, cy, width, height, depth_scale_m, distortion."""
+    """Depth images, folders, lists, datasets or patterns of them, as `find` takes them;
+    or, without a camera, clouds of points."""
+    camera: Path | None = None
+    """Camera file (JSON): fx, fy, cx, cy, width, height, depth_scale_m, distortion. Of
+    several images it may be a pattern, as '{folder}/camera.json' or
+    'cameras/{name}.json'; most datasets have their own."""
+    origin: tuple[float, float, float] | None = None
+    """Where the sensor stood, of clouds whose file does not say it, in meters."""
     mask: tyro.conf.UseAppendAction[tuple[Path, ...]] = ()
     """Mask image, not 0 on the object; an object is searched for if none is given. Of
-    several depth images once for each, or a folder of PNG files of their names."""
+    several depth images once for each, a folder of PNG files of their names, or a
+    pattern, as '{folder}/../mask/{name}.png'. Datasets have their own."""
     labels: tyro.conf.UseAppendAction[tuple[Path, ...]] = ()
     """Label image instead of a mask: 0 where there is no object, otherwise its number;
     each object is fitted. Of several depth images as masks are given."""
@@ -90,167 +100,127 @@ class FitCommand:
     effort: EffortName = "balanced"
     """How much work it takes; each dial may be set apart from it."""
     dials: Dials = dataclasses.field(default_factory=Dials)
+    many: Many = dataclasses.field(default_factory=Many)
 
     def run(self) -> int:
         """Run the command; returns the exit code."""
-        from impostor_jax.cli.ending import stream_beside
-        from impostor_jax.io.atomic import (
-            check_output_file,
-            check_output_folder,
-            write_json,
-        )
-
-        places = places_of(self.depth, self.output)
-        masks = files_of("--mask", self.mask, self.depth)
-        labels = files_of("--labels", self.labels, self.depth)
-        if masks and labels:
+        check_given(self.depth)
+        self.many.check()
+        if self.mask and self.labels:
             raise ValueError("--mask must not be given together with --labels")
-        if self.json is not None and (labels or len(places) > 1):
+        is_single = is_one(self.depth, self.camera)
+        if self.json is not None and (self.labels or not is_single):
             raise ValueError(
                 "--json must not be given with --labels or several images: each fit "
                 "has a fit.json of its own"
             )
-        check_single_image(self.page, len(places) == 1)
-        effort = chosen_effort(self.effort, self.dials)
-        self._check_files(masks, labels)
-        # These start JAX.
-        from impostor_jax.io.camera_file import read_camera
-        from impostor_jax.io.depth_image import read_depth
-        from impostor_jax.viewer.figure import write_overlay
+        check_single_image(self.page, is_single)
+        self._check_flags()
+        if is_single:
+            return self._run_on_one()
+        # This starts JAX.
+        items = self._items()
+        return run_on_many(items, self._task(items[0]), self.output, self.many)
 
-        camera, depth_scale_m = read_camera(self.camera)
-        asked = self._asked(camera) | {"effort": effort}
-        for place in places:
-            check_output_folder(place, () if labels else ("fit.json", "overlay.png"))
-        if self.json is not None:
-            check_output_file(self.json, "json")
-        check_page(self.page)
-        # Lines for a reader go elsewhere if the record, or the page, is printed.
-        tell = partial(print, file=stream_beside(self.json, self.page))
-        succeeded = []
-        for index, place in enumerate(places):
-            size = camera.height, camera.width
-            depth = read_depth(self.depth[index], depth_scale_m, size)
-            if len(places) > 1:
-                tell(f"{self.depth[index]}:")
-            given = (labels or masks or [None] * len(places))[index]
-            fits, tests, seconds = self._fits(given, depth, camera, asked)
-            for (name, fit), (taper, bore) in zip(fits.items(), tests, strict=True):
-                if labels:
-                    tell(f"{name.replace('_', ' ')}:")
-                elif not masks:
-                    tell(_region_taken(fit))
-                tell(fit.summary(seconds))
-                for test in (taper, bore):
-                    if test is not None:
-                        tell(test)
-                folder = place / name
-                write_json(
-                    folder / "fit.json" if self.json is None else self.json,
-                    fit.to_dict(seconds, taper, bore),
-                )
-                write_overlay(folder / "overlay.png", fit, depth, camera)
-                succeeded.append(bool(fit.success))
-            if self.page is not None:
-                from impostor_jax.page.fit_page import view
-
-                named = {
-                    name.replace("_", " ") or fit.kind: fit
-                    for name, fit in fits.items()
-                }
-                view(named, depth, camera).save(self.page)
-        return 0 if all(succeeded) else 1
-
-    def _check_files(self, masks: list[Path], labels: list[Path]) -> None:
-        """Raise where files or flags are seen to be bad without JAX."""
+    def _check_flags(self) -> None:
+        """Raise where flags, or their files, are seen to be bad without JAX."""
         from impostor_jax.io.scene_record import read_scene_record
 
+        chosen_effort(self.effort, self.dials)
         check_noise(self.sigma, self.sensor)
-        beside = {"mask": masks, "label image": labels}
-        check_images(self.camera, self.depth, beside)
         if self.initial is not None:
             read_scene_record(self.initial)
-
-    def _asked(self, camera: "AbstractCamera") -> dict[str, Any]:
-        """What a fit takes by name, but the mask and the effort."""
         tests = {"--test-taper": self.test_taper, "--test-bore": self.test_bore}
         for name, is_asked in tests.items():
             if is_asked and self.shape != "cylinder":
                 raise ValueError(f"{name} must not be given for a {self.shape}")
-        return {
-            "sigma": chosen_noise(self.sigma, self.sensor, camera),
+        if self.origin is not None and self.camera is not None:
+            raise ValueError("--origin must be given with clouds alone, not --camera")
+
+    def _run_on_one(self) -> int:
+        """Fit to a single image or cloud."""
+        from impostor_jax.cli.ending import stream_beside
+        from impostor_jax.io.atomic import check_output_file, check_output_folder
+
+        masks = files_of("--mask", self.mask, self.depth)
+        labels = files_of("--labels", self.labels, self.depth)
+        if self.camera is None:
+            self._check_cloud()
+        else:
+            beside = {"mask": masks, "label image": labels}
+            check_images(self.camera, self.depth, beside)
+        check_output_folder(self.output, () if labels else FILES)
+        if self.json is not None:
+            check_output_file(self.json, "json")
+        check_page(self.page)
+        # These start JAX.
+        from impostor_jax.many.tasks import write_fit
+
+        (item,) = self._items()
+        task, shown = self._task(item), item.read()
+        # Lines for a reader go elsewhere if the record, or the page, is printed.
+        tell = partial(print, file=stream_beside(self.json, self.page))
+        with hints_on_stderr():
+            fits, seconds = task.fits_of(shown)
+            tests = [task.tests_of(fit) for fit in fits.values()]
+        named = {}
+        for (label, fit), tested in zip(fits.items(), tests, strict=True):
+            if label is not None:
+                tell(f"label {label}:")
+            elif not masks and shown.depth is not None:
+                tell(_region_taken(fit))
+            tell(fit.summary(seconds))
+            for test in filter(None, tested):
+                tell(test)
+            place = self.output if label is None else self.output / f"label_{label}"
+            write_fit(fit, tested, shown, seconds, place, self.json)
+            named[fit.kind if label is None else f"label {label}"] = fit
+        if self.page is not None:
+            from impostor_jax.page.fit_page import view
+
+            view(named, shown.depth, shown.camera).save(self.page)
+        return 0 if all(fit.success for fit in fits.values()) else 1
+
+    def _check_cloud(self) -> None:
+        """Raise a `ValueError` where a cloud is asked what images have, or is none."""
+        from impostor_jax.io.point_cloud import SUFFIXES
+
+        (path,) = self.depth
+        if path.suffix.lower() not in SUFFIXES:
+            raise ValueError(
+                f"--camera must be given to fit the depth image {str(path)!r}; clouds "
+                f"end in one of {', '.join(SUFFIXES)}"
+            )
+        if self.shape != "cylinder":
+            raise ValueError(f"--shape must be cylinder of a cloud, got {self.shape}")
+        given = {"--page": self.page, "--mask": self.mask, "--labels": self.labels}
+        for flag, value in given.items():
+            if value:
+                raise ValueError(f"{flag} must be given with depth images alone")
+
+    def _items(self) -> "list[AbstractItem]":
+        """What is fitted to."""
+        from impostor_jax.many.inputs import items_of
+
+        meaning = "labels" if self.labels else "mask"
+        return items_of(self.depth, self.camera, self.labels or self.mask, meaning)
+
+    def _task(self, item: "AbstractItem") -> "FitTask":
+        """What is done on images or on clouds, of which this is the first."""
+        from impostor_jax.many.tasks import FitTask
+
+        asked = {
+            "sigma": chosen_noise(self.sigma, self.sensor, item),
             "initial": start_of(self.initial, self.shape),
             "fixed": self.fixed,
             "prior": priors_of(self.prior_radius, self.prior_height),
             "mask_meaning": self.mask_meaning,
             "errors": self.errors,
+            "effort": chosen_effort(self.effort, self.dials),
         }
-
-    def _fits(
-        self,
-        given: Path | None,
-        depth: Any,
-        camera: "AbstractCamera",
-        asked: dict[str, Any],
-    ) -> "tuple[dict[str, Fit], list[tuple[TaperTest | None, BoreTest | None]], float]":
-        """Fits of an image's objects, by their folders; tests of them; the seconds.
-
-        Args:
-            given: File of its mask or its labels, if there is one.
-            depth: The image.
-            camera: The camera.
-            asked: As of `_asked`, with the effort.
-        """
-        import jax
-
-        from impostor_jax.fits.labels import fit_labels
-        from impostor_jax.io.label_image import read_labels, read_one_mask
-
-        function, size = self._function(), (camera.height, camera.width)
-        read = read_labels if self.labels else read_one_mask
-        pixels = None if given is None else read(given, size)
-        start = time.perf_counter()
-        with hints_on_stderr():
-            if self.labels:
-                found = fit_labels(depth, camera, pixels, function, **asked)
-                fits = {f"label_{label}": fit for label, fit in found.items()}
-            else:
-                fits = {"": function(depth, camera, mask=pixels, **asked)}
-            tests = [(self._taper(fit), self._bore(fit)) for fit in fits.values()]
-        jax.block_until_ready([fit.rms for fit in fits.values()])
-        return fits, tests, time.perf_counter() - start
-
-    def _function(self) -> Any:
-        """What fits the shape."""
-        from impostor_jax.fits.single import (
-            fit_box,
-            fit_cylinder,
-            fit_frustum,
-            fit_sphere,
-            fit_tube,
-        )
-
-        return {
-            "cylinder": fit_cylinder,
-            "sphere": fit_sphere,
-            "frustum": fit_frustum,
-            "tube": fit_tube,
-            "box": fit_box,
-        }[self.shape]
-
-    def _taper(self, fit: "Fit") -> "TaperTest | None":
-        """Whether a frustum is needed, where that is asked and an object was seen."""
-        from impostor_jax.fit.taper import test_taper
-
-        is_tested = self.test_taper and fit.asked.arguments is not None
-        return test_taper(fit) if is_tested else None
-
-    def _bore(self, fit: "Fit") -> "BoreTest | None":
-        """Whether a tube is needed, likewise."""
-        from impostor_jax.fit.bore import test_bore
-
-        is_tested = self.test_bore and fit.asked.arguments is not None
-        return test_bore(fit) if is_tested else None
+        if self.origin is not None:
+            asked["origin"] = self.origin
+        return FitTask(asked, self.shape, self.test_taper, self.test_bore)
 
 
 def _region_taken(fit: "Fit") -> str:

@@ -5,7 +5,6 @@ __all__ = [
     "files_of",
     "hints_on_stderr",
     "images_of",
-    "places_of",
     "priors_of",
     "start_of",
 ]
@@ -19,16 +18,18 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from impostor_jax.many.items import AbstractItem
     from impostor_jax.primitives.base import AbstractPrimitive
 
 
-def chosen_noise(sigma: float | None, sensor: str | None, camera: Any) -> Any:
+def chosen_noise(sigma: float | None, sensor: str | None, item: "AbstractItem") -> Any:
     """What a fit takes for sigma: a number, a noise model, or None for neither.
 
     Args:
         sigma: Of `--sigma`.
         sensor: Of `--sensor`: a name, or a JSON file.
-        camera: Whose focal length a stereo camera has, unless its file says another.
+        item: An image, whose focal length a stereo camera has, unless its file says
+            another.
 
     Raises:
         ValueError: Both are given, or the sensor is unknown.
@@ -40,6 +41,11 @@ def chosen_noise(sigma: float | None, sensor: str | None, camera: Any) -> Any:
     from impostor_jax.camera.pinhole import PinholeCamera
     from impostor_jax.io.sensor_record import read_sensor, sensor_from_record
 
+    try:
+        camera = item.read().camera
+    except (ValueError, OSError):
+        # It is broken, which is said where it is its turn.
+        camera = None
     focal_length = float(camera.fx) if isinstance(camera, PinholeCamera) else None
     if sensor.endswith(".json"):
         return read_sensor(Path(sensor), focal_length)
@@ -100,26 +106,6 @@ def images_of(given: Sequence[Path]) -> list[Path]:
             raise ValueError(f"{str(path)!r} must hold depth images, got none")
         images += sorted(some)
     return images
-
-
-def places_of(images: Sequence[Path], output: Path) -> list[Path]:
-    """Folders of what is written: of several images one each, with its name.
-
-    Raises:
-        ValueError: There is no image, or two have the same name.
-    """
-    if not images:
-        raise ValueError("a depth image must be given, got none")
-    if len(images) == 1:
-        return [output]
-    names = [image.stem for image in images]
-    for name in names:
-        if names.count(name) > 1:
-            raise ValueError(
-                f"depth images must have different names, got {name!r} twice: each has "
-                "a folder of its name"
-            )
-    return [output / name for name in names]
 
 
 def files_of(flag: str, given: Sequence[Path], images: Sequence[Path]) -> list[Path]:

@@ -26,20 +26,20 @@ from impostor_jax.find.rivals import Rivals
 from impostor_jax.fit.result import Fit
 
 FACTS: dict[str, float] = {
-    "misfit": -2.41,
-    "chi2": -5.37,
-    "against": -6.50,
-    "shape": -4.19,
-    "cone": -12.45,
-    "ball": -2.57,
-    "vague": -2.23,
-    "exact": 0.54,
-    "size": 0.52,
-    "rim": 2.62,
+    "misfit": -2.74,
+    "chi2": -6.86,
+    "against": -6.45,
+    "shape": -4.36,
+    "cone": -27.79,
+    "ball": -1.67,
+    "vague": -1.50,
+    "exact": 0.58,
+    "size": 0.62,
+    "rim": 2.81,
 }
 """Name of each fact, and its weight."""
 
-BIAS = 0.81
+BIAS = 0.78
 """Log-odds where all facts are 0."""
 
 ALLOWED = 0.02

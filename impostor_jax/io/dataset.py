@@ -114,11 +114,11 @@ class Dataset(Sequence[LabeledImage]):
     def __init__(self, parts: Sequence[_Part]):
         self._parts = tuple(parts)
         # Opened to count where nothing says how many there are.
-        counts = (
+        self._counts = [
             len(part.opened()) if part.num_images is None else part.num_images
             for part in parts
-        )
-        self._ends = list(itertools.accumulate(counts))
+        ]
+        self._ends = list(itertools.accumulate(self._counts))
         self._last: tuple[int, ShardFolder | ShardArchive] | None = None
 
     @override
@@ -147,6 +147,12 @@ class Dataset(Sequence[LabeledImage]):
             self._last = part, self._parts[part].opened()
         first = self._ends[part - 1] if part else 0
         return self._last[1].image(number - first)
+
+    def keys(self) -> Iterator[str]:
+        """Number of the scene and of the image in it, of each image, unread."""
+        for part, count in zip(self._parts, self._counts, strict=True):
+            scene = part.path.stem.removeprefix("shard-")
+            yield from (f"{scene}_{number:06d}" for number in range(count))
 
     @override
     def __iter__(self) -> Iterator[LabeledImage]:

@@ -46,18 +46,21 @@ class DepthFrame(NamedTuple):
 class DepthFolder(Sequence[DepthFrame]):
     """The frames of a folder, each of which is read when it is asked for.
 
-    Args:
+    Attributes:
         shots: What the folder says of each.
         camera: That took them, where the folder does not say.
     """
 
+    shots: tuple[Shot, ...]
+    camera: PinholeCamera | None
+
     def __init__(self, shots: Sequence[Shot], camera: PinholeCamera | None):
-        self._shots = tuple(shots)
-        self._camera = camera
+        self.shots = tuple(shots)
+        self.camera = camera
 
     @override
     def __len__(self) -> int:
-        return len(self._shots)
+        return len(self.shots)
 
     @overload
     def __getitem__(self, index: int) -> DepthFrame: ...
@@ -69,7 +72,7 @@ class DepthFolder(Sequence[DepthFrame]):
     def __getitem__(self, index: int | slice) -> DepthFrame | list[DepthFrame]:
         if isinstance(index, slice):
             return [self[k] for k in range(len(self))[index]]
-        shot, given = self._shots[index], self._camera
+        shot, given = self.shots[index], self.camera
         size = None if given is None else (given.height, given.width)
         depth = read_depth(shot.depth, shot.unit_m, size).astype(np.float32)
         masks = [read_mask(path, depth.shape) for path in shot.masks]

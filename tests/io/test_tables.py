@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import impostor_jax as ij
-from impostor_jax.io.found_table import table_of
+from impostor_jax.io.tables import table_of
 from tests.page.scenes import can_fit
 
 

@@ -1,0 +1,245 @@
+"""Images and clouds that are read where the work on them is done.
+
+Each is a few words that tell where it lies, which any process can be sent.
+"""
+
+__all__ = [
+    "AbstractItem",
+    "Camera",
+    "CloudFile",
+    "DatasetImage",
+    "FolderFrame",
+    "ImageFile",
+    "Shown",
+]
+
+import abc
+import dataclasses
+import functools
+import hashlib
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float, Integer
+from typing_extensions import override
+
+from impostor_jax.camera.base import AbstractCamera
+from impostor_jax.camera.pinhole import PinholeCamera
+from impostor_jax.io.camera_file import CameraFile, camera_record, read_camera
+from impostor_jax.io.dataset import MANIFEST, Dataset, read_dataset
+from impostor_jax.io.depth_folder import DepthFolder
+from impostor_jax.io.depth_image import read_depth
+from impostor_jax.io.depth_layouts import Shot
+from impostor_jax.io.label_image import read_labels, read_one_mask
+from impostor_jax.io.points_file import read_points
+from impostor_jax.io.shape_record import pose_rows
+
+Camera = Path | CameraFile
+"""A camera file, or what is in one."""
+
+LABELS, MASK = "labels", "mask"
+"""What an image beside the depth holds."""
+
+
+class Shown(NamedTuple):
+    """What an item holds.
+
+    Attributes:
+        depth: In meters; None of a cloud.
+        camera: That took it; None of a cloud.
+        labels: Number of the object that each pixel shows, 0 of none; or, of a single
+            object without a number, the mask of it. None where nothing is told.
+        points: Of a cloud, in meters.
+        origin: Where the sensor stood, of a cloud whose file says it.
+    """
+
+    depth: Float[np.ndarray, "h w"] | None
+    camera: AbstractCamera | None
+    labels: Integer[np.ndarray, "h w"] | Bool[np.ndarray, "h w"] | None = None
+    points: Float[np.ndarray, "n 3"] | None = None
+    origin: Any = None
+
+
+@dataclasses.dataclass(frozen=True)
+class AbstractItem(abc.ABC):
+    """Something that a task is done on.
+
+    Attributes:
+        name: Tells it from all others of a run, with slashes between folders.
+    """
+
+    name: str
+
+    @abc.abstractmethod
+    def read(self) -> Shown:
+        """What it holds.
+
+        Raises:
+            ValueError: A file is missing, broken or of another kind or size.
+        """
+
+    @abc.abstractmethod
+    def fingerprint(self) -> Any:
+        """What is another where the item is, as JSON can hold it.
+
+        Raises:
+            OSError: A file is missing.
+        """
+
+
+@dataclasses.dataclass(frozen=True)
+class ImageFile(AbstractItem):
+    """A depth image in a file of its own.
+
+    Attributes:
+        path: Of the image.
+        camera: That took it.
+        beside: Image of its mask or its labels.
+        meaning: Which of both that is.
+    """
+
+    path: Path
+    camera: Camera
+    beside: Path | None = None
+    meaning: str = MASK
+
+    @override
+    def read(self) -> Shown:
+        camera, depth_scale_m = _read_camera(self.camera)
+        size = camera.height, camera.width
+        depth = read_depth(self.path, depth_scale_m, size)
+        labels = None
+        if self.beside is not None:
+            read = read_labels if self.meaning == LABELS else read_one_mask
+            labels = read(self.beside, size)
+        return Shown(depth, camera, labels)
+
+    @override
+    def fingerprint(self) -> Any:
+        beside = None if self.beside is None else _digest_of(self.beside)
+        return [_digest_of(self.path), _camera_told(self.camera), beside]
+
+
+@dataclasses.dataclass(frozen=True)
+class FolderFrame(AbstractItem):
+    """A frame of an RGB-D dataset, which has cameras, poses and masks of its own.
+
+    Attributes:
+        shot: What the dataset's folder says of it.
+        camera: That took it, where the folder does not say.
+    """
+
+    shot: Shot
+    camera: PinholeCamera | None
+
+    @override
+    def read(self) -> Shown:
+        frame = DepthFolder([self.shot], self.camera)[0]
+        return Shown(frame.depth, frame.camera, _labels_of(frame.masks))
+
+    @override
+    def fingerprint(self) -> Any:
+        _, path, unit_m, intrinsics, pose, masks, _ = self.shot
+        files = [_digest_of(one) for one in (path, *masks)]
+        moved = None if pose is None else pose.tolist()
+        camera = (
+            None if self.camera is None else _told_of(CameraFile(self.camera, None))
+        )
+        return [files, unit_m, intrinsics, moved, camera]
+
+
+@dataclasses.dataclass(frozen=True)
+class DatasetImage(AbstractItem):
+    """An image of a dataset that this project made.
+
+    Attributes:
+        dataset: Its folder, or an archive of it.
+        index: Of the image.
+    """
+
+    dataset: Path
+    index: int
+
+    @override
+    def read(self) -> Shown:
+        image = _dataset_at(self.dataset)[self.index]
+        return Shown(image.depth, image.camera, _labels_of(image.mask))
+
+    @override
+    def fingerprint(self) -> Any:
+        # Scenes are written once: what a dataset is made of is in its manifest.
+        path = self.dataset
+        return [_digest_of(path if path.is_file() else path / MANIFEST)]
+
+
+@dataclasses.dataclass(frozen=True)
+class CloudFile(AbstractItem):
+    """A cloud of points.
+
+    Attributes:
+        path: Of its file.
+    """
+
+    path: Path
+
+    @override
+    def read(self) -> Shown:
+        cloud = read_points(self.path)
+        return Shown(None, None, None, cloud.points, cloud.origin)
+
+    @override
+    def fingerprint(self) -> Any:
+        return [_digest_of(self.path)]
+
+
+def _labels_of(masks: Bool[np.ndarray, "n h w"]) -> Integer[np.ndarray, "h w"] | None:
+    """Numbers of the objects that pixels show, the first 1; None of no objects."""
+    if not len(masks):
+        return None
+    numbers = np.arange(1, len(masks) + 1).reshape(-1, 1, 1)
+    return np.max(np.where(masks, numbers, 0), axis=0)
+
+
+def _digest_of(path: Path) -> str:
+    """SHA-256 of a file, which tells whether it is another than before."""
+    with path.open("rb") as data:
+        return hashlib.file_digest(data, "sha256").hexdigest()
+
+
+def _camera_told(camera: Camera) -> Any:
+    """What a camera is, as JSON can hold it."""
+    if isinstance(camera, Path):
+        return _digest_at(camera, camera.stat().st_mtime_ns)
+    return _told_of(camera)
+
+
+def _told_of(camera: CameraFile) -> Any:
+    pose = camera.camera.camera_from_world
+    moved = None if pose is None else pose_rows(pose)
+    return [camera_record(*camera), moved]
+
+
+@functools.lru_cache(maxsize=1000)
+def _digest_at(path: Path, changed: int) -> str:
+    """Digest of a file that many images share, as it was when it was last changed."""
+    del changed
+    return _digest_of(path)
+
+
+def _read_camera(camera: Camera) -> CameraFile:
+    if isinstance(camera, CameraFile):
+        return camera
+    return _camera_at(camera, camera.stat().st_mtime_ns if camera.exists() else 0)
+
+
+@functools.lru_cache(maxsize=1000)
+def _camera_at(path: Path, changed: int) -> CameraFile:
+    """What is in a camera file that many images share, likewise."""
+    del changed
+    return read_camera(path)
+
+
+@functools.lru_cache(maxsize=8)
+def _dataset_at(path: Path) -> Dataset:
+    return read_dataset(path)

@@ -1,0 +1,221 @@
+"""Do a task on many images or clouds: in turn, in processes, or on a cluster."""
+
+__all__ = ["JOURNAL", "done_on", "map_images", "named_task"]
+
+import contextlib
+import hashlib
+import importlib.metadata
+import itertools
+import json
+from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import Executor
+from functools import partial
+from inspect import signature
+from pathlib import Path
+from typing import Any
+
+from impostor_jax.find.cylinders import find_cylinders
+from impostor_jax.fit.options import Options
+from impostor_jax.fits.search_points import find_cylinders_in_points
+from impostor_jax.io.atomic import check_output_folder
+from impostor_jax.io.camera_file import CameraFile, FiledCamera
+from impostor_jax.many.inputs import items_of
+from impostor_jax.many.items import LABELS, MASK, AbstractItem
+from impostor_jax.many.journal import Entry, Journal
+from impostor_jax.many.tasks import FITS, AbstractTask, FindTask, FitTask
+from impostor_jax.plain_arguments import one_of
+from impostor_jax.workers import done_by, number_of_workers
+
+CHUNK = 8
+"""Items that a process is handed at once; what it has not told of is lost with it."""
+
+JOURNAL = "results.jsonl"
+"""File of what is done of a run, in its folder."""
+
+VERSION = importlib.metadata.version("impostor_jax")
+"""What another version finds may differ."""
+
+FAILED = "failed"
+"""Status of an image that could not be read, searched or fitted."""
+
+
+def map_images(
+    images: str | Path | Sequence[str | Path],
+    camera: str | Path | CameraFile | FiledCamera | None = None,
+    task: str = "find",
+    *,
+    masks: str | Path | Sequence[str | Path] = (),
+    labels: str | Path | Sequence[str | Path] = (),
+    output: str | Path | None = None,
+    resume: bool = False,
+    files: bool = False,
+    workers: int = 1,
+    executor: Executor | None = None,
+    **options: Any,
+) -> Iterator[Entry]:
+    """Find cylinders in many images, or fit one to each, and tell of each when done.
+
+        for one in ij.map_images("frames", "camera.json", workers=2, sigma=0.002):
+            for row in one.rows:
+                print(one.name, row["status"], row.get("radius_m"))
+
+    An image that cannot be read or fitted has a row with the status `failed` and the
+    reason; the others are done all the same. With `workers` a script must keep what it
+    does under `if __name__ == "__main__":`, since processes import it again.
+
+    Args:
+        images: Depth images, folders, lists, datasets, or patterns of them; or clouds:
+            as `impostor-jax find` takes them.
+        camera: Camera file of the images, or a pattern such as `{folder}/camera.json`
+            of one for each; or a camera, of images in meters. None of clouds, and of
+            datasets that have their cameras.
+        task: "find", or what is fitted: "cylinder", "sphere", "frustum", "tube", "box".
+        masks: Of what is fitted: one each, a folder of PNG files of the images' names,
+            or a pattern.
+        labels: Likewise label images, of which each object is fitted.
+        output: Folder in which `results.jsonl` grows as images are done; none if None.
+        resume: Whether images are left out that are in there, done from the same files
+            with the same options and version; they are told of first.
+        files: Whether each image has its record and pictures in a folder of its name
+            in `output`, too.
+        workers: Number of processes; with 1 the work is done in this one.
+        executor: What runs the work instead, such as
+            `dask.distributed.Client.get_executor(pure=False)`.
+        options: Of `find_cylinders`, `find_cylinders_in_points`, `fit_cylinder` and
+            the like, by name: `sigma`, `prior`, `effort`.
+
+    Returns:
+        What came of each, when it is done: in the order of the images with one worker,
+        else in the order in which they are ready. Leaving the loop ends the work.
+
+    Raises:
+        ValueError: An argument is bad, or stands for no image.
+    """
+    one_of("task", task, ("find", *FITS))
+    if masks and labels:
+        raise ValueError("masks must not be given together with labels")
+    if (resume or files) and output is None:
+        raise ValueError("output must be given with resume or files, got None")
+    file = CameraFile(camera, None) if isinstance(camera, FiledCamera) else camera
+    beside, meaning = (labels, LABELS) if labels else (masks, MASK)
+    if beside and task == "find":
+        raise ValueError(f"{meaning} must be given with what is fitted alone")
+    if isinstance(beside, str | Path):
+        beside = [beside]
+    given = [images] if isinstance(images, str | Path) else images
+    items = items_of(given, file, beside, meaning)
+    asked = named_task(task, options)
+    folder = None if output is None else Path(output)
+    if folder is not None:
+        check_output_folder(folder, (JOURNAL,))
+    return done_on(
+        items,
+        asked,
+        folder,
+        workers=number_of_workers(workers),
+        executor=executor,
+        is_resumed=resume,
+        has_files=files,
+    )
+
+
+def named_task(name: str, options: Mapping[str, Any], **tests: bool) -> AbstractTask:
+    """The task of a name, "find" or what is fitted.
+
+    Args:
+        name: As in `map_images`.
+        options: Of the search or the fit.
+        tests: Of `FitTask`.
+
+    Raises:
+        TypeError: An option is unknown.
+        ValueError: One has a value that is not allowed.
+    """
+    if name == "find":
+        known = {*signature(find_cylinders).parameters}
+        known |= {*signature(find_cylinders_in_points).parameters}
+        for option in options:
+            one_of("option", option, sorted(known - {"depth", "camera", "points"}))
+        return FindTask(options)
+    Options.of({k: v for k, v in options.items() if k not in ("sigma", "initial")})
+    return FitTask(options, name, **tests)
+
+
+def done_on(
+    items: Sequence[AbstractItem],
+    task: AbstractTask,
+    output: Path | None,
+    *,
+    workers: int = 1,
+    executor: Executor | None = None,
+    is_resumed: bool = False,
+    has_files: bool = False,
+) -> Generator[Entry]:
+    """Do a task on items; the arguments are those of `map_images`."""
+    with contextlib.ExitStack() as stack:
+        journal, rest = None, items
+        if output is not None:
+            journal = stack.enter_context(Journal(output / JOURNAL, is_resumed))
+            if is_resumed:
+                done = {one.name for one in items if _is_done(one, task, journal)}
+                yield from journal.entries([*done])
+                rest = [one for one in items if one.name not in done]
+        work = partial(_done, task, output if has_files else None)
+        made: Iterable[list[Entry]]
+        if executor is None and workers == 1:
+            made = (work([one]) for one in rest)
+        else:
+            chunks = _chunks(rest)
+            running = done_by(work, chunks, executor, workers)
+            made = stack.enter_context(contextlib.closing(running))
+        for entries in made:
+            if journal is not None:
+                journal.add(entries)
+            yield from entries
+
+
+def _chunks(items: Sequence[AbstractItem]) -> Iterator[list[AbstractItem]]:
+    rest = iter(items)
+    while chunk := list(itertools.islice(rest, CHUNK)):
+        yield chunk
+
+
+def _is_done(item: AbstractItem, task: AbstractTask, journal: Journal) -> bool:
+    """Whether a journal has an item as it is now."""
+    if item.name not in journal:
+        return False
+    try:
+        return journal.has(item.name, _made_from(item, task))
+    except (ValueError, OSError):
+        return False
+
+
+def _made_from(item: AbstractItem, task: AbstractTask) -> str:
+    """Digest of what the rows of an item depend on."""
+    told = [item.fingerprint(), task.told(), VERSION]
+    return hashlib.sha256(json.dumps(told, sort_keys=True).encode()).hexdigest()
+
+
+def _done(
+    task: AbstractTask, output: Path | None, items: Sequence[AbstractItem]
+) -> list[Entry]:
+    """What comes of items; their files are written where there is a folder for them."""
+    return [_entry(task, output, item) for item in items]
+
+
+def _entry(task: AbstractTask, output: Path | None, item: AbstractItem) -> Entry:
+    try:
+        made_from = _made_from(item, task)
+        place = None if output is None else output / item.name
+        rows = task.done_on(item.read(), place)
+    # Whatever is wrong with one image of thousands, the others are done.
+    except Exception as error:
+        words = " ".join(str(error).split())
+        if not isinstance(error, ValueError | OSError):
+            words = f"{type(error).__name__}: {words}"
+        rows = [{"status": FAILED, "reason": words}]
+        return Entry(item.name, None, [{"image": item.name, **row} for row in rows])
+    said = {"version": VERSION}
+    return Entry(
+        item.name, made_from, [{"image": item.name, **row, **said} for row in rows]
+    )
