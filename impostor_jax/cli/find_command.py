@@ -138,6 +138,7 @@ class FindCommand:
 
     def _check_cloud(self, path: Path) -> None:
         """Raise a `ValueError` where a cloud is asked what images have, or is none."""
+        from impostor_jax.io.input_file import require_file
         from impostor_jax.io.point_cloud import SUFFIXES
 
         if path.suffix.lower() not in SUFFIXES:
@@ -145,6 +146,7 @@ class FindCommand:
                 f"--camera must be given to search the depth image {str(path)!r}; "
                 f"clouds end in one of {', '.join(SUFFIXES)}"
             )
+        require_file(path, f"point file {str(path)!r}")
         for flag, value in (("--page", self.page), ("--sensor", self.sensor)):
             if value is not None:
                 raise ValueError(f"{flag} must be given with depth images alone")

@@ -183,6 +183,7 @@ class FitCommand:
 
     def _check_cloud(self) -> None:
         """Raise a `ValueError` where a cloud is asked what images have, or is none."""
+        from impostor_jax.io.input_file import require_file
         from impostor_jax.io.point_cloud import SUFFIXES
 
         (path,) = self.depth
@@ -191,6 +192,7 @@ class FitCommand:
                 f"--camera must be given to fit the depth image {str(path)!r}; clouds "
                 f"end in one of {', '.join(SUFFIXES)}"
             )
+        require_file(path, f"point file {str(path)!r}")
         if self.shape != "cylinder":
             raise ValueError(f"--shape must be cylinder of a cloud, got {self.shape}")
         given = {"--page": self.page, "--mask": self.mask, "--labels": self.labels}

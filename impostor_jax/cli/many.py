@@ -61,10 +61,10 @@ def is_one(given: Sequence[Path], camera: Path | None) -> bool:
 
 
 def check_given(given: Sequence[Path]) -> None:
-    """Raise a `ValueError` where nothing is given, or it does not exist."""
+    """Raise a `ValueError` where nothing is given, or one of several does not exist."""
     if not given:
         raise ValueError("a depth image must be given, got none")
-    for path in given:
+    for path in given if len(given) > 1 else ():
         if not path.exists() and not glob.has_magic(str(path)):
             raise ValueError(f"{str(path)!r} does not exist")
 
@@ -118,7 +118,7 @@ def run_on_many(
             rest = "interrupted; --resume does the rest"
             raise KeyboardInterrupt(rest) from interrupt
     names = [one.name for one in items]
-    with Journal(output / JOURNAL, is_resumed=True) as journal:
+    with contextlib.closing(Journal(output / JOURNAL, True)) as journal:
 
         def rows() -> Any:
             return (row for one in journal.entries(names) for row in one.rows)

@@ -13,7 +13,11 @@ from typing import Any
 import numpy as np
 
 from impostor_jax.find.found import AbstractFound
-from impostor_jax.io.atomic import check_output_file, write_atomically
+from impostor_jax.io.atomic import (
+    check_output_file,
+    check_output_folder,
+    write_atomically,
+)
 from impostor_jax.io.input_file import require_file
 from impostor_jax.plain_arguments import one_of
 
@@ -89,7 +93,10 @@ def check_table(path: str | Path, name: str = "path") -> None:
         )
     if path.suffix.lower() == ".parquet":
         _parquet()
-    check_output_file(path, name)
+    if path.parent.exists():
+        check_output_file(path, name)
+    else:
+        check_output_folder(path.parent)
 
 
 def write_rows(rows: Callable[[], Iterable[Row]], path: str | Path) -> None:

@@ -74,17 +74,15 @@ def items_of(
     sources = [source for one in given for source in _sources(str(one), camera)]
     if not sources:
         raise ValueError("a depth image must be given, got none")
-    names = _names_of([source.path for source in sources])
+    names = _names_of(sources)
     files = [source.path for source in sources if source.item is None]
+    if beside and len(files) < len(sources):
+        raise ValueError(f"{meaning} must not be given of datasets, which have theirs")
     found = iter(_beside(beside, files, names))
     items = []
     for source, name in zip(sources, names, strict=True):
         path = source.path
         if source.item is not None:
-            if beside:
-                raise ValueError(
-                    f"{meaning} must not be given of a dataset, got {str(path)!r}"
-                )
             items.append(dataclasses.replace(source.item, name=name))
         elif camera is None:
             items.append(CloudFile(name, path))
@@ -170,19 +168,24 @@ def _of_folder(
         yield _Source(folder / shot.name, FolderFrame(shot.name, shot, known))
 
 
-def _names_of(paths: Sequence[Path]) -> list[str]:
-    """Names of files: their paths from the folder that they have in common.
+def _names_of(sources: Sequence[_Source]) -> list[str]:
+    """Names of items: their paths from the folder that they have in common.
 
     Raises:
         ValueError: One is given twice.
     """
-    whole = [path.absolute() for path in paths]
+    whole = [Path(os.path.abspath(source.path)) for source in sources]
     common = os.path.commonpath([path.parent for path in whole])
-    plain = [path.relative_to(common).with_suffix("").as_posix() for path in whole]
+    paths = [path.relative_to(common) for path in whole]
+    plain = [
+        path.with_suffix("") if source.item is None else path
+        for path, source in zip(paths, sources, strict=True)
+    ]
     counts = collections.Counter(plain)
+    # Of two files that differ in their endings alone these tell which is which.
     names = [
-        name if counts[name] == 1 else path.relative_to(common).as_posix()
-        for name, path in zip(plain, whole, strict=True)
+        (short if counts[short] == 1 else path).as_posix()
+        for short, path in zip(plain, paths, strict=True)
     ]
     name, count = collections.Counter(names).most_common(1)[0]
     if count > 1:

@@ -8,8 +8,7 @@ __all__ = ["Entry", "Journal"]
 import json
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
-from types import TracebackType
-from typing import Any, NamedTuple, Self
+from typing import Any, NamedTuple
 
 from impostor_jax.io.atomic import check_output_folder
 
@@ -56,15 +55,8 @@ class Journal:
         # What follows was not written to its end.
         self._file.truncate(end)
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def close(self) -> None:
+        """Close the file."""
         self._file.close()
 
     def __contains__(self, name: str) -> bool:

@@ -155,7 +155,8 @@ def done_on(
     with contextlib.ExitStack() as stack:
         journal, rest = None, items
         if output is not None:
-            journal = stack.enter_context(Journal(output / JOURNAL, is_resumed))
+            journal = Journal(output / JOURNAL, is_resumed)
+            stack.callback(journal.close)
             if is_resumed:
                 done = {one.name for one in items if _is_done(one, task, journal)}
                 yield from journal.entries([*done])
@@ -205,9 +206,9 @@ def _done(
 
 def _entry(task: AbstractTask, output: Path | None, item: AbstractItem) -> Entry:
     try:
-        made_from = _made_from(item, task)
         place = None if output is None else output / item.name
         rows = task.done_on(item.read(), place)
+        made_from = _made_from(item, task)
     # Whatever is wrong with one image of thousands, the others are done.
     except Exception as error:
         words = " ".join(str(error).split())

@@ -9,8 +9,8 @@ import pytest
 
 import impostor_jax as ij
 from impostor_jax.__main__ import main
-from impostor_jax.find import cylinders as search
 from impostor_jax.find.found import Found
+from impostor_jax.many import tasks
 from tests.fit.scenes import SIGMA, can, image
 from tests.groups import SMALL_IMAGES
 from tests.page.scenes import scene_of
@@ -45,7 +45,8 @@ def find(folder, monkeypatch, capfd):
     """Run the command in the folder; its exit code, output and errors."""
 
     def run(*arguments):
-        given = "find", *arguments, "--camera", "camera.json", "--output", "out"
+        camera = () if "--camera" in arguments else ("--camera", "camera.json")
+        given = "find", *arguments, *camera, "--output", "out"
         monkeypatch.chdir(folder)
         monkeypatch.setattr(sys, "argv", ["impostor-jax", *map(str, given)])
         try:
@@ -75,7 +76,7 @@ def searched(monkeypatch):
         masks = np.tile(mask, (len(fits), 1, 1))
         return Found(tuple(fits), masks, ones, 0.9 * ones, ones < 0, planes)
 
-    monkeypatch.setattr(search, "find_cylinders", stand_in)
+    monkeypatch.setattr(tasks, "find_cylinders", stand_in)
     return calls
 
 
@@ -113,10 +114,6 @@ def test_a_page_shows_what_was_found(find, folder, searched):
     page = (folder / "out" / "found.html").read_text()
     (shape,) = scene_of(page)["shapes"]
     assert shape["numbers"][0][:2] == ["confidence", "0.90"]
-    # Of another run, for all that the record says.
-    (folder / "out" / "found.html").write_text("")
-    find("frames/a.npy", "--resume", "--page", "out/found.html")
-    assert (folder / "out" / "found.html").read_text() == page
     code, _, err = find("frames", "--page", "out/found.html")
     assert code == 2
     assert "--page must not be given with several images" in err
@@ -155,49 +152,58 @@ def test_an_image_without_cylinders_exits_with_1_and_writes_its_files(find, fold
 def test_a_folder_or_a_pattern_stands_for_its_images(find, folder, searched, given):
     code, out, err = find(given, "wall.npy")
     assert (code, err) == (0, "")
-    assert out.index("a.npy:") < out.index("b.npy:") < out.index("wall.npy:")
-    for name, count in (("a", 1), ("b", 1), ("wall", 0)):
+    assert out.startswith("3 images in ")
+    assert out.endswith("2 converged, 1 nothing_found; table 'out/results.csv'\n")
+    for name, count in (("frames/a", 1), ("frames/b", 1), ("wall", 0)):
         record = json.loads((folder / "out" / name / "found.json").read_text())
         assert len(record["cylinders"]) == count
 
 
-def test_a_record_of_a_newer_version_is_not_taken_up(find, folder, searched):
-    assert find("frames/a.npy")[0] == 0
-    path = folder / "out" / "found.json"
-    path.write_text(json.dumps(json.loads(path.read_text()) | {"version": 2}))
-    code, _, err = find("frames/a.npy", "--resume")
-    (line,) = err.splitlines()
-    assert code == 2
-    assert "found.json' must be at most 1, got 2: it is of a newer impostor_jax" in line
+def test_a_broken_image_is_a_row_of_the_table(find, folder, searched):
+    (folder / "frames" / "0.npy").write_bytes(b"broken")
+    asked = "frames", "--only-table", "--table", "out/all.csv"
+    code, out, err = find(*asked)
+    assert code == 1
+    assert out.startswith("3 images in ")
+    assert "0: depth image 'frames/0.npy' is not a readable" in err
+    table = ij.read_results(folder / "out" / "all.csv")
+    assert table["image"].tolist() == ["0", "a", "b"]
+    assert table["status"].tolist() == ["failed", "converged", "converged"]
+    assert names(folder / "out") == {"all.csv", "results.jsonl"}
+    # The rest of a run is what failed, or is new.
+    np.save(folder / "frames" / "0.npy", image(seed=3)[0])
+    assert find(*asked, "--resume")[0] == 0
+    assert len(searched) == 3
+    table = ij.read_results(folder / "out" / "all.csv")
+    assert table["status"].tolist() == ["converged"] * 3
 
 
-def test_an_interrupted_run_goes_on_where_it_was(find, folder, searched, monkeypatch):
-    real, done = search.find_cylinders, len(searched)
+def test_an_interrupted_run_says_how_it_goes_on(find, folder, searched, monkeypatch):
+    real = tasks.find_cylinders
 
     def interrupted(*arguments, **options):
-        if len(searched) > done:
+        if searched:
             raise KeyboardInterrupt
         return real(*arguments, **options)
 
-    monkeypatch.setattr(search, "find_cylinders", interrupted)
+    monkeypatch.setattr(tasks, "find_cylinders", interrupted)
     code, _, err = find("frames")
     assert code == 130
-    assert err.splitlines()[-1].endswith("interrupted; --resume finds the rest")
-    assert not (folder / "out" / "b").exists()
-    monkeypatch.setattr(search, "find_cylinders", real)
-    code, out, err = find("frames", "--resume")
-    assert (code, err, len(searched)) == (0, "", 2)
-    assert "1 found before" in out
-    # Other options, another image or a missing file are no rest.
-    assert find("frames", "--resume", "--min-pixels", 200)[0] == 0
-    assert len(searched) == 4
-    np.save(folder / "frames" / "a.npy", image(seed=2)[0])
-    (folder / "out" / "b" / "labels.png").unlink()
-    assert find("frames", "--resume", "--min-pixels", 200)[0] == 0
-    assert len(searched) == 6
-    # And without --resume all is done again.
-    assert find("frames", "--min-pixels", 200)[0] == 0
-    assert len(searched) == 8
+    assert err.splitlines()[-1].endswith("interrupted; --resume does the rest")
+    monkeypatch.setattr(tasks, "find_cylinders", real)
+    assert find("frames", "--resume")[0] == 0
+    assert len(searched) == 2
+
+
+def test_each_image_may_have_its_camera(find, folder, searched):
+    for name in "ab":
+        (folder / "frames" / f"{name}.json").write_text(json.dumps(RECORD))
+    code, _, err = find("frames/*.npy", "--camera", "{folder}/{name}.json")
+    assert (code, err) == (0, "")
+    (folder / "frames" / "b.json").unlink()
+    code, _, err = find("frames/*.npy", "--camera", "{folder}/{name}.json")
+    assert (code, len(err.splitlines())) == (1, 1)
+    assert "b: camera file 'frames/b.json' does not exist" in err
 
 
 def test_options_reach_the_search(find, searched):
@@ -230,13 +236,16 @@ def test_the_record_is_printed_alone(find, folder, searched):
     [
         ((), "a depth image must be given"),
         (("none.npy",), "does not exist"),
-        (("none/*.npy",), "must hold depth images, got none"),
+        (("none/*.npy",), "must match depth images, got none"),
         (("empty",), "must hold depth images, got none"),
         (("camera.json",), "must be a .png, .tiff or .npy file"),
         (("frames", "--json", "-"), "--json must not be given with several images"),
-        (("frames", "frames/a.npy"), "must have different names, got 'a' twice"),
+        (("frames", "frames/a.npy"), "images must be different, got 'a.npy' twice"),
         (("wall.npy", "--sigma", "1", "--sensor", "stereo"), "--sigma must not be"),
         (("small.npy",), "must have the camera's shape"),
+        (("frames", "--table", "a.xls"), "table must end with .csv or .parquet"),
+        (("frames", "--workers", "0"), "workers must be at least 1, got 0"),
+        (("frames", "--workers", "2", "--dask", "tcp://a:1"), "--workers must not be"),
         (("wall.npy", "--samples", "2", "--outline", "hard"), "samples must be 1"),
     ],
 )

@@ -8,7 +8,7 @@ import pytest
 
 import impostor_jax as ij
 from impostor_jax.__main__ import main
-from impostor_jax.fits import search_points
+from impostor_jax.many import tasks
 from tests.clouds.scenes import wall
 from tests.groups import OF_POINTS
 from tests.schemas import validator
@@ -44,7 +44,7 @@ def find(folder, monkeypatch, capfd):
     return run
 
 
-def test_a_pipe_is_found_and_its_points_have_labels(find, folder, monkeypatch):
+def test_a_pipe_is_found_and_its_points_have_labels(find, folder):
     code, out, err = find("pipe.npy", "--origin", 0, 4, 0)
     assert (code, err) == (0, "")
     assert out.startswith("1 found, ")
@@ -55,15 +55,6 @@ def test_a_pipe_is_found_and_its_points_have_labels(find, folder, monkeypatch):
     labels = np.load(folder / "out" / "labels.npy")
     assert labels.shape == (3000,)
     assert np.mean(labels == 1) > 0.95
-
-    def never(*_, **__):
-        raise AssertionError
-
-    monkeypatch.setattr(search_points, "find_cylinders_in_points", never)
-    code, out, _ = find("pipe.npy", "--origin", 0, 4, 0, "--resume")
-    assert (code, out) == (0, "1 found before\n")
-    with pytest.raises(AssertionError):
-        find("pipe.npy", "--resume")
 
 
 def test_several_clouds_have_folders_of_their_names(find, folder, monkeypatch):
@@ -77,12 +68,14 @@ def test_several_clouds_have_folders_of_their_names(find, folder, monkeypatch):
         told = nothing, nothing, nothing > 0, planes, 3000
         return ij.FoundInPoints((), labels, *told)
 
-    monkeypatch.setattr(search_points, "find_cylinders_in_points", stand_in)
+    monkeypatch.setattr(tasks, "find_cylinders_in_points", stand_in)
     code, _, _ = find(
         "pipe.npy", "again.xyz", "--min-pixels", 90, "--radius-range", 0.01, 0.2
     )
     assert code == 1
-    assert {path.name for path in (folder / "out").iterdir()} == {"pipe", "again"}
+    assert {path.name for path in (folder / "out").iterdir()} == {
+        "pipe", "again", "results.csv", "results.jsonl",
+    }  # fmt: skip
     assert asked[0]["min_points"] == 90
     assert asked[0]["radius_range"] == (0.01, 0.2)
 

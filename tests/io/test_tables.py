@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 import impostor_jax as ij
-from impostor_jax.io.tables import table_of
+from impostor_jax.io import tables
+from impostor_jax.io.tables import table_of, write_rows
 from tests.page.scenes import can_fit
 
 
@@ -52,3 +53,57 @@ def test_of_nothing_the_table_is_empty(tmp_path):
 def test_another_kind_of_file_is_refused(tmp_path):
     with pytest.raises(ValueError, match=r"path must end with \.csv or \.parquet"):
         ij.write_table(found_of(1), tmp_path / "found.xlsx")
+
+
+ROWS = [
+    {"image": "0012", "object": 1, "status": "converged", "radius_m": 0.25, "seen": True,
+     "covariance": [1.0, 0.5, None]},
+    {"image": "b, c", "object": None, "status": "failed", "reason": 'no "x"\nat all'},
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("ending", [".csv", ".parquet"])
+def test_rows_of_other_columns_are_read_as_one_table(ending, tmp_path):
+    if ending == ".parquet":
+        pytest.importorskip("pyarrow")
+    path = tmp_path / f"results{ending}"
+    write_rows(lambda: ROWS, path)
+    read = ij.read_results(path)
+    assert list(read) == [*ROWS[0], "reason"]
+    assert read["image"].tolist() == ["0012", "b, c"]
+    np.testing.assert_array_equal(read["object"], [1, np.nan])
+    np.testing.assert_array_equal(read["radius_m"], [0.25, np.nan])
+    assert read["reason"].tolist() == ["", 'no "x"\nat all']
+    assert read["seen"].tolist() == [True, None]
+    np.testing.assert_array_equal(read["covariance"][0], [1, 0.5, np.nan])
+    assert read["covariance"][1] is None
+
+
+@pytest.mark.parametrize("ending", [".csv", ".parquet"])
+def test_a_table_of_no_rows_is_empty(ending, tmp_path):
+    if ending == ".parquet":
+        pytest.importorskip("pyarrow")
+    path = tmp_path / f"results{ending}"
+    write_rows(list, path)
+    assert ij.read_results(path) == {}
+
+
+def test_parts_of_a_large_table_follow_each_other(tmp_path, monkeypatch):
+    parquet = pytest.importorskip("pyarrow.parquet")
+    monkeypatch.setattr(tables, "AT_ONCE", 2)
+    path = tmp_path / "results.parquet"
+    write_rows(lambda: ({"object": k} for k in range(5)), path)
+    assert ij.read_results(path)["object"].tolist() == [*range(5)]
+    assert parquet.ParquetFile(path).num_row_groups == 3
+
+
+def test_what_is_no_table_is_refused(tmp_path):
+    with pytest.raises(ValueError, match="does not exist"):
+        ij.read_results(tmp_path / "none.csv")
+    (tmp_path / "a.parquet").write_bytes(b"nothing")
+    pytest.importorskip("pyarrow")
+    with pytest.raises(ValueError, match="is no Parquet file"):
+        ij.read_results(tmp_path / "a.parquet")
+    (tmp_path / "a.txt").write_text("")
+    with pytest.raises(ValueError, match="must be one of .csv, .parquet"):
+        ij.read_results(tmp_path / "a.txt")
