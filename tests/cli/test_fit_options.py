@@ -224,7 +224,7 @@ def test_depth_in_millimeters_gets_a_hint_on_one_line(fit, folder):
     [
         ((), "a depth image must be given"),
         (("can.npy", "can.npy"), "images must be different, got 'can.npy' twice"),
-        (("can.npy", "ball.npy", "--mask", "can.png"), "must be one file a depth image"),
+        (("can.npy", "ball.npy", "--mask", "can.png"), "one file a depth image"),
         (("can.npy", "--mask", "can.png", "--labels", "can.png"), "not be given toget"),
         (("can.npy", "--labels", "can.png", "--json", "a.json"), "--json must not be"),
         (("can.npy", "--sensor", "sonar"), "must be one of constant, structured_light"),

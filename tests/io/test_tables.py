@@ -56,8 +56,8 @@ def test_another_kind_of_file_is_refused(tmp_path):
 
 
 ROWS = [
-    {"image": "0012", "object": 1, "status": "converged", "radius_m": 0.25, "seen": True,
-     "covariance": [1.0, 0.5, None]},
+    {"image": "0012", "object": 1, "status": "converged", "radius_m": 0.25,
+     "seen": True, "covariance": [1.0, 0.5, None]},
     {"image": "b, c", "object": None, "status": "failed", "reason": 'no "x"\nat all'},
 ]  # fmt: skip
 
@@ -105,5 +105,5 @@ def test_what_is_no_table_is_refused(tmp_path):
     with pytest.raises(ValueError, match="is no Parquet file"):
         ij.read_results(tmp_path / "a.parquet")
     (tmp_path / "a.txt").write_text("")
-    with pytest.raises(ValueError, match="must be one of .csv, .parquet"):
+    with pytest.raises(ValueError, match=r"must be one of \.csv, \.parquet"):
         ij.read_results(tmp_path / "a.txt")
