@@ -18,7 +18,6 @@ __all__ = [
     "on_device",
 ]
 
-import copy
 import dataclasses
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
@@ -490,9 +489,9 @@ class Fit(eqx.Module):
 
     def having(self, **fields: Any) -> "Fit":
         """The same with other fields, in a tenth of the time of a call of its class."""
-        fit = copy.copy(self)
-        for name, value in fields.items():
-            object.__setattr__(fit, name, value)
+        # A copy by `copy.copy` is begun by `Module.__new__`, which keeps it for good.
+        fit = object.__new__(type(self))
+        vars(fit).update(vars(self), **fields)
         return fit
 
     def contradicted(self, reason: str) -> "Fit":

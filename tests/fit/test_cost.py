@@ -4,6 +4,8 @@ By the size of its programs and by their number, since no machine takes the same
 twice.
 """
 
+import gc
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -174,3 +176,15 @@ def test_what_is_made_once_may_be_made_in_a_trace(made, once):
         jax.tree.leaves(again), jax.tree.leaves(traced), strict=True
     ):
         np.testing.assert_array_equal(leaf, expected)
+
+
+def test_nothing_of_a_fit_is_kept():
+    depth, mask = image()
+
+    def kept() -> int:
+        ij.fit_cylinder(depth, CAMERA, mask, SIGMA)
+        gc.collect()
+        return len(jax.live_arrays())
+
+    kept()
+    assert kept() == kept()

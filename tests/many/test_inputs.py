@@ -43,9 +43,8 @@ def test_endings_tell_images_of_one_name_apart(folder):
 
 
 def test_a_list_is_seen_from_its_folder_and_may_name_what_is_missing(folder):
-    (folder / "one" / "list.txt").write_text(
-        "depth/b.npy\n\n../two/depth/a.npy\nnone\n"
-    )
+    lines = "depth/b.npy", "", "../two/depth/a.npy", "none"
+    (folder / "one" / "list.txt").write_text("\n".join(lines))
     items = items_of(["one/list.txt"], "camera.json")
     assert [item.name for item in items] == ["one/depth/b", "two/depth/a", "one/none"]
     assert isinstance(items[2], ImageFile)
