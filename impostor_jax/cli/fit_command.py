@@ -89,6 +89,12 @@ class FitCommand:
     """Whether to test if a frustum, a cup, is needed instead of a cylinder."""
     test_bore: bool = False
     """Whether to test if a tube, a pipe or a mug, is needed instead of a cylinder."""
+    silhouette: bool = False
+    """Whether the files are masks, or label images, of what has no readings: glass, or
+    a mirror. Its outline tells all but the scale; a prior of the radius tells that."""
+    views: Path | None = None
+    """JSON file that makes the images views of one object, with one fit to all: a list
+    of 4 x 4 matrices, from the world to the camera, one for each image."""
     output: Path = Path(".")
     """Folder that the files are written to."""
     json: Path | None = None
@@ -108,7 +114,7 @@ class FitCommand:
         self.many.check()
         if self.mask and self.labels:
             raise ValueError("--mask must not be given together with --labels")
-        is_single = is_one(self.depth, self.camera)
+        is_single = self.views is not None or is_one(self.depth, self.camera)
         if self.json is not None and (self.labels or not is_single):
             raise ValueError(
                 "--json must not be given with --labels or several images: each fit "
@@ -136,24 +142,37 @@ class FitCommand:
                 raise ValueError(f"{name} must not be given for a {self.shape}")
         if self.origin is not None and self.camera is not None:
             raise ValueError("--origin must be given with clouds alone, not --camera")
+        for flag, is_given in (
+            ("--silhouette", self.silhouette),
+            ("--views", self.views),
+        ):
+            if is_given and (self.camera is None or self.labels):
+                raise ValueError(f"{flag} must be given with --camera, not --labels")
+        if self.silhouette and (self.mask or self.views or self.page):
+            raise ValueError(
+                "--silhouette must not be given with --mask, --views, --page"
+            )
 
     def _run_on_one(self) -> int:
         """Fit to a single image or cloud."""
         from impostor_jax.cli.ending import stream_beside
         from impostor_jax.io.atomic import check_output_file, check_output_folder
 
-        masks = files_of("--mask", self.mask, self.depth)
-        labels = files_of("--labels", self.labels, self.depth)
         if self.camera is None:
             self._check_cloud()
-        else:
+        elif self.silhouette:
+            check_images(self.camera, [], {"mask": self.depth})
+        elif self.views is None:
+            masks = files_of("--mask", self.mask, self.depth)
+            labels = files_of("--labels", self.labels, self.depth)
             beside = {"mask": masks, "label image": labels}
             check_images(self.camera, self.depth, beside)
-        check_output_folder(self.output, () if labels else FILES)
+        check_output_folder(self.output, () if self.labels else FILES)
         if self.json is not None:
             check_output_file(self.json, "json")
         check_page(self.page)
         # These start JAX.
+        from impostor_jax.many.items import ImageFile
         from impostor_jax.many.tasks import write_fit
 
         (item,) = self._items()
@@ -167,7 +186,7 @@ class FitCommand:
         for (label, fit), tested in zip(fits.items(), tests, strict=True):
             if label is not None:
                 tell(f"label {label}:")
-            elif not masks and shown.depth is not None:
+            elif not self.mask and isinstance(item, ImageFile):
                 tell(_region_taken(fit))
             tell(fit.summary(seconds))
             for test in filter(None, tested):
@@ -202,10 +221,19 @@ class FitCommand:
 
     def _items(self) -> "list[AbstractItem]":
         """What is fitted to."""
-        from impostor_jax.many.inputs import items_of
+        from impostor_jax.many.inputs import items_of, views_of
 
+        if self.views is not None:
+            assert self.camera is not None
+            return [views_of(self.depth, self.camera, self.mask, self.views)]
         meaning = "labels" if self.labels else "mask"
-        return items_of(self.depth, self.camera, self.labels or self.mask, meaning)
+        return items_of(
+            self.depth,
+            self.camera,
+            self.labels or self.mask,
+            meaning,
+            are_outlines=self.silhouette,
+        )
 
     def _task(self, item: "AbstractItem") -> "FitTask":
         """What is done on images or on clouds, of which this is the first."""
@@ -216,7 +244,7 @@ class FitCommand:
             "initial": start_of(self.initial, self.shape),
             "fixed": self.fixed,
             "prior": priors_of(self.prior_radius, self.prior_height),
-            "mask_meaning": self.mask_meaning,
+            "mask_meaning": "outline" if self.silhouette else self.mask_meaning,
             "errors": self.errors,
             "effort": chosen_effort(self.effort, self.dials),
         }

@@ -10,13 +10,12 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple, overload
 
-import equinox as eqx
 import numpy as np
 from jaxtyping import Bool, Float
 from typing_extensions import override
 
 from impostor_jax.camera.pinhole import PinholeCamera
-from impostor_jax.geometry.frames import RigidTransform
+from impostor_jax.io.camera_file import with_pose
 from impostor_jax.io.depth_image import read_depth, read_mask
 from impostor_jax.io.depth_layouts import LAYOUTS, Shot, kind_of
 from impostor_jax.plain_arguments import one_of
@@ -157,9 +156,6 @@ def _moved(camera: PinholeCamera, shot: Shot) -> PinholeCamera:
     """A camera with the pose of a frame, or its own where that has none."""
     if shot.camera_from_world is None:
         return camera
-    return eqx.tree_at(
-        lambda c: c.camera_from_world,
-        camera,
-        RigidTransform.from_matrix(shot.camera_from_world),
-        is_leaf=lambda part: part is None,
-    )
+    moved = with_pose(camera, shot.camera_from_world)
+    assert isinstance(moved, PinholeCamera)
+    return moved

@@ -1,6 +1,6 @@
 """What files, folders and patterns stand for: items with names of their own."""
 
-__all__ = ["items_of"]
+__all__ = ["items_of", "views_of"]
 
 import collections
 import dataclasses
@@ -10,12 +10,15 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
+from impostor_jax.arguments import float_array
 from impostor_jax.camera.pinhole import PinholeCamera
 from impostor_jax.io.camera_file import CameraFile, read_camera
 from impostor_jax.io.dataset import MANIFEST, read_dataset
 from impostor_jax.io.depth_folder import read_depth_folder
 from impostor_jax.io.depth_image import SUFFIXES as IMAGES
 from impostor_jax.io.depth_layouts import kind_of
+from impostor_jax.io.input_file import opened
+from impostor_jax.io.json_file import json_value
 from impostor_jax.io.point_cloud import SUFFIXES as CLOUDS
 from impostor_jax.many.items import (
     MASK,
@@ -24,6 +27,8 @@ from impostor_jax.many.items import (
     DatasetImage,
     FolderFrame,
     ImageFile,
+    OutlineFile,
+    Views,
 )
 from impostor_jax.plain_arguments import one_of
 
@@ -48,6 +53,8 @@ def items_of(
     camera: str | Path | CameraFile | None = None,
     beside: Sequence[str | Path] = (),
     meaning: str = MASK,
+    *,
+    are_outlines: bool = False,
 ) -> list[AbstractItem]:
     """The images or clouds that are meant, in order.
 
@@ -63,6 +70,7 @@ def items_of(
         beside: Masks or label images of the images: one each, a folder that has them
             under the images' names as PNG, or a pattern like that of cameras.
         meaning: "mask" or "labels".
+        are_outlines: Whether the images are no depth but masks of what has no readings.
 
     Raises:
         ValueError: Something does not exist or stands for nothing, two items are one,
@@ -86,10 +94,43 @@ def items_of(
             items.append(dataclasses.replace(source.item, name=name))
         elif camera is None:
             items.append(CloudFile(name, path))
+        elif are_outlines:
+            items.append(OutlineFile(name, path, _camera_of(camera, path)))
         else:
             of_image = _camera_of(camera, path)
             items.append(ImageFile(name, path, of_image, next(found, None), meaning))
     return items
+
+
+def views_of(
+    given: Sequence[Path], camera: Path, masks: Sequence[Path], poses: Path
+) -> Views:
+    """Several images of one object.
+
+    Args:
+        given: As in `items_of`, files alone.
+        camera: Likewise.
+        masks: Likewise.
+        poses: JSON file with a list of 4 x 4 matrices, from the world to the camera,
+            one for each image.
+
+    Raises:
+        ValueError: As in `items_of`; or poses are more or fewer than images, or broken.
+    """
+    what = f"file of poses {str(poses)!r}"
+    with opened(poses, what) as file:
+        listed = json_value(file.read(), what)
+    items = items_of(given, camera, masks)
+    images = tuple(item for item in items if isinstance(item, ImageFile))
+    if len(images) < len(items):
+        raise ValueError("depth must be images in files of their own to be one fit")
+    if not isinstance(listed, list) or len(listed) != len(images):
+        raise ValueError(
+            f"{what} must hold a list of {len(images)} matrices, one for each image"
+        )
+    for number, pose in enumerate(listed):
+        float_array(f"pose {number} of {what}", pose, (4, 4))
+    return Views("views", images, tuple(listed))
 
 
 def _sources(given: str, camera: str | Path | CameraFile | None) -> Iterator[_Source]:

@@ -10,7 +10,9 @@ __all__ = [
     "DatasetImage",
     "FolderFrame",
     "ImageFile",
+    "OutlineFile",
     "Shown",
+    "Views",
 ]
 
 import abc
@@ -24,9 +26,13 @@ import numpy as np
 from jaxtyping import Bool, Float, Integer
 from typing_extensions import override
 
-from impostor_jax.camera.base import AbstractCamera
 from impostor_jax.camera.pinhole import PinholeCamera
-from impostor_jax.io.camera_file import CameraFile, camera_record, read_camera
+from impostor_jax.io.camera_file import (
+    CameraFile,
+    camera_record,
+    read_camera,
+    with_pose,
+)
 from impostor_jax.io.dataset import MANIFEST, Dataset, read_dataset
 from impostor_jax.io.depth_folder import DepthFolder
 from impostor_jax.io.depth_image import read_depth
@@ -46,17 +52,19 @@ class Shown(NamedTuple):
     """What an item holds.
 
     Attributes:
-        depth: In meters; None of a cloud.
-        camera: That took it; None of a cloud.
-        labels: Number of the object that each pixel shows, 0 of none; or, of a single
-            object without a number, the mask of it. None where nothing is told.
+        depth: (H, W), in meters; of several views a list. None of a cloud and of an
+            outline.
+        camera: That took it; likewise. None of a cloud.
+        labels: (H, W), number of the object that each pixel shows, 0 of none; or, of a
+            single object without a number, the mask of it; of several views a list.
+            None where nothing is told.
         points: Of a cloud, in meters.
         origin: Where the sensor stood, of a cloud whose file says it.
     """
 
-    depth: Float[np.ndarray, "h w"] | None
-    camera: AbstractCamera | None
-    labels: Integer[np.ndarray, "h w"] | Bool[np.ndarray, "h w"] | None = None
+    depth: Any
+    camera: Any
+    labels: Any = None
     points: Float[np.ndarray, "n 3"] | None = None
     origin: Any = None
 
@@ -171,6 +179,59 @@ class DatasetImage(AbstractItem):
         # Scenes are written once: what a dataset is made of is in its manifest.
         path = self.dataset
         return [_digest_of(path if path.is_file() else path / MANIFEST)]
+
+
+@dataclasses.dataclass(frozen=True)
+class OutlineFile(AbstractItem):
+    """The mask, or the labels, of objects of which there are no readings.
+
+    Attributes:
+        path: Of the image.
+        camera: That saw them.
+    """
+
+    path: Path
+    camera: Camera
+
+    @override
+    def read(self) -> Shown:
+        camera, _ = _read_camera(self.camera)
+        numbers = read_labels(self.path, (camera.height, camera.width), "mask")
+        is_single = len(np.unique(numbers[numbers != 0])) < 2
+        return Shown(None, camera, numbers != 0 if is_single else numbers)
+
+    @override
+    def fingerprint(self) -> Any:
+        return [_digest_of(self.path), _camera_told(self.camera)]
+
+
+@dataclasses.dataclass(frozen=True)
+class Views(AbstractItem):
+    """Several images of one object.
+
+    Attributes:
+        images: Each with the mask of the object, or none of them.
+        poses: (4, 4) of each, from the world to the camera.
+    """
+
+    images: tuple[ImageFile, ...]
+    poses: tuple[Any, ...]
+
+    @override
+    def read(self) -> Shown:
+        views = [image.read() for image in self.images]
+        cameras = [
+            with_pose(view.camera, pose)
+            for view, pose in zip(views, self.poses, strict=True)
+        ]
+        masks = [view.labels for view in views]
+        is_masked = any(mask is not None for mask in masks)
+        return Shown([v.depth for v in views], cameras, masks if is_masked else None)
+
+    @override
+    def fingerprint(self) -> Any:
+        poses = [np.asarray(pose, float).tolist() for pose in self.poses]
+        return [[image.fingerprint() for image in self.images], poses]
 
 
 @dataclasses.dataclass(frozen=True)

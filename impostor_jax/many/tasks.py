@@ -131,10 +131,9 @@ class FindTask(AbstractTask):
     def found_in(self, shown: Shown) -> tuple[AbstractFound, float]:
         """What is found, and the seconds that it took."""
         start = time.perf_counter()
-        if shown.depth is None:
+        if shown.points is not None:
             found = find_cylinders_in_points(shown.points, **self.of_cloud(shown))
         else:
-            assert shown.camera is not None
             found = find_cylinders(shown.depth, shown.camera, **self.options)
         return found, time.perf_counter() - start
 
@@ -161,7 +160,6 @@ class FindTask(AbstractTask):
             told = found_in_points_record(found, seconds, made_from)
         else:
             assert isinstance(found, Found)
-            assert shown.camera is not None
             write_index(place / "labels.png", found.labels - 1)
             write_overlay(place / "overlay.png", found, shown.depth, shown.camera)
             told = found_record(found, shown.camera, seconds, made_from)
@@ -207,17 +205,16 @@ class FitTask(AbstractTask):
         """Fits by label, None of what has none; and the seconds that they took."""
         labels, function = shown.labels, FITS[self.shape]
         start = time.perf_counter()
-        if shown.depth is None:
+        options = dict(self.options)
+        if shown.points is not None:
             if self.shape != "cylinder":
                 raise ValueError(f"shape must be cylinder of a cloud, got {self.shape}")
             options = self.of_cloud(shown)
             fits = {None: fit_cylinder_to_points(shown.points, **options)}
-        elif labels is not None and labels.dtype != bool:
-            fits = fit_labels(
-                shown.depth, shown.camera, labels, function, **self.options
-            )
+        elif isinstance(labels, np.ndarray) and labels.dtype != bool:
+            fits = fit_labels(shown.depth, shown.camera, labels, function, **options)
         else:
-            fits = {None: function(shown.depth, shown.camera, labels, **self.options)}
+            fits = {None: function(shown.depth, shown.camera, labels, **options)}
         return fits, time.perf_counter() - start
 
     def tests_of(self, fit: Fit) -> Tests:
@@ -252,7 +249,7 @@ def write_fit(
         place: Folder of the files.
         record: File of the record instead of one in that folder.
     """
-    if shown.camera is not None:
+    if isinstance(shown.depth, np.ndarray):
         write_overlay(place / "overlay.png", fit, shown.depth, shown.camera)
     write_json(record or place / "fit.json", fit.to_dict(seconds, *tests))
 

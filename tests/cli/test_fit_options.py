@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 import impostor_jax as ij
 from impostor_jax.__main__ import main
 from impostor_jax.io.scene_file import write_scene
+from tests.fit.scenes import CAMERA as SEEN_BY
 from tests.fit.scenes import can, image, image_of
 from tests.fit.test_labels import RADII, two_cans
 from tests.groups import FULL, RELEASE, SMALL_IMAGES
@@ -37,8 +38,8 @@ def folder(tmp_path):
 def fit(folder, monkeypatch, capfd):
     """Run the command on images of the folder; its exit code, output and errors."""
 
-    def run(*arguments):
-        given = "fit", *arguments, "--camera", "camera.json", "--output", "out"
+    def run(*arguments, camera=("--camera", "camera.json")):
+        given = "fit", *arguments, *camera, "--output", "out"
         monkeypatch.chdir(folder)
         monkeypatch.setattr(sys, "argv", ["impostor-jax", *map(str, given)])
         try:
@@ -48,6 +49,10 @@ def fit(folder, monkeypatch, capfd):
         return code, *capfd.readouterr()
 
     return run
+
+
+def names_in(folder):
+    return {path.name for path in folder.iterdir()}
 
 
 def record_of(folder, *place):
@@ -241,6 +246,8 @@ def test_depth_in_millimeters_gets_a_hint_on_one_line(fit, folder):
         (("ball.npy", "--shape", "sphere", "--prior-height", "1", "1"),
          "prior must be one of center, radius"),
         (("can.npy", "--shape", "cube"), "--shape"),
+        (("can.png", "--silhouette", "--mask", "can.png"), "--silhouette must not be"),
+        (("can.npy", "--views", "a.json", "--labels", "a.png"), "not --labels"),
     ],
 )  # fmt: skip
 def test_bad_option_gives_one_line_and_exit_code_2(arguments, message, fit, folder):
@@ -262,3 +269,46 @@ def test_version_is_printed(program, capfd):
     name, version = capfd.readouterr().out.split()
     assert name == program
     assert version[0].isdigit()
+
+
+def test_an_outline_alone_is_fitted_with_a_known_radius(fit, folder):
+    mask = 255 * np.asarray(ij.render(can(), SEEN_BY, outputs=("mask",)).mask)
+    cv2.imwrite(str(folder / "glass.png"), mask.astype(np.uint8))
+    code, out, err = fit("glass.png", "--silhouette", "--prior-radius", 0.04, 0.0001)
+    assert (code, err) == (0, "")
+    assert "converged" in out
+    record = record_of(folder)
+    assert record["source"] == "outline"
+    assert record["radius_m"] == pytest.approx(0.04, abs=3e-4)
+    assert not (folder / "out" / "overlay.png").exists()
+
+
+def test_views_of_one_object_have_one_fit(fit, folder):
+    poses = [np.eye(4).tolist(), np.eye(4).tolist()]
+    (folder / "poses.json").write_text(json.dumps(poses))
+    np.save(folder / "again.npy", image(seed=1)[0])
+    files = "can.npy", "again.npy", "--mask", "can.png", "--mask", "can.png"
+    code, _, err = fit(*files, "--views", "poses.json", "--page", "out/page.html")
+    assert (code, err) == (0, "")
+    assert names_in(folder / "out") == {"fit.json", "page.html"}
+    record = record_of(folder)
+    assert record["radius_m"] == pytest.approx(0.04, abs=1e-3)
+    assert record["num_pixels"] > 1.8 * np.count_nonzero(image()[1])
+    (folder / "poses.json").write_text(json.dumps(poses[:1]))
+    code, _, err = fit(*files, "--views", "poses.json")
+    assert code == 2
+    assert "must hold a list of 2 matrices" in err
+
+
+def test_a_cloud_is_fitted(fit, folder):
+    depth, mask = image()
+    rows, cols = np.nonzero(mask)
+    ray = np.stack([(cols - 79.5) / 150, (rows - 59.5) / 150, np.ones(len(rows))], -1)
+    np.save(folder / "cloud.npy", ray * depth[mask][:, None])
+    code, _, err = fit("cloud.npy", "--origin", 0, 0, 0, camera=())
+    assert (code, err) == (0, "")
+    assert record_of(folder)["radius_m"] == pytest.approx(0.04, abs=1e-3)
+    assert names_in(folder / "out") == {"fit.json"}
+    code, _, err = fit("cloud.npy", "--mask", "can.png", camera=())
+    assert code == 2
+    assert "--mask must be given with depth images alone" in err
