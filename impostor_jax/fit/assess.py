@@ -51,6 +51,10 @@ known: residuals of three standard deviations. The bands of a structured-light s
 1.5 mm and more where single readings scatter by one, stay below; a can of half the
 radius that is held does not."""
 
+ROUGH_CHI2, ROUGH = 4.0, 0.1
+"""Reduced chi-squared from which on residuals must be a small part of the radius: no
+bands are as rough as a shape that readings of another one lie about."""
+
 MOST_UNMET = 0.02
 """Share of the inliers whose rays may miss the shape."""
 
@@ -296,6 +300,8 @@ def assess(problem: Problem, solution: Solution, correlated: bool) -> Assessment
     agrees = 2 * num_inliers >= count.astype(meters.dtype)
     agrees &= num_missed <= MOST_UNMET * num_inliers
     agrees &= jnp.where(settings.trusts_sigma, chi2 < MOST_CHI2, is_small)
+    is_rough = (chi2 > ROUGH_CHI2) & (rms > ROUGH * body.radius)
+    agrees &= ~(settings.trusts_sigma & is_rough)
     agrees &= ~_is_filled(readings, depth, spread)
     # A fit that is not traced goes on with what agrees, and takes errors that do not
     # for correlated.

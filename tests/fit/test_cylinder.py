@@ -570,3 +570,16 @@ def test_rod_whose_near_end_shows_in_a_corner_is_recovered(seed, is_alone):
     assert angle_between(fit.cylinder.axis, view.shape.axis) < 0.03
     off = float(fit.cylinder.radius - view.shape.radius)
     assert abs(off) < 3 * float(fit.std.radius)
+
+
+@pytest.mark.parametrize(
+    ("noise", "status"), [(0.0036, "converged"), (0.005, "poor_fit")]
+)
+def test_residuals_of_a_tenth_of_the_radius_are_no_bands_of_a_sensor(noise, status):
+    # Five in two of what is told, and six, of a radius of 40 mm.
+    depth, mask = image()
+    more = np.random.default_rng(1).normal(0, noise, depth.shape)
+    fit = ij.fit_cylinder(depth + more.astype(np.float32), CAMERA, mask, 0.0018)
+    assert (float(fit.rms) > 0.004) is (status == "poor_fit")
+    assert float(fit.chi2) > 4
+    assert fit.status == status
