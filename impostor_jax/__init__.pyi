@@ -39,8 +39,9 @@ from .io.mesh_export import to_mesh
 from .io.mesh_file import read_mesh
 from .io.point_cloud import PointCloud
 from .io.points_file import read_points
-from .io.tables import read_results, write_table
+from .io.tables import write_table
 from .many.mapping import map_images
+from .many.results import read_results
 from .page.fit_page import FitPage, view
 from .primitives.base import AbstractPrimitive
 from .primitives.box import Box

@@ -28,7 +28,7 @@ from experiments.running import RunConfig, main
 from impostor_jax.io.atomic import write_json
 from impostor_jax.io.dataset import read_manifest, sensor_of
 from impostor_jax.io.sensor_record import sensor_record
-from impostor_jax.io.tables import read_results
+from impostor_jax.many.results import read_results
 from impostor_jax.sensor.gaussian import ConstantNoise
 
 PRESET = "tabletop_cans"
@@ -88,11 +88,11 @@ def measure(config: Config) -> Iterator[Metric]:
         yield _memory("whole", whole)
         yield from _rates("two", two := _ran(home, "whole", workers=2), config.count)
         yield _equal("two", whole, two)
-        with LocalCluster(
-            n_workers=2, threads_per_worker=1, dashboard_address=None
-        ) as cluster:
-            address = cluster.scheduler_address
-            dask = _ran(home, "whole", "--dask", address)
+        cluster = LocalCluster(
+            n_workers=2, threads_per_worker=1, dashboard_address=":0"
+        )
+        with cluster:
+            dask = _ran(home, "whole", "--dask", cluster.scheduler_address)
         yield from _rates("dask", dask, config.count)
         yield _equal("dask", whole, dask)
         parquet = _ran(home, "whole", ending=".parquet")

@@ -1,7 +1,14 @@
 """Tables of what was found or fitted: a row for each cylinder, for other programs."""
 
-__all__ = ["check_table", "columns_of", "read_results", "table_of", "write_rows",
-           "write_table"]  # fmt: skip
+__all__ = [
+    "arrays_of",
+    "check_table",
+    "columns_of",
+    "read_table",
+    "table_of",
+    "write_rows",
+    "write_table",
+]
 
 import csv
 import itertools
@@ -18,7 +25,6 @@ from impostor_jax.io.atomic import (
     check_output_folder,
     write_atomically,
 )
-from impostor_jax.io.input_file import require_file
 from impostor_jax.plain_arguments import one_of
 
 Row = dict[str, Any]
@@ -118,26 +124,18 @@ def write_rows(rows: Callable[[], Iterable[Row]], path: str | Path) -> None:
     write_atomically(path, lambda partial: write(partial, columns, rows()))
 
 
-def read_results(path: str | Path) -> dict[str, np.ndarray]:
-    """Read a table of results, a column each.
-
-        results = ij.read_results("out/results.csv")
-        good = results["status"] == "converged"
-        print(results["image"][good], results["radius_m"][good])
+def read_table(path: Path) -> dict[str, np.ndarray]:
+    """Read a table that `write_rows` wrote, a column each.
 
     Args:
-        path: `.csv` or `.parquet`, as `impostor-jax fit` and `find` write them of many
-            images, and `write_table` of one.
+        path: Of a file that is there.
 
     Returns:
-        Arrays of as many values as there are rows: of numbers, NaN where there is
-        none; of words; or, of `covariance`, of arrays.
+        As `arrays_of`.
 
     Raises:
-        ValueError: The file is missing or no table, or pyarrow is not installed.
+        ValueError: It is no table, or pyarrow is not installed.
     """
-    path = Path(path)
-    require_file(path, f"table {str(path)!r}")
     one_of("ending of path", path.suffix.lower(), TABLES)
     if path.suffix.lower() == ".parquet":
         _, parquet = _parquet()
@@ -145,16 +143,21 @@ def read_results(path: str | Path) -> dict[str, np.ndarray]:
             table = parquet.read_table(path)
         except (OSError, ValueError) as error:
             raise ValueError(f"table {str(path)!r} is no Parquet file") from error
-        columns = {name: table[name].to_pylist() for name in table.column_names}
-    else:
-        with path.open(newline="", encoding="utf-8") as file:
-            lines = csv.reader(file)
-            names = next(lines, [])
-            rows = list(lines)
-        columns = {
-            name: [_of_text(row[k], name) for row in rows]
-            for k, name in enumerate(names)
-        }
+        return arrays_of({k: table[k].to_pylist() for k in table.column_names})
+    with path.open(newline="", encoding="utf-8") as file:
+        lines = csv.reader(file)
+        names = next(lines, [])
+        rows = list(lines)
+    return arrays_of(
+        {name: [_of_text(row[k], name) for row in rows] for k, name in enumerate(names)}
+    )
+
+
+def arrays_of(columns: dict[str, list[Any]]) -> dict[str, np.ndarray]:
+    """Arrays of as many values as there are rows.
+
+    Of numbers, NaN where there is none; of words; or, of lists, of arrays.
+    """
     return {name: _array(values) for name, values in columns.items()}
 
 

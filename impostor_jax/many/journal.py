@@ -3,7 +3,7 @@
 A run that was cut short anywhere leaves whole lines, but for the last.
 """
 
-__all__ = ["Entry", "Journal"]
+__all__ = ["Entry", "Journal", "read_entries"]
 
 import json
 from collections.abc import Iterable, Iterator, Sequence
@@ -84,6 +84,13 @@ class Journal:
                 entry = _entry_of(self._file.readline())
                 assert entry is not None
                 yield entry
+
+
+def read_entries(path: Path) -> list[Entry]:
+    """What a journal holds, as it was begun; a line that is not whole is left out."""
+    with path.open("rb") as file:
+        found = [entry for entry in map(_entry_of, file) if entry is not None]
+    return [*{entry.name: entry for entry in found}.values()]
 
 
 def _entry_of(line: bytes) -> Entry | None:

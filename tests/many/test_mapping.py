@@ -96,6 +96,9 @@ def test_what_is_done_is_left_out_until_something_changes(folder, searched):
     np.save(folder / "frames" / "a.npy", image(seed=9)[0])
     assert run(min_pixels=90) == 1
     assert run(min_pixels=90, resume=False) == 3
+    read = ij.read_results(folder / "out" / JOURNAL)
+    assert read["image"].tolist() == ["a", "b", "c", "d"]
+    assert np.count_nonzero(read["status"] == "failed") == 1
 
 
 def test_a_loop_that_is_left_keeps_what_was_done(folder, searched):
