@@ -1,6 +1,6 @@
 """Do a task on many images or clouds: in turn, in processes, or on a cluster."""
 
-__all__ = ["JOURNAL", "done_on", "map_images", "named_task"]
+__all__ = ["FAILED", "JOURNAL", "done_on", "map_images"]
 
 import contextlib
 import hashlib
@@ -85,8 +85,10 @@ def map_images(
             the like, by name: `sigma`, `prior`, `effort`.
 
     Returns:
-        What came of each, when it is done: in the order of the images with one worker,
-        else in the order in which they are ready. Leaving the loop ends the work.
+        What came of each, when it is done: its `name`, the `rows` of its cylinders as
+        they stand in the table of `impostor-jax find`, and why it `failed`, or None. In
+        the order of the images with one worker, else in that in which they are ready.
+        Leaving the loop ends the work.
 
     Raises:
         ValueError: An argument is bad, or stands for no image.
@@ -104,7 +106,7 @@ def map_images(
         beside = [beside]
     given = [images] if isinstance(images, str | Path) else images
     items = items_of(given, file, beside, meaning)
-    asked = named_task(task, options)
+    asked = _task(task, options)
     folder = None if output is None else Path(output)
     if folder is not None:
         check_output_folder(folder, (JOURNAL,))
@@ -119,13 +121,12 @@ def map_images(
     )
 
 
-def named_task(name: str, options: Mapping[str, Any], **tests: bool) -> AbstractTask:
+def _task(name: str, options: Mapping[str, Any]) -> AbstractTask:
     """The task of a name, "find" or what is fitted.
 
     Args:
         name: As in `map_images`.
         options: Of the search or the fit.
-        tests: Of `FitTask`.
 
     Raises:
         TypeError: An option is unknown.
@@ -138,7 +139,7 @@ def named_task(name: str, options: Mapping[str, Any], **tests: bool) -> Abstract
             one_of("option", option, sorted(known - {"depth", "camera", "points"}))
         return FindTask(options)
     Options.of({k: v for k, v in options.items() if k not in ("sigma", "initial")})
-    return FitTask(options, name, **tests)
+    return FitTask(options, name)
 
 
 def done_on(
@@ -158,7 +159,11 @@ def done_on(
             journal = Journal(output / JOURNAL, is_resumed)
             stack.callback(journal.close)
             if is_resumed:
-                done = {one.name for one in items if _is_done(one, task, journal)}
+                done = {
+                    one.name
+                    for one in items
+                    if _is_done(one, task, journal, has_files=has_files)
+                }
                 yield from journal.entries([*done])
                 rest = [one for one in items if one.name not in done]
         work = partial(_done, task, output if has_files else None)
@@ -181,19 +186,22 @@ def _chunks(items: Sequence[AbstractItem]) -> Iterator[list[AbstractItem]]:
         yield chunk
 
 
-def _is_done(item: AbstractItem, task: AbstractTask, journal: Journal) -> bool:
+def _is_done(
+    item: AbstractItem, task: AbstractTask, journal: Journal, *, has_files: bool
+) -> bool:
     """Whether a journal has an item as it is now."""
     if item.name not in journal:
         return False
     try:
-        return journal.has(item.name, _made_from(item, task))
+        made_from = _made_from(item, task, has_files=has_files)
+        return journal.has(item.name, made_from)
     except (ValueError, OSError):
         return False
 
 
-def _made_from(item: AbstractItem, task: AbstractTask) -> str:
-    """Digest of what the rows of an item depend on."""
-    told = [item.fingerprint(), task.told(), VERSION]
+def _made_from(item: AbstractItem, task: AbstractTask, *, has_files: bool) -> str:
+    """Digest of what the rows of an item, and its files, depend on."""
+    told = [item.fingerprint(), task.told(), VERSION, has_files]
     return hashlib.sha256(json.dumps(told, sort_keys=True).encode()).hexdigest()
 
 
@@ -208,7 +216,7 @@ def _entry(task: AbstractTask, output: Path | None, item: AbstractItem) -> Entry
     try:
         place = None if output is None else output / item.name
         rows = task.done_on(item.read(), place)
-        made_from = _made_from(item, task)
+        made_from = _made_from(item, task, has_files=output is not None)
     # Whatever is wrong with one image of thousands, the others are done.
     except Exception as error:
         words = " ".join(str(error).split())
