@@ -79,6 +79,8 @@ from .sensor.quantization import StereoDisparity
 from .sensor.scale_error import ScaleError
 from .sensor.structured_light import StructuredLight
 from .sensor.time_of_flight import TimeOfFlight
+from .track.track import Track, TrackStatus
+from .track.tracker import Tracker
 
 __all__ = [
     "AbstractCamera",
@@ -140,6 +142,9 @@ __all__ = [
     "Tile",
     "TimeOfFlight",
     "Torus",
+    "Track",
+    "TrackStatus",
+    "Tracker",
     "Triangle",
     "Tube",
     "calibrate_sensor",

@@ -26,6 +26,7 @@ LAYERS = (
     "find",
     "clouds",
     "fits",
+    "track",
     "calibrate",
     "io",
     "matching",
