@@ -31,6 +31,7 @@ LAYERS = (
     "io",
     "matching",
     "evaluate",
+    "evaluate_tracks",
     "viewer",
     "glsl",
     "page",
