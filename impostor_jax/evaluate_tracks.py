@@ -10,19 +10,29 @@ References:
     The CLEAR MOT Metrics".
 """
 
-__all__ = ["Followed", "TrackScore", "evaluate_tracks", "pair_tracks", "score_tracks"]
+__all__ = [
+    "Followed",
+    "TrackScore",
+    "evaluate_tracks",
+    "pair_tracks",
+    "score_tracks",
+    "track_errors",
+]
 
 import dataclasses
 import time
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Any, NamedTuple
 
+import jax
 import numpy as np
 from jaxtyping import Float
 from scipy.optimize import linear_sum_assignment
 
+from impostor_jax.geometry.frames import RigidTransform
 from impostor_jax.io.dataset_shard import LabeledImage
 from impostor_jax.matching import LEVELS, Detection, Truth, distances, truth_of
+from impostor_jax.primitives.cylinder import Cylinder
 from impostor_jax.sensor.base import AbstractDepthNoise
 from impostor_jax.track.measured import basis_of
 from impostor_jax.track.track import Track, TrackStatus
@@ -120,7 +130,9 @@ def evaluate_tracks(
         pairs, num_false = pair_tracks(truth, found, known)
         switched = [k for k, track in pairs.items() if known.get(k, track) != track]
         known |= pairs
-        told = [_errors(seen[track], image, k) for k, track in pairs.items()]
+        told = [
+            track_errors(seen[track], _in_world(image, k)) for k, track in pairs.items()
+        ]
         num_truths = int(np.count_nonzero(truth.counted))
         yield Followed(
             num_truths=num_truths,
@@ -204,30 +216,33 @@ def _detection(track: Track, camera_from_world: Float[np.ndarray, "4 4"]) -> Det
     )
 
 
-def _errors(
-    track: Track, image: LabeledImage, number: int
+def track_errors(
+    track: Track, truth: Cylinder
 ) -> tuple[dict[str, float], dict[str, float]]:
-    """Errors and deviations of what a track determines, in its coordinates."""
-    back = np.linalg.inv(np.asarray(image.camera_from_world, float))
-    turn, by = back[:3, :3], back[:3, 3]
-    truth = image.cylinders
-    center = turn @ np.asarray(truth.center[number], float) + by
-    axis = turn @ np.asarray(truth.axis[number], float)
-    own = np.asarray(track.cylinder.axis, float)
+    """Errors of what a track determines, and what it says they are.
+
+    Args:
+        track: In the world frame, like the next.
+        truth: The cylinder that it is of.
+
+    Returns:
+        Track less truth by the coordinates of a fit, in meters and radians; and
+        standard deviations.
+    """
+    own, axis = (np.asarray(x.axis, float) for x in (track.cylinder, truth))
     axis = axis * np.sign(axis @ own)
-    basis = basis_of(own)
-    offset = np.asarray(track.cylinder.center, float) - center
-    along = float(offset @ own)
+    basis = np.vstack([basis_of(own), own])
+    offset = np.asarray(track.cylinder.center, float) - np.asarray(truth.center, float)
     # Across the axis where the track's center is, which may not be the truth's.
-    aside = basis @ (offset - (offset @ axis) * axis)
+    aside = basis[:2] @ (offset - (offset @ axis) * axis)
     values = {
         "axis_first": float(-basis[0] @ axis),
         "axis_second": float(-basis[1] @ axis),
         "center_first": float(aside[0]),
         "center_second": float(aside[1]),
-        "center_along": along,
-        "radius": float(track.cylinder.radius) - float(truth.radius[number]),
-        "height": float(track.cylinder.height) - float(truth.height[number]),
+        "center_along": float(offset @ own),
+        "radius": float(track.cylinder.radius) - float(truth.radius),
+        "height": float(track.cylinder.height) - float(truth.height),
     }
     deviation = dict(
         zip(track.coordinates, np.sqrt(np.diagonal(track.covariance)), strict=True)
@@ -237,3 +252,10 @@ def _errors(
         {name: values[name] for name in known},
         {name: float(deviation[name]) for name in known},
     )
+
+
+def _in_world(image: LabeledImage, number: int) -> Cylinder:
+    """One of the cylinders of an image of a video."""
+    cylinder = jax.tree.map(lambda x: np.asarray(x)[number], image.cylinders)
+    pose = RigidTransform.from_matrix(image.camera_from_world)
+    return cylinder.transformed(pose.inverse())

@@ -33,6 +33,12 @@ NAMES = ("axis", "across_axis", "along_axis", "radius", "height")
 SHARED = ("warp", "alignment", "outline")
 """Parts of a budget that neighboring images share, beside the scale."""
 
+PART = 0.2
+"""Of what is an image's own, as large a part do the fits of all images share: that by
+which the estimate is off on average. Of 16 cans, of which each was fitted to 38 images
+with new noise, the mean errors were 0.2 standard deviations of one fit (root mean
+square)."""
+
 LEAST = 1e-6
 """Smallest eigenvalue that a correlation matrix is taken to have: single precision."""
 
@@ -87,7 +93,6 @@ class Measured:
         radius, height = float(shape.radius), float(shape.height)
         is_known = np.asarray(fit.observed.coordinates)
         parts = _by_coordinate(fit)
-        shares = np.hypot.reduce([parts[name] for name in SHARED])
         own = np.sqrt(
             sum(
                 parts[name] ** 2
@@ -95,6 +100,7 @@ class Measured:
                 if name not in SHARED and name != "scale"
             )
         )
+        shares = np.hypot.reduce([PART * own, *(parts[name] for name in SHARED)])
         basis = np.vstack([basis_of(told), told])
         full = np.where(np.outer(is_known, is_known), np.asarray(fit.covariance), 0)
         full = full.astype(float)

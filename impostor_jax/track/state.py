@@ -173,14 +173,16 @@ class State:
             seen: What a fit says of it; its axis has the sign of this one's.
             repeats: How many images tell as much as one whose errors are its own.
         """
-        state = self._with_end(seen)
-        if seen.is_known[4:].all():
-            state = state._placed(seen)
+        state = self._with_end(seen)._ready(seen)
         found = state.compared(seen)
         own = found.own * repeats
         state = state._corrected(dataclasses.replace(found, own=own))
         state = state._placed(seen)
         return dataclasses.replace(state, end=seen.end, elapsed=0.0, drift=0.0)
+
+    def _ready(self, seen: Measured) -> "State":
+        """With room for a height, where an image is the first that tells it."""
+        return self._placed(seen) if seen.is_known[4:].all() else self
 
     def _with_end(self, seen: Measured) -> "State":
         """With the place of an end, where an image shows one alone."""
@@ -252,13 +254,14 @@ class State:
         Returns:
             It, with all errors counted, and its degrees of freedom.
         """
-        found = self.compared(seen)
-        before = found.rows @ self.shared
+        state = self._ready(seen)
+        found = state.compared(seen)
+        before = found.rows @ state.shared
         # The scale is the same. Of the others this image may have, or may not have,
         # what those before it had.
         scale = before[:, :1] - found.shared[:, :1]
         apart = np.hstack([scale, before[:, 1:], found.shared[:, 1:]])
-        spread = found.rows @ self.covariance @ found.rows.T + found.own
+        spread = found.rows @ state.covariance @ found.rows.T + found.own
         spread += apart @ apart.T
         return float(found.off @ np.linalg.solve(spread, found.off)), len(found.off)
 

@@ -128,7 +128,10 @@ def test_a_height_that_nothing_tells_leaves_all_else_sure():
         assert np.isfinite(state.covariance).all()
     assert state.covariance[RADIUS, RADIUS] == pytest.approx(OWN[5] ** 2 / 30, rel=1e-3)
     np.testing.assert_allclose(state.velocity, velocity, atol=0.1)
-    whole = measured(rng, center, UPRIGHT, OWN, NO_SHARED)
+    # More of it is seen than before: a gate that took the extent for its height took
+    # it for another cylinder.
+    whole = measured(rng, center, UPRIGHT, OWN, NO_SHARED, height=0.15)
+    assert state.distance(whole)[0] < 25
     state = state.updated(whole)
     assert state.has_height
     assert state.covariance[HEIGHT, HEIGHT] == pytest.approx(OWN[6] ** 2, rel=1e-2)

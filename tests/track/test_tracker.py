@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import impostor_jax as ij
+from impostor_jax.track.measured import PART
 from tests.find.scenes import ORTHOGRAPHIC
 from tests.fit.scenes import CAMERA, SIGMA
 from tests.groups import SMALL_IMAGES
@@ -145,9 +146,10 @@ def test_a_radius_becomes_surer_with_the_root_of_the_number_of_images():
     told = [track for (track,) in played(ij.Tracker(CAMERA, SIGMA), 17 * [[can()]])]
     single = np.array([float(track.fit.std.radius) for track in told])
     together = np.cumsum(single**-2.0) ** -0.5
+    expected = np.hypot(together, PART * np.mean(single))
     found = np.array([track.std.radius for track in told])
     # Pixels of an outline, which images share, are a part of a hundredth.
-    np.testing.assert_allclose(found, together, rtol=0.1)
+    np.testing.assert_allclose(found, expected, rtol=0.1)
     assert found[-1] < 0.4 * np.mean(single)
     assert abs(float(told[-1].cylinder.radius) - 0.04) < 4 * found[-1]
 

@@ -1,0 +1,1 @@
+"""How well cylinders are followed through videos."""
