@@ -17,10 +17,13 @@ __all__ = ["STATE_COORDINATES", "Motion", "State"]
 
 import dataclasses
 import functools
+from typing import Any
 
+import jax
 import numpy as np
 from jaxtyping import Float
 
+from impostor_jax.arguments import place_of
 from impostor_jax.primitives.cylinder import Cylinder
 from impostor_jax.track.measured import Measured, basis_of
 
@@ -95,8 +98,14 @@ class State:
 
     @functools.cached_property
     def cylinder(self) -> Cylinder:
-        """It alone, in the world frame."""
-        return Cylinder(self.center, self.axis, self.radius, self.height)
+        """It alone, in the world frame.
+
+        It is put together without the checks of its class, in a tenth of the time.
+        """
+        dtype = jax.dtypes.canonicalize_dtype(float)
+        values = (self.center, self.axis, self.radius, self.height)
+        center, *rest = jax.device_put([np.asarray(x, dtype) for x in values])
+        return _layout().unflatten([place_of(self.center, center), *rest])
 
     @staticmethod
     def of(seen: Measured, motion: Motion) -> "State":
@@ -264,6 +273,12 @@ class State:
         spread = found.rows @ state.covariance @ found.rows.T + found.own
         spread += apart @ apart.T
         return float(found.off @ np.linalg.solve(spread, found.off)), len(found.off)
+
+
+@functools.cache
+def _layout() -> Any:
+    """Of the tree of a cylinder, whose leaves are center, axis, radius and height."""
+    return jax.tree.structure(Cylinder((0, 0, 0), (0, 0, 1), 1, 1))
 
 
 @dataclasses.dataclass(frozen=True)
