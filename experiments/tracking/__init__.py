@@ -1,1 +1,1 @@
-"""How well cylinders are followed through videos."""
+"""Do cylinders keep their identity in a video, and do the intervals hold?"""
