@@ -4,14 +4,19 @@ __all__ = ["Track", "TrackStatus"]
 
 import dataclasses
 import enum
+from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float
 
 from impostor_jax.fit.budget import Deviations
+from impostor_jax.fit.record import numbers
 from impostor_jax.fit.result import Fit
 from impostor_jax.fit.text import millimeters
 from impostor_jax.primitives.cylinder import Cylinder
+
+UNITS = {"axis": "rad", "velocity": "m_per_s"}
+"""Of standard deviations; of all others it is the meter."""
 
 
 class TrackStatus(enum.StrEnum):
@@ -66,6 +71,30 @@ class Track:
     visible: float
     mask: Bool[np.ndarray, "h w"]
     fit: Fit | None
+
+    def to_dict(self) -> dict[str, Any]:
+        """What JSON can hold, without pixels; None for what is not finite."""
+        shape = self.cylinder
+        std = {
+            f"{name}_{UNITS.get(name, 'm')}": numbers(getattr(self.std, name))
+            for name in ("center", "axis", "radius", "height", "velocity")
+        }
+        return {
+            "identity": self.identity,
+            "status": str(self.status),
+            "reason": self.reason,
+            "time_s": self.time,
+            "first_seen_s": self.first_seen,
+            "last_seen_s": self.last_seen,
+            "num_fits": self.num_fits,
+            "visible": self.visible,
+            "center_m": numbers(shape.center),
+            "axis": numbers(shape.axis),
+            "radius_m": numbers(shape.radius),
+            "height_m": numbers(shape.height),
+            "velocity_m_per_s": numbers(self.velocity),
+            "std": std,
+        }
 
     def __str__(self) -> str:
         at = ", ".join(f"{float(x):.4f}" for x in self.cylinder.center)
