@@ -11,8 +11,8 @@ References:
 """
 
 __all__ = [
-    "Followed",
     "TrackScore",
+    "TrackedImage",
     "evaluate_tracks",
     "pair_tracks",
     "score_tracks",
@@ -20,7 +20,6 @@ __all__ = [
 ]
 
 import dataclasses
-import time
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Any, NamedTuple
 
@@ -45,7 +44,7 @@ MOST_95 = 1.959964
 """Half width of the 95 % interval in standard deviations."""
 
 
-class Followed(NamedTuple):
+class TrackedImage(NamedTuple):
     """What came of an image.
 
     Attributes:
@@ -56,7 +55,6 @@ class Followed(NamedTuple):
         errors: Of each pair by coordinate, in meters and radians: the track less the
             truth, of what the track determines.
         deviations: What the tracks say that they are off by.
-        seconds: Time that the step took.
     """
 
     num_truths: int
@@ -65,7 +63,6 @@ class Followed(NamedTuple):
     num_switches: int
     errors: list[dict[str, float]]
     deviations: list[dict[str, float]]
-    seconds: float
 
 
 @dataclasses.dataclass(frozen=True)
@@ -75,13 +72,11 @@ class TrackScore:
     Attributes:
         num_images: Number of images.
         num_truths: Cylinders that count, image by image.
-        num_missed: As of `Followed`, of all images, like the next two.
+        num_missed: As of `TrackedImage`, of all images, like the next two.
         num_false: Likewise.
         num_switches: Likewise.
         rms: Root mean square of the errors by coordinate, in meters and radians.
         coverage: Share of the errors within their 95 % intervals, by coordinate.
-        median_seconds: Of a step.
-        slow_seconds: Of the slowest in a hundred.
     """
 
     num_images: int
@@ -91,8 +86,6 @@ class TrackScore:
     num_switches: int
     rms: dict[str, float]
     coverage: dict[str, float]
-    median_seconds: float
-    slow_seconds: float
 
     @property
     def mota(self) -> float:
@@ -103,7 +96,7 @@ class TrackScore:
 
 def evaluate_tracks(
     images: Iterable[LabeledImage], sensor: AbstractDepthNoise, **options: Any
-) -> Iterator[Followed]:
+) -> Iterator[TrackedImage]:
     """Follow the cylinders of videos, each from its first image on.
 
     Args:
@@ -120,9 +113,7 @@ def evaluate_tracks(
             raise ValueError(f"images must be of videos, got {image.key}, which is not")
         if tracker is None or image.seconds == 0:
             tracker, known = Tracker(image.pinhole, sensor, **options), {}
-        start = time.perf_counter()
         tracks = tracker.step(image.depth, image.seconds, image.camera_from_world)
-        seconds = time.perf_counter() - start
         pose = np.asarray(image.camera_from_world, float)
         seen = {t.identity: t for t in tracks if t.status != TrackStatus.LOST}
         truth = truth_of(image)
@@ -134,14 +125,13 @@ def evaluate_tracks(
             track_errors(seen[track], _in_world(image, k)) for k, track in pairs.items()
         ]
         num_truths = int(np.count_nonzero(truth.counted))
-        yield Followed(
+        yield TrackedImage(
             num_truths=num_truths,
             num_missed=num_truths - len(pairs),
             num_false=num_false,
             num_switches=len(switched),
             errors=[errors for errors, _ in told],
             deviations=[deviations for _, deviations in told],
-            seconds=seconds,
         )
 
 
@@ -174,7 +164,7 @@ def pair_tracks(
     return pairs, int(np.count_nonzero(~is_used & ~is_near_other))
 
 
-def score_tracks(images: Iterable[Followed]) -> TrackScore:
+def score_tracks(images: Iterable[TrackedImage]) -> TrackScore:
     """Sum up what came of at least one image."""
     some = list(images)
     pairs = [
@@ -189,7 +179,6 @@ def score_tracks(images: Iterable[Followed]) -> TrackScore:
         error, deviation = np.array(both).T
         rms[name] = float(np.sqrt(np.mean(error**2)))
         coverage[name] = float(np.mean(np.abs(error) <= MOST_95 * deviation))
-    seconds = [one.seconds for one in some]
     return TrackScore(
         num_images=len(some),
         num_truths=sum(one.num_truths for one in some),
@@ -198,8 +187,6 @@ def score_tracks(images: Iterable[Followed]) -> TrackScore:
         num_switches=sum(one.num_switches for one in some),
         rms=rms,
         coverage=coverage,
-        median_seconds=float(np.median(seconds)),
-        slow_seconds=float(np.quantile(seconds, 0.99)),
     )
 
 
