@@ -90,6 +90,7 @@ class Measured:
         """
         shape = fit.cylinder
         center, told = np.asarray(shape.center, float), np.asarray(shape.axis, float)
+        told = told / np.linalg.norm(told)
         radius, height = float(shape.radius), float(shape.height)
         is_known = np.asarray(fit.observed.coordinates)
         parts = _by_coordinate(fit)

@@ -7,7 +7,7 @@ the two cannot be told from each other: pixels of which that is so are left out,
 where they are and not by what they read.
 """
 
-__all__ = ["NO_PLANES", "Sight", "sight_of"]
+__all__ = ["MARGIN", "NO_PLANES", "Sight", "sight_of"]
 
 import dataclasses
 

@@ -59,8 +59,9 @@ class Tracker:
     Sizes do not change, so they become surer with every image; not by what images
     share, as the sensor's scale. Of smooth errors of the sensor, of walls that lean and
     of pixels at an outline neighboring images are taken to have the same, as those of
-    a still scene have. Readings' own noise is taken to be new in each image, unless
-    `noise_time` says otherwise. Poses of the camera are taken for exact.
+    a still scene have, and of a fit's own deviation a fifth, by which estimates are
+    biased. The rest is taken to be new in each image, unless `noise_time` says
+    otherwise. Poses of the camera are taken for exact.
 
     Args:
         camera: That takes the images.

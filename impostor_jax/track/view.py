@@ -20,7 +20,7 @@ from impostor_jax.primitives.cylinder import Cylinder
 from impostor_jax.sensor.base import AbstractDepthNoise
 from impostor_jax.track.followed import Followed
 from impostor_jax.track.measured import Measured
-from impostor_jax.track.sight import Sight, sight_of
+from impostor_jax.track.sight import MARGIN, Sight, sight_of
 from impostor_jax.track.state import State
 
 
@@ -113,8 +113,9 @@ class View:
                 break
             fit = self.fit(mask, state.cylinder, options)
             found = fit.cylinder
-            moved = _moved(state, found)
-            if not moved > self.pixel * np.linalg.norm(state.center - self.place):
+            distance = float(np.linalg.norm(state.center - self.place))
+            # Within the margin all of it was looked at.
+            if not _moved(state, found) > MARGIN * self.pixel * distance:
                 break
             state = dataclasses.replace(state, **_told(found))
             sight = self.sight(state, planes)
