@@ -2,14 +2,19 @@
 
 __all__ = ["table_of", "write_table"]
 
+import csv
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 from impostor_jax.find.found import AbstractFound
-from impostor_jax.io.table_file import check_table, columns_of, write_rows
+from impostor_jax.io.atomic import check_output_file, write_atomically
 
 LEFT_OUT = ("std_budget", "world_from_cylinder")
 """Of a record: what a row has no room for."""
+
+AXES = "xyz"
+"""Ends of the names of a vector's columns."""
 
 
 def table_of(found: AbstractFound) -> list[dict[str, Any]]:
@@ -26,7 +31,7 @@ def table_of(found: AbstractFound) -> list[dict[str, Any]]:
             name: value
             for key, part in record.items()
             if key not in LEFT_OUT
-            for name, value in columns_of(key, part)
+            for name, value in _columns(key, part)
         }
         for record in found.to_dict()["cylinders"]
     ]
@@ -46,5 +51,46 @@ def write_table(found: AbstractFound, path: str | Path) -> None:
             not installed.
     """
     path = Path(path)
-    check_table(path)
-    write_rows(table_of(found), path)
+    writer = WRITERS.get(path.suffix.lower())
+    if writer is None:
+        known = " or ".join(WRITERS)
+        raise ValueError(f"path must end with {known}, got {str(path)!r}")
+    check_output_file(path, "path")
+    rows = table_of(found)
+    write_atomically(path, lambda partial: writer(partial, rows))
+
+
+def _columns(name: str, value: Any) -> Iterator[tuple[str, Any]]:
+    """A value of a record, and what it is made of, with names of their own."""
+    if isinstance(value, dict):
+        for key, part in value.items():
+            yield from _columns(f"{name}_{key}", part)
+    elif isinstance(value, list):
+        ends = AXES if len(value) == len(AXES) else map(str, range(len(value)))
+        for end, part in zip(ends, value, strict=True):
+            yield from _columns(f"{name}_{end}", part)
+    else:
+        yield name, value
+
+
+def _write_csv(path: Path, rows: list[dict[str, Any]]) -> None:
+    with path.open("w", newline="", encoding="utf-8") as file:
+        table = csv.DictWriter(file, list(rows[0]) if rows else [])
+        if rows:
+            table.writeheader()
+        table.writerows(rows)
+
+
+def _write_parquet(path: Path, rows: list[dict[str, Any]]) -> None:
+    try:
+        import pyarrow
+        from pyarrow import parquet
+    except ImportError as missing:
+        raise ValueError(
+            "a .parquet file takes pyarrow: pip install 'impostor_jax[table]'"
+        ) from missing
+    parquet.write_table(pyarrow.Table.from_pylist(rows), path)
+
+
+WRITERS = {".csv": _write_csv, ".parquet": _write_parquet}
+"""By the end of a file's name."""
