@@ -76,6 +76,8 @@ class Generate:
     """BOP's folders scene by scene, or a BOP-webdataset archive for each scene."""
     shard_size: int = 100
     """Images of a scene, the unit of work."""
+    sequence: int | None = None
+    """Images of a video, which is a scene then, whose camera and cylinders move."""
     clean: bool = True
     """Whether to write the depth without noise, too."""
     normals: bool = False
@@ -100,6 +102,7 @@ class Generate:
                 color=self.color,
                 layout=self.format,
                 shard_size=self.shard_size,
+                sequence=self.sequence,
                 clean=self.clean,
                 normals=self.normals,
                 progress=progress,
@@ -116,6 +119,8 @@ class Generate:
 
         whole_number("count", self.count, 1, MAX_IMAGES)
         whole_number("shard_size", self.shard_size, 1, MAX_SHARDS)
+        if self.sequence is not None:
+            whole_number("sequence", self.sequence, 1, MAX_SHARDS)
         _check_preset(self.preset)
         if self.sensor is not None:
             read_json_object(self.sensor, f"sensor file {str(self.sensor)!r}")

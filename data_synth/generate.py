@@ -38,6 +38,7 @@ def generate(
     color: bool = False,
     layout: Layout = "bop",
     shard_size: int = 100,
+    sequence: int | None = None,
     clean: bool = True,
     normals: bool = False,
     executor: Executor | None = None,
@@ -61,6 +62,8 @@ def generate(
             `Appearance()` if the preset has none.
         layout: "bop", folders scene by scene; or "webdataset", an archive for each.
         shard_size: Images of a shard, a scene of the format; the unit of work.
+        sequence: Images of a video, which is a shard then, of one scene in which the
+            camera and things move; None for images of one scene each.
         clean: Whether the depth without noise is written, too.
         normals: Whether normals are written, too.
         executor: What runs the work, such as `dask.distributed.Client.get_executor()`;
@@ -86,7 +89,15 @@ def generate(
     if color and drawn.appearance is None:
         drawn = dataclasses.replace(drawn, appearance=Appearance())
     manifest = Manifest(
-        drawn, name, count, seed, shard_size, layout, clean=clean, normals=normals
+        drawn,
+        name,
+        count,
+        seed,
+        shard_size if sequence is None else sequence,
+        layout,
+        clean=clean,
+        normals=normals,
+        is_sequence=sequence is not None,
     )
     part = _part(manifest, shard, num_shards)
     workers = number_of_workers(workers)

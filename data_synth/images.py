@@ -41,8 +41,12 @@ from data_synth.capture import (
 from data_synth.catalogue import Item, draw_catalogue
 from data_synth.draw import Drawn, draw_scene, generator
 from data_synth.manifest import Manifest
+from data_synth.sequence import FRAME_RATE, draw_motion
 from impostor_jax.camera.pixels import PixelBox
 from impostor_jax.io.camera_file import FiledCamera
+
+MOTION = 2**31
+"""In place of the number of an attempt: what a sequence's motion is drawn of."""
 
 STAGES = ("drawing", "capturing", "coding", "writing")
 """What the time of a dataset goes into."""
@@ -116,6 +120,9 @@ class Image:
             its own size.
         boxes: Of these.
         rejected: How often each rule rejected a scene for this image.
+        seconds: Time since the first image of its sequence; None if it is of none.
+        camera_from_world: Pose of the camera, whose frame the world is at the first
+            image of a sequence; likewise.
     """
 
     number: int
@@ -130,14 +137,21 @@ class Image:
     whole_counts: Int[np.ndarray, " n"]
     boxes: list[PixelBox]
     rejected: dict[str, int]
+    seconds: float | None = None
+    camera_from_world: Float[np.ndarray, "4 4"] | None = None
 
 
 def images(plan: Plan, numbers: Sequence[int], clock: Clock) -> Iterator[Image]:
     """Make images, in the order of their numbers.
 
+    Of a dataset of sequences they are those of one.
+
     Raises:
         ValueError: The rules reject all scenes that are drawn for an image.
     """
+    if plan.manifest.is_sequence:
+        yield from _sequence(plan, numbers, clock)
+        return
     for first in range(0, len(numbers), BATCH):
         yield from _window(plan, numbers[first : first + BATCH], clock)
 
@@ -176,6 +190,35 @@ def _window(plan: Plan, numbers: Sequence[int], clock: Clock) -> list[Image]:
             else:
                 reject(k, RULES[broken])
     return [made[k] for k in range(len(numbers))]
+
+
+def _sequence(plan: Plan, numbers: Sequence[int], clock: Clock) -> Iterator[Image]:
+    """The images of a sequence: one as any other, and what it shows later."""
+    preset = plan.manifest.preset
+    (first,) = _window(plan, numbers[:1], clock)
+    key = jax.random.fold_in(jax.random.fold_in(plan.key, numbers[0]), MOTION)
+    rng = generator(np.asarray(jax.random.key_data(key)))
+    motion = draw_motion(first.scene, preset.ground, rng)
+    yield dataclasses.replace(
+        first, seconds=0.0, camera_from_world=motion.camera_from_world(0.0)
+    )
+    for start in range(1, len(numbers), BATCH):
+        some = numbers[start : start + BATCH]
+        times = [(start + k) / FRAME_RATE for k in range(len(some))]
+        with clock.stage("drawing"):
+            padded = jnp.array([*some, *[0] * (BATCH - len(some))], jnp.uint32)
+            keys = capture_keys(plan.key, padded, jnp.zeros(BATCH, jnp.uint32))
+            scenes = {k: motion.after(seconds) for k, seconds in enumerate(times)}
+            batch = batch_of(preset, plan.cameras, scenes)
+            # What is hidden later stays.
+            unbound = jnp.zeros_like(batch.num_bound)
+            batch = dataclasses.replace(batch, num_bound=unbound)
+        with clock.stage("capturing"):
+            seen = captured(plan, keys[1], batch)
+        for k, scene in scenes.items():
+            image = _image(plan, some[k], k, scene, seen, {})
+            pose = motion.camera_from_world(times[k])
+            yield dataclasses.replace(image, seconds=times[k], camera_from_world=pose)
 
 
 def draw_scenes(

@@ -6,7 +6,7 @@ from typing import Any
 
 import cv2
 import numpy as np
-from jaxtyping import Bool, Int, UInt16
+from jaxtyping import Bool, Float, Int, UInt16
 
 from data_synth.draw import Drawn
 from impostor_jax.camera.pinhole import PinholeCamera
@@ -17,14 +17,22 @@ NO_BOX = [-1, -1, -1, -1]
 """What BOP's toolkit writes for a box of nothing."""
 
 
-def camera_label(camera: FiledCamera, depth_scale_mm: float) -> dict[str, Any]:
+def camera_label(
+    camera: FiledCamera,
+    depth_scale_mm: float,
+    camera_from_world: Float[np.ndarray, "4 4"] | None,
+) -> dict[str, Any]:
     """Of `scene_camera.json`: the matrix row by row; the lens is in the cylinders'.
 
-    A scanner has no matrix; its angles are there, too.
+    A scanner has no matrix; its angles are there, too. A pose, which an image of a
+    sequence has, is in millimeters.
     """
     label: dict[str, Any] = {"depth_scale": depth_scale_mm}
     if isinstance(camera, PinholeCamera):
         label["cam_K"] = camera.matrix().ravel().tolist()
+    if camera_from_world is not None:
+        label["cam_R_w2c"] = camera_from_world[:3, :3].ravel().tolist()
+        label["cam_t_w2c"] = (1e3 * camera_from_world[:3, 3]).tolist()
     return label
 
 

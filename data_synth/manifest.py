@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any, Literal, get_args
 
 from data_synth.preset import Preset
+from data_synth.sequence import check_can_move
 from impostor_jax.arguments import one_of, whole_number
 from impostor_jax.io.atomic import write_json
 from impostor_jax.io.dataset import (
@@ -40,6 +41,7 @@ class Manifest:
         layout: How shards are stored.
         clean: Whether the depth without noise is stored, too.
         normals: Whether normals are stored, too.
+        is_sequence: Whether the images of a shard are a video of one scene.
         made_by: Versions of packages, commit and processor, on which the last bits
             depend.
         checksums_sha256: Digest of the list of all files of checksums, which there is
@@ -54,6 +56,7 @@ class Manifest:
     layout: Layout
     clean: bool
     normals: bool
+    is_sequence: bool = False
     made_by: dict[str, Any] = dataclasses.field(default_factory=lambda: made_by())
     checksums_sha256: str | None = dataclasses.field(default=None, compare=False)
 
@@ -67,6 +70,8 @@ class Manifest:
                 f"images, got {self.count}"
             )
         one_of("layout", self.layout, get_args(Layout))
+        if self.is_sequence:
+            check_can_move(self.preset)
 
     @property
     def num_shards(self) -> int:
@@ -100,6 +105,8 @@ class Manifest:
         fields = {f.name: getattr(self, f.name) for f in dataclasses.fields(self)}
         if self.checksums_sha256 is None:
             del fields["checksums_sha256"]
+        if not self.is_sequence:
+            del fields["is_sequence"]
         record = {"version": VERSION, **fields, "preset": self.preset.record()}
         write_json(folder / MANIFEST, {**record, "checksums": CHECKSUMS})
 

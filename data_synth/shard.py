@@ -131,7 +131,9 @@ def _labels(image: Image, manifest: Manifest) -> dict[str, Any]:
     with_scenery = bool(manifest.preset.scenery)
     cylinders = cylinders_label(image.scene, image.camera, with_scenery)
     labels = {
-        "camera": camera_label(image.camera, manifest.preset.depth_scale_mm),
+        "camera": camera_label(
+            image.camera, manifest.preset.depth_scale_mm, image.camera_from_world
+        ),
         "gt": pose_labels(image.scene),
         "gt_info": visibility_labels(
             image.silhouettes,
@@ -142,6 +144,10 @@ def _labels(image: Image, manifest: Manifest) -> dict[str, Any]:
         ),
         "cylinders": {**cylinders, "image": image.number, "rejected": image.rejected},
     }
+    if image.seconds is not None:
+        labels["cylinders"]["time_s"] = image.seconds
+        for k, cylinder in enumerate(cylinders["cylinders"]):
+            cylinder["identity"] = k + 1
     if image.scene.look is not None:
         labels["appearance"] = dataclasses.asdict(image.scene.look)
     return labels

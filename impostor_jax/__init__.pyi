@@ -35,11 +35,11 @@ from .io.camera_from import camera_from
 from .io.dataset import read_dataset
 from .io.dataset_shard import LabeledImage
 from .io.depth_folder import DepthFolder, DepthFrame, read_depth_folder
+from .io.found_table import write_table
 from .io.mesh_export import to_mesh
 from .io.mesh_file import read_mesh
 from .io.point_cloud import PointCloud
 from .io.points_file import read_points
-from .io.tables import write_table
 from .many.mapping import map_images
 from .many.results import read_results
 from .page.fit_page import FitPage, view
@@ -81,6 +81,8 @@ from .sensor.quantization import StereoDisparity
 from .sensor.scale_error import ScaleError
 from .sensor.structured_light import StructuredLight
 from .sensor.time_of_flight import TimeOfFlight
+from .track.track import Track, TrackStatus
+from .track.tracker import Tracker
 
 __all__ = [
     "AbstractCamera",
@@ -142,6 +144,9 @@ __all__ = [
     "Tile",
     "TimeOfFlight",
     "Torus",
+    "Track",
+    "TrackStatus",
+    "Tracker",
     "Triangle",
     "Tube",
     "calibrate_sensor",

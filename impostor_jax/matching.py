@@ -26,6 +26,7 @@ __all__ = [
     "calibration",
     "compare",
     "detection_of",
+    "distances",
     "match",
     "points_of",
     "precision_recall",
@@ -256,18 +257,18 @@ def match(
     found = np.full(len(detections), -1)
     free = truth.counted.copy()
     for k in np.argsort([-one.confidence for one in detections], kind="stable"):
-        distance = np.where(free, _distance(truth, detections[k], tolerance), np.inf)
+        distance = np.where(free, distances(truth, detections[k], tolerance), np.inf)
         if np.min(distance, initial=np.inf) <= 1:
             best = int(np.argmin(distance))
             verdict[k], found[k], free[best] = RIGHT, best, False
             continue
-        near = _distance(truth, detections[k], LEVELS["coarse"]) <= 1
+        near = distances(truth, detections[k], LEVELS["coarse"]) <= 1
         if np.any(near & ~truth.counted):
             verdict[k] = IGNORED
     return Matches(verdict, found)
 
 
-def _distance(
+def distances(
     truth: Truth, detection: Detection, tolerance: Tolerance
 ) -> Float[np.ndarray, " n"]:
     """The largest of a detection's differences over what is tolerated, of each."""

@@ -4,13 +4,19 @@ __all__ = ["FindCommand"]
 
 import dataclasses
 import math
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import tyro
 
 from impostor_jax.cli.dials import Dials, EffortName, chosen_effort
-from impostor_jax.cli.given import chosen_noise, hints_on_stderr, priors_of
+from impostor_jax.cli.given import (
+    camera_of,
+    chosen_noise,
+    hints_on_stderr,
+    priors_of,
+)
 from impostor_jax.cli.inputs import (
     check_images,
     check_noise,
@@ -169,7 +175,9 @@ class FindCommand:
         return FindTask(
             given
             | {
-                "sigma": chosen_noise(self.sigma, self.sensor, item),
+                "sigma": chosen_noise(
+                    self.sigma, self.sensor, partial(camera_of, item)
+                ),
                 "effort": chosen_effort(self.effort, self.dials),
             }
         )

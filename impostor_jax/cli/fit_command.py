@@ -11,6 +11,7 @@ import tyro
 
 from impostor_jax.cli.dials import Dials, EffortName, chosen_effort
 from impostor_jax.cli.given import (
+    camera_of,
     chosen_noise,
     files_of,
     hints_on_stderr,
@@ -240,7 +241,7 @@ class FitCommand:
         from impostor_jax.many.tasks import FitTask
 
         asked = {
-            "sigma": chosen_noise(self.sigma, self.sensor, item),
+            "sigma": chosen_noise(self.sigma, self.sensor, partial(camera_of, item)),
             "initial": start_of(self.initial, self.shape),
             "fixed": self.fixed,
             "prior": priors_of(self.prior_radius, self.prior_height),

@@ -1,6 +1,7 @@
 """What flags of a fit name: the noise of a sensor, a shape to begin with, hints."""
 
 __all__ = [
+    "camera_of",
     "chosen_noise",
     "files_of",
     "hints_on_stderr",
@@ -13,7 +14,7 @@ import contextlib
 import glob
 import sys
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -22,13 +23,15 @@ if TYPE_CHECKING:
     from impostor_jax.primitives.base import AbstractPrimitive
 
 
-def chosen_noise(sigma: float | None, sensor: str | None, item: "AbstractItem") -> Any:
+def chosen_noise(
+    sigma: float | None, sensor: str | None, camera: Callable[[], Any]
+) -> Any:
     """What a fit takes for sigma: a number, a noise model, or None for neither.
 
     Args:
         sigma: Of `--sigma`.
         sensor: Of `--sensor`: a name, or a JSON file.
-        item: An image, whose focal length a stereo camera has, unless its file says
+        camera: Gives that whose focal length a stereo camera has, unless its file says
             another.
 
     Raises:
@@ -41,15 +44,19 @@ def chosen_noise(sigma: float | None, sensor: str | None, item: "AbstractItem") 
     from impostor_jax.camera.pinhole import PinholeCamera
     from impostor_jax.io.sensor_record import read_sensor, sensor_from_record
 
-    try:
-        camera = item.read().camera
-    except (ValueError, OSError):
-        # It is broken, which is said where it is its turn.
-        camera = None
-    focal_length = float(camera.fx) if isinstance(camera, PinholeCamera) else None
+    seen_by = camera()
+    focal_length = float(seen_by.fx) if isinstance(seen_by, PinholeCamera) else None
     if sensor.endswith(".json"):
         return read_sensor(Path(sensor), focal_length)
     return sensor_from_record({"type": sensor}, f"sensor {sensor!r}", focal_length)
+
+
+def camera_of(item: "AbstractItem") -> Any:
+    """The camera of an image; None of one that is broken, which is said in its turn."""
+    try:
+        return item.read().camera
+    except (ValueError, OSError):
+        return None
 
 
 Prior = tuple[float, float] | None

@@ -22,10 +22,12 @@ from impostor_jax.cli.find_command import FindCommand
 from impostor_jax.cli.fit_command import FitCommand
 from impostor_jax.cli.parity_command import ParityCommand
 from impostor_jax.cli.render_command import RenderCommand
+from impostor_jax.cli.track_command import TrackCommand
 
 Command = (
     Annotated[FitCommand, tyro.conf.subcommand("fit")]
     | Annotated[FindCommand, tyro.conf.subcommand("find")]
+    | Annotated[TrackCommand, tyro.conf.subcommand("track")]
     | Annotated[CalibrateCommand, tyro.conf.subcommand("calibrate")]
     | Annotated[RenderCommand, tyro.conf.subcommand("render")]
     | Annotated[ExportCommand, tyro.conf.subcommand("export")]

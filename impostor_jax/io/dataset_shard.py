@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float, UInt8
+from jaxtyping import Bool, Float, Int, UInt8
 
 from impostor_jax.arguments import real_number
 from impostor_jax.camera.pinhole import PinholeCamera
@@ -43,6 +43,10 @@ class LabeledImage(NamedTuple):
             own size on every side, the part that is seen.
         key: Number of the scene and of the image in it, as `000000_000012`.
         color: Red, green and blue in sRGB; None if the dataset has no color.
+        seconds: Since the first image of the video that it is of; None if it is of
+            none, like the next two.
+        camera_from_world: Pose of the camera in it, (4, 4), in meters.
+        identity: Number of each shape, the same in all images of the video.
     """
 
     depth: Float[np.ndarray, "h w"]
@@ -52,6 +56,9 @@ class LabeledImage(NamedTuple):
     visible_fraction: Float[np.ndarray, " n"]
     key: str
     color: UInt8[np.ndarray, "h w 3"] | None = None
+    seconds: float | None = None
+    camera_from_world: Float[np.ndarray, "4 4"] | None = None
+    identity: Int[np.ndarray, " n"] | None = None
 
     @property
     def pinhole(self) -> PinholeCamera:
@@ -196,6 +203,9 @@ class _Label(NamedTuple):
     visible_fraction: Float[np.ndarray, " n"]
     scale_m: float
     num_cylinders: int
+    seconds: float | None
+    camera_from_world: Float[np.ndarray, "4 4"] | None
+    identity: Int[np.ndarray, " n"] | None
 
     @staticmethod
     def of(camera: Any, info: Any, cylinders: Any) -> "_Label":
@@ -209,12 +219,21 @@ class _Label(NamedTuple):
             for name, shape in FIELDS.items()
         )
         scale = real_number("depth_scale", camera["depth_scale"], positive=True)
+        seconds, pose, identity = cylinders.get("time_s"), None, None
+        if seconds is not None:
+            pose = np.eye(4)
+            pose[:3, :3] = np.reshape(camera["cam_R_w2c"], (3, 3))
+            pose[:3, 3] = 1e-3 * np.reshape(camera["cam_t_w2c"], 3)
+            identity = np.array([int(one["identity"]) for one in listed], int)
         return _Label(
             camera=_camera(json.dumps(cylinders["camera"])),
             cylinders=Cylinder(center, axis, radius, height),
             visible_fraction=np.array([float(one["visib_fract"]) for one in info]),
             scale_m=1e-3 * scale,
             num_cylinders=count,
+            seconds=None if seconds is None else float(seconds),
+            camera_from_world=pose,
+            identity=identity,
         )
 
     def image(
@@ -233,6 +252,9 @@ class _Label(NamedTuple):
             self.visible_fraction,
             key,
             color,
+            self.seconds,
+            self.camera_from_world,
+            self.identity,
         )
 
 

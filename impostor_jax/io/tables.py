@@ -1,13 +1,14 @@
-"""Tables of what was found or fitted: a row for each cylinder, for other programs."""
+"""Tables for other programs: CSV, or Parquet, of rows that may be many millions.
+
+Nothing here needs JAX, so that a command can refuse a name before JAX starts.
+"""
 
 __all__ = [
     "arrays_of",
     "check_table",
     "columns_of",
     "read_table",
-    "table_of",
     "write_rows",
-    "write_table",
 ]
 
 import csv
@@ -19,7 +20,6 @@ from typing import Any
 
 import numpy as np
 
-from impostor_jax.find.found import AbstractFound
 from impostor_jax.io.atomic import (
     check_output_file,
     check_output_folder,
@@ -36,7 +36,7 @@ LEFT_OUT = ("std_budget", "world_from_cylinder")
 AXES = "xyz"
 """Ends of the names of a vector's columns."""
 
-TEXTS = ("image", "status", "reason", "version")
+TEXTS = ("image", "name", "status", "reason", "version")
 """Columns of words, though they may look like numbers."""
 
 AT_ONCE = 10_000
@@ -44,18 +44,6 @@ AT_ONCE = 10_000
 
 TABLES = (".csv", ".parquet")
 """Ends of the names of tables."""
-
-
-def table_of(found: AbstractFound) -> list[Row]:
-    """Rows of what was found, the surest first.
-
-    Columns are those of `found.to_dict()`, vectors and deviations taken apart:
-    `center_m_x`, `std_radius_m`. What is no finite number is None.
-
-    Args:
-        found: Of a search of an image or of a cloud.
-    """
-    return [columns_of(record) for record in found.to_dict()["cylinders"]]
 
 
 def columns_of(record: dict[str, Any]) -> Row:
@@ -66,23 +54,6 @@ def columns_of(record: dict[str, Any]) -> Row:
         if key not in LEFT_OUT
         for name, value in _columns(key, part)
     }
-
-
-def write_table(found: AbstractFound, path: str | Path) -> None:
-    """Write what was found as a table: `.csv`, or `.parquet`, which takes pyarrow.
-
-    A table without rows has no columns, either: its file is empty.
-
-    Args:
-        found: Of a search of an image or of a cloud.
-        path: Of the file; one that is there is replaced.
-
-    Raises:
-        ValueError: The name ends otherwise, the file cannot be written, or pyarrow is
-            not installed.
-    """
-    rows = table_of(found)
-    write_rows(lambda: rows, path)
 
 
 def check_table(path: str | Path, name: str = "path") -> None:
@@ -110,7 +81,12 @@ def write_rows(rows: Callable[[], Iterable[Row]], path: str | Path) -> None:
 
     Args:
         rows: Gives them, twice: a row may lack columns that others have.
-        path: As in `write_table`.
+        path: Of the file, which ends with `.csv`, or `.parquet`, which takes pyarrow.
+            One that is there is replaced.
+
+    Raises:
+        ValueError: The name ends otherwise, the file cannot be written, or pyarrow is
+            not installed.
     """
     check_table(path)
     path = Path(path)

@@ -389,7 +389,7 @@ FIT = ("fit", "{depth}", "--camera", "{camera}")
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ((), "Expected one of {fit, find, calibrate, render, export, demo, evaluate"),
+        ((), "Expected one of {fit, find, track, calibrate, render, export, demo,"),
         (("mesh",), "mesh"),
         (("fit", "{depth}"), "--camera"),
         ((*FIT, "--speed", "9"), "Unrecognized options: --speed"),

@@ -42,6 +42,7 @@ LONG = (
     "speed_accuracy",
     "stem_diameters",
     "synthetic_benchmark",
+    "tracking",
 )
 """Those that take 5 to 24 seconds; the others take 15 together."""
 

@@ -7,7 +7,8 @@ import pytest
 
 import impostor_jax as ij
 from impostor_jax.io import tables
-from impostor_jax.io.tables import table_of, write_rows
+from impostor_jax.io.found_table import table_of
+from impostor_jax.io.tables import write_rows
 from tests.page.scenes import can_fit
 
 

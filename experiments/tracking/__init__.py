@@ -1,0 +1,1 @@
+"""Do cylinders keep their identity in a video, and do the intervals hold?"""

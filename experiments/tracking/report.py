@@ -1,0 +1,77 @@
+"""The tables of the README from results.json."""
+
+__all__ = ["COMPARED", "draw", "tables"]
+
+from collections.abc import Mapping
+
+from matplotlib.figure import Figure
+
+from experiments.markdown import table
+from experiments.recording import Results
+
+COMPARED = (
+    "radius",
+    "height",
+    "center_first",
+    "center_second",
+    "center_along",
+    "axis_first",
+    "axis_second",
+)
+"""Coordinates whose intervals are counted."""
+
+
+def tables(results: Results) -> str:
+    """Intervals by case, counts of videos, and times."""
+    values = results.values
+
+    def number(name: str, factor: float = 1.0, digits: int = 1) -> str:
+        value = values.get(name)
+        return "-" if value is None else f"{factor * value:.{digits}f}"
+
+    intervals = []
+    for case in results.cases("intervals.", ".radius.inside"):
+        inside = [number(f"{case}.{name}.inside", 100) for name in COMPARED]
+        fall = number(f"{case}.radius.fall", digits=2)
+        rms = number(f"{case}.radius.rms", 1e6)
+        intervals.append([case.removeprefix("intervals."), rms, fall, *inside])
+    counts = [
+        [
+            case.removeprefix("videos."),
+            number(f"{case}.truths", digits=0),
+            number(f"{case}.missed", 100),
+            number(f"{case}.false", digits=0),
+            number(f"{case}.switches", digits=0),
+            number(f"{case}.mota", digits=3),
+        ]
+        for case in results.cases("videos.", ".mota")
+    ]
+    times = [
+        [name, number(f"time.{name}.median"), number(f"time.{name}.slow")]
+        for name in ("tracked", "searched", "find_cylinders")
+    ]
+    kept = number("hidden.kept", 100)
+    return "\n\n".join(
+        [
+            table(
+                [
+                    "case",
+                    "radius: error, um",
+                    "std, last over first",
+                    *(f"{name}: 95 % that hold" for name in COMPARED),
+                ],
+                intervals,
+            ),
+            table(
+                ["videos", "cylinders", "missed, %", "false", "switches", "MOTA"],
+                counts,
+            ),
+            table(["image", "median, ms", "99 %, ms"], times),
+            f"Hidden for 20 images: {kept} % of the cans keep their identity.",
+        ]
+    )
+
+
+def draw(_: Results) -> Mapping[str, Figure]:
+    """Nothing: all there is to see are a few numbers."""
+    return {}

@@ -1,0 +1,150 @@
+"""The command `impostor-jax track`."""
+
+__all__ = ["TrackCommand"]
+
+import dataclasses
+import sys
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import tyro
+
+from impostor_jax.cli.given import chosen_noise, hints_on_stderr, images_of
+from impostor_jax.cli.inputs import check_images, check_noise
+
+if TYPE_CHECKING:
+    from impostor_jax.camera.pinhole import PinholeCamera
+
+
+class Image(NamedTuple):
+    """An image of the video.
+
+    Attributes:
+        name: Of its file, without its ending.
+        depth: In meters.
+        camera_from_world: Pose of its camera; None if nothing says it.
+        seconds: When it was taken; None if nothing says it.
+    """
+
+    name: str
+    depth: Any
+    camera_from_world: Any
+    seconds: float | None
+
+
+@dataclasses.dataclass(frozen=True)
+class TrackCommand:
+    """Follow every cylinder through a video of depth images.
+
+    Writes a table with a row for each track in each image: identity, status, estimate,
+    velocity and standard deviations. A folder is a sequence of TUM RGB-D, BOP, ScanNet
+    or Redwood, with its cameras and poses, or, with --camera, one of depth images in
+    the order of their names. The exit code is 0 if a cylinder was followed, 1 if none
+    was found and 2 if the input is bad.
+    """
+
+    folder: tyro.conf.Positional[Path]
+    """Folder of the video."""
+    camera: Path | None = None
+    """Camera file (JSON) of plain depth images: fx, fy, cx, cy, width, height,
+    depth_scale_m, distortion."""
+    sigma: float | None = None
+    """Standard deviation of a depth reading, in meters; measured if neither this nor a
+    sensor is given."""
+    sensor: str | None = None
+    """Model of the sensor, as in `fit`."""
+    frame_rate: float = 30.0
+    """Images in a second, where no file says when one was taken."""
+    search_every: int = 15
+    """Images from one search to the next, as in `Tracker`, like the others."""
+    patience: float = 2.0
+    """Seconds for which what is hidden, or out of the image, is kept."""
+    absence: float = 0.3
+    """Seconds for which what is gone is kept."""
+    radius_range: tuple[float, float] | None = None
+    """Smallest and largest radius, in meters."""
+    output: Path = Path("tracks.csv")
+    """Table to write: .csv, or .parquet (extra: table)."""
+
+    def run(self) -> int:
+        """Run the command; returns the exit code."""
+        from tqdm import tqdm
+
+        from impostor_jax.io.tables import check_table, columns_of, write_rows
+        from impostor_jax.plain_arguments import plain_number, whole_number
+
+        check_noise(self.sigma, self.sensor)
+        plain_number("frame_rate", self.frame_rate, positive=True, unit="1/seconds")
+        whole_number("search_every", self.search_every, 1)
+        check_table(self.output, "output")
+        if not self.folder.is_dir():
+            raise ValueError(f"folder {str(self.folder)!r} does not exist")
+        camera, count, images = self._images()
+        # This starts JAX.
+        from impostor_jax.track.tracker import Tracker
+
+        asked: dict[str, Any] = {}
+        if self.radius_range is not None:
+            asked["radius_range"] = self.radius_range
+        tracker = Tracker(
+            camera,
+            chosen_noise(self.sigma, self.sensor, lambda: camera),
+            frame_rate=self.frame_rate,
+            search_every=self.search_every,
+            patience=self.patience,
+            absence=self.absence,
+            **asked,
+        )
+        rows, identities = [], set()
+        shown = tqdm(images, total=count, unit="image", disable=None, file=sys.stderr)
+        with hints_on_stderr():
+            for number, image in enumerate(shown):
+                tracks = tracker.step(
+                    image.depth, image.seconds, image.camera_from_world
+                )
+                identities |= {track.identity for track in tracks}
+                place = {"image": number, "name": image.name}
+                rows += [place | columns_of(track.to_dict()) for track in tracks]
+        write_rows(lambda: rows, self.output)
+        print(f"{self.output}: {len(identities)} cylinders in {count} images")
+        return 0 if identities else 1
+
+    def _images(self) -> "tuple[PinholeCamera, int, Iterator[Image]]":
+        """The camera, how many images there are, and each as it is read."""
+        if self.camera is not None:
+            return _plain(self.camera, images_of((self.folder,)))
+        from impostor_jax.io.depth_folder import read_depth_folder
+        from impostor_jax.io.depth_layouts import kind_of
+
+        frames = read_depth_folder(self.folder)
+        # TUM's files are named by the second.
+        is_timed = kind_of(self.folder) == "tum"
+        images = (
+            Image(
+                frame.name,
+                frame.depth,
+                frame.camera.camera_from_world,
+                float(frame.name) if is_timed else None,
+            )
+            for frame in frames
+        )
+        return frames[0].camera, len(frames), images
+
+
+def _plain(
+    file: Path, paths: Sequence[Path]
+) -> "tuple[PinholeCamera, int, Iterator[Image]]":
+    """The same of plain depth images, which a camera file is of."""
+    check_images(file, paths, {})
+    from impostor_jax.io.camera_file import pinhole_of, read_camera
+    from impostor_jax.io.depth_image import read_depth
+
+    camera, depth_scale_m = read_camera(file)
+    camera = pinhole_of(camera, "the camera of a video")
+    size = camera.height, camera.width
+    images = (
+        Image(path.stem, read_depth(path, depth_scale_m, size), None, None)
+        for path in paths
+    )
+    return camera, len(paths), images

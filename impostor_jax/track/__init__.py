@@ -1,0 +1,1 @@
+"""Cylinders followed through a video of depth images."""

@@ -1,0 +1,76 @@
+"""The command `track`."""
+
+import csv
+import json
+import sys
+
+import numpy as np
+import pytest
+
+from impostor_jax.__main__ import main
+from tests.groups import SMALL_IMAGES
+from tests.track.scenes import can, frame
+
+pytestmark = SMALL_IMAGES
+
+RECORD = {
+    "fx": 150.0, "fy": 150.0, "cx": 79.5, "cy": 59.5, "width": 160, "height": 120
+}  # fmt: skip
+
+
+@pytest.fixture
+def track(tmp_path, monkeypatch, capfd):
+    """Run the command in a folder with a video; its exit code, output and errors."""
+    (tmp_path / "camera.json").write_text(json.dumps(RECORD))
+    for name, shapes in (("cans", [can()]), ("wall", [])):
+        (tmp_path / name).mkdir()
+        for k in range(3):
+            np.save(tmp_path / name / f"{k}.npy", frame(shapes, k))
+
+    def run(*arguments):
+        monkeypatch.chdir(tmp_path)
+        monkeypatch.setattr(sys, "argv", ["impostor-jax", "track", *arguments])
+        try:
+            code = main()
+        except SystemExit as stop:
+            code = stop.code
+        return code, *capfd.readouterr()
+
+    return run
+
+
+def test_a_row_for_each_track_of_each_image(track, tmp_path):
+    code, out, _ = track("cans", "--camera", "camera.json", "--sigma", "0.001")
+    assert code == 0
+    assert "1 cylinders in 3 images" in out
+    with (tmp_path / "tracks.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert [row["status"] for row in rows] == ["new", "tracked", "tracked"]
+    assert [row["name"] for row in rows] == ["0", "1", "2"]
+    assert {row["identity"] for row in rows} == {"1"}
+    assert float(rows[2]["time_s"]) == pytest.approx(2 / 30)
+    off = float(rows[2]["radius_m"]) - 0.04
+    assert abs(off) < 4 * float(rows[2]["std_radius_m"])
+    assert float(rows[2]["std_radius_m"]) < float(rows[0]["std_radius_m"])
+    assert float(rows[2]["center_m_z"]) == pytest.approx(0.5, abs=1e-3)
+    assert abs(float(rows[2]["velocity_m_per_s_x"])) < 0.5
+
+
+def test_without_a_cylinder_it_ends_with_1(track, tmp_path):
+    code, out, _ = track("wall", "--camera", "camera.json", "--sigma", "0.001")
+    assert (code, "0 cylinders" in out) == (1, True)
+    assert (tmp_path / "tracks.csv").read_text() in ("", "\n")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("cans",), "scene_camera.json"),
+        (("cans", "--camera", "none.json"), "does not exist"),
+        (("cans", "--camera", "camera.json", "--patience", "-1"), "patience must be"),
+    ],
+)
+def test_bad_input_ends_with_2_and_one_line(track, arguments, message):
+    code, _, err = track(*arguments)
+    assert code == 2
+    assert message in err
