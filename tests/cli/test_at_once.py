@@ -49,7 +49,7 @@ REFUSED = {
         ((*EXPORT, "camera.json", "--scale", "0"), "scale must be a positive number"),
         (("export", "camera.json", "--output", "out.step"), "output must end in"),
         (("track", "none"), "does not exist"),
-        (("track", ".", "--output", "tracks.txt"), "path must end with .csv"),
+        (("track", ".", "--output", "tracks.txt"), "output must end with .csv"),
         (("track", ".", "--sigma", "0"), "sigma must be a positive number"),
         (("evaluate", "none"), "does not exist"),
         (("evaluate", "dataset"), "'dataset/train/000000' is missing"),
