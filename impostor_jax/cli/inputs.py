@@ -5,7 +5,13 @@ reading it later would give. Of several images the headers are looked at, of the
 one the pixels, too.
 """
 
-__all__ = ["check_images", "check_noise", "check_page", "check_single_image"]
+__all__ = [
+    "check_images",
+    "check_noise",
+    "check_page",
+    "check_single_image",
+    "check_video",
+]
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -13,6 +19,9 @@ from pathlib import Path
 from impostor_jax.io.camera_formats import read_camera_record, size_of_record
 from impostor_jax.io.json_file import read_json_object
 from impostor_jax.plain_arguments import plain_number
+
+VIDEOS = (".mp4", ".avi")
+"""Endings of videos."""
 
 
 def check_images(
@@ -58,6 +67,17 @@ def check_single_image(page: Path | None, is_single: bool) -> None:
         raise ValueError(
             "--page must not be given with several images: it shows the fits of one"
         )
+
+
+def check_video(video: Path | None) -> None:
+    """Raise a `ValueError` unless a video, if one is asked for, can be written."""
+    from impostor_jax.io.atomic import check_output_file
+
+    if video is None:
+        return
+    if video.suffix.lower() not in VIDEOS:
+        raise ValueError(f"video must end with .mp4 or .avi, got {str(video)!r}")
+    check_output_file(video, "video")
 
 
 def check_page(page: Path | None) -> None:

@@ -2,6 +2,7 @@
 
 __all__ = ["TrackCommand"]
 
+import contextlib
 import dataclasses
 import sys
 from collections.abc import Iterator, Sequence
@@ -11,10 +12,11 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import tyro
 
 from impostor_jax.cli.given import chosen_noise, hints_on_stderr, images_of
-from impostor_jax.cli.inputs import check_images, check_noise
+from impostor_jax.cli.inputs import check_images, check_noise, check_video
 
 if TYPE_CHECKING:
     from impostor_jax.camera.pinhole import PinholeCamera
+    from impostor_jax.viewer.video import TrackVideo
 
 
 class Image(NamedTuple):
@@ -66,6 +68,9 @@ class TrackCommand:
     """Smallest and largest radius, in meters."""
     output: Path = Path("tracks.csv")
     """Table to write: .csv, or .parquet (extra: table)."""
+    video: Path | None = None
+    """Video to write, too: .mp4 or .avi, of the depth images with the outlines and
+    identities of the tracks, those that are lost in gray."""
 
     def run(self) -> int:
         """Run the command; returns the exit code."""
@@ -78,11 +83,13 @@ class TrackCommand:
         plain_number("frame_rate", self.frame_rate, positive=True, unit="1/seconds")
         whole_number("search_every", self.search_every, 1)
         check_table(self.output, "output")
+        check_video(self.video)
         if not self.folder.is_dir():
             raise ValueError(f"folder {str(self.folder)!r} does not exist")
         camera, count, images = self._images()
         # This starts JAX.
         from impostor_jax.track.tracker import Tracker
+        from impostor_jax.track.view import posed
 
         asked: dict[str, Any] = {}
         if self.radius_range is not None:
@@ -98,7 +105,7 @@ class TrackCommand:
         )
         rows, identities = [], set()
         shown = tqdm(images, total=count, unit="image", disable=None, file=sys.stderr)
-        with hints_on_stderr():
+        with hints_on_stderr(), self._video(camera) as video:
             for number, image in enumerate(shown):
                 tracks = tracker.step(
                     image.depth, image.seconds, image.camera_from_world
@@ -106,9 +113,30 @@ class TrackCommand:
                 identities |= {track.identity for track in tracks}
                 place = {"image": number, "name": image.name}
                 rows += [place | columns_of(track.to_dict()) for track in tracks]
+                if video is not None:
+                    pose = image.camera_from_world
+                    seen_by = camera if pose is None else posed(camera, pose)
+                    video.add(image.depth, seen_by, tracks)
         write_rows(lambda: rows, self.output)
         print(f"{self.output}: {len(identities)} cylinders in {count} images")
         return 0 if identities else 1
+
+    @contextlib.contextmanager
+    def _video(self, camera: "PinholeCamera") -> "Iterator[TrackVideo | None]":
+        """The video, if one is asked for; nothing is left of one that was cut short."""
+        from impostor_jax.viewer.video import TrackVideo
+
+        if self.video is None:
+            yield None
+            return
+        size = camera.height, camera.width
+        video = TrackVideo(self.video, size, self.frame_rate)
+        try:
+            yield video
+        except BaseException:
+            video.drop()
+            raise
+        video.close()
 
     def _images(self) -> "tuple[PinholeCamera, int, Iterator[Image]]":
         """The camera, how many images there are, and each as it is read."""

@@ -4,6 +4,7 @@ import csv
 import json
 import sys
 
+import cv2
 import numpy as np
 import pytest
 
@@ -54,6 +55,23 @@ def test_a_row_for_each_track_of_each_image(track, tmp_path):
     assert float(rows[2]["std_radius_m"]) < float(rows[0]["std_radius_m"])
     assert float(rows[2]["center_m_z"]) == pytest.approx(0.5, abs=1e-3)
     assert abs(float(rows[2]["velocity_m_per_s_x"])) < 0.5
+
+
+@pytest.mark.parametrize("ending", [".mp4", ".avi"])
+def test_a_video_shows_the_outlines(ending, track, tmp_path):
+    video = f"tracks{ending}"
+    words = "cans", "--camera", "camera.json", "--sigma", "0.001", "--video", video
+    assert track(*words)[0] == 0
+    reader = cv2.VideoCapture(str(tmp_path / video))
+    frames = [reader.read()[1] for _ in range(3)]
+    assert not reader.read()[0]
+    assert frames[2].shape == (120, 160, 3)
+    # The first color of outlines is a red; no depth has one.
+    red = (frames[2][..., 2] > 150) & (frames[2][..., 1] < 90)
+    assert np.count_nonzero(red) > 50
+    assert {path.name for path in tmp_path.iterdir()} == {
+        "camera.json", "cans", "wall", "tracks.csv", video,
+    }  # fmt: skip
 
 
 def test_without_a_cylinder_it_ends_with_1(track, tmp_path):
