@@ -187,6 +187,8 @@ def _looked(
         is_met = cosine < 0
         plane = jnp.where(is_met, below[k, 3] / jnp.where(is_met, cosine, 1), jnp.inf)
         is_apart &= plane - surface > SIGMAS * sigma
+        # One pixel of the plane at the outline would move a radius by six deviations.
+        is_apart &= jnp.abs(plane - reading) > jnp.abs(off)
         # Beside the outline what reads as the plane does is the plane.
         is_apart &= is_own | (plane - reading > SIGMAS * sigma)
     gap = jnp.where(is_near & is_apart, jnp.abs(off), jnp.inf)

@@ -84,8 +84,8 @@ class Tracker:
         radius_range: As of `find_cylinders`, like the next.
         min_pixels: Fewest pixels of a cylinder that a search finds.
         effort: How much work a fit to what is expected takes, as of `fit_cylinder`; by
-            default 1024 readings and no doubts. One that fails is repeated with
-            doubts.
+            default 1024 readings and no doubts. One that fails, or does not agree, is
+            repeated with doubts.
 
     Attributes:
         tracks: Of the last image.
@@ -243,19 +243,28 @@ class Tracker:
     ) -> Bool[np.ndarray, "h w"] | None:
         """Fit a cylinder to its pixels; those, if it is the same."""
         fit, mask = view.fit_near(one, owner, self._planes, self._options)
-        if fit is not None and not fit.success and not one.was_lost:
-            fit = view.fit(mask, one.state.cylinder, self._careful)
         if fit is None:
             return None
+        seen = self._same(one, view, fit)
+        if seen is None and not one.was_lost:
+            # Of some hundred quick fits one is off by more than it says.
+            fit = view.fit(mask, one.state.cylinder, self._careful)
+            seen = self._same(one, view, fit)
+        if seen is None:
+            return None
+        one.take(fit, seen, now, self._repeats(one, now))
+        return mask
+
+    def _same(self, one: Followed, view: View, fit: Fit) -> Measured | None:
+        """What a fit says, if it is of the same cylinder."""
         if not fit.success:
             one.reason = f"the fit is {fit.status}"
             return None
         measured = view.measured(fit, one.state)
-        if not self._is_same(one.state, measured):
-            one.reason = OTHER
-            return None
-        one.take(fit, measured, now, self._repeats(one, now))
-        return mask
+        if self._is_same(one.state, measured):
+            return measured
+        one.reason = OTHER
+        return None
 
     def _repeats(self, one: Followed, now: float) -> float:
         """How many images tell as much as one whose errors are its own.
