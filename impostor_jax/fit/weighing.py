@@ -100,6 +100,9 @@ def _weights(best: Assessment, rivals: Sequence[Rival]) -> Float[np.ndarray, " r
     Readings whose errors are shared, or larger than their noise says, tell less.
     """
     costs = np.array([float(one.cost) for one in (best, *(r.found for r in rivals))])
+    if not np.isfinite(costs[0]):
+        # None of them is a solution.
+        return np.eye(len(costs))[0]
     weights = np.exp((costs[0] - costs) / float(best.repeats))
     return weights / np.sum(weights)
 

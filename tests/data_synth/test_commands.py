@@ -12,6 +12,7 @@ from data_synth.__main__ import main
 from data_synth.checksums import seal
 from data_synth.preview import preview
 from data_synth.validate import validate
+from impostor_jax import workers
 from tests.data_synth.small import COUNT, HEIGHT, SMALL, WIDTH, small_dataset
 from tests.groups import DATASETS
 
@@ -154,12 +155,10 @@ def test_a_missing_dask_leaves_no_folder(call, capsys, tmp_path, monkeypatch):
 
 
 def test_an_interrupt_says_how_to_go_on(call, capsys, tmp_path, monkeypatch):
-    import data_synth.generate
-
     def interrupt(*arguments, **options):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(data_synth.generate, "ProcessPoolExecutor", interrupt)
+    monkeypatch.setattr(workers, "ProcessPoolExecutor", interrupt)
     words = ("--preset", "bench", "--count", 1, "--output", tmp_path / "out")
     assert call("generate", *words) == 130
     assert capsys.readouterr().err == (
@@ -220,16 +219,12 @@ def test_a_preview_needs_images(tmp_path):
 def test_progress_is_quiet_in_a_pipe_and_the_summary_says_all(
     call, capsys, tmp_path, monkeypatch
 ):
-    import data_synth.generate
-
     path = tmp_path / "small.json"
     path.write_text(json.dumps(SMALL.record()))
     # In this process, which has the program compiled.
     from tests.data_synth.small import Here
 
-    monkeypatch.setattr(
-        data_synth.generate, "ProcessPoolExecutor", lambda *_, **__: Here()
-    )
+    monkeypatch.setattr(workers, "ProcessPoolExecutor", lambda *_, **__: Here())
     words = ("generate", "--preset", path, "--count", 4, "--output", tmp_path / "out")
     assert call(*words) == 0
     found = capsys.readouterr()
