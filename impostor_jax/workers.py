@@ -117,7 +117,7 @@ def dask_executor(address: str, tell: Callable[[str], Any]) -> Iterator[Executor
         yield client.get_executor(pure=False)
 
 
-def _pool(workers: int) -> ProcessPoolExecutor:
+def _pool(workers: int) -> Executor:
     return ProcessPoolExecutor(
         workers,
         multiprocessing.get_context("spawn"),
