@@ -11,8 +11,8 @@ import cv2
 import numpy as np
 import pytest
 
-import impostor_jax.fits.single
 import impostor_jax.io.dataset_manifest
+import impostor_jax.many.tasks
 from impostor_jax.__main__ import main
 
 # A shell lets what it runs in the background ignore interrupts.
@@ -79,7 +79,7 @@ RENDER = "render --center 0 0 1 --axis 0 1 0 --height 1 --output out --camera"
         ("fit spoiled.png --camera camera.json", "its pixels are broken"),
         ("fit pipe.npy --camera camera.json", "must be a file, got a pipe"),
         ("fit loop.npy --camera camera.json", "Too many levels of symbolic links"),
-        ("fit . --camera camera.json", "depth image must be a .png, .tiff or .npy"),
+        ("fit none/*.png --camera camera.json", "must match depth images, got none"),
         ("fit depth.npy --camera . --output out", "must be a file, got a folder"),
         ("fit depth.npy --camera deep.json", "nested more than 100 deep"),
         ("fit depth.npy --camera wide.json", "width and height must be at most"),
@@ -123,7 +123,7 @@ def refuse(*arguments, **options):
 def test_an_output_that_cannot_be_written_is_found_before_the_fit(
     flags, message, image, call, tmp_path, monkeypatch
 ):
-    monkeypatch.setattr(impostor_jax.fits.single, "fit_cylinder", refuse)
+    monkeypatch.setitem(impostor_jax.many.tasks.FITS, "cylinder", refuse)
     (tmp_path / "taken" / "overlay.png").mkdir(parents=True)
     monkeypatch.chdir(tmp_path)
     code, error = call("fit", *image, *(f.format(folder=tmp_path) for f in flags))
@@ -139,7 +139,7 @@ def interrupt(*arguments, **options):
 
 
 def test_an_interrupted_fit_ends_with_one_line(image, call, tmp_path, monkeypatch):
-    monkeypatch.setattr(impostor_jax.fits.single, "fit_cylinder", interrupt)
+    monkeypatch.setitem(impostor_jax.many.tasks.FITS, "cylinder", interrupt)
     found = call("fit", *image, "--output", tmp_path / "out")
     assert found == (130, "impostor-jax: error: interrupted\n")
     assert not (tmp_path / "out").exists()

@@ -31,6 +31,7 @@ LONG = (
     "fit_views",
     "golden",
     "last_bit",
+    "many_images",
     "mask_errors",
     "published_faults",
     "random_scenes",
