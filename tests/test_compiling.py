@@ -7,6 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from jax.experimental.compilation_cache import compilation_cache
 from jaxtyping import Array, Float
 
 import impostor_jax as ij
@@ -47,7 +48,14 @@ def forget():
 def folder(tmp_path, monkeypatch):
     """Programs are kept in a folder of the test."""
     monkeypatch.setattr(program_store, "_folder", lambda: tmp_path / "kept")
-    return tmp_path / "kept"
+    # JAX's own cache has what took long to compile, as all does on a slow machine; of
+    # what comes from there no machine code is left to keep.
+    is_used = jax.config.jax_enable_compilation_cache
+    jax.config.update("jax_enable_compilation_cache", False)
+    compilation_cache.reset_cache()
+    yield tmp_path / "kept"
+    jax.config.update("jax_enable_compilation_cache", is_used)
+    compilation_cache.reset_cache()
 
 
 @pytest.fixture
