@@ -27,6 +27,7 @@ from pathlib import Path
 from data_synth.manifest import Manifest
 from impostor_jax.io.atomic import write_text
 from impostor_jax.io.dataset import CHECKSUMS, SPLIT
+from impostor_jax.io.input_file import sha256_of
 
 MODEL_SUMS = f"{CHECKSUMS}/models.sha256"
 """Of the meshes, and for archives of where each image is."""
@@ -50,10 +51,7 @@ def _read(path: Path) -> dict[str, str]:
 
 def digest_of(path: Path) -> str:
     """Digest of a file; empty where there is none."""
-    if not path.is_file():
-        return ""
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
+    return sha256_of(path) if path.is_file() else ""
 
 
 def _digest_of_text(text: str) -> str:

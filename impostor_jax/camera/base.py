@@ -7,10 +7,11 @@ __all__ = [
     "check_central",
     "check_depth_along_z",
     "check_planar",
+    "posed",
 ]
 
 import abc
-from typing import Literal
+from typing import Literal, TypeVar
 
 import equinox as eqx
 from jax.typing import DTypeLike
@@ -126,6 +127,16 @@ class AbstractCamera(AbstractRays):
         Of a planar projection those with z > 0 have some, of a spherical one all but
         the origin.
         """
+
+
+Posed = TypeVar("Posed", bound=AbstractRays)
+
+
+def posed(camera: Posed, pose: RigidTransform | None) -> Posed:
+    """The same camera with another pose, from the world to it, or without any."""
+    return eqx.tree_at(
+        lambda c: c.camera_from_world, camera, pose, is_leaf=lambda x: x is None
+    )
 
 
 def check_central(camera: AbstractCamera) -> None:

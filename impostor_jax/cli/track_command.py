@@ -88,8 +88,8 @@ class TrackCommand:
             raise ValueError(f"folder {str(self.folder)!r} does not exist")
         camera, count, images = self._images()
         # This starts JAX.
+        from impostor_jax.camera.base import posed
         from impostor_jax.track.tracker import Tracker
-        from impostor_jax.track.view import posed
 
         asked: dict[str, Any] = {}
         if self.radius_range is not None:

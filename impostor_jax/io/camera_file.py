@@ -16,12 +16,10 @@ __all__ = [
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import equinox as eqx
 import numpy as np
 
 from impostor_jax.camera.pinhole import PinholeCamera
 from impostor_jax.camera.spherical import SphericalCamera
-from impostor_jax.geometry.frames import RigidTransform
 from impostor_jax.io.atomic import write_json
 from impostor_jax.io.camera_formats import (
     REQUIRED,
@@ -86,19 +84,6 @@ def camera_from_record(record: dict[str, Any], what: str) -> CameraFile:
         return CameraFile(PinholeCamera(**values), scale)
     except (TypeError, ValueError) as error:
         raise ValueError(f"{what}: {error}") from error
-
-
-def with_pose(camera: FiledCamera, camera_from_world: Any) -> FiledCamera:
-    """The camera in another place.
-
-    Args:
-        camera: With any pose, or none.
-        camera_from_world: (4, 4), in meters.
-    """
-    pose = RigidTransform.from_matrix(camera_from_world)
-    return eqx.tree_at(
-        lambda c: c.camera_from_world, camera, pose, is_leaf=lambda part: part is None
-    )
 
 
 def write_camera(path: Path, camera: FiledCamera, depth_scale_m: float | None) -> None:

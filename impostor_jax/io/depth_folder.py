@@ -14,8 +14,9 @@ import numpy as np
 from jaxtyping import Bool, Float
 from typing_extensions import override
 
+from impostor_jax.camera.base import posed
 from impostor_jax.camera.pinhole import PinholeCamera
-from impostor_jax.io.camera_file import with_pose
+from impostor_jax.geometry.frames import RigidTransform
 from impostor_jax.io.depth_image import read_depth, read_mask
 from impostor_jax.io.depth_layouts import LAYOUTS, Shot, kind_of
 from impostor_jax.plain_arguments import one_of
@@ -156,6 +157,4 @@ def _moved(camera: PinholeCamera, shot: Shot) -> PinholeCamera:
     """A camera with the pose of a frame, or its own where that has none."""
     if shot.camera_from_world is None:
         return camera
-    moved = with_pose(camera, shot.camera_from_world)
-    assert isinstance(moved, PinholeCamera)
-    return moved
+    return posed(camera, RigidTransform.from_matrix(shot.camera_from_world))

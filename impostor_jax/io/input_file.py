@@ -1,8 +1,9 @@
 """What is read must be a regular file: all else could block, or never end."""
 
-__all__ = ["opened", "require_file"]
+__all__ = ["opened", "require_file", "sha256_of"]
 
 import contextlib
+import hashlib
 import io
 import stat
 from collections.abc import Iterator
@@ -50,3 +51,9 @@ def opened(path: Path, what: str) -> Iterator[io.BufferedReader]:
             yield file
     except OSError as error:
         raise ValueError(f"{what} cannot be read: {error.strerror}") from error
+
+
+def sha256_of(path: Path) -> str:
+    """Digest of a file, which tells whether it is another than before."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()

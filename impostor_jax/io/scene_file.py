@@ -44,10 +44,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 
+from impostor_jax.camera.base import posed
 from impostor_jax.geometry.frames import RigidTransform
 from impostor_jax.io.appearance_record import (
     color_from_record,
@@ -204,10 +204,7 @@ def _read_camera(record: Any, what: str) -> FiledCamera:
         pose = RigidTransform.of(values.pop("camera_from_world", None))
     except ValueError as error:
         raise ValueError(f"camera of {what}: {error}") from error
-    camera = camera_from_record(values, f"camera of {what}").camera
-    return eqx.tree_at(
-        lambda c: c.camera_from_world, camera, pose, is_leaf=lambda x: x is None
-    )
+    return posed(camera_from_record(values, f"camera of {what}").camera, pose)
 
 
 def _read_entry(

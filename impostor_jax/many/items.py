@@ -18,7 +18,6 @@ __all__ = [
 import abc
 import dataclasses
 import functools
-import hashlib
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -26,17 +25,19 @@ import numpy as np
 from jaxtyping import Bool, Float, Integer
 from typing_extensions import override
 
+from impostor_jax.camera.base import posed
 from impostor_jax.camera.pinhole import PinholeCamera
+from impostor_jax.geometry.frames import RigidTransform
 from impostor_jax.io.camera_file import (
     CameraFile,
     camera_record,
     read_camera,
-    with_pose,
 )
 from impostor_jax.io.dataset import MANIFEST, Dataset, read_dataset
 from impostor_jax.io.depth_folder import DepthFolder
 from impostor_jax.io.depth_image import read_depth
 from impostor_jax.io.depth_layouts import Shot
+from impostor_jax.io.input_file import sha256_of
 from impostor_jax.io.label_image import read_labels, read_one_mask
 from impostor_jax.io.points_file import read_points
 from impostor_jax.io.shape_record import pose_rows
@@ -125,8 +126,8 @@ class ImageFile(AbstractItem):
 
     @override
     def fingerprint(self) -> Any:
-        beside = None if self.beside is None else _digest_of(self.beside)
-        return [_digest_of(self.path), _camera_told(self.camera), beside]
+        beside = None if self.beside is None else sha256_of(self.beside)
+        return [sha256_of(self.path), _camera_told(self.camera), beside]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -149,7 +150,7 @@ class FolderFrame(AbstractItem):
     @override
     def fingerprint(self) -> Any:
         _, path, unit_m, intrinsics, pose, masks, _ = self.shot
-        files = [_digest_of(one) for one in (path, *masks)]
+        files = [sha256_of(one) for one in (path, *masks)]
         moved = None if pose is None else pose.tolist()
         camera = (
             None if self.camera is None else _told_of(CameraFile(self.camera, None))
@@ -178,7 +179,7 @@ class DatasetImage(AbstractItem):
     def fingerprint(self) -> Any:
         # Scenes are written once: what a dataset is made of is in its manifest.
         path = self.dataset
-        return [_digest_of(path if path.is_file() else path / MANIFEST)]
+        return [sha256_of(path if path.is_file() else path / MANIFEST)]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -202,7 +203,7 @@ class OutlineFile(AbstractItem):
 
     @override
     def fingerprint(self) -> Any:
-        return [_digest_of(self.path), _camera_told(self.camera)]
+        return [sha256_of(self.path), _camera_told(self.camera)]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -221,7 +222,7 @@ class Views(AbstractItem):
     def read(self) -> Shown:
         views = [image.read() for image in self.images]
         cameras = [
-            with_pose(view.camera, pose)
+            posed(view.camera, RigidTransform.from_matrix(pose))
             for view, pose in zip(views, self.poses, strict=True)
         ]
         masks = [view.labels for view in views]
@@ -251,7 +252,7 @@ class CloudFile(AbstractItem):
 
     @override
     def fingerprint(self) -> Any:
-        return [_digest_of(self.path)]
+        return [sha256_of(self.path)]
 
 
 def _labels_of(masks: Bool[np.ndarray, "n h w"]) -> Integer[np.ndarray, "h w"] | None:
@@ -260,12 +261,6 @@ def _labels_of(masks: Bool[np.ndarray, "n h w"]) -> Integer[np.ndarray, "h w"] |
         return None
     numbers = np.arange(1, len(masks) + 1).reshape(-1, 1, 1)
     return np.max(np.where(masks, numbers, 0), axis=0)
-
-
-def _digest_of(path: Path) -> str:
-    """SHA-256 of a file, which tells whether it is another than before."""
-    with path.open("rb") as data:
-        return hashlib.file_digest(data, "sha256").hexdigest()
 
 
 def _camera_told(camera: Camera) -> Any:
@@ -285,7 +280,7 @@ def _told_of(camera: CameraFile) -> Any:
 def _digest_at(path: Path, changed: int) -> str:
     """Digest of a file that many images share, as it was when it was last changed."""
     del changed
-    return _digest_of(path)
+    return sha256_of(path)
 
 
 def _read_camera(camera: Camera) -> CameraFile:

@@ -13,12 +13,11 @@ import inspect
 from collections.abc import Callable, Iterable
 from typing import Any, NamedTuple, TypeVar, cast
 
-import equinox as eqx
 import numpy as np
 from jaxtyping import Float
 
 from impostor_jax.arguments import is_concrete
-from impostor_jax.camera.base import AbstractRays
+from impostor_jax.camera.base import AbstractRays, posed
 from impostor_jax.geometry.frames import RigidTransform
 from impostor_jax.primitives.base import AbstractPrimitive, Movable
 
@@ -71,9 +70,7 @@ class LocalWorld(NamedTuple):
         pose = self.world_from_local
         if camera.camera_from_world is not None:
             pose = camera.camera_from_world @ pose
-        return eqx.tree_at(
-            lambda c: c.camera_from_world, camera, pose, is_leaf=lambda x: x is None
-        )
+        return posed(camera, pose)
 
     def told_in_world(self, shape: AbstractPrimitive) -> AbstractPrimitive:
         """Express a shape, or a batch, that was found here in the world."""

@@ -87,10 +87,10 @@ def sight_of(
     """
     shape = shape.astype(np.result_type(image))
     margin = _margin(shape, camera)
-    first_row, last_row, first_col, last_col = np.asarray(
-        kept(_box)(shape, margin, camera)
+    first_row, last_row, first_col, last_col = map(
+        int, np.asarray(kept(_box)(shape, margin, camera))
     )
-    rows, cols = int(last_row - first_row) + 1, int(last_col - first_col) + 1
+    rows, cols = last_row - first_row + 1, last_col - first_col + 1
     if rows <= 0 or cols <= 0:
         nothing = slice(0, 0)
         blank = np.zeros((0, 0), np.float32)
@@ -99,12 +99,8 @@ def sight_of(
     while side < max(rows, cols):
         side *= 2
     size = min(side, camera.height), min(side, camera.width)
-    row = int(
-        np.clip((first_row + last_row + 1 - size[0]) // 2, 0, camera.height - size[0])
-    )
-    col = int(
-        np.clip((first_col + last_col + 1 - size[1]) // 2, 0, camera.width - size[1])
-    )
+    row = _start(first_row, last_row, size[0], camera.height)
+    col = _start(first_col, last_col, size[1], camera.width)
     window = slice(row, row + size[0]), slice(col, col + size[1])
     below = _below(planes, shape).astype(shape.dtype)
     place = np.array([row, col], np.int32)

@@ -17,7 +17,7 @@ from scipy import ndimage, special
 from scipy.optimize import linear_sum_assignment
 
 from impostor_jax.arguments import bounded_number, real_number, whole_number
-from impostor_jax.camera.base import AbstractCamera
+from impostor_jax.camera.base import AbstractCamera, posed
 from impostor_jax.camera.pinhole import PinholeCamera
 from impostor_jax.effort import Effort, effort_of
 from impostor_jax.find.cylinders import checked_radii, find_cylinders
@@ -33,7 +33,7 @@ from impostor_jax.track.measured import Measured
 from impostor_jax.track.sight import NO_PLANES, Sight
 from impostor_jax.track.state import Motion, State
 from impostor_jax.track.track import Track
-from impostor_jax.track.view import View, posed
+from impostor_jax.track.view import View
 
 TRACKING = Effort(readings=1024, doubts=False)
 """Of the fits to what is expected: the start is near, and more readings take longer."""

@@ -1,35 +1,26 @@
 """An image of the video, with all that is known of it."""
 
-__all__ = ["View", "posed"]
+__all__ = ["View"]
 
 import dataclasses
 from typing import Any
 
-import equinox as eqx
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from impostor_jax.camera.base import posed
 from impostor_jax.camera.pinhole import PinholeCamera
 from impostor_jax.effort import MIN_READINGS
 from impostor_jax.fit.fittable import CYLINDER
 from impostor_jax.fit.options import Options
 from impostor_jax.fit.result import Fit
 from impostor_jax.fits.shown import fit_or_failure
-from impostor_jax.geometry.frames import RigidTransform
 from impostor_jax.primitives.cylinder import Cylinder
 from impostor_jax.sensor.base import AbstractDepthNoise
 from impostor_jax.track.followed import Followed
 from impostor_jax.track.measured import Measured
 from impostor_jax.track.sight import MARGIN, Sight, sight_of
 from impostor_jax.track.state import State
-
-
-def posed(camera: PinholeCamera, pose: RigidTransform | None) -> PinholeCamera:
-    """The same camera with another pose."""
-    return eqx.tree_at(
-        lambda c: c.camera_from_world, camera, pose, is_leaf=lambda x: x is None
-    )
-
 
 MOST_LOOKS = 3
 """Times that an image is looked at for one cylinder."""
