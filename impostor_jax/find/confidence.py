@@ -26,25 +26,29 @@ from impostor_jax.find.rivals import Rivals
 from impostor_jax.fit.result import Fit
 
 FACTS: dict[str, float] = {
-    "misfit": -2.74,
-    "chi2": -6.86,
-    "against": -6.45,
-    "shape": -4.36,
-    "cone": -27.79,
-    "ball": -1.67,
-    "vague": -1.50,
-    "exact": 0.58,
-    "size": 0.62,
-    "rim": 2.81,
+    "misfit": -2.49,
+    "chi2": -6.51,
+    "against": -5.79,
+    "shape": -3.63,
+    "cone": -53.40,
+    "ball": -1.81,
+    "vague": -3.41,
+    "exact": 0.51,
+    "size": 0.58,
+    "rim": 2.73,
+    "uneven": -4.92,
 }
 """Name of each fact, and its weight."""
 
-BIAS = 0.78
+BIAS = 1.17
 """Log-odds where all facts are 0."""
 
 ALLOWED = 0.02
 """Departure from a cylinder, over the radius, that is not held against it: no sensor is
 as straight as that."""
+
+MOST_UNEVEN = 0.1
+"""Change of an outline from end to end, in radii, from which on more tells no more."""
 
 SLOPES = (0.025, 0.045)
 """Of a wall against its axis, in radians: what is not held against it, and from where
@@ -59,6 +63,7 @@ def facts_of(
     rivals: Rivals | None = None,
     fit: Fit | None = None,
     noise: float = 1.0,
+    uneven: float = 0.0,
 ) -> Float[np.ndarray, " f"]:
     """The facts, in the order of `FACTS`.
 
@@ -70,6 +75,7 @@ def facts_of(
             looked at.
         fit: Of it; None before it is fitted, where facts of it count as usual.
         noise: Factor of its sigma, from planes.
+        uneven: How much its outline changes from end to end, in radii.
     """
     over, vague = 0.5, 0.5
     if shape is not None:
@@ -98,6 +104,7 @@ def facts_of(
             math.log(exact / (1 - exact)),
             math.log(size / 1000),
             min(caps.rim / np.pi, 1),
+            min(uneven, MOST_UNEVEN) / MOST_UNEVEN,
         ]
     )
 

@@ -22,12 +22,14 @@ from impostor_jax.camera.pinhole import PinholeCamera
 from impostor_jax.camera.spherical import SphericalCamera
 from impostor_jax.effort import Effort
 from impostor_jax.find.evidence import Candidate, Evidence
+from impostor_jax.find.outline import unevenness
 from impostor_jax.find.sectors import Sector
 from impostor_jax.find.view import View
 from impostor_jax.fit.fittable import CYLINDER
 from impostor_jax.fit.options import Options
 from impostor_jax.fit.regions import typical_sigma
 from impostor_jax.fit.result import Asked, Fit
+from impostor_jax.fit.seen import Seen
 from impostor_jax.fit.shapes import fit_shape
 from impostor_jax.fit.status import FitStatus
 from impostor_jax.geometry.frames import RigidTransform
@@ -128,6 +130,34 @@ class Fitter:
             return view.enlarged(mask, self.depth.shape)
         shape = self.depth.shape[0], len(self.sector.cols)
         return self.sector.of_scan(view.enlarged(mask, shape))
+
+    def beside(
+        self, view: View, planes: Bool[np.ndarray, "h w"]
+    ) -> Float[np.ndarray, "H W"] | None:
+        """The image with what lies on planes far behind; None without a pinhole.
+
+        What stands on a table ends where that begins, at whatever depth.
+        """
+        if self.away or not isinstance(self.seen_by, PinholeCamera):
+            return None
+        depth = np.asarray(self.depth)
+        is_plane = self.of_image(view, planes) & (depth > 0)
+        return np.where(is_plane, np.asarray(FAR, depth.dtype), depth)
+
+    def unevenness(
+        self,
+        fit: Fit,
+        image: Float[np.ndarray, "H W"] | None,
+        mask: Bool[np.ndarray, "H W"],
+    ) -> float:
+        """As of `outline`, of a fit to a mask of an image from `beside`."""
+        if image is None or isinstance(self.seen_by, SphericalCamera):
+            return 0.0
+        # What a mask says is of the object is not of a plane.
+        image = np.where(mask, self.depth, image)
+        seen = Seen(image, mask, self.seen_by, self.noise)
+        turn = float(np.max(fit.std.axis))
+        return unevenness(fit.cylinder, seen, float(fit.rms), turn)
 
     def guesses(self, region: Bool[np.ndarray, "h w"]) -> list[Candidate]:
         """First guesses of a region of the image, in the camera's frame."""

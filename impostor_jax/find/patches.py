@@ -9,6 +9,7 @@ import jax
 import numpy as np
 from jaxtyping import Float, Int
 
+from impostor_jax.compiling import kept
 from impostor_jax.find.normals import Normals
 from impostor_jax.find.view import View
 from impostor_jax.find.walls import (
@@ -69,7 +70,8 @@ def proposed(
     for first in range(0, len(flat), BATCH):
         some = np.resize(np.arange(first, min(first + BATCH, len(flat))), BATCH)
         patches = _gathered(view, normals, noise, own[some], wide[some])
-        found.append(jax.tree.map(np.asarray, propose(patches, grazing, log_limits)))
+        walls = kept(propose)(patches, grazing, log_limits)
+        found.append(jax.tree.map(np.asarray, walls))
     everything: Any = jax.tree.map(lambda *x: np.concatenate(x)[: len(flat)], *found)
     return [
         jax.tree.map(lambda x, k=k: x[owner == k], everything) for k in range(len(made))

@@ -25,7 +25,7 @@ from impostor_jax.find.normals import Normals, normals_of, stray
 from impostor_jax.find.objects import creases, numbered, objects_of
 from impostor_jax.find.patches import Part, proposed
 from impostor_jax.find.planes import PlaneRegions, planes_of
-from impostor_jax.find.rivals import rivals
+from impostor_jax.find.rivals import Rivals, rivals
 from impostor_jax.find.view import View
 from impostor_jax.fit.result import Fit
 
@@ -155,6 +155,7 @@ class _Search:
         self.fewest = max(20, request.min_pixels // view.stride**2)
         self.free = usable & (planes.labels == 0)
         self.crease = creases(view, normals)
+        self.beside = fitter.beside(view, planes.labels > 0)
         self.detections: list[Detection] = []
         self.looked_at: set[tuple[int, int]] = set()
         self.refused: list[Candidate] = []
@@ -312,7 +313,7 @@ class _Search:
         Returns:
             Whether it was kept, and candidates that its fit leads to.
         """
-        if not confidence(self._facts(scene, entry)) >= self.least_chance:
+        if not confidence(facts_of(*self._told(scene, entry))) >= self.least_chance:
             return False, []
         mask = self._mask(scene, entry)
         # Most of what is fitted is refused: of many pixels a quick fit tells enough.
@@ -325,18 +326,18 @@ class _Search:
         halves = self._halves(scene, final, 2)
         if halves is not None:
             return False, halves
-        facts = self._facts(scene, final, fit)
+        before, mask = mask, self._mask(scene, final)
+        facts = self._facts_of_fit(scene, final, fit, mask)
         if not confidence(facts) >= self.least_chance:
             return False, []
-        before, mask = mask, self._mask(scene, final)
         changed = np.count_nonzero(mask ^ before) > CHANGED * np.count_nonzero(mask)
         if changed or (is_quick and self.fitter.options.effort.doubts):
             # The fit knows better than the proposal what shows it.
             again = self.fitter.fit(self._of_image(mask), final.evidence)
             better = self._led_to(scene, again, final)
             if better is not None:
-                fit, final = again, better
-                mask, facts = self._mask(scene, final), self._facts(scene, final, fit)
+                fit, final, mask = again, better, self._mask(scene, better)
+                facts = self._facts_of_fit(scene, final, fit, mask)
             elif is_quick:
                 return False, []
         sure = confidence(facts)
@@ -354,13 +355,21 @@ class _Search:
             return None
         return self._entry(scene, self.fitter.wall_of(fit, entry.evidence.wall))
 
-    def _facts(
-        self, scene: Scene, entry: Entry, fit: Fit | None = None
-    ) -> Float[np.ndarray, " f"]:
-        """All facts of a candidate, those of its rivals too."""
+    def _told(
+        self, scene: Scene, entry: Entry
+    ) -> tuple[Evidence, Caps, Deformation | None, Rivals | None]:
+        """What `facts_of` is told of a candidate without a fit, its rivals too."""
         evidence, caps, readings = entry.evidence, entry.caps, entry.readings
         other = readings and rivals(scene, evidence, readings, caps)
-        return facts_of(evidence, caps, entry.shape, other, fit, self.planes.noise)
+        return evidence, caps, entry.shape, other
+
+    def _facts_of_fit(
+        self, scene: Scene, entry: Entry, fit: Fit, mask: Bool[np.ndarray, "h w"]
+    ) -> Float[np.ndarray, " f"]:
+        """All facts of a candidate that was fitted; its mask is as of `_mask`."""
+        told = self._told(scene, entry)
+        uneven = self.fitter.unevenness(fit, self.beside, self._of_image(mask))
+        return facts_of(*told, fit, self.planes.noise, uneven)
 
     def _of_image(self, mask: Bool[np.ndarray, "h w"]) -> Bool[np.ndarray, "H W"]:
         return self.fitter.of_image(self.view, mask)

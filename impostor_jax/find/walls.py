@@ -88,7 +88,6 @@ class Proposed(NamedTuple):
     score: Float[Array, "*b k"]
 
 
-@jax.jit
 def propose(
     patches: Patches, grazing: Float[Array, ""], log_limits: Float[Array, "2"]
 ) -> Proposed:

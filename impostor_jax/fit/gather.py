@@ -140,7 +140,8 @@ def ray_list(
         length = xp.sqrt(1 + x * x + y * y)
         if camera.start is not None:
             start = xp.asarray(camera.start)[row, col].astype(dtype)
-    read = xp.where(exists, depth[row, col], 0).astype(dtype)
+    read = depth.ravel()[row * depth.shape[1] + col]
+    read = xp.where(exists, read, 0).astype(dtype)
     return RayList(x, y, read, exists, length, start)
 
 
@@ -156,12 +157,16 @@ def _at_border(
         ]
         mask, row, col = mask[*box], row - box[0].start, col - box[1].start
     inside, inner, core = (_eroded(mask, reach, xp) for reach in (1, RING, BORDER))
+    parts = [~inside, mask & ~inner, inner & ~core]
+    # All in one image of bits: each lookup takes as long as all of them.
+    bits = sum(part.astype(np.uint8) << k for k, part in enumerate(parts))
+    told = _of_pixels(bits, row, col, xp)
+    at_edge, *rings = (told & (1 << k) > 0 for k in range(len(parts)))
     beside = xp.zeros(row.shape)
-    for part in (mask & ~inner, inner & ~core):
-        own = _of_pixels(part, row, col, xp)
+    for part, own in zip(parts[1:], rings, strict=True):
         stands_for = xp.count_nonzero(part) / xp.maximum(xp.count_nonzero(own), 1)
         beside = xp.where(own, stands_for, beside)
-    return _of_pixels(~inside, row, col, xp), beside
+    return at_edge, beside
 
 
 def _around_some(
@@ -199,13 +204,12 @@ def _shuffle(size: int) -> Float[np.ndarray, " n"]:
     return np.random.default_rng(0).uniform(0.5, 1, size).astype(np.float32)
 
 
-def _of_pixels(flags: Mask, row: Indices, col: Indices, xp: ModuleType) -> Any:
-    """Flags of pixels; beyond the image those of the nearest."""
-    row, col = (
-        xp.clip(place, 0, size - 1)
-        for place, size in zip((row, col), flags.shape, strict=True)
-    )
-    return flags[row, col]
+def _of_pixels(values: Any, row: Indices, col: Indices, xp: ModuleType) -> Any:
+    """Values of pixels; beyond the image those of the nearest."""
+    height, width = values.shape
+    row = xp.minimum(xp.maximum(row, 0), height - 1)
+    col = xp.minimum(xp.maximum(col, 0), width - 1)
+    return values.ravel()[row * width + col]
 
 
 def _eroded(mask: Mask, reach: int, xp: ModuleType) -> Mask:
