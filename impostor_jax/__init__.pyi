@@ -12,7 +12,6 @@ from .fit.alternatives import Alternatives
 from .fit.bore import BoreTest, test_bore
 from .fit.budget import Deviations
 from .fit.depth_loss import depth_loss
-from .fit.options import FitOptions
 from .fit.result import (
     Directions,
     Fit,
@@ -104,7 +103,6 @@ __all__ = [
     "Dropout",
     "Effort",
     "Fit",
-    "FitOptions",
     "FitPage",
     "FitResult",
     "FitStatus",

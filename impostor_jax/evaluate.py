@@ -106,7 +106,7 @@ def evaluate(
     Returns:
         For each image, the outcomes of its shapes.
     """
-    options = Options.of({"effort": effort})
+    options = Options.of(effort=effort)
     for image in images:
         outcomes = []
         kind = KINDS[type(image.shapes)]

@@ -98,7 +98,7 @@ def find_cylinders(
                          "ones: a search runs outside JAX")  # fmt: skip
     if not isinstance(camera, AbstractCamera):
         raise ValueError(f"camera must be a camera, got {type(camera).__name__}")
-    options = Options.of({"effort": effort, "prior": prior})
+    options = Options.of(prior=prior, effort=effort)
     checked_prior(prior, CYLINDER.parameters, None)
     world = LocalWorld.of([camera])
     if world is not None:

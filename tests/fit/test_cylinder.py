@@ -247,10 +247,7 @@ DEPTH, MASK = image()
         ({"fixed": ("size",)}, "fixed must be one of center, axis, radius, height"),
         ({"fixed": "radius"}, "fixed must be a sequence of names"),
         ({"fixed": ("radius",)}, "initial must be given with fixed="),
-        ({"mask_meaning": "edge"}, "mask_meaning must be one of region, outline"),
         ({"effort": "slow"}, "effort must be an Effort or one of fast, balanced"),
-        ({"scale": "free"}, "scale must be one of estimated, fixed"),
-        ({"errors": "white"}, "errors must be one of independent, correlated"),
         ({"prior": {"size": (1, 1)}}, "prior must be one of center, axis"),
         ({"prior": {"radius": 0.04}}, "must be a value and a standard deviation"),
         ({"prior": {"radius": (0.04, 0)}}, "deviation of prior.* must be a positive"),
@@ -281,6 +278,11 @@ for arguments in ({"camera": "kinect"}, {"camera": camera, "initial": "can"}):
         ij.fit_cylinders(np.ones((2, 120, 160)), **{"camera": camera} | arguments)
     except ValueError as error:
         print(error)
+for option in ({"mask_meaning": "edge"}, {"scale": "free"}, {"errors": "white"}):
+    try:
+        ij.fit_cylinder(np.ones((120, 160)), camera, **option)
+    except ValueError as error:
+        print(error)
 """
     found = subprocess.run(
         [sys.executable, "-c", program], capture_output=True, text=True, check=True
@@ -290,6 +292,9 @@ for arguments in ({"camera": "kinect"}, {"camera": camera, "initial": "can"}):
         "camera must be a PinholeCamera or a SphericalCamera, got str",
         "initial must be one Cylinder, got 'can'",
         "initial must be a batch of 2 cylinders, got 'can'",
+        "mask_meaning must be one of region, outline; got 'edge'",
+        "scale must be one of estimated, fixed; got 'free'",
+        "errors must be one of independent, correlated; got 'white'",
     ]
 
 
