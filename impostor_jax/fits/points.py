@@ -11,7 +11,6 @@ __all__ = ["fit_cylinder_to_points", "fit_points", "in_one_frame"]
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
-import cv2
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, Int
@@ -42,6 +41,7 @@ from impostor_jax.fits.rough import with_shared_errors
 from impostor_jax.fits.viewless import seen_across
 from impostor_jax.geometry.frames import RigidTransform
 from impostor_jax.numerics import eps
+from impostor_jax.opencv import cv2
 from impostor_jax.primitives.cylinder import Cylinder
 from impostor_jax.primitives.local_world import LocalWorld
 from impostor_jax.sensor.base import AbstractDepthNoise
