@@ -83,6 +83,8 @@ from .sensor.time_of_flight import TimeOfFlight
 from .track.track import Track, TrackStatus
 from .track.tracker import Tracker
 
+__version__: str
+
 __all__ = [
     "AbstractCamera",
     "AbstractDepthNoise",

@@ -3,7 +3,6 @@
 __all__ = ["parse", "parse_with"]
 
 import contextlib
-import importlib.metadata
 import io
 import itertools
 import re
@@ -13,6 +12,7 @@ from typing import Annotated, Any
 
 import tyro
 
+import impostor_jax
 from impostor_jax.cli.calibrate_command import CalibrateCommand
 from impostor_jax.cli.demo_command import DemoCommand
 from impostor_jax.cli.doctor_command import DoctorCommand
@@ -61,7 +61,7 @@ def parse_with(
         An instance of one of the dataclasses.
     """
     if list(arguments) == ["--version"]:
-        print(f"{program} {importlib.metadata.version('impostor-jax')}")
+        print(f"{program} {impostor_jax.__version__}")
         raise SystemExit(0)
     if (flag := _empty(arguments)) is not None:
         # An empty path would else be the current folder.

@@ -4,7 +4,6 @@ __all__ = ["FAILED", "JOURNAL", "done_on", "map_images"]
 
 import contextlib
 import hashlib
-import importlib.metadata
 import itertools
 import json
 from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence
@@ -13,6 +12,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import impostor_jax
 from impostor_jax.effort import Effort
 from impostor_jax.fit.options import Errors, MaskMeaning, Options, Scale
 from impostor_jax.io.atomic import check_output_folder
@@ -30,9 +30,6 @@ CHUNK = 8
 
 JOURNAL = "results.jsonl"
 """File of what is done of a run, in its folder."""
-
-VERSION = importlib.metadata.version("impostor_jax")
-"""What another version finds may differ."""
 
 FAILED = "failed"
 """Status of an image that could not be read, searched or fitted."""
@@ -242,7 +239,8 @@ def _is_done(
 
 def _made_from(item: AbstractItem, task: AbstractTask, *, has_files: bool) -> str:
     """Digest of what the rows of an item, and its files, depend on."""
-    told = [item.fingerprint(), task.told(), VERSION, has_files]
+    # What another version finds may differ.
+    told = [item.fingerprint(), task.told(), impostor_jax.__version__, has_files]
     return hashlib.sha256(json.dumps(told, sort_keys=True).encode()).hexdigest()
 
 
@@ -265,7 +263,7 @@ def _entry(task: AbstractTask, output: Path | None, item: AbstractItem) -> Entry
             words = f"{type(error).__name__}: {words}"
         rows = [{"status": FAILED, "reason": words}]
         return Entry(item.name, None, [{"image": item.name, **row} for row in rows])
-    said = {"version": VERSION}
+    said = {"version": impostor_jax.__version__}
     return Entry(
         item.name, made_from, [{"image": item.name, **row, **said} for row in rows]
     )

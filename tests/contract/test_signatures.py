@@ -1,5 +1,6 @@
 """What `help` shows of each public function."""
 
+import importlib.metadata
 import inspect
 import re
 
@@ -26,3 +27,7 @@ def test_each_argument_of_a_function_has_an_entry_in_its_docstring():
             arguments = re.split(r"\n\n\w+:\n", text)[0]
             entries = re.findall(r"^    \*?(\w+): ", arguments, re.MULTILINE)
             assert [*inspect.signature(function).parameters] == entries, name
+
+
+def test_the_version_is_that_of_what_is_installed():
+    assert ij.__version__ == importlib.metadata.version("impostor-jax")
