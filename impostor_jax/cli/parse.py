@@ -2,6 +2,7 @@
 
 __all__ = ["parse", "parse_with"]
 
+import ast
 import contextlib
 import io
 import itertools
@@ -36,6 +37,12 @@ Command = (
     | Annotated[ParityCommand, tyro.conf.subcommand("parity")]
     | Annotated[DoctorCommand, tyro.conf.subcommand("doctor")]
 )
+
+NOT_PARSED = (
+    r"Error parsing (\S+): no type matching (?:\{None\}\|)?\{?([^{}]+)\}? could be "
+    r"instantiated from (\[.*?\])\. Got errors"
+)
+"""Of tyro, for a flag whose value may also be left out."""
 
 
 def parse(arguments: Sequence[str]) -> Command:
@@ -105,4 +112,10 @@ def _one_line(box: str) -> str:
             break
         if not line.startswith("╭"):
             message.append(line)
-    return " ".join(" ".join(message).split()) or "the arguments are not understood"
+    words = " ".join(" ".join(message).split())
+    if found := re.match(NOT_PARSED, words):
+        flag, needed, given = found.groups()
+        words = f"{flag} must be {needed}, got {' '.join(ast.literal_eval(given))}"
+    if near := re.search(r"Perhaps you meant:\n(--[\w-]+)", "\n".join(lines)):
+        words += f"; did you mean {near[1]}?"
+    return words or "the arguments are not understood"

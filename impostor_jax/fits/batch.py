@@ -8,7 +8,7 @@ from typing import Any
 import jax
 import numpy as np
 
-from impostor_jax.arguments import is_concrete, is_exact, unmasked
+from impostor_jax.arguments import is_concrete, is_exact, unmasked, unread
 from impostor_jax.camera.base import AbstractCamera
 from impostor_jax.effort import Effort
 from impostor_jax.fit.fittable import CYLINDER
@@ -71,7 +71,7 @@ def fit_cylinders(
             "depths, masks, camera and starts must be concrete, got traced ones; map "
             "fit_cylinder over them with jax.vmap"
         )
-    depths = np.asarray(unmasked(depths))
+    depths = np.asarray(unmasked(unread("depths", depths)))
     count = depths.shape[0] if depths.ndim == 3 else 0
     if not count:
         raise ValueError(f"depths must have the shape (N, H, W), got {depths.shape}")

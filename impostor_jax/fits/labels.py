@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from impostor_jax.arguments import is_concrete, unmasked
+from impostor_jax.arguments import is_concrete, unmasked, unread
 from impostor_jax.camera.base import AbstractCamera
 from impostor_jax.effort import Effort
 from impostor_jax.fit.fittable import BOX, CYLINDER, FRUSTUM, SPHERE, TUBE
@@ -97,7 +97,7 @@ def fit_labels(
     if not is_concrete((depth, labels, camera, sigma, initial, prior)):
         raise ValueError("depth, labels, camera and what is asked must be concrete, "
                          "got traced ones")  # fmt: skip
-    numbers = np.asarray(unmasked(labels))
+    numbers = np.asarray(unmasked(unread("labels", labels)))
     shape = (camera.height, camera.width)
     if numbers.shape != shape or not np.issubdtype(numbers.dtype, np.integer):
         raise ValueError(

@@ -17,7 +17,7 @@ from scipy import ndimage, special
 from scipy.optimize import linear_sum_assignment
 
 from impostor_jax.arguments import bounded_number, real_number, whole_number
-from impostor_jax.camera.base import AbstractCamera, posed
+from impostor_jax.camera.base import AbstractCamera, not_accepted, posed
 from impostor_jax.camera.pinhole import PinholeCamera
 from impostor_jax.effort import Effort
 from impostor_jax.find.cylinders import checked_radii, find_cylinders
@@ -116,7 +116,7 @@ class Tracker:
     ):
         if not isinstance(camera, PinholeCamera):
             raise ValueError(
-                f"camera must be a PinholeCamera, got {type(camera).__name__}"
+                f"camera must be a PinholeCamera, got {not_accepted(camera)}"
             )
         self.camera = camera
         self.noise: AbstractDepthNoise | None = (
