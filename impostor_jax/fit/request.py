@@ -94,6 +94,10 @@ def views_given(depth: Any, camera: Any, mask: Any, sigma: Any) -> list[Given]:
     if not isinstance(depth, list | tuple):
         unread("depth", depth)
         unread("mask", mask)
+        if isinstance(camera, list | tuple) and not any(
+            isinstance(one, AbstractRays) for one in camera
+        ):
+            raise ValueError(f"camera must be a camera, got {not_accepted(camera)}")
         for name, value in (("camera", camera), ("mask", mask), ("sigma", sigma)):
             if isinstance(value, list | tuple):
                 raise ValueError(

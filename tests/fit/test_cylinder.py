@@ -243,6 +243,7 @@ DEPTH, MASK = image()
         ({"depth": DEPTH.tolist()}, r"got a list of list: np.asarray\(depth\)"),
         ({"mask": "mask.png"}, "mask must be an array, got the text 'mask.png': read"),
         ({"mask": MASK.tolist()}, r"or np.asarray\(mask\) of lists of numbers"),
+        ({"camera": ()}, "camera must be a camera, got tuple; ij.camera_from makes"),
         ({"sigma": "stereo"}, "such as ij.StructuredLight.*, got the text 'stereo'"),
         ({"sigma": ij.StructuredLight}, "got the class StructuredLight, of which an"),
         ({"sigma": ij.StructuredLight.sensor}, "function sensor, whose result is"),
