@@ -19,7 +19,12 @@ from data_synth.manifest import Layout, Manifest
 from data_synth.preset import Preset
 from data_synth.presets import preset_named
 from data_synth.shard import ShardReport, make_shard
-from impostor_jax.io.atomic import write_atomically, write_json, write_text
+from impostor_jax.io.atomic import (
+    check_output_folder,
+    write_atomically,
+    write_json,
+    write_text,
+)
 from impostor_jax.io.dataset import MANIFEST, SPLIT
 from impostor_jax.sensor.base import noise_model
 from impostor_jax.workers import done_by, number_of_workers
@@ -177,8 +182,7 @@ def _prepare(folder: Path, manifest: Manifest, *, is_shared: bool) -> None:
     Raises:
         ValueError: The folder holds something else.
     """
-    if folder.exists() and not folder.is_dir():
-        raise ValueError(f"output must be a folder, got the file {str(folder)!r}")
+    check_output_folder(folder)
     # Before the manifest is looked for, since another part may be writing it.
     names = [path.name for path in folder.iterdir()] if folder.exists() else []
     if (folder / MANIFEST).exists():

@@ -4,7 +4,6 @@ __all__ = ["camera_label", "cylinders_label", "pose_labels", "visibility_labels"
 
 from typing import Any
 
-import cv2
 import numpy as np
 from jaxtyping import Bool, Float, Int, UInt16
 
@@ -12,6 +11,7 @@ from data_synth.draw import Drawn
 from impostor_jax.camera.pinhole import PinholeCamera
 from impostor_jax.camera.pixels import PixelBox
 from impostor_jax.io.camera_file import FiledCamera, camera_record
+from impostor_jax.opencv import cv2
 
 NO_BOX = [-1, -1, -1, -1]
 """What BOP's toolkit writes for a box of nothing."""

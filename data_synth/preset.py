@@ -19,7 +19,7 @@ from data_synth.distribution import (
 )
 from data_synth.roughness import Roughness
 from data_synth.scenery import SCENERY, Corners, Scenery, Things
-from impostor_jax.arguments import whole_number
+from impostor_jax.arguments import one_of, whole_number
 from impostor_jax.io.sensor_record import sensor_from_record, sensor_record
 from impostor_jax.primitives.base import AbstractPrimitive
 from impostor_jax.primitives.plane import Plane
@@ -221,10 +221,13 @@ class Preset:
         """
         try:
             preset = _from_record(record)
-        except (KeyError, TypeError, AttributeError) as error:
+        except (TypeError, AttributeError) as error:
             raise ValueError(f"preset must be the record of one: {error}") from error
         if not isinstance(preset, Preset):
-            raise ValueError("preset must be the record of one, with its kind")
+            raise ValueError(
+                "preset must be of the kind Preset, as `impostor-synth describe bench "
+                f"--json` prints one, got {type(preset).__name__}"
+            )
         return preset
 
 
@@ -248,7 +251,17 @@ def _from_record(record: Any) -> Any:
     if "type" in record:
         return sensor_from_record(record, "sensor")
     fields = {name: _from_record(value) for name, value in record.items()}
-    return RECORD_KINDS[fields.pop("kind")](**fields)
+    kind = fields.pop("kind", None)
+    if kind is None:
+        raise ValueError(
+            "preset must say the kind of each part, as `impostor-synth describe bench "
+            f"--json` prints one, got a part of {', '.join(fields) or 'nothing'}"
+        )
+    one_of("kind of a part of a preset", kind, RECORD_KINDS)
+    known = [field.name for field in dataclasses.fields(RECORD_KINDS[kind])]
+    for name in fields:
+        one_of(f"name in a {kind} of a preset", name, known)
+    return RECORD_KINDS[kind](**fields)
 
 
 RECORD_KINDS = {

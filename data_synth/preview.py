@@ -6,7 +6,6 @@ import itertools
 import math
 from pathlib import Path
 
-import cv2
 import numpy as np
 from jaxtyping import Bool, UInt8
 
@@ -15,6 +14,7 @@ from impostor_jax.io.atomic import check_output_file
 from impostor_jax.io.dataset import read_dataset
 from impostor_jax.io.dataset_shard import LabeledImage
 from impostor_jax.io.depth_image import check_image_name, write_image
+from impostor_jax.opencv import cv2
 
 WIDTH = 320
 """Of an image on the sheet, in pixels."""

@@ -12,7 +12,6 @@ from .fit.alternatives import Alternatives
 from .fit.bore import BoreTest, test_bore
 from .fit.budget import Deviations
 from .fit.depth_loss import depth_loss
-from .fit.options import FitOptions
 from .fit.result import (
     Directions,
     Fit,
@@ -84,6 +83,8 @@ from .sensor.time_of_flight import TimeOfFlight
 from .track.track import Track, TrackStatus
 from .track.tracker import Tracker
 
+__version__: str
+
 __all__ = [
     "AbstractCamera",
     "AbstractDepthNoise",
@@ -104,7 +105,6 @@ __all__ = [
     "Dropout",
     "Effort",
     "Fit",
-    "FitOptions",
     "FitPage",
     "FitResult",
     "FitStatus",

@@ -11,6 +11,7 @@ __all__ = [
     "check_direction",
     "check_positive",
     "check_rotation",
+    "described",
     "float_array",
     "float_arrays",
     "image_size",
@@ -20,13 +21,16 @@ __all__ = [
     "place_of",
     "real_number",
     "unmasked",
+    "unread",
     "whole_number",
     "working_precision",
 ]
 
 import contextlib
+import inspect
 import math
 from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
 from typing import Any, TypeVar
 
 import equinox as eqx
@@ -88,6 +92,34 @@ def working_precision(
 def is_concrete(value: Any) -> bool:
     """Tell whether every leaf of `value` has numbers that Python can read now."""
     return not any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(value))
+
+
+def described(value: Any) -> str:
+    """What is given in place of something else, in a few words for an error."""
+    if isinstance(value, type):
+        return f"the class {value.__name__}, of which an instance is needed"
+    if isinstance(value, str | Path):
+        return f"the text {str(value)!r}"
+    if inspect.isroutine(value):
+        return f"the function {value.__name__}, whose result is needed"
+    if isinstance(value, jax.Array | np.ndarray):
+        return f"an array of shape {value.shape}"
+    return type(value).__name__
+
+
+def unread(name: str, value: Any) -> Any:
+    """The value; a `ValueError` where it is the path of a file.
+
+    Args:
+        name: Name of the argument, for the error.
+        value: An array that is expected.
+    """
+    if isinstance(value, str | Path):
+        raise ValueError(
+            f"{name} must be an array, got {described(value)}: read the file first, an "
+            "image by cv2.imread(path, cv2.IMREAD_UNCHANGED)"
+        )
+    return value
 
 
 def unmasked(values: Any) -> Any:

@@ -26,7 +26,6 @@ import itertools
 from collections.abc import Iterable, Iterator, Sequence
 from typing import Any, NamedTuple
 
-import cv2
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -43,6 +42,7 @@ from impostor_jax.fit.shapes import fit_shape
 from impostor_jax.fit.tube_body import TubeBody
 from impostor_jax.io.dataset_shard import LabeledImage
 from impostor_jax.matching import Comparison, compare, detection_of, truth_of
+from impostor_jax.opencv import cv2
 from impostor_jax.primitives.base import AbstractPrimitive
 from impostor_jax.sensor.base import AbstractDepthNoise
 
@@ -106,7 +106,7 @@ def evaluate(
     Returns:
         For each image, the outcomes of its shapes.
     """
-    options = Options.of({"effort": effort})
+    options = Options.of(effort=effort)
     for image in images:
         outcomes = []
         kind = KINDS[type(image.shapes)]

@@ -104,14 +104,18 @@ for call in (
         "prior must map names to a value and a standard deviation, as in "
         "{'radius': (0.04, 0.001)}, got "
     )
+    kinect = (
+        "the text 'kinect'; ij.camera_from makes one of a matrix K, or of another "
+        "program's"
+    )
     assert found.stdout.splitlines() == [
         "primitive must be a shape, or an ij.Scene of a list of shapes, got list",
-        "camera must be a camera, such as an ij.PinholeCamera, got str",
+        "camera must be a camera, such as an ij.PinholeCamera, got " + kinect,
         prior + "[('radius', 0.04, 0.001)]",
         prior + "['radius']",
         prior + "'radius'",
         "scene must be an ij.Scene or a shape, got list",
-        "camera must be a camera, such as an ij.PinholeCamera, got str",
+        "camera must be a camera, such as an ij.PinholeCamera, got " + kinect,
         "lights must be a sequence of lights, got AmbientLight",
         "lights must be lights, such as ij.PointLight, got 'lamp'",
         "materials must be ij.Material, got str",

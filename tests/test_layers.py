@@ -9,6 +9,7 @@ import impostor_jax
 PACKAGE = Path(impostor_jax.__file__).parent
 # From the lowest layer to the highest.
 LAYERS = (
+    "opencv",
     "numerics",
     "caching",
     "workers",

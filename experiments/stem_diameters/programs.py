@@ -13,6 +13,7 @@ import impostor_jax as ij
 from experiments.find_accuracy.peers.clouds import PCL
 from experiments.find_accuracy.peers.compiling import cylinders_of
 from experiments.stem_diameters.stems import BREAST_HEIGHT, SCANNER_HEIGHT, Scan
+from impostor_jax.fit.options import Errors
 
 SLICE = 0.1
 """Height of a slice whose points are taken for a circle, in meters."""
@@ -40,7 +41,7 @@ Program: TypeAlias = Callable[[Scan], Estimate | None]
 """None where it fails."""
 
 
-def _image(scan: Scan, errors: str = "independent") -> Estimate | None:
+def _image(scan: Scan, errors: Errors = "independent") -> Estimate | None:
     view = scan.view
     fit = ij.fit_cylinder(
         view.depth, scan.camera, mask=view.mask, sigma=view.sigma, errors=errors

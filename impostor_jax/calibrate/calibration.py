@@ -33,7 +33,7 @@ from impostor_jax.calibrate.request import (
 )
 from impostor_jax.calibrate.scale import Scale, scale_of
 from impostor_jax.calibrate.warp import Smooth, Warp, warp_of
-from impostor_jax.camera.base import AbstractCamera, check_depth_along_z
+from impostor_jax.camera.base import AbstractCamera, check_depth_along_z, not_accepted
 from impostor_jax.camera.pinhole import PinholeCamera
 from impostor_jax.numerics import Numbers
 from impostor_jax.sensor.base import AbstractDepthNoise, Depths, Normals
@@ -222,7 +222,7 @@ def calibration_of(
         raise ValueError("depths, camera and what is known must be concrete, got "
                          "traced ones: a calibration runs outside JAX")  # fmt: skip
     if not isinstance(camera, AbstractCamera):
-        raise ValueError(f"camera must be a camera, got {type(camera).__name__}")
+        raise ValueError(f"camera must be a camera, got {not_accepted(camera)}")
     check_depth_along_z(camera)
     one_of("kind", kind, KINDS)
     native_scale = real_number("native_scale", native_scale, positive=True)

@@ -9,13 +9,13 @@ __all__ = ["Flat", "flat_of", "without_bends"]
 from collections.abc import Sequence
 from typing import NamedTuple
 
-import cv2
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from impostor_jax.camera.base import AbstractCamera
 from impostor_jax.find.planes import PlaneRegions, planes_of
 from impostor_jax.find.view import View, view_of
+from impostor_jax.opencv import cv2
 from impostor_jax.sensor.base import AbstractDepthNoise
 
 FEWEST_PIXELS = 300

@@ -7,17 +7,19 @@ __all__ = [
     "check_central",
     "check_depth_along_z",
     "check_planar",
+    "not_accepted",
     "posed",
 ]
 
 import abc
-from typing import Literal, TypeVar
+from typing import Any, Literal, TypeVar
 
 import equinox as eqx
 from jax.typing import DTypeLike
 from jaxtyping import Array, Bool, Float
 from typing_extensions import override
 
+from impostor_jax.arguments import described
 from impostor_jax.camera.pixels import PixelBox, Pixels, Tile
 from impostor_jax.geometry.frames import Points, RigidTransform
 from impostor_jax.geometry.rays import Ray
@@ -137,6 +139,14 @@ def posed(camera: Posed, pose: RigidTransform | None) -> Posed:
     return eqx.tree_at(
         lambda c: c.camera_from_world, camera, pose, is_leaf=lambda x: x is None
     )
+
+
+def not_accepted(camera: Any) -> str:
+    """What is given for a camera, for an error; where it is none, how to make one."""
+    told = described(camera)
+    if isinstance(camera, AbstractRays):
+        return told
+    return f"{told}; ij.camera_from makes one of a matrix K, or of another program's"
 
 
 def check_central(camera: AbstractCamera) -> None:

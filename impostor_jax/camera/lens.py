@@ -11,7 +11,6 @@ __all__ = ["RayField", "distort", "solve_ray_field", "undistort_step"]
 
 from collections.abc import Callable
 
-import cv2
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -19,6 +18,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from impostor_jax.numerics import safe_divide, safe_sqrt
+from impostor_jax.opencv import cv2
 
 Coordinate = Float[Array, "*batch"]
 

@@ -66,6 +66,7 @@ class DoctorCommand:
         required, extras = _requirements()
         for name in required:
             lines.append((name, _version(name) or "missing"))
+        lines.append(("OpenCV", _opencv()))
         lines += [("device", found) for found in _found(devices)]
         lines += [("OpenGL", found) for found in _found(drivers)]
         lines.append(("cache", _cache()))
@@ -84,6 +85,16 @@ def _version(name: str) -> str | None:
         return importlib.metadata.version(name)
     except importlib.metadata.PackageNotFoundError:
         return None
+
+
+def _opencv() -> str:
+    """Whether it works, and how to mend it where several of it are installed."""
+    try:
+        from impostor_jax.opencv import advice, cv2, distributions
+    except ImportError as error:
+        return f"broken: {error}"
+    several = f"; {advice()}" if len(distributions()) > 1 else ""
+    return f"{cv2.__version__}{several}"
 
 
 def _requirements() -> tuple[list[str], dict[str, list[str]]]:

@@ -24,7 +24,8 @@ def end_of(program: str, run: Callable[[], int]) -> int:
 
     Args:
         program: Its name, for the line on stderr.
-        run: Returns the exit code; a `ValueError` or an `OSError` is `BAD_INPUT`.
+        run: Returns the exit code; a `ValueError`, an `OSError` or an `ImportError`, as
+            of what a package lacks, is `BAD_INPUT`.
     """
     hook, sys.unraisablehook = sys.unraisablehook, _interrupted_again
     try:
@@ -33,7 +34,7 @@ def end_of(program: str, run: Callable[[], int]) -> int:
         if sys.stdout is not None:
             sys.stdout.flush()
         return code
-    except (ValueError, OSError) as error:
+    except (ValueError, OSError, ImportError) as error:
         message, code = " ".join(str(error).split()), BAD_INPUT
     except MemoryError:
         message, code = "there is not enough memory", BAD_INPUT

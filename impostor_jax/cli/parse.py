@@ -2,8 +2,8 @@
 
 __all__ = ["parse", "parse_with"]
 
+import ast
 import contextlib
-import importlib.metadata
 import io
 import itertools
 import re
@@ -13,6 +13,7 @@ from typing import Annotated, Any
 
 import tyro
 
+import impostor_jax
 from impostor_jax.cli.calibrate_command import CalibrateCommand
 from impostor_jax.cli.demo_command import DemoCommand
 from impostor_jax.cli.doctor_command import DoctorCommand
@@ -36,6 +37,12 @@ Command = (
     | Annotated[ParityCommand, tyro.conf.subcommand("parity")]
     | Annotated[DoctorCommand, tyro.conf.subcommand("doctor")]
 )
+
+NOT_PARSED = (
+    r"Error parsing (\S+): no type matching (?:\{None\}\|)?\{?([^{}]+)\}? could be "
+    r"instantiated from (\[.*?\])\. Got errors"
+)
+"""Of tyro, for a flag whose value may also be left out."""
 
 
 def parse(arguments: Sequence[str]) -> Command:
@@ -61,7 +68,7 @@ def parse_with(
         An instance of one of the dataclasses.
     """
     if list(arguments) == ["--version"]:
-        print(f"{program} {importlib.metadata.version('impostor-jax')}")
+        print(f"{program} {impostor_jax.__version__}")
         raise SystemExit(0)
     if (flag := _empty(arguments)) is not None:
         # An empty path would else be the current folder.
@@ -105,4 +112,10 @@ def _one_line(box: str) -> str:
             break
         if not line.startswith("╭"):
             message.append(line)
-    return " ".join(" ".join(message).split()) or "the arguments are not understood"
+    words = " ".join(" ".join(message).split())
+    if found := re.match(NOT_PARSED, words):
+        flag, needed, given = found.groups()
+        words = f"{flag} must be {needed}, got {' '.join(ast.literal_eval(given))}"
+    if near := re.search(r"Perhaps you meant:\n(--[\w-]+)", "\n".join(lines)):
+        words += f"; did you mean {near[1]}?"
+    return words or "the arguments are not understood"

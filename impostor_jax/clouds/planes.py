@@ -8,12 +8,12 @@ __all__ = ["Planes", "planes_of"]
 
 from typing import NamedTuple
 
-import cv2
 import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.spatial import KDTree
 
 from impostor_jax.clouds.cloud import Cloud, scatter_of, spread_seeds
+from impostor_jax.opencv import cv2
 
 SEEDS, PATCHES = 400, (300, 60)
 """Patches of each size that planes are grown from, and points of each."""

@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from impostor_jax.arguments import is_concrete, real_number, whole_number
-from impostor_jax.camera.base import AbstractCamera
+from impostor_jax.camera.base import AbstractCamera, not_accepted
 from impostor_jax.camera.spherical import SphericalCamera
 from impostor_jax.effort import Effort
 from impostor_jax.find.fitting import Fitter
@@ -97,8 +97,8 @@ def find_cylinders(
         raise ValueError("depth, camera, sigma and prior must be concrete, got traced "
                          "ones: a search runs outside JAX")  # fmt: skip
     if not isinstance(camera, AbstractCamera):
-        raise ValueError(f"camera must be a camera, got {type(camera).__name__}")
-    options = Options.of({"effort": effort, "prior": prior})
+        raise ValueError(f"camera must be a camera, got {not_accepted(camera)}")
+    options = Options.of(prior=prior, effort=effort)
     checked_prior(prior, CYLINDER.parameters, None)
     world = LocalWorld.of([camera])
     if world is not None:

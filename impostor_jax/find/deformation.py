@@ -17,11 +17,11 @@ __all__ = [
 import itertools
 from typing import NamedTuple
 
-import cv2
 import numpy as np
 from jaxtyping import Float, Int
 
 from impostor_jax.find.evidence import LIMIT, Evidence, Scene, directions_across
+from impostor_jax.opencv import cv2
 
 PRICE = 30.0
 """Of a second cylinder, in chi-squared: five numbers more, at many places."""

@@ -9,11 +9,11 @@ __all__ = ["Normals", "normals_of", "stray"]
 import dataclasses
 from typing import NamedTuple
 
-import cv2
 import numpy as np
 from jaxtyping import Bool, Float
 
 from impostor_jax.find.view import View
+from impostor_jax.opencv import cv2
 
 SLOPE_ERROR = 0.06
 """Standard deviation of a normal that windows are made wide enough for, in radians."""

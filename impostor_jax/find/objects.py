@@ -2,12 +2,12 @@
 
 __all__ = ["creases", "numbered", "objects_of"]
 
-import cv2
 import numpy as np
 from jaxtyping import Bool, Int
 
 from impostor_jax.find.normals import Normals
 from impostor_jax.find.view import View
+from impostor_jax.opencv import cv2
 
 JUMP_PIXELS, JUMP_SIGMAS = 4.0, 6.0
 """A step of the depth between neighbors is a jump beyond so many widths of a pixel and

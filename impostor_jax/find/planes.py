@@ -9,11 +9,11 @@ __all__ = ["PlaneRegions", "planes_of", "primitives_of"]
 
 from typing import NamedTuple
 
-import cv2
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from impostor_jax.find.view import View
+from impostor_jax.opencv import cv2
 
 CELL = 8
 """Pixels across a cell: its 64 readings tell a plane from a wall of a few cells."""

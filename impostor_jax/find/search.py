@@ -6,7 +6,6 @@ import dataclasses
 import itertools
 from typing import NamedTuple
 
-import cv2
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
@@ -28,6 +27,7 @@ from impostor_jax.find.planes import PlaneRegions, planes_of
 from impostor_jax.find.rivals import Rivals, rivals
 from impostor_jax.find.view import View
 from impostor_jax.fit.result import Fit
+from impostor_jax.opencv import cv2
 
 MOST_TURNS = 3
 """How often the rest of the image is looked at again."""

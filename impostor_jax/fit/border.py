@@ -11,7 +11,6 @@ __all__ = ["fit_of_one_surface"]
 
 from collections.abc import Callable, Sequence
 
-import cv2
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -24,6 +23,7 @@ from impostor_jax.fit.regions import SQUARE, pixel_indices
 from impostor_jax.fit.result import AGREEING, DISAGREEING, Fit
 from impostor_jax.fit.seen import Seen
 from impostor_jax.fit.status import FitStatus
+from impostor_jax.opencv import cv2
 from impostor_jax.primitives.base import in_camera_frame
 from impostor_jax.sensor.base import AbstractDepthNoise
 

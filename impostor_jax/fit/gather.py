@@ -10,7 +10,6 @@ import functools
 from types import ModuleType
 from typing import Any
 
-import cv2
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -22,6 +21,7 @@ from impostor_jax.fit.problem import BLOCK, Lattice, RayList, Table
 from impostor_jax.fit.surface import cropped
 from impostor_jax.fit.uncertainty import MAX_LAG
 from impostor_jax.geometry.frames import RigidTransform
+from impostor_jax.opencv import cv2
 from impostor_jax.sensor.base import AbstractDepthNoise
 
 MOST_AT_EDGE = 512

@@ -11,12 +11,12 @@ __all__ = ["guess_outlines"]
 import dataclasses
 from typing import Any
 
-import cv2
 import jax
 import numpy as np
 from jaxtyping import Float
 
 from impostor_jax.fit.body import AbstractBody
+from impostor_jax.opencv import cv2
 
 COSINES = (-0.95, -0.75, -0.4, -0.1, 0.1, 0.4, 0.75, 0.95)
 """Of the angle between axis and view, that are tried."""

@@ -12,7 +12,6 @@ __all__ = ["GRID_SIGMA", "Matte", "checked_matte"]
 import dataclasses
 from typing import Any
 
-import cv2
 import jax
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -20,6 +19,7 @@ from jaxtyping import Bool, Float, Int
 from impostor_jax.arguments import real_number, unmasked
 from impostor_jax.camera.pinhole import PinholeCamera
 from impostor_jax.fit.request import TooFewReadingsError, checked_mask
+from impostor_jax.opencv import cv2
 
 USUAL_SIGMA = 0.05
 """Standard deviation of a matte's coverages that is taken where a caller names none."""

@@ -15,7 +15,6 @@ __all__ = [
 
 import warnings
 
-import cv2
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -23,6 +22,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from impostor_jax.fit.problem import BLOCK
 from impostor_jax.fit.surface import at_most, cropped, thinned, upper_median
+from impostor_jax.opencv import cv2
 from impostor_jax.sensor.base import AbstractDepthNoise
 from impostor_jax.sensor.gaussian import ConstantNoise
 

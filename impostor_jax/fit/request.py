@@ -32,13 +32,15 @@ from jaxtyping import Array, Bool, Float, Integer
 
 from impostor_jax.arguments import (
     check_direction,
+    described,
     float_array,
     is_concrete,
     one_of,
     real_number,
     unmasked,
+    unread,
 )
-from impostor_jax.camera.base import AbstractRays
+from impostor_jax.camera.base import AbstractRays, not_accepted
 from impostor_jax.camera.orthographic import OrthographicCamera
 from impostor_jax.effort import MIN_READINGS
 from impostor_jax.fit.fittable import Fittable
@@ -90,16 +92,28 @@ def views_given(depth: Any, camera: Any, mask: Any, sigma: Any) -> list[Given]:
         ValueError: The lists are not of one length, or there is none for the images.
     """
     if not isinstance(depth, list | tuple):
+        unread("depth", depth)
+        unread("mask", mask)
+        if isinstance(camera, list | tuple) and not any(
+            isinstance(one, AbstractRays) for one in camera
+        ):
+            raise ValueError(f"camera must be a camera, got {not_accepted(camera)}")
         for name, value in (("camera", camera), ("mask", mask), ("sigma", sigma)):
             if isinstance(value, list | tuple):
                 raise ValueError(
                     f"{name} must be one, of the one depth image, got a list: give "
                     "depth as a list of images, too, as list(depth) of an array of them"
+                    f", or np.asarray({name}) of lists of numbers"
                 )
         return [Given(depth, camera, mask, sigma)]
     count = len(depth)
     if not count:
         raise ValueError("depth must be an image or a list of them, got an empty list")
+    if isinstance(depth[0], list | tuple | float | int):
+        raise ValueError(
+            "depth must be an array, or a list of arrays, got a list of "
+            f"{type(depth[0]).__name__}: np.asarray(depth) makes an array of numbers"
+        )
     masks = [None] * count if mask is None else mask
     sigmas = sigma if isinstance(sigma, list | tuple) else [sigma] * count
     for name, value in (("camera", camera), ("mask", masks), ("sigma", sigmas)):
@@ -206,6 +220,11 @@ def checked_noise(sigma: Any) -> AbstractDepthNoise:
         return sigma
     dtype = _own_type()
     if not isinstance(sigma, float):
+        if np.ndim(sigma) or isinstance(sigma, str | type) or callable(sigma):
+            raise ValueError(
+                "sigma must be a positive number in meters, the same for all readings, "
+                f"or a noise model such as ij.StructuredLight(), got {described(sigma)}"
+            )
         sigma = real_number("sigma", sigma, positive=True, unit="meters")
         if not is_concrete(sigma):
             return ConstantNoise(jnp.asarray(sigma, dtype))
@@ -292,7 +311,7 @@ def check_types(
     if not isinstance(camera, AbstractRays) or isinstance(camera, OrthographicCamera):
         raise ValueError(
             "camera must be a PinholeCamera or a SphericalCamera, got "
-            f"{type(camera).__name__}"
+            f"{not_accepted(camera)}"
         )
     if initial is None:
         return
@@ -312,7 +331,7 @@ def check_types(
 def checked_depth(depth: Any, camera: AbstractRays) -> DepthImage:
     """Depth as a float image with 0 for missing readings."""
     if not isinstance(depth, jax.Array):
-        depth = np.asarray(unmasked(depth))
+        depth = np.asarray(unmasked(unread("depth", depth)))
     shape = (camera.height, camera.width)
     if depth.shape != shape:
         raise ValueError(

@@ -6,9 +6,10 @@ those that it holds, wherever they lie in it, and it is as wide as their spacing
 
 __all__ = ["MAX_SLOPE_ERROR", "spacing_of", "sparse_slopes"]
 
-import cv2
 import numpy as np
 from jaxtyping import Bool, Float
+
+from impostor_jax.opencv import cv2
 
 MAX_SLOPE_ERROR = 0.05
 """Standard deviation of a normal, in radians, up to which windows are not widened."""

@@ -18,7 +18,6 @@ __all__ = [
 import functools
 from typing import Any, NamedTuple
 
-import cv2
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
@@ -27,6 +26,7 @@ from impostor_jax.camera.pinhole import PinholeCamera
 from impostor_jax.camera.ray_table import RayTable, Sight
 from impostor_jax.fit.rounds import FEWEST_POINTS, median_of
 from impostor_jax.fit.sparse import MAX_SLOPE_ERROR, spacing_of, sparse_slopes
+from impostor_jax.opencv import cv2
 
 LARGEST_SIDE = 96
 """Larger regions are reduced by block medians: a first guess needs no more pixels."""

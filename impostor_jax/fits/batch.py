@@ -2,16 +2,17 @@
 
 __all__ = ["fit_cylinders"]
 
-from collections.abc import Sequence
-from typing import Any, Unpack
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import jax
 import numpy as np
 
-from impostor_jax.arguments import is_concrete, is_exact, unmasked
+from impostor_jax.arguments import is_concrete, is_exact, unmasked, unread
 from impostor_jax.camera.base import AbstractCamera
+from impostor_jax.effort import Effort
 from impostor_jax.fit.fittable import CYLINDER
-from impostor_jax.fit.options import FitOptions, Options
+from impostor_jax.fit.options import Errors, MaskMeaning, Options, Scale
 from impostor_jax.fit.pixelwise import alike
 from impostor_jax.fit.request import check_types
 from impostor_jax.fit.result import Fit, on_device
@@ -26,7 +27,13 @@ def fit_cylinders(
     masks: Any = None,
     sigma: Any = None,
     initial: Cylinder | None = None,
-    **options: Unpack[FitOptions],
+    *,
+    fixed: Sequence[str] = (),
+    prior: Mapping[str, Any] | None = None,
+    mask_meaning: MaskMeaning = "region",
+    scale: Scale = "estimated",
+    errors: Errors | None = None,
+    effort: Effort | str = "balanced",
 ) -> Fit:
     """Fit one cylinder to each of several depth images, in as many threads as cores.
 
@@ -41,24 +48,30 @@ def fit_cylinders(
         sigma: Of all images, as in `fit_cylinder`.
         initial: A batch (N,) of starts in the world frame; found from each image if
             None.
-        options: What `FitOptions` lists.
+        fixed: Names of parameters that keep their value in `initial`, as in
+            `fit_cylinder`; none by default.
+        prior: Expected value and standard deviation of parameters by name, in meters
+            and radians, as in `fit_cylinder`; none by default.
+        mask_meaning: "region" by default, or "outline", as in `fit_cylinder`.
+        scale: "estimated" by default, or "fixed", as in `fit_cylinder`.
+        errors: "independent" or "correlated"; what `sigma` says if None.
+        effort: "fast", "balanced" (the default), "exact" or an `Effort`.
 
     Returns:
         The fits, with a leading axis (N,) in every array. They can be indexed and
         iterated, and `statuses`, `reasons` and `to_dict()` are those of each.
 
     Raises:
-        TypeError: As in `fit_cylinder`.
         ValueError: As in `fit_cylinder`, but for images with too few readings; or the
             numbers of images, cameras, masks and starts differ, or an argument is
             traced.
     """
-    if not is_concrete((depths, masks, camera, sigma, initial, options)):
+    if not is_concrete((depths, masks, camera, sigma, initial, prior)):
         raise ValueError(
             "depths, masks, camera and starts must be concrete, got traced ones; map "
             "fit_cylinder over them with jax.vmap"
         )
-    depths = np.asarray(unmasked(depths))
+    depths = np.asarray(unmasked(unread("depths", depths)))
     count = depths.shape[0] if depths.ndim == 3 else 0
     if not count:
         raise ValueError(f"depths must have the shape (N, H, W), got {depths.shape}")
@@ -70,7 +83,7 @@ def fit_cylinders(
     for one in cameras:
         check_types(Cylinder, one, initial, count)
 
-    asked = Options.of(options)
+    asked = Options.of(fixed, prior, mask_meaning, scale, errors, effort)
 
     def fit(index: int) -> Fit:
         mask = None if masks is None else masks[index]

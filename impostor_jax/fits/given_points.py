@@ -10,12 +10,14 @@ __all__ = [
     "single_noise",
 ]
 
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float
 
+from impostor_jax.arguments import described
 from impostor_jax.effort import MIN_READINGS
 from impostor_jax.fit.options import Options
 from impostor_jax.fit.request import checked_noise
@@ -147,7 +149,10 @@ def as_numbers(name: str, value: Any) -> Float[np.ndarray, "..."]:
     try:
         values = np.asarray(value, np.float64)
     except (TypeError, ValueError) as error:
-        raise ValueError(f"{name} must be numbers, got {value!r}") from error
+        hint = ": ij.read_points reads a file" if isinstance(value, str | Path) else ""
+        raise ValueError(
+            f"{name} must be numbers, got {described(value)}{hint}"
+        ) from error
     if not np.all(np.isfinite(values)):
         raise ValueError(f"{name} must be finite, got NaN or infinity")
     return values

@@ -2,15 +2,16 @@
 
 __all__ = ["fit_labels"]
 
-from collections.abc import Callable
-from typing import Any, Unpack
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
-from impostor_jax.arguments import is_concrete, unmasked
+from impostor_jax.arguments import is_concrete, unmasked, unread
 from impostor_jax.camera.base import AbstractCamera
+from impostor_jax.effort import Effort
 from impostor_jax.fit.fittable import BOX, CYLINDER, FRUSTUM, SPHERE, TUBE
-from impostor_jax.fit.options import FitOptions, Options
+from impostor_jax.fit.options import Errors, MaskMeaning, Options, Scale
 from impostor_jax.fit.result import Fit
 from impostor_jax.fit.threads import side_by_side
 from impostor_jax.fits.shown import fit_or_failure
@@ -39,7 +40,13 @@ def fit_labels(
     fit: Callable[..., Fit] = fit_cylinder,
     sigma: Any = None,
     initial: AbstractPrimitive | None = None,
-    **options: Unpack[FitOptions],
+    *,
+    fixed: Sequence[str] = (),
+    prior: Mapping[str, Any] | None = None,
+    mask_meaning: MaskMeaning = "region",
+    scale: Scale = "estimated",
+    errors: Errors | None = None,
+    effort: Effort | str = "balanced",
 ) -> dict[int, Fit]:
     """Fit each object of a label image on its own, in as many threads as cores.
 
@@ -58,14 +65,20 @@ def fit_labels(
         fit: `fit_cylinder`, `fit_sphere`, `fit_frustum`, `fit_tube` or `fit_box`.
         sigma: Of all objects, as in `fit_cylinder`.
         initial: Start of all fits, as in `fit_cylinder`.
-        options: What `FitOptions` lists.
+        fixed: Names of parameters that keep their value in `initial`, as in
+            `fit_cylinder`; none by default.
+        prior: Expected value and standard deviation of parameters by name, in meters
+            and radians, as in `fit_cylinder`; none by default.
+        mask_meaning: "region" by default, or "outline", as in `fit_cylinder`.
+        scale: "estimated" by default, or "fixed", as in `fit_cylinder`.
+        errors: "independent" or "correlated"; what `sigma` says if None.
+        effort: "fast", "balanced" (the default), "exact" or an `Effort`.
 
     Returns:
         The fits by label, in ascending order.
 
     Raises:
-        TypeError: As in `fit`.
-        ValueError: Likewise; or the labels are no integers, or all 0, or there are
+        ValueError: As in `fit`; or the labels are no integers, or all 0, or there are
             several images, or something is traced.
     """
     if fit not in KIND_OF:
@@ -81,10 +94,10 @@ def fit_labels(
             "depth must be one image, of the one label image, got "
             f"{type(depth).__name__}"
         )
-    if not is_concrete((depth, labels, camera, sigma, initial, options)):
+    if not is_concrete((depth, labels, camera, sigma, initial, prior)):
         raise ValueError("depth, labels, camera and what is asked must be concrete, "
                          "got traced ones")  # fmt: skip
-    numbers = np.asarray(unmasked(labels))
+    numbers = np.asarray(unmasked(unread("labels", labels)))
     shape = (camera.height, camera.width)
     if numbers.shape != shape or not np.issubdtype(numbers.dtype, np.integer):
         raise ValueError(
@@ -94,7 +107,8 @@ def fit_labels(
     found = [int(label) for label in np.unique(numbers) if label != 0]
     if not found:
         raise ValueError("labels must hold at least one that is not 0, got none")
-    kind, asked = KIND_OF[fit], Options.of(options)
+    kind = KIND_OF[fit]
+    asked = Options.of(fixed, prior, mask_meaning, scale, errors, effort)
 
     def fit_one(label: int) -> Fit:
         mask = numbers == label

@@ -8,9 +8,9 @@ end, outlines, and errors that neighbors share.
 
 __all__ = ["fit_cylinder_to_points", "fit_points", "in_one_frame"]
 
-from typing import Any, NamedTuple, Unpack
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
 
-import cv2
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, Int
@@ -18,9 +18,10 @@ from jaxtyping import Float, Int
 from impostor_jax.arguments import is_concrete, working_precision
 from impostor_jax.camera.ray_table import RayTable, turned_to
 from impostor_jax.clouds.wall import Wall, wall_of
+from impostor_jax.effort import Effort
 from impostor_jax.fit.fittable import CYLINDER, no_guess
 from impostor_jax.fit.measured import NOT_MEASURED
-from impostor_jax.fit.options import FitOptions, Options
+from impostor_jax.fit.options import Errors, MaskMeaning, Options, Scale
 from impostor_jax.fit.regions import BUCKETS
 from impostor_jax.fit.request import check_types
 from impostor_jax.fit.result import Fit
@@ -40,6 +41,7 @@ from impostor_jax.fits.rough import with_shared_errors
 from impostor_jax.fits.viewless import seen_across
 from impostor_jax.geometry.frames import RigidTransform
 from impostor_jax.numerics import eps
+from impostor_jax.opencv import cv2
 from impostor_jax.primitives.cylinder import Cylinder
 from impostor_jax.primitives.local_world import LocalWorld
 from impostor_jax.sensor.base import AbstractDepthNoise
@@ -72,7 +74,13 @@ def fit_cylinder_to_points(
     origin: Any = None,
     sigma: Any = None,
     initial: Cylinder | None = None,
-    **options: Unpack[FitOptions],
+    *,
+    fixed: Sequence[str] = (),
+    prior: Mapping[str, Any] | None = None,
+    mask_meaning: MaskMeaning = "region",
+    scale: Scale = "estimated",
+    errors: Errors | None = None,
+    effort: Effort | str = "balanced",
 ) -> Fit:
     """Fit a capped cylinder to points, as `fit_cylinder` does to the pixels of images.
 
@@ -100,21 +108,26 @@ def fit_cylinder_to_points(
             learned unless the model says it. If None, it is measured: how far points
             scatter about a round wall.
         initial: Start of the fit, in the world frame; found from the points if None.
-        options: What `FitOptions` lists, but for `mask_meaning` and `errors`, which are
-            of images.
+        fixed: Names of parameters that keep their value in `initial`, as in
+            `fit_cylinder`; none by default.
+        prior: Expected value and standard deviation of parameters by name, in meters
+            and radians, as in `fit_cylinder`; none by default.
+        mask_meaning: "region": points have no outline.
+        scale: "estimated" by default, or "fixed", as in `fit_cylinder`.
+        errors: "independent", or None, which says the same: points have no neighbors.
+        effort: "fast", "balanced" (the default), "exact" or an `Effort`.
 
     Returns:
         The fit; `residual`, `inliers` and `region` have the shape (N,). `source` is
         "points".
 
     Raises:
-        TypeError: An option is unknown.
         ValueError: An argument has a wrong shape or value, or there are fewer than 50
             points, or they came in single precision, and so far from the origin of
             the world that it rounds their coordinates by a tenth of the noise: give
             them in double precision, or subtract an offset.
     """
-    asked = Options.of(options)
+    asked = Options.of(fixed, prior, mask_meaning, scale, errors, effort)
     check_options(asked)
     if not is_concrete((points, origin, sigma, initial)):
         raise ValueError(

@@ -104,7 +104,7 @@ def find_cylinders_in_points(
     if not is_concrete((points, origin, sigma, normals, prior)):
         raise ValueError("points, origin, sigma, normals and prior must be concrete, "
                          "got traced ones: a search runs outside JAX")  # fmt: skip
-    options = Options.of({"effort": effort, "prior": prior})
+    options = Options.of(prior=prior, effort=effort)
     checked_prior(prior, CYLINDER.parameters, None)
     given = points_given(points, origin)
     if sigma is not None and given.starts is None:

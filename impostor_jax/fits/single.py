@@ -2,12 +2,13 @@
 
 __all__ = ["fit_box", "fit_cylinder", "fit_frustum", "fit_sphere", "fit_tube"]
 
-from collections.abc import Sequence
-from typing import Any, Unpack
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 from impostor_jax.camera.base import AbstractCamera
+from impostor_jax.effort import Effort
 from impostor_jax.fit.fittable import BOX, CYLINDER, FRUSTUM, SPHERE, TUBE
-from impostor_jax.fit.options import FitOptions, Options
+from impostor_jax.fit.options import Errors, MaskMeaning, Options, Scale
 from impostor_jax.fit.result import Fit
 from impostor_jax.fits.shown import fit_shown
 from impostor_jax.primitives.box import Box
@@ -26,7 +27,13 @@ def fit_cylinder(
     mask: Any = None,
     sigma: Any = None,
     initial: Cylinder | None = None,
-    **options: Unpack[FitOptions],
+    *,
+    fixed: Sequence[str] = (),
+    prior: Mapping[str, Any] | None = None,
+    mask_meaning: MaskMeaning = "region",
+    scale: Scale = "estimated",
+    errors: Errors | None = None,
+    effort: Effort | str = "balanced",
 ) -> Fit:
     """Fit center, axis, radius and height of a capped cylinder to depth images.
 
@@ -82,7 +89,34 @@ def fit_cylinder(
             None; with a mask of booleans, whose edge is known to a pixel, it must be
             None.
         initial: Start of the fit, in the world frame; found from the image if None.
-        options: What `FitOptions` lists.
+        fixed: Names of the parameters that keep the value they have in `initial`; none
+            by default. A cylinder has center, axis, radius and height; a frustum
+            radius1 and radius2 in place of radius, and its center is the midpoint of
+            the axis; a tube outer_radius and inner_radius; a sphere has center and
+            radius; a box center, rotation and size. A value that the readings exclude
+            by more than five standard deviations makes the fit `contradicted`.
+        prior: For any of these names, expected value and standard deviation in the
+            world frame, in meters and (for the axis) radians, as in
+            `{"radius": (0.04, 0.001)}`; none by default. For radius1, radius2 and size
+            with `initial` only. Not for what is `fixed`. Its deviation and that of the
+            readings are tested together: five apart, the fit is `contradicted`.
+        mask_meaning: "region", the default: any subset of the object's pixels, its edge
+            has no meaning; where an end stands out before what lies behind, it is known
+            to a pixel, or to as many as the sensor mixes at edges. "outline": the edge
+            is the object's silhouette, where no occluder stands in front of it; without
+            depth it must be.
+        scale: What the width of the robust loss is measured by: the "estimated" spread
+            of the residuals, the default, or, "fixed", standard deviations of the
+            sensor.
+        errors: Whether readings err "independent" of each other or "correlated" between
+            neighboring pixels as those of real sensors do; decides which covariance is
+            reported. What a sensor says of smooth errors (`CorrelatedNoise`) is counted
+            in any case. If None, the default, a sensor with a `MatchingWindow` that
+            says nothing of them errs correlated, others independent. Where the readings
+            contradict independence, they are taken for correlated; in a traced fit only
+            if that is said.
+        effort: How much work it takes: "fast", "balanced", the default, or "exact", or
+            an `Effort` with a setting of each dial, which says what each costs.
 
     Returns:
         The fit. A fit that failed says so in `status`, with infinite standard
@@ -95,7 +129,6 @@ def fit_cylinder(
         `undetermined`, and the standard deviations of all that is open are infinite.
 
     Raises:
-        TypeError: An option is unknown.
         ValueError: An argument has a wrong shape, dtype or value, the lists differ in
             length, the mask is empty, or it holds fewer than 50 readings; or without
             depth, the mask is none, or not said to be the outline.
@@ -104,7 +137,7 @@ def fit_cylinder(
         With `initial` given: of the cylinder in the depths, the camera and sigma, by
         the implicit function theorem at the solution.
     """
-    asked = Options.of(options)
+    asked = Options.of(fixed, prior, mask_meaning, scale, errors, effort)
     return fit_shown(CYLINDER, depth, camera, mask, sigma, initial, asked)
 
 
@@ -114,7 +147,13 @@ def fit_frustum(
     mask: Any = None,
     sigma: Any = None,
     initial: Frustum | None = None,
-    **options: Unpack[FitOptions],
+    *,
+    fixed: Sequence[str] = (),
+    prior: Mapping[str, Any] | None = None,
+    mask_meaning: MaskMeaning = "region",
+    scale: Scale = "estimated",
+    errors: Errors | None = None,
+    effort: Effort | str = "balanced",
 ) -> Fit:
     """Fit the ends and the two radii of a capped frustum to a depth image.
 
@@ -133,17 +172,23 @@ def fit_frustum(
         sigma: As in `fit_cylinder`.
         initial: Start of the fit, in the world frame; found from the image if None.
             It tells which end is p1.
-        options: What `FitOptions` lists.
+        fixed: Names of parameters that keep their value in `initial`, as in
+            `fit_cylinder`; none by default.
+        prior: Expected value and standard deviation of parameters by name, in meters
+            and radians, as in `fit_cylinder`; none by default.
+        mask_meaning: "region" by default, or "outline", as in `fit_cylinder`.
+        scale: "estimated" by default, or "fixed", as in `fit_cylinder`.
+        errors: "independent" or "correlated"; what `sigma` says if None.
+        effort: "fast", "balanced" (the default), "exact" or an `Effort`.
 
     Returns:
         The fit. A fit that failed says so in `status`, with infinite standard
         deviations.
 
     Raises:
-        TypeError: As in `fit_cylinder`, like the next.
-        ValueError: Likewise.
+        ValueError: As in `fit_cylinder`.
     """
-    asked = Options.of(options)
+    asked = Options.of(fixed, prior, mask_meaning, scale, errors, effort)
     return fit_shown(FRUSTUM, depth, camera, mask, sigma, initial, asked)
 
 
@@ -153,7 +198,13 @@ def fit_box(
     mask: Any = None,
     sigma: Any = None,
     initial: Box | None = None,
-    **options: Unpack[FitOptions],
+    *,
+    fixed: Sequence[str] = (),
+    prior: Mapping[str, Any] | None = None,
+    mask_meaning: MaskMeaning = "region",
+    scale: Scale = "estimated",
+    errors: Errors | None = None,
+    effort: Effort | str = "balanced",
 ) -> Fit:
     """Fit center, rotation and size of a box to a depth image: a carton, or a room.
 
@@ -177,7 +228,14 @@ def fit_box(
         sigma: As in `fit_cylinder`.
         initial: Start of the fit, in the world frame; found from the image if None. Its
             edges keep their order; without, they are in no order that means anything.
-        options: What `FitOptions` lists; a prior may be of `center` and `size`.
+        fixed: Names of parameters that keep their value in `initial`, as in
+            `fit_cylinder`; none by default.
+        prior: Expected value and standard deviation of parameters by name, in meters
+            and radians, as in `fit_cylinder`; none by default.
+        mask_meaning: "region" by default, or "outline", as in `fit_cylinder`.
+        scale: "estimated" by default, or "fixed", as in `fit_cylinder`.
+        errors: "independent" or "correlated"; what `sigma` says if None.
+        effort: "fast", "balanced" (the default), "exact" or an `Effort`.
 
     Returns:
         The fit; `std.rotation` is about the box's own axes, in radians, `std.size`
@@ -185,10 +243,9 @@ def fit_box(
         failed says so in `status`, with infinite standard deviations.
 
     Raises:
-        TypeError: As in `fit_cylinder`, like the next.
-        ValueError: Likewise; or depth is None.
+        ValueError: As in `fit_cylinder`; or depth is None.
     """
-    asked = Options.of(options)
+    asked = Options.of(fixed, prior, mask_meaning, scale, errors, effort)
     return fit_shown(BOX, depth, camera, mask, sigma, initial, asked)
 
 
@@ -198,7 +255,13 @@ def fit_sphere(
     mask: Any = None,
     sigma: Any = None,
     initial: Sphere | None = None,
-    **options: Unpack[FitOptions],
+    *,
+    fixed: Sequence[str] = (),
+    prior: Mapping[str, Any] | None = None,
+    mask_meaning: MaskMeaning = "region",
+    scale: Scale = "estimated",
+    errors: Errors | None = None,
+    effort: Effort | str = "balanced",
 ) -> Fit:
     """Fit center and radius of a sphere to a depth image.
 
@@ -212,17 +275,23 @@ def fit_sphere(
         mask: (H, W), as in `fit_cylinder`.
         sigma: As in `fit_cylinder`.
         initial: Start of the fit, in the world frame; found from the image if None.
-        options: What `FitOptions` lists.
+        fixed: Names of parameters that keep their value in `initial`, as in
+            `fit_cylinder`; none by default.
+        prior: Expected value and standard deviation of parameters by name, in meters
+            and radians, as in `fit_cylinder`; none by default.
+        mask_meaning: "region" by default, or "outline", as in `fit_cylinder`.
+        scale: "estimated" by default, or "fixed", as in `fit_cylinder`.
+        errors: "independent" or "correlated"; what `sigma` says if None.
+        effort: "fast", "balanced" (the default), "exact" or an `Effort`.
 
     Returns:
         The fit. A fit that failed says so in `status`, with infinite standard
         deviations.
 
     Raises:
-        TypeError: As in `fit_cylinder`, like the next.
-        ValueError: Likewise.
+        ValueError: As in `fit_cylinder`.
     """
-    asked = Options.of(options)
+    asked = Options.of(fixed, prior, mask_meaning, scale, errors, effort)
     return fit_shown(SPHERE, depth, camera, mask, sigma, initial, asked)
 
 
@@ -232,7 +301,13 @@ def fit_tube(
     mask: Any = None,
     sigma: Any = None,
     initial: Solid | None = None,
-    **options: Unpack[FitOptions],
+    *,
+    fixed: Sequence[str] = (),
+    prior: Mapping[str, Any] | None = None,
+    mask_meaning: MaskMeaning = "region",
+    scale: Scale = "estimated",
+    errors: Errors | None = None,
+    effort: Effort | str = "balanced",
 ) -> Fit:
     """Fit a tube, of outer and inner radius, to a depth image: a pipe, or a mug.
 
@@ -265,15 +340,21 @@ def fit_tube(
         sigma: As in `fit_cylinder`.
         initial: Start of the fit, as `ij.tube` makes it, in the world frame; found from
             the image if None.
-        options: What `FitOptions` lists.
+        fixed: Names of parameters that keep their value in `initial`, as in
+            `fit_cylinder`; none by default.
+        prior: Expected value and standard deviation of parameters by name, in meters
+            and radians, as in `fit_cylinder`; none by default.
+        mask_meaning: "region" by default, or "outline", as in `fit_cylinder`.
+        scale: "estimated" by default, or "fixed", as in `fit_cylinder`.
+        errors: "independent" or "correlated"; what `sigma` says if None.
+        effort: "fast", "balanced" (the default), "exact" or an `Effort`.
 
     Returns:
         The fit; its values are `fit.tube`. A fit that failed says so in `status`, with
         infinite standard deviations.
 
     Raises:
-        TypeError: As in `fit_cylinder`, like the next.
-        ValueError: Likewise; or `initial` is another solid than a tube.
+        ValueError: As in `fit_cylinder`; or `initial` is another solid than a tube.
     """
-    asked = Options.of(options)
+    asked = Options.of(fixed, prior, mask_meaning, scale, errors, effort)
     return fit_shown(TUBE, depth, camera, mask, sigma, initial, asked)

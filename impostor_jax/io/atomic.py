@@ -83,12 +83,12 @@ def check_output_folder(folder: Path, files: Sequence[str] = ()) -> None:
         files: Their names.
 
     Raises:
-        ValueError: One of the files is a folder.
-        OSError: They must not be written, or the folder is a file.
+        ValueError: One of the files is a folder, or the folder is a file.
+        OSError: They must not be written.
     """
     if _mode_of(folder) is not None:
         if not folder.is_dir():
-            raise FileExistsError(errno.EEXIST, os.strerror(errno.EEXIST), str(folder))
+            raise ValueError(f"output must be a folder, got the file {str(folder)!r}")
         _check_folder(folder)
         for file in files:
             check_output_file(folder / file)
@@ -102,8 +102,13 @@ def check_output_folder(folder: Path, files: Sequence[str] = ()) -> None:
 def _check_folder(folder: Path) -> None:
     """Raise an `OSError` unless a file can be made in a folder."""
     # Rights alone do not tell of a file system that takes no files.
-    with tempfile.TemporaryFile(dir=folder):
-        pass
+    try:
+        with tempfile.TemporaryFile(dir=folder):
+            pass
+    except OSError as error:
+        # It names the temporary file, of which the caller knows nothing.
+        reason = f"no file can be made in the folder ({error.strerror})"
+        raise OSError(error.errno, reason, str(folder)) from error
 
 
 def _require_output() -> None:

@@ -5,13 +5,13 @@ __all__ = ["read_picture", "srgb", "srgb_levels", "write_linear", "write_picture
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 from jaxtyping import Float, UInt8
 
 from impostor_jax.io.atomic import write_atomically
 from impostor_jax.io.depth_image import write_image
 from impostor_jax.io.image_file import Size
+from impostor_jax.opencv import cv2
 
 
 def srgb(linear: Any) -> Float[np.ndarray, "..."]:

@@ -25,7 +25,6 @@ import io
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 from jaxtyping import Bool, Float, UInt8
 
@@ -39,6 +38,7 @@ from impostor_jax.io.image_file import (
     read_integers,
     read_npy,
 )
+from impostor_jax.opencv import cv2
 
 DEFAULT_DEPTH_SCALE_M = 0.0001
 """Meters a unit of the PNG files that are written: 0.1 mm, up to 6.5 m."""

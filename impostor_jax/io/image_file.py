@@ -17,7 +17,6 @@ __all__ = [
 import io
 from pathlib import Path
 
-import cv2
 import numpy as np
 
 from impostor_jax.io.image_header import (
@@ -29,6 +28,7 @@ from impostor_jax.io.image_header import (
 )
 from impostor_jax.io.input_file import opened
 from impostor_jax.io.npy_file import check_npy_bytes, npy_header
+from impostor_jax.opencv import cv2
 from impostor_jax.plain_arguments import image_size
 
 MOST_EXTRA_BYTES = 2**26

@@ -12,7 +12,6 @@ PACKAGES = {
     "jaxlib": "jaxlib",
     "numpy": "numpy",
     "optimistix": "optimistix",
-    "opencv": "opencv-contrib-python-headless",
 }
 """Name in the record, and name of the distribution whose version it is."""
 
@@ -25,6 +24,10 @@ def package_versions() -> dict[str, str | None]:
             versions[name] = importlib.metadata.version(package)
         except importlib.metadata.PackageNotFoundError:
             versions[name] = None
+    # Any of its distributions may be the one that is there.
+    from impostor_jax.opencv import distributions
+
+    versions["opencv"] = next(iter(distributions().values()), None)
     return versions
 
 

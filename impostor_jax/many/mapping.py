@@ -4,26 +4,25 @@ __all__ = ["FAILED", "JOURNAL", "done_on", "map_images"]
 
 import contextlib
 import hashlib
-import importlib.metadata
 import itertools
 import json
 from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from functools import partial
-from inspect import signature
 from pathlib import Path
 from typing import Any
 
-from impostor_jax.find.cylinders import find_cylinders
-from impostor_jax.fit.options import Options
-from impostor_jax.fits.search_points import find_cylinders_in_points
+import impostor_jax
+from impostor_jax.effort import Effort
+from impostor_jax.fit.options import Errors, MaskMeaning, Options, Scale
 from impostor_jax.io.atomic import check_output_folder
 from impostor_jax.io.camera_file import CameraFile, FiledCamera
 from impostor_jax.many.inputs import items_of
-from impostor_jax.many.items import LABELS, MASK, AbstractItem
+from impostor_jax.many.items import LABELS, MASK, AbstractItem, CloudFile
 from impostor_jax.many.journal import Entry, Journal
 from impostor_jax.many.tasks import FITS, AbstractTask, FindTask, FitTask
 from impostor_jax.plain_arguments import one_of
+from impostor_jax.primitives.base import AbstractPrimitive
 from impostor_jax.workers import done_by, number_of_workers
 
 CHUNK = 8
@@ -31,9 +30,6 @@ CHUNK = 8
 
 JOURNAL = "results.jsonl"
 """File of what is done of a run, in its folder."""
-
-VERSION = importlib.metadata.version("impostor_jax")
-"""What another version finds may differ."""
 
 FAILED = "failed"
 """Status of an image that could not be read, searched or fitted."""
@@ -51,7 +47,19 @@ def map_images(
     files: bool = False,
     workers: int = 1,
     executor: Executor | None = None,
-    **options: Any,
+    sigma: Any = None,
+    prior: Mapping[str, Any] | None = None,
+    effort: Effort | str = "balanced",
+    origin: Any = None,
+    radius_range: tuple[float, float] | None = None,
+    min_arc: float | None = None,
+    min_pixels: int | None = None,
+    min_points: int | None = None,
+    initial: AbstractPrimitive | None = None,
+    fixed: Sequence[str] = (),
+    mask_meaning: MaskMeaning | None = None,
+    scale: Scale | None = None,
+    errors: Errors | None = None,
 ) -> Iterator[Entry]:
     """Find cylinders in many images, or fit one to each, and tell of each when done.
 
@@ -81,8 +89,24 @@ def map_images(
         workers: Number of processes; with 1 the work is done in this one.
         executor: What runs the work instead, such as
             `dask.distributed.Client.get_executor(pure=False)`.
-        options: Of `find_cylinders`, `find_cylinders_in_points`, `fit_cylinder` and
-            the like, by name: `sigma`, `prior`, `effort`.
+        sigma: Standard deviation of a reading in meters, or a noise model of the
+            sensor; measured in each image or cloud if None.
+        prior: Expected value and standard deviation of parameters by name, in meters
+            and radians, as in `fit_cylinder`; none by default.
+        effort: "fast", "balanced" (the default), "exact" or an `Effort`.
+        origin: (3,), where the sensor stood, in meters, of clouds whose file does not
+            say it.
+        radius_range: Of what is found: smallest and largest radius, in meters; like the
+            next three as in `find_cylinders`, whose default None stands for.
+        min_arc: Smallest angle about its axis over which it is seen, in radians.
+        min_pixels: Fewest pixels of it, in an image.
+        min_points: Fewest points of it, in a cloud.
+        initial: Start of what is fitted, in the world frame; found if None.
+        fixed: Names of parameters that keep their value in it; none by default.
+        mask_meaning: "region" or "outline"; like the next two as in `fit_cylinder`,
+            whose default None stands for.
+        scale: "estimated" or "fixed".
+        errors: "independent" or "correlated".
 
     Returns:
         What came of each, when it is done: its `name`, the `rows` of its cylinders as
@@ -106,7 +130,35 @@ def map_images(
         beside = [beside]
     given = [images] if isinstance(images, str | Path) else images
     items = items_of(given, file, beside, meaning)
-    asked = _task(task, options)
+    chosen = Options.of(
+        fixed, prior, mask_meaning or "region", scale or "estimated", errors, effort
+    )
+    of_search = {
+        "radius_range": radius_range,
+        "min_arc": min_arc,
+        "min_pixels": min_pixels,
+        "min_points": min_points,
+    }
+    of_fit = {
+        "initial": initial,
+        "fixed": tuple(fixed) or None,
+        "mask_meaning": mask_meaning,
+        "scale": scale,
+        "errors": errors,
+    }
+    are_clouds = isinstance(items[0], CloudFile)
+    _refuse(of_fit if task == "find" else of_search, f"task {task!r}")
+    _refuse(
+        {"min_pixels": min_pixels}
+        if are_clouds
+        else {"origin": origin, "min_points": min_points},
+        "clouds" if are_clouds else "images",
+    )
+    own = of_search if task == "find" else of_fit
+    told = {"sigma": sigma, "prior": prior, "origin": origin, **own}
+    options = {name: value for name, value in told.items() if value is not None}
+    options["effort"] = chosen.effort
+    asked = FindTask(options) if task == "find" else FitTask(options, task)
     folder = None if output is None else Path(output)
     if folder is not None:
         check_output_folder(folder, (JOURNAL,))
@@ -121,25 +173,11 @@ def map_images(
     )
 
 
-def _task(name: str, options: Mapping[str, Any]) -> AbstractTask:
-    """The task of a name, "find" or what is fitted.
-
-    Args:
-        name: As in `map_images`.
-        options: Of the search or the fit.
-
-    Raises:
-        TypeError: An option is unknown.
-        ValueError: One has a value that is not allowed.
-    """
-    if name == "find":
-        known = {*signature(find_cylinders).parameters}
-        known |= {*signature(find_cylinders_in_points).parameters}
-        for option in options:
-            one_of("option", option, sorted(known - {"depth", "camera", "points"}))
-        return FindTask(options)
-    Options.of({k: v for k, v in options.items() if k not in ("sigma", "initial")})
-    return FitTask(options, name)
+def _refuse(given: Mapping[str, Any], what: str) -> None:
+    """Raise where an option is given that has no meaning."""
+    for name, value in given.items():
+        if value is not None:
+            raise ValueError(f"{name} must not be given with {what}, got {value!r}")
 
 
 def done_on(
@@ -201,7 +239,8 @@ def _is_done(
 
 def _made_from(item: AbstractItem, task: AbstractTask, *, has_files: bool) -> str:
     """Digest of what the rows of an item, and its files, depend on."""
-    told = [item.fingerprint(), task.told(), VERSION, has_files]
+    # What another version finds may differ.
+    told = [item.fingerprint(), task.told(), impostor_jax.__version__, has_files]
     return hashlib.sha256(json.dumps(told, sort_keys=True).encode()).hexdigest()
 
 
@@ -224,7 +263,7 @@ def _entry(task: AbstractTask, output: Path | None, item: AbstractItem) -> Entry
             words = f"{type(error).__name__}: {words}"
         rows = [{"status": FAILED, "reason": words}]
         return Entry(item.name, None, [{"image": item.name, **row} for row in rows])
-    said = {"version": VERSION}
+    said = {"version": impostor_jax.__version__}
     return Entry(
         item.name, made_from, [{"image": item.name, **row, **said} for row in rows]
     )

@@ -4,13 +4,13 @@ __all__ = ["outline_path", "picture_url"]
 
 import base64
 
-import cv2
 import matplotlib
 import numpy as np
 from jaxtyping import Float, UInt8
 
 from impostor_jax.camera.base import AbstractCamera
 from impostor_jax.camera.pinhole import PinholeCamera
+from impostor_jax.opencv import cv2
 from impostor_jax.page.shown import ImageView
 from impostor_jax.primitives.base import AbstractPrimitive
 from impostor_jax.primitives.cylinder import Cylinder

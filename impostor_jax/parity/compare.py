@@ -11,12 +11,12 @@ __all__ = [
 
 import dataclasses
 
-import cv2
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from impostor_jax.glsl.conventions import DrawnMaps
 from impostor_jax.numerics import eps
+from impostor_jax.opencv import cv2
 from impostor_jax.parity.condition import Condition
 
 

@@ -14,12 +14,12 @@ __all__ = [
 import itertools
 import math
 
-import cv2
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
 from impostor_jax.geometry.frames import RigidTransform
+from impostor_jax.opencv import cv2
 from impostor_jax.parity.case import Case, camera_of_kind, camera_on
 from impostor_jax.primitives.box import Box
 from impostor_jax.primitives.cylinder import Cylinder

@@ -7,13 +7,13 @@ import re
 from collections.abc import Sequence
 from pathlib import Path
 
-import cv2
 import numpy as np
 from jaxtyping import Float, UInt8
 
 from impostor_jax.glsl.conventions import DrawnMaps
 from impostor_jax.io.atomic import write_atomically, write_json, write_text
 from impostor_jax.numerics import eps
+from impostor_jax.opencv import cv2
 from impostor_jax.parity.run import Row
 from impostor_jax.parity.traced import TracedRow
 

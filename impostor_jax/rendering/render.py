@@ -19,7 +19,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from impostor_jax.arguments import is_concrete, one_of, real_number, working_precision
-from impostor_jax.camera.base import AbstractCamera
+from impostor_jax.camera.base import AbstractCamera, not_accepted
 from impostor_jax.camera.pixels import Tile
 from impostor_jax.compiling import kept
 from impostor_jax.effort import Effort, effort_of
@@ -98,7 +98,7 @@ def render(
     if not isinstance(camera, AbstractCamera):
         raise ValueError(
             "camera must be a camera, such as an ij.PinholeCamera, got "
-            f"{type(camera).__name__}"
+            f"{not_accepted(camera)}"
         )
     if isinstance(primitive, AbstractPrimitive):
         check_single(primitive)

@@ -18,7 +18,7 @@ from impostor_jax.arguments import (
     whole_number,
     working_precision,
 )
-from impostor_jax.camera.base import AbstractCamera
+from impostor_jax.camera.base import AbstractCamera, not_accepted
 from impostor_jax.camera.pinhole import PinholeCamera
 from impostor_jax.camera.pixels import Pixels, Tile
 from impostor_jax.compiling import kept
@@ -97,7 +97,7 @@ def trace(
     if not isinstance(camera, AbstractCamera):
         raise ValueError(
             "camera must be a camera, such as an ij.PinholeCamera, got "
-            f"{type(camera).__name__}"
+            f"{not_accepted(camera)}"
         )
     if not isinstance(lights, Sequence):
         raise ValueError(

@@ -17,9 +17,9 @@ from scipy import ndimage, special
 from scipy.optimize import linear_sum_assignment
 
 from impostor_jax.arguments import bounded_number, real_number, whole_number
-from impostor_jax.camera.base import AbstractCamera, posed
+from impostor_jax.camera.base import AbstractCamera, not_accepted, posed
 from impostor_jax.camera.pinhole import PinholeCamera
-from impostor_jax.effort import Effort, effort_of
+from impostor_jax.effort import Effort
 from impostor_jax.find.cylinders import checked_radii, find_cylinders
 from impostor_jax.find.search import Request
 from impostor_jax.fit.measured import NOT_MEASURED, law_of_noise
@@ -116,7 +116,7 @@ class Tracker:
     ):
         if not isinstance(camera, PinholeCamera):
             raise ValueError(
-                f"camera must be a PinholeCamera, got {type(camera).__name__}"
+                f"camera must be a PinholeCamera, got {not_accepted(camera)}"
             )
         self.camera = camera
         self.noise: AbstractDepthNoise | None = (
@@ -144,7 +144,7 @@ class Tracker:
             "radius_range": checked_radii(radius_range, None),
             "min_pixels": whole_number("min_pixels", min_pixels, 1, unit="pixels"),
         }
-        self._options = Options.of({"effort": effort_of(effort)})
+        self._options = Options.of(effort=effort)
         self._careful = Options()
         self._followed: list[Followed] = []
         self._planes = NO_PLANES

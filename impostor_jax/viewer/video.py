@@ -7,11 +7,11 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 from jaxtyping import UInt8
 
 from impostor_jax.camera.pinhole import PinholeCamera
+from impostor_jax.opencv import cv2
 from impostor_jax.track.track import Track, TrackStatus
 from impostor_jax.viewer.figure import fitted_outline
 

@@ -4,6 +4,7 @@ import re
 import subprocess
 import sys
 
+import cv2
 import jax
 import pytest
 
@@ -26,6 +27,7 @@ def test_a_report_tells_versions_devices_and_the_cache(capsys, monkeypatch, tmp_
     text = report(capsys)
     assert re.search(r"^version +\d", text, re.M)
     assert re.search(rf"^jax +{re.escape(jax.__version__)}$", text, re.M)
+    assert re.search(rf"^OpenCV +{re.escape(cv2.__version__)}$", text, re.M)
     assert re.search(r"^device +cpu 0: cpu$", text, re.M)
     assert re.search(r"^OpenGL +\S", text, re.M)
     assert re.search(r"^extra gl +moderngl \S+, playwright \S+$", text, re.M)

@@ -116,7 +116,7 @@ def refuse(*arguments, **options):
         (("--json", "{folder}"), "json must be a file, got the folder"),
         (("--json", "/proc/a.json"), "/proc"),
         (("--output", "/proc/out"), "/proc"),
-        (("--output", "{folder}/depth.npy"), "File exists"),
+        (("--output", "{folder}/depth.npy"), "output must be a folder, got the file"),
         (("--output", "{folder}/taken"), "got the folder"),
     ],
 )

@@ -122,6 +122,7 @@ def error_of(call, capsys, *arguments):
     ("changes", "message"),
     [
         ({"--preset": "shelf"}, "preset must be one of bench"),
+        ({"--output": "/proc/x"}, "can be made in the folder"),
         ({"--preset": "shelf.json"}, "'shelf.json' does not exist"),
         ({"--output": ""}, "--output must not be empty"),
         ({"--count": "0"}, "count must be a whole number from 1"),

@@ -17,7 +17,7 @@ def test_a_fit_of_parallel_rays_forgets_the_camera_that_stood_in(monkeypatch):
     monkeypatch.setattr(fitting, "fit_shape", lambda *given: can_fit())
     assert can_fit().asked.arguments is not None
     depth, mask = image()
-    noise, options = ij.ConstantNoise(SIGMA), Options.of({})
+    noise, options = ij.ConstantNoise(SIGMA), Options()
     fitter = fitting.Fitter.of(depth, ORTHOGRAPHIC, noise, SIGMA, options)
     fit = fitter._fit(mask, None, ij.Effort())
     assert fit.asked.arguments is None

@@ -1,6 +1,7 @@
 import functools
 import subprocess
 import sys
+from pathlib import Path
 
 import jax
 import jax.numpy as jnp
@@ -237,6 +238,16 @@ DEPTH, MASK = image()
         ({"depth": DEPTH[:-1]}, r"depth must have the camera's shape \(120, 160\)"),
         ({"depth": DEPTH.astype(np.uint16)}, "depth must be floating-point meters"),
         ({"depth": -DEPTH}, "depth must not be negative"),
+        ({"depth": "depth.png"}, "must be an array, got the text 'depth.png': read"),
+        ({"depth": Path("a.npy")}, "must be an array, got the text 'a.npy': read"),
+        ({"depth": DEPTH.tolist()}, r"got a list of list: np.asarray\(depth\)"),
+        ({"mask": "mask.png"}, "mask must be an array, got the text 'mask.png': read"),
+        ({"mask": MASK.tolist()}, r"or np.asarray\(mask\) of lists of numbers"),
+        ({"camera": ()}, "camera must be a camera, got tuple; ij.camera_from makes"),
+        ({"sigma": "stereo"}, "such as ij.StructuredLight.*, got the text 'stereo'"),
+        ({"sigma": ij.StructuredLight}, "got the class StructuredLight, of which an"),
+        ({"sigma": ij.StructuredLight.sensor}, "function sensor, whose result is"),
+        ({"sigma": 0.001 + 0 * DEPTH}, r"same for all .* array of shape \(120, 160\)"),
         ({"depth": 0 * DEPTH, "mask": None}, "at least 50 readings, got 0"),
         ({"mask": MASK[:, :-1]}, r"mask must have the camera's shape \(120, 160\)"),
         ({"mask": MASK * 1.0}, "mask must be of booleans or integers, got float64"),
@@ -247,10 +258,7 @@ DEPTH, MASK = image()
         ({"fixed": ("size",)}, "fixed must be one of center, axis, radius, height"),
         ({"fixed": "radius"}, "fixed must be a sequence of names"),
         ({"fixed": ("radius",)}, "initial must be given with fixed="),
-        ({"mask_meaning": "edge"}, "mask_meaning must be one of region, outline"),
         ({"effort": "slow"}, "effort must be an Effort or one of fast, balanced"),
-        ({"scale": "free"}, "scale must be one of estimated, fixed"),
-        ({"errors": "white"}, "errors must be one of independent, correlated"),
         ({"prior": {"size": (1, 1)}}, "prior must be one of center, axis"),
         ({"prior": {"radius": 0.04}}, "must be a value and a standard deviation"),
         ({"prior": {"radius": (0.04, 0)}}, "deviation of prior.* must be a positive"),
@@ -281,15 +289,27 @@ for arguments in ({"camera": "kinect"}, {"camera": camera, "initial": "can"}):
         ij.fit_cylinders(np.ones((2, 120, 160)), **{"camera": camera} | arguments)
     except ValueError as error:
         print(error)
+for option in ({"mask_meaning": "edge"}, {"scale": "free"}, {"errors": "white"}):
+    try:
+        ij.fit_cylinder(np.ones((120, 160)), camera, **option)
+    except ValueError as error:
+        print(error)
 """
     found = subprocess.run(
         [sys.executable, "-c", program], capture_output=True, text=True, check=True
     )
+    kinect = (
+        "the text 'kinect'; ij.camera_from makes one of a matrix K, or of another "
+        "program's"
+    )
     assert found.stdout.splitlines() == [
-        "camera must be a PinholeCamera or a SphericalCamera, got str",
-        "camera must be a PinholeCamera or a SphericalCamera, got str",
+        "camera must be a PinholeCamera or a SphericalCamera, got " + kinect,
+        "camera must be a PinholeCamera or a SphericalCamera, got " + kinect,
         "initial must be one Cylinder, got 'can'",
         "initial must be a batch of 2 cylinders, got 'can'",
+        "mask_meaning must be one of region, outline; got 'edge'",
+        "scale must be one of estimated, fixed; got 'free'",
+        "errors must be one of independent, correlated; got 'white'",
     ]
 
 

@@ -103,26 +103,6 @@ def test_an_end_that_is_not_seen_has_the_radius_of_the_wall_beside_it():
     assert coordinates_of(found)[5:7] == ("radius1", "radius2")
 
 
-@pytest.mark.parametrize(
-    "call",
-    [
-        lambda depth, **asked: ij.fit_cylinder(depth, CAMERA, **asked),
-        lambda depth, **asked: ij.fit_sphere(depth, CAMERA, **asked),
-        lambda depth, **asked: ij.fit_frustum(depth, CAMERA, **asked),
-        lambda depth, **asked: ij.fit_cylinders(depth[None], CAMERA, **asked),
-        lambda depth, **asked: ij.fit_labels(depth, CAMERA, 1 * (depth > 0), **asked),
-    ],
-    ids=["cylinder", "sphere", "frustum", "cylinders", "labels"],
-)
-def test_an_unknown_option_is_named_with_those_there_are(call):
-    depth = np.ones((120, 160))
-    allowed = ", ".join(ij.FitOptions.__annotations__)
-    with pytest.raises(TypeError, match=f"options {allowed}, got 'fixd'"):
-        call(depth, fixd=("radius",))
-    with pytest.raises(TypeError, match=r"call ij.test_taper\(fit\)"):
-        call(depth, test_taper=True)
-
-
 @SMALL_IMAGES
 def test_several_fits_are_counted_indexed_and_iterated():
     depth, mask = image()

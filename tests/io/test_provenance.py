@@ -2,6 +2,7 @@
 
 import subprocess
 
+import cv2
 import jax
 
 from impostor_jax.io import provenance
@@ -10,7 +11,8 @@ from impostor_jax.io import provenance
 def test_versions_are_those_of_the_packages():
     versions = provenance.package_versions()
     assert versions["jax"] == jax.__version__
-    assert set(versions) == {"python", *provenance.PACKAGES}
+    assert versions["opencv"].startswith(cv2.__version__)
+    assert set(versions) == {"python", "opencv", *provenance.PACKAGES}
 
 
 def test_git_says_nothing_of_a_copy_that_is_no_part_of_a_tree(tmp_path, monkeypatch):

@@ -132,7 +132,9 @@ def test_files_are_written_in_folders_of_the_names(folder):
         ({"masks": "m"}, "mask must be given with what is fitted alone"),
         ({"masks": "m", "labels": "m", "task": "box"}, "not be given together"),
         ({"workers": 0}, "workers must be at least 1"),
-        ({"sigmas": 1}, "option must be one of"),
+        ({"fixed": ("radius",)}, "fixed must not be given with task 'find'"),
+        ({"min_arc": 1.0, "task": "box"}, "min_arc must not be given with task 'box'"),
+        ({"min_points": 60}, "min_points must not be given with images"),
         ({"task": "box", "effort": "slow"}, "effort must be"),
     ],
 )
