@@ -1,6 +1,7 @@
 from . import io
 from .calibrate.calibration import calibrate_sensor
 from .camera.base import AbstractCamera
+from .camera.opengl import NearFar, near_far_of
 from .camera.orthographic import OrthographicCamera
 from .camera.pinhole import PinholeCamera
 from .camera.pixels import Tile
@@ -120,6 +121,7 @@ __all__ = [
     "LateralNoise",
     "MatchingWindow",
     "Material",
+    "NearFar",
     "OrthographicCamera",
     "Outline",
     "OutlineGap",
@@ -168,6 +170,7 @@ __all__ = [
     "io",
     "lit",
     "map_images",
+    "near_far_of",
     "outline",
     "outline_box",
     "outline_tile",

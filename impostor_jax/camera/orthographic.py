@@ -12,6 +12,7 @@ from typing_extensions import override
 
 from impostor_jax.arguments import image_size, real_number
 from impostor_jax.camera.base import AbstractCamera, Projection
+from impostor_jax.camera.opengl import orthographic_arguments, pose_of_view
 from impostor_jax.camera.pixels import (
     PixelBox,
     Pixels,
@@ -68,6 +69,24 @@ class OrthographicCamera(AbstractCamera):
         self.cy = real_number("cy", cy, unit="pixels")
         self.width, self.height = image_size(width, height)
         self.camera_from_world = RigidTransform.of(camera_from_world)
+
+    @staticmethod
+    def from_opengl(
+        projection: Any, size: Any, view: Any = None
+    ) -> "OrthographicCamera":
+        """The camera of an orthographic projection of OpenGL, as of glOrtho.
+
+        Args:
+            projection: (4, 4), as of `PinholeCamera.from_opengl`.
+            size: Width and height of the viewport, in pixels.
+            view: As of `PinholeCamera.from_opengl`. Rays start in its plane z = 0,
+                whatever the near plane is.
+
+        Raises:
+            ValueError: As of `PinholeCamera.from_opengl`, of a perspective projection.
+        """
+        arguments = orthographic_arguments(projection, size)
+        return OrthographicCamera(**arguments, camera_from_world=pose_of_view(view))
 
     @property
     @override

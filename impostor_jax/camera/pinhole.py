@@ -24,6 +24,7 @@ from impostor_jax.camera.lens import (
     solve_ray_field,
     undistort_step,
 )
+from impostor_jax.camera.opengl import perspective_arguments, pose_of_view
 from impostor_jax.camera.pixels import (
     PixelBox,
     Pixels,
@@ -114,6 +115,27 @@ class PinholeCamera(AbstractCamera):
             self.width,
             self.height,
         )
+
+    @staticmethod
+    def from_opengl(projection: Any, size: Any, view: Any = None) -> "PinholeCamera":
+        """The camera of a perspective projection of OpenGL, as of glFrustum.
+
+        It sees each point in the pixel that OpenGL draws it in, whose center is at 0.5
+        there. The third row counts for `near_far_of` alone.
+
+        Args:
+            projection: (4, 4), which multiplies column vectors; may be traced.
+            size: Width and height of the viewport, in pixels.
+            view: View matrix of OpenGL, (4, 4), from the world to a camera that looks
+                along -z with y up; may be traced. None where this package's camera
+                frame is the world frame.
+
+        Raises:
+            ValueError: It is an orthographic projection, or one that is skewed,
+                mirrored or in row vectors' order; or the view is no rigid motion.
+        """
+        arguments = perspective_arguments(projection, size)
+        return PinholeCamera(**arguments, camera_from_world=pose_of_view(view))
 
     def matrix(self) -> Float[np.ndarray, "3 3"]:
         """Intrinsic matrix K, in pixels; the fields must be concrete."""

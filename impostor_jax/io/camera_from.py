@@ -5,7 +5,7 @@ __all__ = ["camera_from"]
 from typing import Any
 
 from impostor_jax.camera.pinhole import PinholeCamera
-from impostor_jax.io.foreign_camera import camera_arguments
+from impostor_jax.io.foreign_camera import camera_arguments, camera_pose
 
 
 def camera_from(
@@ -14,7 +14,8 @@ def camera_from(
     """Make a camera of another program's, which is told by its fields.
 
     The program need not be installed. Principal points are moved to where this package
-    has them, the center of the first pixel at 0: COLMAP's by half a pixel. Lenses are
+    has them, the center of the first pixel at 0: those of COLMAP and PyTorch3D by half
+    a pixel. Lenses are
     converted where OpenCV's models hold them exactly, and refused otherwise.
 
     Give the camera that took the depth. Many drivers deliver depth that is aligned to a
@@ -36,13 +37,19 @@ def camera_from(
               and, without tangential terms, `modified_` and `inverse_brown_conrady`.
             - `pycolmap.Camera`, or a line of `cameras.txt`: SIMPLE_PINHOLE, PINHOLE,
               SIMPLE_RADIAL, RADIAL, OPENCV, OPENCV_FISHEYE or FULL_OPENCV.
+            - `pytorch3d.renderer.PerspectiveCameras`, one of them, in normalized device
+              coordinates or (`in_ndc` false) in pixels: `focal_length`,
+              `principal_point`, `image_size` (height and width), and `R` and `T` of its
+              pose. Without these the camera frame is this package's, with x right and
+              y down.
             - A matrix K, (3, 3), in OpenCV's pixels.
-        size: Width and height in pixels, of a matrix K alone.
-        camera_from_world: Pose, as `PinholeCamera` takes it.
+        size: Width and height in pixels, of a matrix K, or of a camera of PyTorch3D
+            that has no `image_size`.
+        camera_from_world: Pose, as `PinholeCamera` takes it; in place of R and T.
 
     Raises:
         ValueError: It is none of these, or what it says cannot be had exactly.
     """
-    return PinholeCamera(
-        **camera_arguments(camera, size), camera_from_world=camera_from_world
-    )
+    arguments = camera_arguments(camera, size)
+    pose = camera_pose(camera) if camera_from_world is None else camera_from_world
+    return PinholeCamera(**arguments, camera_from_world=pose)

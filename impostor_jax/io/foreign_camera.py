@@ -1,21 +1,24 @@
 """Cameras of other programs, told by their fields, as arguments of `PinholeCamera`.
 
-None of the programs is needed, and neither is JAX. Two things differ between them:
+None of the programs is needed, and neither is JAX. Three things differ between them:
 
 - The principal point. OpenCV, ROS and RealSense have the center of the first pixel at
   0, as this package has. Open3D's clouds of depth images have, too, though its cast
-  rays go through centers at 0.5. COLMAP has it at 0.5, which is taken off here.
+  rays go through centers at 0.5. COLMAP has it at 0.5, which is taken off here,
+  and so has PyTorch3D: its normalized device coordinates end with the image.
 - The lens. What OpenCV's models hold exactly is converted; all else is refused.
+- The camera frame. That of PyTorch3D has x left and y up, and a pose goes with it.
 
 References:
     ROS: sensor_msgs/CameraInfo and distortion_models.hpp, and
     camera_calibration_parsers for YAML. RealSense: projection.md and rsutil.h of
     librealsense, and pyrealsense2 2.59 for what its models compute. COLMAP: "Camera
     Models" and "Output Format" of its documentation, models.h, and pycolmap 4.2.
-    Open3D: `create_from_depth_image` and `create_rays_pinhole` of 0.20.
+    Open3D: `create_from_depth_image` and `create_rays_pinhole` of 0.20. PyTorch3D:
+    "Cameras" of its notes, and `cameras.py` of 0.7.
 """
 
-__all__ = ["camera_arguments"]
+__all__ = ["camera_arguments", "camera_pose"]
 
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
@@ -24,7 +27,7 @@ import numpy as np
 
 KINDS = (
     "an intrinsic of Open3D, a CameraInfo of ROS, intrinsics of RealSense, a camera of "
-    "COLMAP, or a matrix K with a size"
+    "COLMAP, PerspectiveCameras of PyTorch3D, or a matrix K with a size"
 )
 
 Arguments = dict[str, Any]
@@ -36,20 +39,36 @@ def camera_arguments(given: Any, size: Any = None) -> Arguments:
     Args:
         given: The camera: an object, a mapping with the same names, a line of COLMAP's
             `cameras.txt`, or a matrix K.
-        size: Width and height in pixels; of a matrix K, and of nothing else.
+        size: Width and height in pixels; of a matrix K, of a camera of PyTorch3D that
+            has no `image_size`, and of nothing else.
 
     Raises:
         ValueError: It is none of these, or what it says cannot be had exactly.
     """
     kind = _kind(given)
-    if size is not None and kind is not _of_matrix:
+    if kind in (_of_matrix, _of_pytorch3d):
+        return kind(given, size)
+    if size is not None:
         raise ValueError(
             f"size must be given with a matrix K alone, got {size!r}: a camera has its "
             "own"
         )
-    if kind is _of_matrix:
-        return _of_matrix(given, size)
     return kind(given)
+
+
+def camera_pose(given: Any) -> np.ndarray | None:
+    """`camera_from_world`, (4, 4), of a camera that holds a pose; None of others.
+
+    Args:
+        given: A camera that `camera_arguments` takes.
+    """
+    if _kind(given) is not _of_pytorch3d or not (_has(given, "R") and _has(given, "T")):
+        return None
+    rotation = _single("R", _get(given, "R"), (3, 3))
+    pose = np.eye(4)
+    # It multiplies row vectors.
+    pose[:3, :3], pose[:3, 3] = rotation.T, _single("T", _get(given, "T"), (3,))
+    return np.diag([-1.0, -1.0, 1.0, 1.0]) @ pose
 
 
 def _kind(given: Any) -> Callable[..., Arguments]:
@@ -63,6 +82,7 @@ def _kind(given: Any) -> Callable[..., Arguments]:
         (("camera_matrix", "image_width", "image_height"), _of_ros),
         (("k", "d", "distortion_model"), _of_ros),
         (("K", "D", "distortion_model"), _of_ros),
+        (("focal_length", "principal_point"), _of_pytorch3d),
     ]
     for names, convert in kinds:
         if all(_has(given, name) for name in names):
@@ -211,6 +231,67 @@ def _of_colmap(given: Any) -> Arguments:
         count = 8 if "k4" in values else 5
         lens = {"distortion": [values.get(name, 0.0) for name in OPENCV[:count]]}
     return {"fx": fx, "fy": fy, **center, **_size(given), **lens}
+
+
+def _of_pytorch3d(given: Any, size: Any) -> Arguments:
+    """PerspectiveCameras, one of them: of normalized device coordinates or pixels."""
+    if not _told(given, "is_perspective"):
+        raise ValueError(
+            "camera must be PerspectiveCameras of PyTorch3D, got "
+            f"{type(given).__name__}, which are of another projection"
+        )
+    if _has(given, "K") and _get(given, "K") is not None:
+        raise ValueError(
+            "camera must have no K, but a focal_length and a principal_point"
+        )
+    width, height = _pytorch3d_size(given, size)
+    focal = _single("focal_length", _get(given, "focal_length"), (2,), (1,), ())
+    point = _single("principal_point", _get(given, "principal_point"), (2,))
+    (fx, fy), (cx, cy) = np.broadcast_to(focal, (2,)).tolist(), point.tolist()
+    if _told(given, "in_ndc"):
+        # From -1 to 1 along the shorter side, to the left and upward.
+        half = min(width, height) / 2
+        fx, fy = fx * half, fy * half
+        cx, cy = width / 2 - cx * half, height / 2 - cy * half
+    intrinsics = {"fx": fx, "fy": fy, "cx": cx - 0.5, "cy": cy - 0.5}
+    return {**intrinsics, "width": _whole(width), "height": _whole(height)}
+
+
+def _pytorch3d_size(given: Any, size: Any) -> tuple[float, float]:
+    if not _has(given, "image_size"):
+        if size is None:
+            raise ValueError(
+                "size must be given with a camera without image_size: width and height"
+            )
+        width, height = _numbers("size", size, 2)
+    elif size is not None:
+        raise ValueError(
+            f"size must not be given with a camera that has image_size, got {size!r}"
+        )
+    else:
+        height, width = _single("image_size", _get(given, "image_size"), (2,))
+    return width, height
+
+
+def _told(given: Any, name: str) -> bool:
+    """What a method, or a field, says; true where there is none."""
+    if not _has(given, name):
+        return True
+    value = _get(given, name)
+    return bool(value() if callable(value) else value)
+
+
+def _single(name: str, given: Any, *shapes: tuple[int, ...]) -> np.ndarray:
+    """Numbers of one of some shapes, or of a batch of one; also of a tensor."""
+    tensor = getattr(given, "detach", None)
+    numbers = _numbers(name, given if tensor is None else tensor().cpu())
+    for shape in shapes:
+        if numbers.shape in (shape, (1, *shape)):
+            return numbers.reshape(shape)
+    raise ValueError(
+        f"{name} must be that of one camera, of shape {shapes[0]}, got the shape "
+        f"{numbers.shape}"
+    )
 
 
 def _lens(numbers: np.ndarray, counts: Sequence[int], model: str) -> Arguments:

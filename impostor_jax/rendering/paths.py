@@ -28,6 +28,7 @@ from jaxtyping import Array, Bool, Float, Int
 from impostor_jax.geometry.rays import Ray
 from impostor_jax.geometry.vec3 import Vec3
 from impostor_jax.numerics import Numbers
+from impostor_jax.rendering.clipping import Clipping
 from impostor_jax.rendering.follow import followed, member_of, placed, shape_of
 from impostor_jax.rendering.group import Group
 from impostor_jax.rendering.lights import AbstractLight, reflected
@@ -54,6 +55,7 @@ class World(NamedTuple):
         anchors: Of each group's shapes, by which hits are rounded.
         lights: That shine on them.
         background: Color of rays that meet nothing.
+        clipping: Beyond which depth rays that set out meet nothing; None for no end.
     """
 
     shapes: Searched
@@ -61,6 +63,7 @@ class World(NamedTuple):
     anchors: Sequence[Float[Array, "n 4"]]
     lights: Sequence[AbstractLight]
     background: Vec3
+    clipping: Clipping | None
 
 
 class Path(NamedTuple):
@@ -108,6 +111,7 @@ def world_of(
     materials: Material,
     lights: Sequence[AbstractLight],
     background: Float[Array, "3"],
+    clipping: Clipping | None = None,
 ) -> World:
     """Put together what rays can meet.
 
@@ -117,15 +121,15 @@ def world_of(
             all are made.
         lights: In the frame of the rays.
         background: Color of rays that meet nothing.
+        clipping: What depths rays see that set out; None for all.
     """
     count = materials.color.shape[0]
     own = [
         jax.tree.map(lambda x, g=group: x[jnp.clip(g.index, 0, count - 1)], materials)
         for group in groups
     ]
-    return World(
-        searched(groups), own, anchors(groups), lights, Vec3.from_array(background)
-    )
+    sky = Vec3.from_array(background)
+    return World(searched(groups), own, anchors(groups), lights, sky, clipping)
 
 
 def color_of(
@@ -204,6 +208,9 @@ def met(world: World, path: Path) -> tuple[Surface, Path]:
     """What rays meet, and the paths of those that meet anything."""
     ray = path.ray
     t, code = first_met(world.shapes, ray, path.live)
+    if world.clipping is not None:
+        point = ray.at(jnp.where(jnp.isfinite(t), t, 0))
+        code = jnp.where((path.level == 0) & world.clipping.is_beyond(point), -1, code)
     t, normal = followed((world.shapes.groups, ray), t, code, True)
     assert normal is not None
     hits = path.live & (code >= 0)

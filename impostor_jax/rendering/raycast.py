@@ -10,6 +10,7 @@ from impostor_jax.camera.base import AbstractCamera
 from impostor_jax.geometry.rays import Hit, Ray
 from impostor_jax.geometry.vec3 import Vec3
 from impostor_jax.primitives.base import in_camera_frame
+from impostor_jax.rendering.clipping import Clipping
 from impostor_jax.rendering.closest import closest
 from impostor_jax.rendering.group import is_searched
 from impostor_jax.rendering.scene import Scene, Shown
@@ -26,6 +27,7 @@ def raycast(
     row: Int[Array, "h w"],
     col: Int[Array, "h w"],
     with_normal: bool,
+    clipping: Clipping | None = None,
 ) -> dict[str, Array]:
     """Maps of some pixels, all but the coverage, by the names of `GeometryMaps`.
 
@@ -37,19 +39,23 @@ def raycast(
         row: Rows of the pixels.
         col: Columns of the pixels.
         with_normal: Whether the normal is wanted; it is not among them if not.
+        clipping: What depths are seen; None for all.
 
     Derivatives:
         As of `render`.
     """
     ray = camera.rays(row, col, primitive.dtype)
-    t, normal, index, part = first_surface(primitive, camera, ray, with_normal)
+    cast = ray if clipping is None else clipping.started(ray)
+    t, normal, index, part = first_surface(primitive, camera, cast, with_normal)
     sees = camera.sees(row, col)
     if sees is not None:
         t = jnp.where(sees, t, jnp.inf)
-        if normal is not None:
-            zero = jnp.zeros_like(t)
-            normal = normal.where(sees, Vec3(zero, zero, zero))
+    if clipping is not None:
+        t = clipping.depth(t)
     mask = jnp.isfinite(t)
+    if normal is not None and not (sees is None and clipping is None):
+        zero = jnp.zeros_like(t)
+        normal = normal.where(mask, Vec3(zero, zero, zero))
     point = ray.at(jnp.where(mask, t, 0)).stack()
     maps = {
         "depth": t,

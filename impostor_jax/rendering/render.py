@@ -26,6 +26,7 @@ from impostor_jax.effort import Effort, effort_of
 from impostor_jax.numerics import Scalar
 from impostor_jax.primitives.base import AbstractPrimitive, check_single
 from impostor_jax.primitives.local_world import seen_near
+from impostor_jax.rendering.clipping import Clipping, clipping_of
 from impostor_jax.rendering.coverage import coverage
 from impostor_jax.rendering.maps import MISSES, OUTPUTS, GeometryMaps
 from impostor_jax.rendering.raycast import raycast
@@ -40,6 +41,8 @@ def render(
     tile: Tile | None = None,
     effort: Effort | str = "balanced",
     miss: float = math.inf,
+    near: Any = None,
+    far: Any = None,
 ) -> GeometryMaps:
     """Render a shape or a scene; only the outputs that are asked for are computed.
 
@@ -58,6 +61,11 @@ def render(
         effort: How much work it takes: "fast", "balanced" or "exact", or an `Effort`
             with a setting of each dial.
         miss: Depth, range and point of a pixel that hits nothing.
+        near: Depth in meters, as the map `depth` has it, in front of which everything
+            is cut away; None for 0. Of a solid that is cut the inside is seen. It may
+            be traced, as `far` may. A surface at the very depth, to rounding, may be
+            seen or not.
+        far: Depth in meters behind which everything is cut away; None for no end.
 
     Returns:
         The maps in the camera frame, of the shape of the tile, or of every n-th
@@ -67,10 +75,13 @@ def render(
         ValueError: An output is unknown, the shape is a batch, or the effort cannot be
             had: the exact coverage of a scene, or of a shape without an outline in
             closed form; several samples with a lens or a `SphericalCamera`; a traced
-            shape in a precision that is not JAX's own; a miss that is NaN.
+            shape in a precision that is not JAX's own; a miss that is NaN; a near
+            that is negative, or a far that is not more; the exact coverage of what
+            they cut.
 
     Derivatives:
-        Those of the primitives, finite everywhere; 0 on a miss. A loss needs a target
+        Those of the primitives, finite everywhere; 0 on a miss, and in near and far,
+        with which nothing moves that is seen. A loss needs a target
         that is finite, too: NaN or infinity in one, where `jnp.where` does not take it,
         still makes the gradient NaN. `depth_loss` minds that,
 
@@ -105,20 +116,22 @@ def render(
     if miss != math.inf:
         miss = real_number("miss", miss, unit="meters")
     effort = effort_of(effort)
-    given = (primitive, camera, tile)
+    clipping = clipping_of(near, far, camera)
+    given = (primitive, camera, tile, clipping)
     with working_precision(effort.precision, given) as converted:
         camera, primitive = seen_near(camera, primitive)
         primitive, camera = converted((primitive, camera))
         stride = effort.stride
-        samples = _samples(primitive, effort) if "coverage" in outputs else 0
+        has_coverage = "coverage" in outputs
+        samples = _samples(primitive, effort, clipping) if has_coverage else 0
         asked = (tuple(sorted(set(outputs))), stride, samples)
         if effort.extent == "tile" and tile is None and _has_tile(primitive, camera):
             assert isinstance(primitive, AbstractPrimitive)
-            small = outline_tile(primitive, camera, margin=int("coverage" in outputs))
+            small = outline_tile(primitive, camera, margin=int(has_coverage))
             small = _on_grid(small, camera, stride)
-            maps = _render_in_frame(primitive, camera, small, *asked)
+            maps = _render_in_frame(primitive, camera, small, clipping, *asked)
         else:
-            maps = _render(primitive, camera, tile, *asked)
+            maps = _render(primitive, camera, tile, clipping, *asked)
         return maps if miss == math.inf else _with_miss(maps, miss)
 
 
@@ -132,16 +145,17 @@ def _with_miss(maps: GeometryMaps, miss: Scalar) -> GeometryMaps:
     return dataclasses.replace(maps, depth=depth, range=range_, point=point)
 
 
-def _samples(primitive: Shown, effort: Effort) -> int:
+def _samples(primitive: Shown, effort: Effort, clipping: Clipping | None) -> int:
     """Rays along each side of a pixel for the coverage; 0 for the exact area."""
     if effort.outline == "hard":
         return 1
     if effort.samples > 1:
         return effort.samples
-    if isinstance(primitive, Scene):
+    if isinstance(primitive, Scene) or clipping is not None:
+        what = "a scene" if clipping is None else "what near and far cut"
         raise ValueError(
             "effort must have samples of 2 or more, or a hard outline, for the "
-            "coverage of a scene, whose exact area is not known"
+            f"coverage of {what}, whose exact area is not known"
         )
     return 0
 
@@ -168,6 +182,7 @@ def _render(
     primitive: Shown,
     camera: AbstractCamera,
     tile: Tile | None,
+    clipping: Clipping | None,
     outputs: tuple[str, ...],
     stride: int,
     samples: int,
@@ -178,18 +193,19 @@ def _render(
         primitive: As in `render`.
         camera: As in `render`.
         tile: As in `render`.
+        clipping: What depths are seen; None for all.
         outputs: As in `render`, in the order of their names.
         stride: Of an `Effort`.
         samples: Rays along each side of a pixel for the coverage; 0 for the exact area.
     """
     tile = camera.frame if tile is None else tile
     row, col = (pixel[::stride, ::stride] for pixel in tile.pixels())
-    maps = raycast(primitive, camera, row, col, "normal" in outputs)
+    maps = raycast(primitive, camera, row, col, "normal" in outputs, clipping)
     if "coverage" in outputs:
         if samples == 1:
             covered = maps["mask"].astype(primitive.dtype)
         elif samples:
-            covered = _sampled_coverage(primitive, camera, row, col, samples)
+            covered = _sampled_coverage(primitive, camera, row, col, samples, clipping)
         else:
             assert isinstance(primitive, AbstractPrimitive)
             covered = coverage(primitive, camera, tile)[::stride, ::stride]
@@ -203,6 +219,7 @@ def _sampled_coverage(
     row: Int[Array, "h w"],
     col: Int[Array, "h w"],
     samples: int,
+    clipping: Clipping | None,
 ) -> Float[Array, "h w"]:
     """Share of a square grid of rays in each pixel that hit anything."""
     place = (np.arange(samples) + 0.5) / samples - 0.5
@@ -210,8 +227,8 @@ def _sampled_coverage(
 
     def add(total: Float[Array, "h w"], place: Float[Array, "2"]):
         moved = camera.shifted(place[0], place[1])
-        mask = raycast(primitive, moved, row, col, with_normal=False)["mask"]
-        return total + mask.astype(total.dtype), None
+        maps = raycast(primitive, moved, row, col, False, clipping)
+        return total + maps["mask"].astype(total.dtype), None
 
     blank = jnp.zeros(row.shape, primitive.dtype)
     total, _ = jax.lax.scan(add, blank, jnp.asarray(places, blank.dtype))
@@ -223,12 +240,13 @@ def _render_in_frame(
     primitive: AbstractPrimitive,
     camera: AbstractCamera,
     tile: Tile,
+    clipping: Clipping | None,
     outputs: tuple[str, ...],
     stride: int,
     samples: int,
 ) -> GeometryMaps:
     """The maps of the whole image, of which a tile shows all that is seen."""
-    maps = _render(primitive, camera, tile, outputs, stride, samples)
+    maps = _render(primitive, camera, tile, clipping, outputs, stride, samples)
     height, width = -(-camera.height // stride), -(-camera.width // stride)
     start = jnp.asarray(tile.row) // stride, jnp.asarray(tile.col) // stride
 

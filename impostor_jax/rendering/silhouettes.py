@@ -7,6 +7,7 @@ how many there would be if the border of the image did not cut it off.
 __all__ = ["Silhouettes", "silhouettes"]
 
 from functools import partial
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -16,10 +17,12 @@ from jaxtyping import Array, Bool, Int
 from impostor_jax.camera.base import AbstractCamera, check_planar
 from impostor_jax.camera.pinhole import PinholeCamera
 from impostor_jax.camera.pixels import PixelBox, linear_pixel_box
+from impostor_jax.geometry.rays import Ray
 from impostor_jax.primitives.base import AbstractPrimitive, in_camera_frame
 from impostor_jax.primitives.local_world import near_its_camera
 from impostor_jax.rendering.blocks import Rectangles, Tiling, rectangles_of
 from impostor_jax.rendering.bounds import image_bounds
+from impostor_jax.rendering.clipping import Clipping, clipping_of
 
 TILING = Tiling(8, 32)
 """Blocks. Long rows fill the processor's lanes."""
@@ -71,7 +74,11 @@ class _Found(eqx.Module):
 
 @near_its_camera
 def silhouettes(
-    shapes: AbstractPrimitive, camera: AbstractCamera, margin: Margin = (0, 0)
+    shapes: AbstractPrimitive,
+    camera: AbstractCamera,
+    margin: Margin = (0, 0),
+    near: Any = None,
+    far: Any = None,
 ) -> Silhouettes:
     """Find the pixels whose center's ray meets a shape, whatever else is before it.
 
@@ -85,10 +92,14 @@ def silhouettes(
             without one.
         margin: Rows above and below the image, and columns on its left and right, in
             which pixels are counted, too.
+        near: Depth in meters, as `render` has it, in front of which everything is cut
+            away; None for 0. It may be traced, as `far` may.
+        far: Depth in meters behind which everything is cut away; None for no end.
 
     Raises:
-        ValueError: The shapes are no batch (n,), the margin is negative, or the camera
-            is no `PinholeCamera` and there is a margin.
+        ValueError: The shapes are no batch (n,), the margin or near is negative, far
+            is not more than near, or the camera is no `PinholeCamera` and there is a
+            margin.
     """
     if len(shapes.batch_shape) != 1:
         raise ValueError(
@@ -98,12 +109,15 @@ def silhouettes(
         raise ValueError(f"margin must not be negative, got {margin} pixels")
     if any(margin):
         check_planar(camera)
-    return _silhouettes(shapes, camera, margin)
+    return _silhouettes(shapes, camera, clipping_of(near, far, camera), margin)
 
 
 @partial(jax.jit, static_argnames="margin")
 def _silhouettes(
-    shapes: AbstractPrimitive, camera: AbstractCamera, margin: Margin
+    shapes: AbstractPrimitive,
+    camera: AbstractCamera,
+    clipping: Clipping | None,
+    margin: Margin,
 ) -> Silhouettes:
     shapes = jax.vmap(lambda shape: in_camera_frame(shape, camera))(shapes)
     row, col = camera.frame.pixels()
@@ -125,7 +139,7 @@ def _silhouettes(
             mask, found = state
             corner = _corner(mine, number)
             ray, real = jax.tree.map(lambda x: cut(x, corner), (rays, is_pixel))
-            hit = shape.intersect(ray).mask & real
+            hit = _is_met(shape, ray, clipping) & real
             mask = jax.lax.dynamic_update_slice(mask, hit, corner)
             return mask, found.and_(hit, *_pixels(corner))
 
@@ -133,12 +147,22 @@ def _silhouettes(
         mask, found = jax.lax.fori_loop(0, mine.count, at_block, start)
         if any(margin):
             assert isinstance(camera, PinholeCamera)
-            found = _beyond(shape, camera, margin, found)
+            found = _beyond(shape, camera, clipping, margin, found)
         low, high = found.low, found.high
         box = PixelBox(low[0], high[0], low[1], high[1])
         return Silhouettes(mask[: camera.height, : camera.width], found.count, box)
 
     return jax.lax.map(cover, (shapes, blocks))
+
+
+def _is_met(
+    shape: AbstractPrimitive, ray: Ray, clipping: Clipping | None
+) -> Bool[Array, "h w"]:
+    """Whether rays of a camera meet a shape at a depth that is seen."""
+    if clipping is None:
+        return shape.intersect(ray).mask
+    t = shape.intersect(clipping.started(ray)).t
+    return jnp.isfinite(clipping.depth(t))
 
 
 def _corner(
@@ -161,7 +185,11 @@ def _pixels(
 
 
 def _beyond(
-    shape: AbstractPrimitive, camera: PinholeCamera, margin: Margin, found: _Found
+    shape: AbstractPrimitive,
+    camera: PinholeCamera,
+    clipping: Clipping | None,
+    margin: Margin,
+    found: _Found,
 ) -> _Found:
     """What is found with a shape's pixels in the margin, which are cast as needed."""
     above, left = margin
@@ -185,7 +213,7 @@ def _beyond(
         outside = outside & (row < wide.height) & (col < wide.width)
 
         def cast(found: _Found) -> _Found:
-            hit = shape.intersect(wide.rays(row, col, shape.dtype)).mask
+            hit = _is_met(shape, wide.rays(row, col, shape.dtype), clipping)
             return found.and_(hit & outside, y, x)
 
         return jax.lax.cond(jnp.any(outside), cast, lambda found: found, found)

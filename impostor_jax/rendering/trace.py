@@ -26,6 +26,7 @@ from impostor_jax.effort import Effort, effort_of
 from impostor_jax.geometry.rays import Ray
 from impostor_jax.geometry.vec3 import Vec3
 from impostor_jax.primitives.local_world import seen_near
+from impostor_jax.rendering.clipping import Clipping, clipping_of
 from impostor_jax.rendering.edges import Cast, nearest_line
 from impostor_jax.rendering.group import padded_size
 from impostor_jax.rendering.half_pixels import halves
@@ -48,6 +49,8 @@ def trace(
     tile: Tile | None = None,
     effort: Effort | str = "balanced",
     edges: str = "hard",
+    near: Any = None,
+    far: Any = None,
 ) -> Float[Array, "h w 3"]:
     """Trace the rays of a picture: Lambert, Phong, shadows, mirrors and glass.
 
@@ -70,7 +73,12 @@ def trace(
             is made of the two sides, each seen through its middle and weighted by its
             area. The edge is taken for a straight line, and of several in a pixel, or
             in each of its `samples` times `samples` parts, the one nearest to the
-            middle counts. Edges seen in mirrors and through glass stay hard.
+            middle counts. Edges seen in mirrors and through glass stay hard, and so do
+            those of what `near` and `far` cut.
+        near: Depth in meters, as `render` has it, in front of which the camera sees
+            nothing; None for 0. Of a solid that is cut it sees the inside. Rays to
+            lights, from mirrors and through glass meet all there is.
+        far: Depth in meters behind which it sees the background; None for no end.
 
     Returns:
         Linear RGB from 0 up; nothing is clipped.
@@ -84,7 +92,8 @@ def trace(
 
     Raises:
         ValueError: A value is out of range, there are not as many materials as shapes,
-            something is none of what it should be, or several samples or edges="area"
+            something is none of what it should be, near is negative or far is not
+            more, or several samples or edges="area"
             are asked for with a lens or a `SphericalCamera`.
 
     References:
@@ -123,7 +132,8 @@ def trace(
             'edges must be "hard" for a camera with a lens or a SphericalCamera, whose '
             f"rays are known through the centers of pixels alone, got {edges!r}"
         )
-    given = (scene, camera, tile, list(lights), _padded(made), background)
+    clipping = clipping_of(near, far, camera)
+    given = (scene, camera, tile, list(lights), _padded(made), background, clipping)
     with working_precision(effort.precision, given) as converted:
         camera, scene, *lights = seen_near(camera, scene, *lights)
         given = (scene, camera, tile, lights, *given[4:])
@@ -168,6 +178,7 @@ def _traced(
     lights: list[AbstractLight],
     materials: Material,
     background: Float[Array, "3"],
+    clipping: Clipping | None,
     depth: int,
     stride: int,
     sampling: Sampling,
@@ -179,13 +190,15 @@ def _traced(
         lights = [light.transformed(camera.camera_from_world) for light in lights]
     groups = scene.seen_by(camera).groups
     materials = jax.tree.map(lambda x: x.astype(scene.dtype), materials)
-    world = world_of(groups, materials, lights, background.astype(scene.dtype))
+    sky = background.astype(scene.dtype)
+    world = world_of(groups, materials, lights, sky, clipping)
 
     def rays(row: Pixels, col: Pixels, place: Float[Array, "2"]) -> tuple[Ray, Array]:
         centered = sampling.samples == 1 and edges == "hard"
         place = place.astype(scene.dtype)
         moved = camera if centered else camera.shifted(place[0], place[1])
         ray = moved.rays(row, col, scene.dtype)
+        ray = ray if clipping is None else clipping.started(ray)
         sees, cast = moved.sees(row, col), jnp.isfinite(ray.direction.x)
         return ray, cast if sees is None else cast & sees
 

@@ -150,6 +150,50 @@ def test_a_matrix_with_a_size_and_a_pose_are_read():
     assert camera.camera_from_world.translation[2] == 2
 
 
+def pytorch3d(focal, point, is_ndc=True, **changes):
+    """The fields and methods of PyTorch3D's cameras 0.7, of which one is in a batch."""
+    fields = {
+        "focal_length": np.array(focal), "principal_point": np.array([point]),
+        # A turn of 90 degrees about z.
+        "R": np.array([[[0.0, 1, 0], [-1, 0, 0], [0, 0, 1]]]),
+        "T": np.array([[0.1, -0.2, 0.5]]),
+        "in_ndc": lambda: is_ndc, "is_perspective": lambda: True,
+    }  # fmt: skip
+    return types.SimpleNamespace(**(fields | changes))
+
+
+# Of its notes on cameras: the same camera in both ways.
+NDC = pytorch3d([1.2], (0.2, 0.5), image_size=np.array([[128, 256]]))
+SCREEN = pytorch3d(
+    [[76.8, 76.8]], (115.2, 32.0), is_ndc=False, image_size=np.array([[128, 256]])
+)
+
+
+def test_cameras_of_pytorch3d_see_what_its_formulas_say():
+    point = np.array([0.4, 0.3, 2.0])
+    x, y, z = point @ NDC.R[0] + NDC.T[0]
+    # To normalized device coordinates, left and up, and from them to the screen.
+    ndc = np.array([1.2 * x / z + 0.2, 1.2 * y / z + 0.5])
+    screen = np.array([256, 128]) / 2 - ndc * 128 / 2
+    for given in (NDC, SCREEN):
+        camera = ij.camera_from(given)
+        assert (camera.width, camera.height) == (256, 128)
+        with jax.enable_x64(True):
+            pose = ij.RigidTransform(*jax.tree.leaves(camera.camera_from_world))
+            pixel = camera.project(pose.apply(point))
+        np.testing.assert_allclose(pixel, screen - 0.5, rtol=1e-6)
+
+
+def test_plain_numbers_of_pytorch3d_have_no_pose_but_that_which_is_given():
+    record = {"focal_length": 1.2, "principal_point": (0.2, 0.5), "in_ndc": True}
+    camera = ij.camera_from(record, (256, 128))
+    assert camera.camera_from_world is None
+    assert (camera.fx, camera.fy) == (76.8, 76.8)
+    assert (camera.cx, camera.cy) == (114.7, 31.5)
+    placed = ij.camera_from(NDC, camera_from_world=np.eye(4))
+    np.testing.assert_array_equal(placed.camera_from_world.rotation, np.eye(3))
+
+
 CUT = types.SimpleNamespace(x_offset=8, y_offset=0, width=10, height=48)
 EYE = np.eye(3)
 
@@ -180,6 +224,15 @@ EYE = np.eye(3)
         (Colmap("FOV", [1, 2, 3, 4, 5]), None, "model must be one of SIMPLE_PINHOLE"),
         (Colmap("PINHOLE", [1, 2, 3]), None, "params of PINHOLE must be 4 numbers"),
         ("1 PINHOLE 640", None, "a line of COLMAP's cameras.txt"),
+        (NDC, (256, 128), "size must not be given with a camera that has image_size"),
+        (pytorch3d([1.2], (0, 0)), None, "a camera without image_size"),
+        (
+            pytorch3d([1.2], (0, 0), is_perspective=lambda: False),
+            (64, 48),
+            "which are of another projection",
+        ),
+        (pytorch3d([1.2], (0, 0), K=EYE), (64, 48), "must have no K"),
+        (pytorch3d([1.2] * 3, (0, 0)), (64, 48), "focal_length must be that"),
     ],
 )
 def test_what_cannot_be_had_exactly_is_refused(given, size, message):
