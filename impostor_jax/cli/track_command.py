@@ -11,7 +11,12 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import tyro
 
-from impostor_jax.cli.given import chosen_noise, hints_on_stderr, images_of
+from impostor_jax.cli.given import (
+    chosen_noise,
+    hints_on_stderr,
+    images_of,
+    priors_of,
+)
 from impostor_jax.cli.inputs import check_images, check_noise, check_video
 
 if TYPE_CHECKING:
@@ -66,6 +71,10 @@ class TrackCommand:
     """Seconds for which what is gone is kept."""
     radius_range: tuple[float, float] | None = None
     """Smallest and largest radius, in meters."""
+    prior_radius: tuple[float, float] | None = None
+    """Expected radius of every cylinder and its standard deviation, in meters."""
+    prior_height: tuple[float, float] | None = None
+    """Expected height and its standard deviation, in meters."""
     output: Path = Path("tracks.csv")
     """Table to write: .csv, or .parquet (extra: table)."""
     video: Path | None = None
@@ -101,6 +110,7 @@ class TrackCommand:
             search_every=self.search_every,
             patience=self.patience,
             absence=self.absence,
+            prior=priors_of(self.prior_radius, self.prior_height),
             **asked,
         )
         rows, identities = [], set()
