@@ -110,6 +110,9 @@ class TrackCommand:
         from impostor_jax.page.track_page import TrackPage
         from impostor_jax.track.tracker import Tracker
 
+        asked: dict[str, Any] = {}
+        if self.radius_range is not None:
+            asked["radius_range"] = self.radius_range
         tracker = Tracker(
             camera,
             chosen_noise(self.sigma, self.sensor, lambda: camera),
@@ -118,7 +121,7 @@ class TrackCommand:
             patience=self.patience,
             absence=self.absence,
             prior=priors_of(self.prior_radius, self.prior_height),
-            **({"radius_range": self.radius_range} if self.radius_range else {}),
+            **asked,
         )
         rows, identities = [], set()
         page = None if self.page is None else TrackPage()
