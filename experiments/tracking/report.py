@@ -22,7 +22,7 @@ COMPARED = (
 
 
 def tables(results: Results) -> str:
-    """Intervals by case, counts of videos, and times."""
+    """Intervals by case, counts of videos, times, and what a camera drops."""
     values = results.values
 
     def number(name: str, factor: float = 1.0, digits: int = 1) -> str:
@@ -50,6 +50,34 @@ def tables(results: Results) -> str:
         [name, number(f"time.{name}.median"), number(f"time.{name}.slow")]
         for name in ("tracked", "searched", "find_cylinders")
     ]
+    dropped = [
+        [
+            case.removeprefix("real_time."),
+            number(f"{case}.dropped", 100),
+            number(f"{case}.median"),
+            number(f"{case}.slow"),
+            number(f"{case}.missed", 100),
+            number(f"{case}.switches", digits=0),
+            number(f"{case}.aside", 1e6),
+            number(f"{case}.speed", 1e3),
+            number(f"{case}.radius", 1e6),
+        ]
+        for case in results.cases("real_time.", ".dropped")
+    ]
+    of_real_time = table(
+        [
+            "images taken",
+            "dropped, %",
+            "delay, ms",
+            "99 %, ms",
+            "not followed, %",
+            "switches",
+            "place: error, um",
+            "velocity: error, mm/s",
+            "std of radius, um",
+        ],
+        dropped,
+    )
     kept = number("hidden.kept", 100)
     return "\n\n".join(
         [
@@ -67,6 +95,7 @@ def tables(results: Results) -> str:
                 counts,
             ),
             table(["image", "median, ms", "99 %, ms"], times),
+            *([of_real_time] if dropped else []),
             f"Hidden for 20 images: {kept} % of the cans keep their identity.",
         ]
     )

@@ -17,10 +17,10 @@ from data_synth.presets import PRESETS
 from experiments.fitting import NORMAL_95
 from experiments.recording import Metric
 from experiments.running import RunConfig, main
+from experiments.tracking.real_time import real_time, track_of
 from experiments.tracking.report import COMPARED, draw, tables
 from experiments.tracking.scenes import CAMERA, hidden_video, table_video
 from impostor_jax.evaluate_tracks import evaluate_tracks, score_tracks, track_errors
-from impostor_jax.track.track import Track
 
 SIGMA = 1e-3
 
@@ -29,9 +29,6 @@ SCALES = {"white": 0.0, "scale": 0.01}
 
 HIDDEN = 20
 """Images for which a can is hidden."""
-
-NEAR = 0.05
-"""Meters within which a track is of a can."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -53,6 +50,8 @@ def measure(config: Config) -> Iterator[Metric]:
     for case in cases:
         yield from _intervals(case, config)
     yield _hidden(config)
+    rng = np.random.default_rng(config.seed)
+    yield from real_time(list(table_video(4 * config.images, SIGMA, 0.0, rng)), SIGMA)
     if not config.run.quick:
         yield from _drawn(config)
         yield from _times(config)
@@ -79,7 +78,7 @@ def _intervals(case: str, config: Config) -> Iterator[Metric]:
                 first.setdefault(track.identity, float(track.std.radius))
         num_cans += len(cans)
         for can in cans:
-            track = _track_of(can, tracks)
+            track = track_of(can, tracks)
             if track is None:
                 continue
             falls.append(float(track.std.radius) / first[track.identity])
@@ -102,16 +101,6 @@ def _intervals(case: str, config: Config) -> Iterator[Metric]:
     yield Metric(f"{label}.radius.fall", fall, None, "1", "lower", len(falls))
 
 
-def _track_of(can: ij.Cylinder, tracks: tuple[Track, ...]) -> Track | None:
-    """The track that is near a can, if there is one."""
-    away = [
-        float(np.linalg.norm(np.subtract(one.cylinder.center, can.center)))
-        for one in tracks
-    ]
-    best = int(np.argmin(away)) if away else 0
-    return tracks[best] if away and away[best] < NEAR else None
-
-
 def _hidden(config: Config) -> Metric:
     """Share of cans that have their identity after they were hidden."""
     kept = []
@@ -120,7 +109,7 @@ def _hidden(config: Config) -> Metric:
         tracker = ij.Tracker(CAMERA, SIGMA)
         first = last = None
         for frame in hidden_video(6, HIDDEN, 4, SIGMA, rng):
-            track = _track_of(frame.cans[0], tracker.step(frame.depth))
+            track = track_of(frame.cans[0], tracker.step(frame.depth))
             last = None if track is None else track.identity
             first = last if first is None else first
         kept.append(last is not None and last == first)

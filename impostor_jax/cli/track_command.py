@@ -6,12 +6,18 @@ import contextlib
 import dataclasses
 import sys
 from collections.abc import Iterator, Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import tyro
 
-from impostor_jax.cli.given import chosen_noise, hints_on_stderr, images_of
+from impostor_jax.cli.given import (
+    chosen_noise,
+    hints_on_stderr,
+    images_of,
+    priors_of,
+)
 from impostor_jax.cli.inputs import check_images, check_noise, check_video
 
 if TYPE_CHECKING:
@@ -40,7 +46,8 @@ class TrackCommand:
     """Follow every cylinder through a video of depth images.
 
     Writes a table with a row for each track in each image: identity, status, estimate,
-    velocity and standard deviations. A folder is a sequence of TUM RGB-D, BOP, ScanNet
+    velocity and standard deviations. With --page, a page for a browser, too, with a
+    slider over the images. A folder is a sequence of TUM RGB-D, BOP, ScanNet
     or Redwood, with its cameras and poses, or, with --camera, one of depth images in
     the order of their names. The exit code is 0 if a cylinder was followed, 1 if none
     was found and 2 if the input is bad.
@@ -66,16 +73,25 @@ class TrackCommand:
     """Seconds for which what is gone is kept."""
     radius_range: tuple[float, float] | None = None
     """Smallest and largest radius, in meters."""
+    prior_radius: tuple[float, float] | None = None
+    """Expected radius of every cylinder and its standard deviation, in meters."""
+    prior_height: tuple[float, float] | None = None
+    """Expected height and its standard deviation, in meters."""
     output: Path = Path("tracks.csv")
     """Table to write: .csv, or .parquet (extra: table)."""
     video: Path | None = None
     """Video to write, too: .mp4 or .avi, of the depth images with the outlines and
     identities of the tracks, those that are lost in gray."""
+    page: Path | None = None
+    """HTML file on which the tracks are looked at image by image, in a browser with
+    WebGL2: in space, their numbers, and small depth images with the outlines."""
 
     def run(self) -> int:
         """Run the command; returns the exit code."""
         from tqdm import tqdm
 
+        from impostor_jax.cli.ending import stream_beside
+        from impostor_jax.io.atomic import check_output_file
         from impostor_jax.io.tables import check_table, columns_of, write_rows
         from impostor_jax.plain_arguments import plain_number, whole_number
 
@@ -84,11 +100,14 @@ class TrackCommand:
         whole_number("search_every", self.search_every, 1)
         check_table(self.output, "output")
         check_video(self.video)
+        if self.page is not None:
+            check_output_file(self.page, "page")
         if not self.folder.is_dir():
             raise ValueError(f"folder {str(self.folder)!r} does not exist")
         camera, count, images = self._images()
         # This starts JAX.
         from impostor_jax.camera.base import posed
+        from impostor_jax.page.track_page import TrackPage
         from impostor_jax.track.tracker import Tracker
 
         asked: dict[str, Any] = {}
@@ -101,9 +120,11 @@ class TrackCommand:
             search_every=self.search_every,
             patience=self.patience,
             absence=self.absence,
+            prior=priors_of(self.prior_radius, self.prior_height),
             **asked,
         )
         rows, identities = [], set()
+        page = None if self.page is None else TrackPage()
         shown = tqdm(images, total=count, unit="image", disable=None, file=sys.stderr)
         with hints_on_stderr(), self._video(camera) as video:
             for number, image in enumerate(shown):
@@ -113,12 +134,20 @@ class TrackCommand:
                 identities |= {track.identity for track in tracks}
                 place = {"image": number, "name": image.name}
                 rows += [place | columns_of(track.to_dict()) for track in tracks]
+                pose = image.camera_from_world
+                seen_by = camera if pose is None else posed(camera, pose)
                 if video is not None:
-                    pose = image.camera_from_world
-                    seen_by = camera if pose is None else posed(camera, pose)
                     video.add(image.depth, seen_by, tracks)
+                if page is not None:
+                    seconds = image.seconds
+                    if seconds is None:
+                        seconds = number / self.frame_rate
+                    page.add(image.depth, seen_by, tracks, seconds)
         write_rows(lambda: rows, self.output)
-        print(f"{self.output}: {len(identities)} cylinders in {count} images")
+        tell = partial(print, file=stream_beside(self.page))
+        tell(f"{self.output}: {len(identities)} cylinders in {count} images")
+        if self.page is not None and page is not None:
+            page.save(self.page)
         return 0 if identities else 1
 
     @contextlib.contextmanager

@@ -5,7 +5,7 @@ points in space, colored by their residuals; the shapes are drawn by the shaders
 parity compares with JAX; and both meet in one depth buffer.
 """
 
-__all__ = ["FitPage", "fit_page", "view"]
+__all__ = ["DIALECT", "FitPage", "drawn_message", "fit_page", "packed", "view"]
 
 import base64
 import dataclasses
@@ -180,9 +180,9 @@ def _view_message(
             outline_path(one.fit.shape, view.camera) if one.fit.is_shape else ""
             for one in shown
         ],
-        "places": _packed(frame.from_camera(readings.place, view.camera)),
-        "residuals": _packed(readings.residual),
-        "owners": _packed(readings.owner),
+        "places": packed(frame.from_camera(readings.place, view.camera)),
+        "residuals": packed(readings.residual),
+        "owners": packed(readings.owner),
         "footprint": readings.footprint,
         "taken_from": frame.from_camera(np.zeros(3), view.camera).tolist(),
     }
@@ -203,18 +203,18 @@ def _shape_message(shown: Shown, frame: PageFrame) -> dict[str, Any]:
     }
     if not fit.is_shape:
         return message
-    message["drawn"] = _drawn_message(fit.shape, frame)
+    message["drawn"] = drawn_message(fit.shape, frame)
     wires = wires_of(fit)
     if wires is not None:
         message["wires"] = {
-            "places": _packed(frame.apply(wires.place)),
-            "changes": _packed(frame.turned(wires.change)),
+            "places": packed(frame.apply(wires.place)),
+            "changes": packed(frame.turned(wires.change)),
             "most": wires.most,
         }
     return message
 
 
-def _drawn_message(shape: AbstractPrimitive, frame: PageFrame) -> dict[str, Any]:
+def drawn_message(shape: AbstractPrimitive, frame: PageFrame) -> dict[str, Any]:
     """What draws a shape: its shaders and its instance, in the frame of the page."""
     (call,) = calls_of([frame.batch(shape)])
     impostor = call.impostor
@@ -230,6 +230,6 @@ def _drawn_message(shape: AbstractPrimitive, frame: PageFrame) -> dict[str, Any]
     }
 
 
-def _packed(values: Any) -> str:
+def packed(values: Any) -> str:
     """Numbers as base64 of 32-bit floats, the lowest byte first."""
     return base64.b64encode(np.ascontiguousarray(values, "<f4").tobytes()).decode()

@@ -4,7 +4,7 @@ There the numbers are small, so that single precision, which shaders have, is en
 wherever the world has its origin.
 """
 
-__all__ = ["PageFrame", "page_frame"]
+__all__ = ["PageFrame", "frame_around", "page_frame", "pose_of"]
 
 import dataclasses
 from collections.abc import Sequence
@@ -51,7 +51,7 @@ class PageFrame:
         self, points: Float[np.ndarray, "*n 3"], camera: AbstractCamera
     ) -> Float[np.ndarray, "*n 3"]:
         """Map points of a camera's frame."""
-        rotation, translation = _pose(camera)
+        rotation, translation = pose_of(camera)
         return self.apply((points - translation) @ rotation)
 
     def batch(self, shape: AbstractPrimitive) -> Batch:
@@ -67,7 +67,7 @@ def page_frame(shown: Sequence[Shown], views: Sequence[ImageView]) -> PageFrame:
         shown: The fits.
         views: Their images; at least one.
     """
-    rotation, translation = _pose(views[0].camera)
+    rotation, translation = pose_of(views[0].camera)
     as_camera = PageFrame(rotation, translation, 0.0)
     batches = [as_camera.batch(one.fit.shape) for one in shown if one.fit.is_shape]
     if batches:
@@ -76,6 +76,33 @@ def page_frame(shown: Sequence[Shown], views: Sequence[ImageView]) -> PageFrame:
     else:
         centers = np.concatenate([_looked_at(view, as_camera) for view in views])
         radii = np.zeros(len(centers))
+    return _around(rotation, translation, centers, radii)
+
+
+def frame_around(
+    camera: AbstractCamera,
+    centers: Float[np.ndarray, "n 3"],
+    radii: Float[np.ndarray, " n"],
+) -> PageFrame:
+    """The frame in which some balls of the world are central.
+
+    Args:
+        camera: The first one.
+        centers: In meters; at least one.
+        radii: In meters.
+    """
+    rotation, translation = pose_of(camera)
+    in_camera = centers @ rotation.T + translation
+    return _around(rotation, translation, in_camera, radii)
+
+
+def _around(
+    rotation: Float[np.ndarray, "3 3"],
+    translation: Float[np.ndarray, "3"],
+    centers: Float[np.ndarray, "n 3"],
+    radii: Float[np.ndarray, " n"],
+) -> PageFrame:
+    """The frame of balls whose centers are told in that of a camera."""
     low = np.min(centers - radii[:, None], axis=0)
     high = np.max(centers + radii[:, None], axis=0)
     middle = (low + high) / 2
@@ -93,7 +120,7 @@ def _looked_at(view: ImageView, frame: PageFrame) -> Float[np.ndarray, "n 3"]:
     return np.array([[0.0, 0.0, 1.0]])
 
 
-def _pose(
+def pose_of(
     camera: AbstractCamera,
 ) -> tuple[Float[np.ndarray, "3 3"], Float[np.ndarray, "3"]]:
     """Rotation and translation of `camera_from_world`."""

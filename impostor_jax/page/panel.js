@@ -1,46 +1,12 @@
 "use strict";
 // What stands beside the scene, and what a person does with both.
 
-const scene = JSON.parse(document.getElementById("scene").textContent);
-const [canvas, note] = ["view", "note"].map((id) => document.getElementById(id));
 const DIGITS = 2;            // of the legend
-const SLANT = { yaw: -0.45, pitch: -0.25 };  // of the first view: beside the camera's
 const shown = { hidden: new Set(), points: true, colored: true, wires: true,
                 times: scene.deviations, opacity: 0.35, chosen: null };
-let stage = null, asked = 0;
 let view = new Orbit(scene.up, SLANT);
 
-function made(tag, properties = {}, children = []) {
-  const one = Object.assign(document.createElement(tag), properties);
-  one.append(...children);
-  return one;
-}
-
-function svg(tag, attributes) {
-  const one = document.createElementNS("http://www.w3.org/2000/svg", tag);
-  for (const [name, value] of Object.entries(attributes)) one.setAttribute(name, value);
-  return one;
-}
-
-function changed() {
-  cancelAnimationFrame(asked);
-  canvas.dataset.drawn = "before";
-  asked = requestAnimationFrame(() => {
-    const size = [canvas.clientWidth, canvas.clientHeight];
-    const [width, height] = size.map((x) => Math.max(Math.round(x * devicePixelRatio), 1));
-    if (canvas.width !== width || canvas.height !== height) Object.assign(canvas, { width, height });
-    stage.draw(view, shown);
-    canvas.dataset.drawn = "whole";
-  });
-}
-
-// The eye where the camera of the first image is.
-function lookFromCamera() {
-  const place = scene.views[0].taken_from, away = DISTANCE * scene.radius;
-  const zoom = Math.max(-place[2] / away, 1 / FARTHEST);
-  Object.assign(view, { yaw: 0, pitch: 0, zoom,
-                        shift: place.map((x, k) => x + zoom * away * FORWARD[k]) });
-}
+const lookFromCamera = () => lookFrom(scene.views[0].taken_from);
 
 const title = () => {
   const { shapes } = scene;
@@ -100,13 +66,6 @@ function choose(number) {
   showOutlines();
   changed();
 }
-
-const rowOf = ([name, value, std, unit]) => made("tr", {}, [
-  made("th", { scope: "row", textContent: name }),
-  made("td", { textContent: value }),
-  made("td", { className: "std", textContent: std && /\d/.test(std) ? `± ${std}` : std }),
-  made("td", { className: "unit", textContent: unit }),
-]);
 
 function chooseNext() {
   const many = scene.shapes.length;
@@ -180,25 +139,6 @@ function listenToPanel() {
   }
 }
 
-function listenToHands() {
-  new Hands(canvas, view, {
-    metersEach: () => {
-      const away = view.zoom * DISTANCE * scene.radius;
-      const each = away / (FOCAL * Math.min(canvas.clientWidth, canvas.clientHeight));
-      return [each, each];
-    },
-    changed,
-    tapped: (x, y) => {
-      const box = canvas.getBoundingClientRect();
-      const at = [x - box.left, y - box.top].map((z) => Math.floor(z * devicePixelRatio));
-      choose(stage.pick(view, shown, ...at));
-    },
-    keys: { c: lookFromCamera, n: chooseNext },
-  });
-  new ResizeObserver(changed).observe(canvas);
-  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", changed);
-}
-
 function begin() {
   document.getElementById("title").textContent = title();
   document.title = title();
@@ -207,25 +147,10 @@ function begin() {
   showLegend();
   warn();
   stage = new Stage(canvas, scene);
-  canvas.addEventListener("webglcontextlost", () => {
-    tell("The graphics driver has given up; reload the page.");
-  });
   listenToPanel();
-  listenToHands();
+  listenToHands(choose, { c: lookFromCamera, n: chooseNext });
   note.hidden = true;
   choose(scene.shapes.length === 1 ? 0 : null);
 }
 
-function tell(text) {
-  note.textContent = text;
-  note.hidden = false;
-}
-
-// First the note is painted: to compile may take seconds.
-requestAnimationFrame(() => setTimeout(() => {
-  try {
-    begin();
-  } catch (error) {
-    tell(`This cannot be shown: ${error.message}`);
-  }
-}));
+beginSoon(begin);

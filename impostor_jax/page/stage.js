@@ -40,6 +40,7 @@ class Stage {
   constructor(canvas, scene) {
     this.canvas = canvas;
     this.scene = scene;
+    this.colors = scene.colors ?? COLORS;
     this.gl = canvas.getContext("webgl2", { antialias: true, powerPreference: "high-performance" });
     const gl = this.gl;
     if (!gl) {
@@ -81,6 +82,11 @@ class Stage {
   // By how much readings count as nearer: of half of them noise alone is behind the surface.
   lift() {
     return Math.min(this.scene.limit, MOST_LIFT * this.scene.radius);
+  }
+
+  // The same of lines: readings must not hide them, either.
+  liftOfWires() {
+    return 2 * this.lift();
   }
 
   // The turned camera: its axes as rows, its eye, and how pixels lie.
@@ -151,7 +157,7 @@ class Stage {
     for (const [one, number] of seen) {
       const more = number === shown.chosen && seen.length > 1 ? 0.25 : 0;
       const opacity = Math.min(shown.opacity + more, 1);
-      this.drawShape(one, camera, [...rgb(colorOf(number)), opacity], 0);
+      this.drawShape(one, camera, [...rgb(this.colors[number % this.colors.length]), opacity], 0);
     }
     gl.depthFunc(gl.LESS);
     gl.disable(gl.BLEND);
@@ -176,7 +182,8 @@ class Stage {
     if (shown.points) this.drawReadings(camera, shown.colored, 1);
     this.shapes.forEach((one, number) => {
       if (!shown.opacity || shown.hidden.has(number)) return;
-      this.drawShape(one, camera, [(number + 1) / 255, 0, 0, 1], 1);
+      const digits = [(number + 1) % 256, Math.floor((number + 1) / 256)];
+      this.drawShape(one, camera, [...digits.map((x) => x / 255), 0, 1], 1);
     });
     const pixel = new Uint8Array(4);
     gl.readPixels(x, row, 1, 1, gl.RGBA, gl.UNSIGNED_BYTE, pixel);
@@ -184,7 +191,8 @@ class Stage {
     gl.bindFramebuffer(gl.FRAMEBUFFER, null);
     buffers.forEach((buffer) => gl.deleteRenderbuffer(buffer));
     gl.deleteFramebuffer(frame);
-    return pixel[0] ? pixel[0] - 1 : null;
+    const found = pixel[0] + 256 * pixel[1];
+    return found ? found - 1 : null;
   }
 
   begin(ground) {
@@ -215,7 +223,7 @@ class Stage {
     if (!wires) return;
     const { gl } = this;
     this.use(this.wires, camera, {
-      color: [...styleColor("--wire"), 1], lift: [2 * this.lift()],
+      color: [...styleColor("--wire"), 1], lift: [this.liftOfWires()],
     });
     gl.bindVertexArray(wires.array);
     for (const many of [deviations, -Math.min(deviations, wires.most)]) {

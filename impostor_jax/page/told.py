@@ -1,6 +1,6 @@
 """What a page tells of a fit: its numbers, each with the digits that it knows."""
 
-__all__ = ["Number", "notes_of", "numbers_of"]
+__all__ = ["Number", "notes_of", "numbers_of", "track_numbers"]
 
 import math
 from typing import Any, NamedTuple
@@ -10,6 +10,7 @@ import numpy as np
 from impostor_jax.fit.result import UNSEEN, named_values
 from impostor_jax.fit.text import plain
 from impostor_jax.page.shown import Shown
+from impostor_jax.track.track import Track
 
 DIGITS = 3
 """Behind the point of millimeters, where no standard deviation tells how many."""
@@ -42,6 +43,25 @@ def numbers_of(shown: Shown) -> list[Number]:
             Number("inliers", f"{fit.num_inliers}", "", ""),
         ]
     return [*lines, Number("pixels used", f"{int(fit.num_pixels)}", "", "")]
+
+
+def track_numbers(track: Track) -> list[Number]:
+    """Lines of a track, the same ones of each."""
+    shape, std = track.cylinder, track.std
+    speed = float(np.linalg.norm(track.velocity))
+    along = track.velocity / speed if speed else np.eye(3)[2]
+    of_velocity = [name.startswith("velocity") for name in track.coordinates]
+    spread = track.covariance[np.ix_(of_velocity, of_velocity)]
+    deviation = float(np.sqrt(along @ spread @ along))
+    return [
+        *_parameter("radius", shape.radius, std.radius),
+        *_parameter("height", shape.height, std.height),
+        *_parameter("center", shape.center, std.center),
+        *_parameter("axis", shape.axis, std.axis),
+        Number("speed", f"{speed:.{_digits(deviation)}f}", _length(deviation), "m/s"),
+        Number("images", f"{track.num_fits}", "", ""),
+        Number("visible", f"{track.visible:.2f}", "", ""),
+    ]
 
 
 def notes_of(shown: Shown) -> list[str]:

@@ -2,6 +2,8 @@
 
 __all__ = ["OTHER", "Followed"]
 
+from collections.abc import Mapping
+
 import numpy as np
 from jaxtyping import Bool, Float
 
@@ -43,7 +45,8 @@ class Followed:
 
     Attributes:
         identity: Its number.
-        state: What is known of it at the time of the image.
+        state: What images have told of it, at the time of the last one.
+        seen: What the last image that shows it says.
         first_seen: Time of the first image that shows it, in seconds.
         last_seen: Of the last.
         last_there: Of the last in which it may have been where it should be.
@@ -56,9 +59,12 @@ class Followed:
             not where it should be.
     """
 
-    def __init__(self, identity: int, state: State, now: float, fit: Fit):
+    def __init__(
+        self, identity: int, state: State, seen: Measured, now: float, fit: Fit
+    ):
         self.identity = identity
         self.state = state
+        self.seen = seen
         self.first_seen = self.last_seen = self.last_there = now
         self.num_fits = 1
         self.fit: Fit | None = fit
@@ -94,7 +100,7 @@ class Followed:
     def take(self, fit: Fit, measured: Measured, now: float, repeats: float) -> None:
         """Take what a fit says of it."""
         self.state = self.state.updated(measured, repeats)
-        self.fit, self.reason = fit, ""
+        self.fit, self.seen, self.reason = fit, measured, ""
         self.last_seen = self.last_there = now
         self.num_fits += 1
         self.is_newly_missing = False
@@ -108,6 +114,7 @@ class Followed:
         now: float,
         mask: Bool[np.ndarray, "h w"] | None,
         shape: tuple[int, ...],
+        sizes: Mapping[str, tuple[float, float]],
     ) -> Track:
         """What a caller is told of it.
 
@@ -115,8 +122,9 @@ class Followed:
             now: Time of the image.
             mask: Pixels that show it; None where none does.
             shape: Of the image.
+            sizes: What is expected of it, as of `State.expecting`.
         """
-        state = self.state
+        state = self.state.expecting(sizes, self.seen) if sizes else self.state
         covariance, std = _told(state)
         status = TrackStatus.NEW if self.num_fits == 1 else TrackStatus.TRACKED
         return Track(

@@ -17,6 +17,7 @@ __all__ = ["STATE_COORDINATES", "Motion", "State"]
 
 import dataclasses
 import functools
+from collections.abc import Mapping
 from typing import Any
 
 import jax
@@ -39,6 +40,9 @@ STATE_COORDINATES = (
 
 CENTER, VELOCITY, AXIS = slice(0, 3), slice(3, 6), slice(6, 8)
 RADIUS, HEIGHT = 8, 9
+
+SIZES = {"radius": RADIUS, "height": HEIGHT}
+"""Places of what may be expected before a video."""
 
 FREE = 1.0
 """Standard deviation in meters of a height before the first image that tells it."""
@@ -232,6 +236,52 @@ class State:
             covariance=kept @ self.covariance @ kept.T + free,
             shared=kept @ self.shared,
             has_height=tells,
+        )
+
+    def expecting(
+        self, sizes: Mapping[str, tuple[float, float]], seen: Measured
+    ) -> "State":
+        """The state with what is expected of sizes, which no image has been told.
+
+        All errors count here, so that a known size tells the scale, and with it the
+        place. Images are compared with the state without it: a second one would take
+        what the first was told for news.
+
+        Args:
+            sizes: Expected values and their standard deviations, in meters, of `SIZES`.
+            seen: What the last image that shows it says.
+        """
+        state = self
+        if not self.has_height and self.end and "height" in sizes:
+            state = self._from_end(*sizes["height"], seen)
+            sizes = {name: x for name, x in sizes.items() if name != "height"}
+        covariance, nothing = state.whole_covariance, np.zeros_like(state.shared)
+        state = dataclasses.replace(state, covariance=covariance, shared=nothing)
+        for name, (value, deviation) in sizes.items():
+            if name == "height" and not state.has_height:
+                continue
+            row = np.eye(10)[SIZES[name]][None]
+            off = np.array([value - getattr(state, name)])
+            own = np.array([[deviation**2]])
+            state = state._corrected(Innovation(row, off, own, nothing[:1]))
+        return state
+
+    def _from_end(self, height: float, deviation: float, seen: Measured) -> "State":
+        """With a height that is expected, and a place that follows from one end."""
+        half = self.end / 2
+        with_height, with_end = np.zeros(10), np.zeros(10)
+        with_height[CENTER], with_height[HEIGHT] = -half * self.axis, 1
+        with_end[CENTER] = self.axis
+        covariance = self.covariance + deviation**2 * np.outer(with_height, with_height)
+        covariance += seen.end_std**2 * np.outer(with_end, with_end)
+        moved = seen.shared[4] + half * seen.shared[6]
+        return dataclasses.replace(
+            self,
+            center=self.center + half * (self.height - height) * self.axis,
+            height=height,
+            covariance=covariance,
+            shared=self.shared + np.outer(with_end, moved),
+            has_height=True,
         )
 
     def _corrected(self, found: "Innovation") -> "State":

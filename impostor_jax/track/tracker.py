@@ -8,7 +8,7 @@ Only what no track explains is searched, now and then.
 __all__ = ["Tracker"]
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -21,17 +21,18 @@ from impostor_jax.camera.base import AbstractCamera, not_accepted, posed
 from impostor_jax.camera.pinhole import PinholeCamera
 from impostor_jax.effort import Effort
 from impostor_jax.find.cylinders import checked_radii, find_cylinders
+from impostor_jax.find.found import Found
 from impostor_jax.find.search import Request
 from impostor_jax.fit.measured import NOT_MEASURED, law_of_noise
 from impostor_jax.fit.options import Options
-from impostor_jax.fit.request import checked_noise, checked_readings
+from impostor_jax.fit.request import checked_noise, checked_prior, checked_readings
 from impostor_jax.fit.result import Fit
 from impostor_jax.geometry.frames import RigidTransform
 from impostor_jax.sensor.base import AbstractDepthNoise
 from impostor_jax.track.followed import OTHER, Followed
 from impostor_jax.track.measured import Measured
 from impostor_jax.track.sight import NO_PLANES, Sight
-from impostor_jax.track.state import Motion, State
+from impostor_jax.track.state import SIZES, Motion, State
 from impostor_jax.track.track import Track
 from impostor_jax.track.view import View
 
@@ -83,6 +84,9 @@ class Tracker:
         gate: Probability by which the same cylinder is taken for another one.
         radius_range: As of `find_cylinders`, like the next.
         min_pixels: Fewest pixels of a cylinder that a search finds.
+        prior: Expected radius and height of every cylinder, each with its standard
+            deviation, as of `fit_cylinder`, by which searches find it. It counts once
+            for a cylinder, however many images show it.
         effort: How much work a fit to what is expected takes, as of `fit_cylinder`; by
             default 1024 readings and no doubts. One that fails, or does not agree, is
             repeated with doubts.
@@ -112,6 +116,7 @@ class Tracker:
         gate: float = 1e-6,
         radius_range: tuple[float, float] = Request.radius_range,
         min_pixels: int = Request.min_pixels,
+        prior: Mapping[str, Any] | None = None,
         effort: Effort | str = TRACKING,
     ):
         if not isinstance(camera, PinholeCamera):
@@ -140,8 +145,14 @@ class Tracker:
         self._gate = real_number("gate", gate, positive=True)
         if self._gate >= 1:
             raise ValueError(f"gate must be a probability below 1, got {gate}")
-        self._sought = {
-            "radius_range": checked_radii(radius_range, None),
+        checked_prior(prior, tuple(SIZES), None)
+        self._sizes = {
+            name: (float(value), float(deviation))
+            for name, (value, deviation) in (prior or {}).items()
+        }
+        self._sought: dict[str, Any] = {
+            "radius_range": checked_radii(radius_range, prior),
+            "prior": self._sizes or None,
             "min_pixels": whole_number("min_pixels", min_pixels, 1, unit="pixels"),
         }
         self._options = Options.of(effort=effort)
@@ -185,7 +196,7 @@ class Tracker:
         kept = {one.identity for one in self._followed}
         self.ended = tuple(one for one in self.tracks if one.identity not in kept)
         self.tracks = tuple(
-            one.told(now, masks.get(one.identity), view.image.shape)
+            one.told(now, masks.get(one.identity), view.image.shape, self._sizes)
             for one in self._followed
         )
         return self.tracks
@@ -318,7 +329,7 @@ class Tracker:
         seen = [one for one in self._followed if one.identity in masks]
         fits = [
             (fit, mask)
-            for fit, mask in zip(found.fits, found.masks, strict=True)
+            for fit, mask in self._alone(view, found)
             if not any(one.shares_room(view.measured(fit, one.state)) for one in seen)
         ]
         again = self._assigned(view, lost, [fit for fit, _ in fits])
@@ -331,9 +342,21 @@ class Tracker:
                 self._num_found += 1
                 measured = view.measured(fit, None)
                 state = State.of(measured, self._motion)
-                one = Followed(self._num_found, state, now, fit)
+                one = Followed(self._num_found, state, measured, now, fit)
                 self._followed.append(one)
             masks[one.identity] = mask
+
+    def _alone(
+        self, view: View, found: Found
+    ) -> Iterator[tuple[Fit, Bool[np.ndarray, "h w"]]]:
+        """What was found, as the image alone tells it, and its pixels."""
+        for fit, mask in zip(found.fits, found.masks, strict=True):
+            if not self._sizes:
+                yield fit, mask
+                continue
+            alone = view.fit(mask, fit.cylinder, self._careful)
+            if alone.success:
+                yield alone, mask
 
     def _assigned(
         self, view: View, lost: Sequence[Followed], fits: Sequence[Fit]

@@ -1,6 +1,6 @@
 """Videos of tracks: depth images with the outlines and numbers of what is followed."""
 
-__all__ = ["TrackVideo"]
+__all__ = ["LOST", "TrackVideo", "color_of"]
 
 import tempfile
 from collections.abc import Sequence
@@ -29,6 +29,11 @@ COLORS = (
     (180, 30, 145), (240, 240, 70), (230, 50, 240), (60, 245, 210), (212, 190, 250),
 )  # fmt: skip
 """Of tracks, in turn by their identities: ten that are told apart."""
+
+
+def color_of(identity: int) -> tuple[int, int, int]:
+    """Color of a track that is seen, blue first."""
+    return COLORS[(identity - 1) % len(COLORS)]
 
 
 class TrackVideo:
@@ -69,7 +74,7 @@ class TrackVideo:
         picture = self._colored(np.asarray(depth, float))
         for track in tracks:
             is_lost = track.status is TrackStatus.LOST
-            own = COLORS[(track.identity - 1) % len(COLORS)]
+            own = color_of(track.identity)
             outline = fitted_outline(track.cylinder, camera)
             if outline is None:
                 continue

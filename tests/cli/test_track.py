@@ -10,6 +10,7 @@ import pytest
 
 from impostor_jax.__main__ import main
 from tests.groups import SMALL_IMAGES
+from tests.page.scenes import scene_of
 from tests.track.scenes import can, frame
 
 pytestmark = SMALL_IMAGES
@@ -41,9 +42,14 @@ def track(tmp_path, monkeypatch, capfd):
 
 
 def test_a_row_for_each_track_of_each_image(track, tmp_path):
-    code, out, _ = track("cans", "--camera", "camera.json", "--sigma", "0.001")
+    words = "cans", "--camera", "camera.json", "--sigma", "0.001"
+    prior = "--prior-radius", "0.04", "0.0001"
+    code, out, _ = track(*words, *prior, "--page", "track.html")
     assert code == 0
     assert "1 cylinders in 3 images" in out
+    scene = scene_of((tmp_path / "track.html").read_text())
+    told = [(one["seconds"], one["tracks"][0]["status"]) for one in scene["images"]]
+    assert told == [(0.0, "new"), (0.033333, "tracked"), (0.066667, "tracked")]
     with (tmp_path / "tracks.csv").open() as file:
         rows = list(csv.DictReader(file))
     assert [row["status"] for row in rows] == ["new", "tracked", "tracked"]
@@ -86,6 +92,11 @@ def test_without_a_cylinder_it_ends_with_1(track, tmp_path):
         (("cans",), "scene_camera.json"),
         (("cans", "--camera", "none.json"), "does not exist"),
         (("cans", "--camera", "camera.json", "--patience", "-1"), "patience must be"),
+        (("cans", "--camera", "camera.json", "--page", "wall"), "page must be a file"),
+        (
+            ("cans", "--camera", "camera.json", "--prior-height", "-0.1", "0.01"),
+            "prior['height'] must be a positive number in meters",
+        ),
     ],
 )
 def test_bad_input_ends_with_2_and_one_line(track, arguments, message):

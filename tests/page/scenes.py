@@ -1,4 +1,4 @@
-"""Fits that the tests of pages share: one that was made, and others like it."""
+"""What the tests of pages share: a fit that was made, others like it, and tracks."""
 
 import dataclasses
 import functools
@@ -6,8 +6,11 @@ import json
 import re
 
 import jax.numpy as jnp
+import numpy as np
 
 import impostor_jax as ij
+from impostor_jax.track.followed import TOLD
+from impostor_jax.track.track import Track, TrackStatus
 from tests.fit.scenes import CAMERA, SIGMA, image
 
 STD = 0.002
@@ -45,3 +48,34 @@ def scene_of(page):
     """What the script of a page, its HTML, is told."""
     text = re.search(r'id="scene">(.*?)</script>', page, re.DOTALL)
     return json.loads(text[1])
+
+
+def track_of(identity, shape, status="tracked"):
+    """A track of a cylinder, 3 mm unsure of its place, that moves by 0.1 m/s."""
+    is_lost = status == "lost"
+    known = np.diag([0.01**2] * 2 + [0.003**2] * 3 + [STD**2] * 2 + [0.02**2] * 3)
+    own = np.sqrt(np.diagonal(known))
+    by_name = {
+        "center": np.full(3, 0.003),
+        "axis": own[:2],
+        "radius": own[5:6],
+        "height": np.array([np.inf]),
+    }
+    names = [name for name, values in by_name.items() for _ in values]
+    return Track(
+        identity=identity,
+        status=TrackStatus(status),
+        reason="something hides it" if is_lost else "",
+        cylinder=shape,
+        velocity=np.array([0.1, 0.0, 0.0]),
+        std=ij.Deviations(np.concatenate([*by_name.values()]), tuple(names)),
+        covariance=known,
+        coordinates=TOLD,
+        time=0.0,
+        first_seen=0.0,
+        last_seen=0.0,
+        num_fits=4,
+        visible=0.5,
+        mask=np.zeros((120, 160), bool),
+        fit=None,
+    )

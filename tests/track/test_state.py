@@ -110,6 +110,72 @@ def test_of_errors_that_last_an_image_tells_less():
     assert state.covariance[RADIUS, RADIUS] == pytest.approx(best, rel=1e-6)
 
 
+def after(count, shared, errors=None, **changes):
+    """The state after some images of a can that stands still, and the last image."""
+    rng, center, state = np.random.default_rng(0), np.array([0.1, 0.0, 0.7]), None
+    for _ in range(count):
+        seen = measured(rng, center, UPRIGHT, OWN, shared, errors=errors)
+        seen = dataclasses.replace(seen, **changes)
+        state = (
+            State.of(seen, MOTION)
+            if state is None
+            else state.predicted(DT, MOTION).updated(seen)
+        )
+    return state, seen
+
+
+def deviations(state):
+    return np.sqrt(np.diagonal(state.whole_covariance))
+
+
+@pytest.mark.parametrize("count", [1, 8])
+def test_a_prior_is_told_once_and_not_once_an_image(count):
+    state, seen = after(count, NO_SHARED)
+    value, prior = 0.0402, 5e-5
+    known = state.expecting({"radius": (value, prior), "height": (0.12, 1e-4)}, seen)
+    for place, std in ((RADIUS, prior), (HEIGHT, 1e-4)):
+        precision = std**-2 + count * OWN[place - 3] ** -2
+        assert deviations(known)[place] == pytest.approx(precision**-0.5, rel=1e-6)
+    weight = prior**-2 / (prior**-2 + count * OWN[5] ** -2)
+    mean = weight * value + (1 - weight) * state.radius
+    assert known.radius == pytest.approx(mean, rel=1e-9)
+
+
+def test_a_radius_that_is_known_tells_the_scale_and_with_it_the_place():
+    center, scale = np.array([0.1, 0.0, 0.7]), 0.02
+    shared = scale_of(center, UPRIGHT, scale)
+    state, seen = after(12, shared, errors=np.eye(8)[0])
+    known = state.expecting({"radius": (0.04, 4e-5)}, seen)
+    before, std = deviations(state)[CENTER][2], deviations(known)
+    assert before == pytest.approx(scale * 0.7, rel=1e-2)
+    # As unsure as the prior, and the noise of the radius, are in parts of it.
+    left = np.hypot(4e-5, OWN[5] / np.sqrt(12)) / 0.04
+    assert std[CENTER][2] == pytest.approx(left * 0.7, rel=0.02)
+    assert abs(state.center[2] - 0.7) > 0.9 * before
+    assert (np.abs(known.center - center) < 4 * std[CENTER]).all()
+    assert std[RADIUS] < 4e-5
+
+
+def test_a_height_that_is_known_tells_the_place_from_one_end():
+    end, half = 0.06, 0.12 / 2
+    open_end = np.array([True, True, True, True, False, True, False])
+    # A third of it is out of sight: 8 cm end at the upper end.
+    center = np.array([0.1, 0.0, 0.7]) + (end - 0.04) * UPRIGHT
+    given = {"center": center, "height": 0.08, "is_known": open_end, "end": 1}
+    state, seen = after(5, NO_SHARED, **given)
+    assert not state.has_height
+    known = state.expecting({"height": (0.12, 1e-3)}, seen)
+    assert known.has_height
+    assert (known.height, deviations(known)[HEIGHT]) == (0.12, pytest.approx(1e-3))
+    off = known.center - np.array([0.1, 0.0, 0.7])
+    assert UPRIGHT @ off == pytest.approx(end - half, abs=3e-4)
+    along = np.sqrt(UPRIGHT @ known.whole_covariance[CENTER, CENTER] @ UPRIGHT)
+    assert along == pytest.approx(np.hypot(seen.end_std, 1e-3 / 2), rel=0.02)
+    # Of what shows no end the place is as open as before.
+    state, seen = after(5, NO_SHARED, **{**given, "end": 0})
+    assert not state.expecting({"height": (0.12, 1e-3)}, seen).has_height
+
+
 def test_a_height_that_nothing_tells_leaves_all_else_sure():
     rng, velocity = np.random.default_rng(0), np.array([0.1, 0.05, 0.0])
     state = None

@@ -171,6 +171,40 @@ def test_a_radius_is_no_surer_than_the_scale_of_the_sensor():
     assert track.std.velocity[2] < 0.2
 
 
+def test_a_prior_counts_once_however_many_images_there_are():
+    prior = 2e-5
+    tracker = ij.Tracker(CAMERA, SIGMA, prior={"radius": (0.04, prior)})
+    told = [track for (track,) in played(tracker, 6 * [[can()]])]
+    assert [str(track.status) for track in told] == ["new"] + 5 * ["tracked"]
+    single = np.array([float(track.fit.std.radius) for track in told])
+    together = np.hypot(np.cumsum(single**-2.0) ** -0.5, PART * np.mean(single))
+    expected = (prior**-2 + together**-2) ** -0.5
+    found = [float(track.std.radius) for track in told]
+    # Six times it would be as sure as 0.8e-5.
+    np.testing.assert_allclose(found, expected, rtol=0.05)
+    assert found[-1] > 1.1e-5
+    assert abs(float(told[-1].cylinder.radius) - 0.04) < 3 * prior
+
+
+def test_what_a_prior_excludes_is_not_followed():
+    tracker = ij.Tracker(CAMERA, SIGMA, prior={"radius": (0.06, 0.001)})
+    assert played(tracker, [[can()]]) == [()]
+
+
+def test_images_that_are_left_out_are_seen_in_their_times():
+    speed, taken = 0.3, [0, 1, 2, 5, 6, 9, 10, 13]
+    tracker = ij.Tracker(CAMERA, SIGMA)
+    for k in taken:
+        depth = frame([can(x=-0.05 + speed * k / RATE)], k)
+        (track,) = tracker.step(depth, time=k / RATE)
+    assert track.num_fits == len(taken)
+    assert track.time == pytest.approx(13 / RATE)
+    off = np.abs(track.velocity - np.array([speed, 0, 0]))
+    assert (off < 4 * track.std.velocity).all()
+    # By the number of images alone it would be faster by the half.
+    assert track.velocity[0] == pytest.approx(speed, abs=0.1)
+
+
 def test_errors_of_a_video_are_as_large_as_said():
     # Cans that move and turn, each in ten images of its own noise.
     errors = []
@@ -236,6 +270,8 @@ def test_a_tracker_prints_what_it_knows():
         ({"acceleration": 0.0}, "acceleration must be a positive number"),
         ({"gate": 1.5}, "gate must be a probability below 1, got 1.5"),
         ({"radius_range": (0.1, 0.01)}, "radius_range must be the smaller"),
+        ({"prior": {"axis": ((0, 1, 0), 0.1)}}, "prior must be one of radius, height"),
+        ({"prior": {"radius": (0.04, 0.0)}}, "deviation of .* must be a positive"),
         ({"effort": "quick"}, "effort must be an Effort or one of"),
     ],
 )
