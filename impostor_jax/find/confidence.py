@@ -26,21 +26,21 @@ from impostor_jax.find.rivals import Rivals
 from impostor_jax.fit.result import Fit
 
 FACTS: dict[str, float] = {
-    "misfit": -2.49,
-    "chi2": -6.51,
-    "against": -5.79,
-    "shape": -3.63,
-    "cone": -53.40,
-    "ball": -1.81,
-    "vague": -3.41,
-    "exact": 0.51,
-    "size": 0.58,
-    "rim": 2.73,
-    "uneven": -4.92,
+    "misfit": -2.51,
+    "chi2": -6.59,
+    "against": -5.77,
+    "shape": -3.58,
+    "cone": -52.55,
+    "ball": -1.78,
+    "vague": -3.29,
+    "exact": 0.52,
+    "size": 0.57,
+    "rim": 2.75,
+    "uneven": -5.30,
 }
 """Name of each fact, and its weight."""
 
-BIAS = 1.17
+BIAS = 1.10
 """Log-odds where all facts are 0."""
 
 ALLOWED = 0.02

@@ -1,4 +1,4 @@
-"""The outline of a wall, which tells a cup and a rod with round ends from a cylinder."""
+"""The outline of a wall, which tells cups and rods with round ends from cylinders."""
 
 import numpy as np
 import pytest
@@ -14,7 +14,7 @@ AXIS = AXIS / np.linalg.norm(AXIS)
 CAN = ij.Cylinder(CENTER, AXIS, 0.04, 0.12)
 FAR = 2.0
 BACKGROUND = ij.Plane((0, 0, FAR), (0, 0, -1))
-FRONT = ij.Sphere(0.65 * (CENTER + 0.055 * AXIS), 0.025)
+FRONT = ij.Sphere(0.65 * (CENTER + 0.05 * AXIS), 0.04)
 """Hides an end of the can."""
 
 
