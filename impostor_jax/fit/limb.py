@@ -172,7 +172,7 @@ def _bounds(
     if not is_outline:
         end = _last(near & (step < first[..., None]))
         last = np.where(STEPS[end] - STEPS[last] < BORDER, end, last)
-        side, place = np.indices(last.shape, sparse=True)
+        side, place = np.ix_(*map(np.arange, last.shape))
         before, after = depth[side, place, last], depth[side, place, first]
         shown &= after - before > jump
         until = np.where(follows, first, STEPS.size)
