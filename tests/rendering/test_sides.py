@@ -103,7 +103,6 @@ def test_a_loss_with_outlines_falls_as_that_of_many_rays_does():
     (value, _), gradient = loss_and_gradient(discs(), target, 0.0, 9.0)
     slope = float(gradient.center[0, 0])
     assert float(value) == pytest.approx(counted(0.0), rel=0.02)
-    print("SLOPE", slope, expected, value, counted(0.0))
     assert slope < 0
     assert abs(slope - expected) < 0.1 * abs(expected)
 
