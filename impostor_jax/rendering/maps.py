@@ -15,6 +15,8 @@ MISSES = {
     "index": -1,
     "part": -1,
     "coverage": 0.0,
+    "share": 1.0,
+    "beside": np.inf,
 }
 """What each map holds where nothing is hit."""
 
@@ -35,6 +37,10 @@ class GeometryMaps(eqx.Module):
         part: Which piece of its surface, -1 where nothing is hit: of a cylinder or a
             frustum 0 for the wall, then caps and cut faces; of a box the face, 0 to 5.
         coverage: Part of the pixel that is covered, in [0, 1], or a sample of it.
+        share: Part of the pixel that what its center sees covers, be it nothing, from
+            1/2 to 1; the rest is beyond an edge. It has a derivative where edges move.
+        beside: Depth of that rest, at its middle; `+inf` where nothing is hit there, or
+            no edge crosses the pixel.
     """
 
     depth: Float[Array, "h w"] | None = None
@@ -45,3 +51,5 @@ class GeometryMaps(eqx.Module):
     index: Int[Array, "h w"] | None = None
     part: Int[Array, "h w"] | None = None
     coverage: Float[Array, "h w"] | None = None
+    share: Float[Array, "h w"] | None = None
+    beside: Float[Array, "h w"] | None = None

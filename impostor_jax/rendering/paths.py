@@ -8,6 +8,7 @@ and one without mirrors no bounce.
 """
 
 __all__ = [
+    "TRAIL",
     "Path",
     "Surface",
     "World",

@@ -30,7 +30,9 @@ from impostor_jax.rendering.clipping import Clipping, clipping_of
 from impostor_jax.rendering.coverage import coverage
 from impostor_jax.rendering.maps import MISSES, OUTPUTS, GeometryMaps
 from impostor_jax.rendering.raycast import raycast
+from impostor_jax.rendering.sampling import framed
 from impostor_jax.rendering.scene import Scene, Shown
+from impostor_jax.rendering.sides import check_edges, sides_of
 from impostor_jax.rendering.tile import outline_tile
 
 
@@ -55,7 +57,8 @@ def render(
         primitive: One shape, in the world frame; map a batch with `jax.vmap`. Or a
             `Scene` of shapes, of which the closest is seen.
         camera: The camera; without a pose its frame is the world.
-        outputs: Any of depth, range, point, normal, mask, index, part and coverage.
+        outputs: Any of depth, range, point, normal, mask, index, part, coverage, and
+            share and beside, in which edges move.
         tile: Block of pixels to render, the whole image if None. `outline_tile` gives
             the smallest one that shows the shape.
         effort: How much work it takes: "fast", "balanced" or "exact", or an `Effort`
@@ -117,6 +120,8 @@ def render(
         miss = real_number("miss", miss, unit="meters")
     effort = effort_of(effort)
     clipping = clipping_of(near, far, camera)
+    if _has_sides(outputs):
+        check_edges(camera, "outputs must hold no share and no beside")
     given = (primitive, camera, tile, clipping)
     with working_precision(effort.precision, given) as converted:
         camera, primitive = seen_near(camera, primitive)
@@ -127,7 +132,9 @@ def render(
         asked = (tuple(sorted(set(outputs))), stride, samples)
         if effort.extent == "tile" and tile is None and _has_tile(primitive, camera):
             assert isinstance(primitive, AbstractPrimitive)
-            small = outline_tile(primitive, camera, margin=int(has_coverage))
+            small = outline_tile(
+                primitive, camera, margin=int(has_coverage or _has_sides(outputs))
+            )
             small = _on_grid(small, camera, stride)
             maps = _render_in_frame(primitive, camera, small, clipping, *asked)
         else:
@@ -138,11 +145,17 @@ def render(
 @jax.jit
 def _with_miss(maps: GeometryMaps, miss: Scalar) -> GeometryMaps:
     """The maps with another number for what is infinite."""
-    depth, range_, point = jax.tree.map(
+    depth, range_, point, beside = jax.tree.map(
         lambda values: jnp.where(jnp.isfinite(values), values, miss),
-        (maps.depth, maps.range, maps.point),
+        (maps.depth, maps.range, maps.point, maps.beside),
     )
-    return dataclasses.replace(maps, depth=depth, range=range_, point=point)
+    return dataclasses.replace(
+        maps, depth=depth, range=range_, point=point, beside=beside
+    )
+
+
+def _has_sides(outputs: Sequence[str]) -> bool:
+    return "share" in outputs or "beside" in outputs
 
 
 def _samples(primitive: Shown, effort: Effort, clipping: Clipping | None) -> int:
@@ -200,7 +213,16 @@ def _render(
     """
     tile = camera.frame if tile is None else tile
     row, col = (pixel[::stride, ::stride] for pixel in tile.pixels())
-    maps = raycast(primitive, camera, row, col, "normal" in outputs, clipping)
+    if _has_sides(outputs):
+        # One pixel more on each side, with which those at the border are compared.
+        wide = framed(row, stride, 0), framed(col, stride, 1)
+        maps = raycast(primitive, camera, *wide, "normal" in outputs, clipping)
+        seen = *wide, maps["index"], maps["part"]
+        share, beside = sides_of(primitive, camera, *seen, clipping)
+        maps = {**maps, "share": share, "beside": beside}
+        maps = jax.tree.map(lambda x: x[1:-1, 1:-1], maps)
+    else:
+        maps = raycast(primitive, camera, row, col, "normal" in outputs, clipping)
     if "coverage" in outputs:
         if samples == 1:
             covered = maps["mask"].astype(primitive.dtype)

@@ -7,10 +7,10 @@ of one trail can take the mean of these, and those beside another trail need sev
 rays. What only some pixels need is done for these alone, so many at a time.
 """
 
-__all__ = ["Sampling", "picture_of"]
+__all__ = ["Sampling", "framed", "picture_of", "seen_at_edges"]
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -23,6 +23,10 @@ from impostor_jax.rendering.search import SEARCHED
 
 TOGETHER = 1 << 15
 """Rays that are followed together: what a gradient keeps of them fits into memory."""
+
+
+AT_EDGES = 512
+"""Pixels beside another that are seen anew together: a small image has no more."""
 
 
 class Sampling(NamedTuple):
@@ -40,15 +44,15 @@ class Sampling(NamedTuple):
 
 
 class _Seen(NamedTuple):
-    """Colors that rays see, and their trails."""
+    """Colors that rays see, or other numbers, and their trails."""
 
-    color: Vec3
+    color: Any
     trail: Int[Array, "*batch"]
 
 
 Pixels = Int[Array, "..."]
 
-See = Callable[[Pixels, Pixels, Float[Array, "k 2"]], tuple[Vec3, Pixels]]
+See = Callable[[Pixels, Pixels, Float[Array, "k 2"]], tuple[Any, Pixels]]
 """From rows and columns (n,) and places within a pixel, in columns and rows from its
 center, to colors and trails (k, n)."""
 
@@ -74,13 +78,40 @@ def picture_of(
         seen = _all_seen(see, row, col)
     else:
         seen, is_known = _between(see, row, col, sampling.spacing)
-        seen = _seen_anew(see, row, col, seen, ~is_known, 1)
+        seen = _seen_anew(see, row, col, seen, ~is_known, 1, TOGETHER)
     if sampling.samples == 1 and see_sides is None:
         return seen.color
     needs = _is_beside_another(seen.trail)
     needs = needs if sampling.adaptive else jnp.ones_like(needs)
     anew = see if see_sides is None else see_sides
-    return _seen_anew(anew, row, col, seen, needs, sampling.samples).color
+    most = TOGETHER // sampling.samples**2
+    return _seen_anew(anew, row, col, seen, needs, sampling.samples, most).color
+
+
+def seen_at_edges(
+    see: See, row: Pixels, col: Pixels, values: Any, trail: Int[Array, "h w"]
+) -> Any:
+    """Numbers of pixels, seen anew where a neighbor's trail is another.
+
+    Args:
+        see: What is seen of whole pixels.
+        row: Rows of the pixels, (h, w).
+        col: Columns of the pixels.
+        values: Numbers of each, a tree of arrays (h, w).
+        trail: Of each.
+    """
+    needs = _is_beside_another(trail)
+    seen = _Seen(values, trail)
+    return _seen_anew(see, row, col, seen, needs, 1, AT_EDGES).color
+
+
+def framed(pixels: Int[Array, "h w"], stride: int, axis: int) -> Pixels:
+    """Rows or columns of a tile and one more pixel on each side."""
+    wide = jnp.pad(pixels, 1, mode="edge")
+    number = jax.lax.broadcasted_iota(jnp.int32, wide.shape, axis)
+    last = wide.shape[axis] - 1
+    off = (number == last).astype(jnp.int32) - (number == 0).astype(jnp.int32)
+    return wide + stride * off
 
 
 def _all_seen(see: See, row: Pixels, col: Pixels) -> _Seen:
@@ -148,12 +179,16 @@ def _seen_anew(
     seen: _Seen,
     needs: Bool[Array, "h w"],
     samples: int,
+    most: int,
 ) -> _Seen:
-    """What is seen, where some pixels are cast anew: the mean of a grid in each."""
+    """What is seen, where some pixels are cast anew: the mean of a grid in each.
+
+    At most so many pixels are cast together.
+    """
     place = (np.arange(samples) + 0.5) / samples - 0.5
     places = np.stack(np.meshgrid(place, place), axis=-1).reshape(-1, 2)
     size = row.size
-    together = min(size, TOGETHER // samples**2)
+    together = min(size, most)
     number, count = chosen_numbers(needs.reshape(-1))
     number = jnp.pad(number, (0, -size % together), constant_values=size)
     chunks = number.reshape(-1, together)

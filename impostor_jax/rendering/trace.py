@@ -19,7 +19,6 @@ from impostor_jax.arguments import (
     working_precision,
 )
 from impostor_jax.camera.base import AbstractCamera, not_accepted
-from impostor_jax.camera.pinhole import PinholeCamera
 from impostor_jax.camera.pixels import Pixels, Tile
 from impostor_jax.compiling import kept
 from impostor_jax.effort import Effort, effort_of
@@ -33,8 +32,9 @@ from impostor_jax.rendering.half_pixels import halves
 from impostor_jax.rendering.lights import AbstractLight
 from impostor_jax.rendering.material import Material, stacked
 from impostor_jax.rendering.paths import World, color_of, world_of
-from impostor_jax.rendering.sampling import Sampling, picture_of
+from impostor_jax.rendering.sampling import Sampling, framed, picture_of
 from impostor_jax.rendering.scene import Scene, Shown
+from impostor_jax.rendering.sides import check_edges
 
 MOST_BOUNCES = 16
 
@@ -126,12 +126,8 @@ def trace(
     background = float_array("background", background, (3,))
     effort = effort_of(effort)
     one_of("edges", edges, ("hard", "area"))
-    has_lens = isinstance(camera, PinholeCamera) and camera.ray_field is not None
-    if edges == "area" and (has_lens or camera.projection == "spherical"):
-        raise ValueError(
-            'edges must be "hard" for a camera with a lens or a SphericalCamera, whose '
-            f"rays are known through the centers of pixels alone, got {edges!r}"
-        )
+    if edges == "area":
+        check_edges(camera, 'edges must be "hard"')
     clipping = clipping_of(near, far, camera)
     given = (scene, camera, tile, list(lights), _padded(made), background, clipping)
     with working_precision(effort.precision, given) as converted:
@@ -228,19 +224,10 @@ def _traced(
         return jax.tree.map(lambda x: x.reshape(count, -1), seen)
 
     # One pixel more on each side, with which those at the border are compared.
-    row, col = _framed(row, stride, 0), _framed(col, stride, 1)
+    row, col = framed(row, stride, 0), framed(col, stride, 1)
     sides = see_sides if edges == "area" else None
     color = picture_of(see, row, col, sampling, sides)
     return color.stack()[1:-1, 1:-1]
-
-
-def _framed(pixels: Int[Array, "h w"], stride: int, axis: int) -> Pixels:
-    """Rows or columns of a tile and one more pixel on each side."""
-    wide = jnp.pad(pixels, 1, mode="edge")
-    number = jax.lax.broadcasted_iota(jnp.int32, wide.shape, axis)
-    last = wide.shape[axis] - 1
-    off = (number == last).astype(jnp.int32) - (number == 0).astype(jnp.int32)
-    return wide + stride * off
 
 
 def _sides(
