@@ -11,7 +11,7 @@ import pytest
 
 import impostor_jax as ij
 from impostor_jax.io.camera_file import write_camera
-from tests.groups import FULL, LARGE_IMAGES
+from tests.groups import FULL, LARGE_IMAGES, RELEASE
 
 ROOT = Path(__file__).parent.parent
 READMES = [
@@ -81,9 +81,17 @@ def test_the_first_example_knows_the_center_and_sees_the_height_whole():
     assert not re.search(UNKNOWN, text)
 
 
-@FULL
+# Those of the first page are what is read most.
 @pytest.mark.parametrize(
-    "path", WITH_EXAMPLES, ids=lambda path: str(path.relative_to(ROOT))
+    "path",
+    [
+        pytest.param(
+            path,
+            id=str(path.relative_to(ROOT)),
+            marks=FULL if path.parent == ROOT else RELEASE,
+        )
+        for path in WITH_EXAMPLES
+    ],
 )
 def test_examples_run_as_they_stand(path, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)

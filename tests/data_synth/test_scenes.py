@@ -213,11 +213,16 @@ def test_bad_parts_of_a_preset_are_refused(kind, values, message):
 
 
 @pytest.mark.parametrize(
-    "record",
-    [{}, {"kind": "Presets"}, {"kind": "Fixed", "value": 1.0}, {"kind": "Preset"}],
+    ("record", "message"),
+    [
+        ({}, "preset must say the kind of each part"),
+        ({"kind": "Presets"}, "kind of a part of a preset must be one of"),
+        ({"kind": "Fixed", "value": 1.0}, "preset must be of the kind Preset"),
+        ({"kind": "Preset"}, "preset must be the record of one"),
+    ],
 )
-def test_records_of_something_else_are_refused(record):
-    with pytest.raises(ValueError, match="preset must be the record of one"):
+def test_records_of_something_else_are_refused(record, message):
+    with pytest.raises(ValueError, match=message):
         Preset.from_record(record)
 
 

@@ -150,6 +150,9 @@ def test_a_traced_shape_is_rendered_in_jaxs_precision_alone():
 
 def test_misses_are_what_maps_hold_where_nothing_is_hit():
     maps = ij.render(can(), CAMERAS["pinhole"](), OUTPUTS)
-    missed = ~np.asarray(maps.mask) & (np.asarray(maps.coverage) == 0)
+    seen = np.asarray(maps.mask) | (np.asarray(maps.coverage) > 0)
+    # Of a pixel beside an edge, a straight line may leave less than a thousandth.
+    around = np.lib.stride_tricks.sliding_window_view(np.pad(seen, 1), (3, 3))
+    missed = ~around.any(axis=(-2, -1))
     for name, value in MISSES.items():
         assert (np.asarray(getattr(maps, name))[missed] == value).all(), name
