@@ -85,7 +85,8 @@ def clipping_of(near: Any, far: Any, camera: AbstractCamera) -> Clipping | None:
         return None
     if None not in (near, far) and is_concrete((near, far)) and far <= near:
         raise ValueError(f"far must be more than near, {near} meters, got {far}")
-    near, far = (x if is_concrete(x) else x * 1.0 for x in (near, far))
+    # A whole number that is traced becomes a real one.
+    near, far = (x if x is None or is_concrete(x) else x * 1.0 for x in (near, far))
     return Clipping(near, far, camera.projection == "spherical")
 
 
