@@ -60,8 +60,8 @@ class FindCommand:
     origin: tuple[float, float, float] | None = None
     """Where the sensor stood, of clouds whose file does not say it, in meters."""
     sigma: float | None = None
-    """Standard deviation of a depth reading, in meters; 0.001 if neither this nor a
-    sensor is given."""
+    """Standard deviation of a depth reading, in meters. If neither this nor a sensor is
+    given, it is measured in the image."""
     sensor: str | None = None
     """Model of the sensor: a whole camera (structured_light_camera, stereo_camera or
     time_of_flight_camera), its noise alone (the same without _camera), or a JSON file
@@ -98,12 +98,12 @@ class FindCommand:
             raise ValueError("--origin must be given with clouds alone, not --camera")
         self.many.check()
         check_noise(self.sigma, self.sensor)
-        if is_one(self.depth, self.camera):
+        if is_one(self.depth, self.camera) and not self.many.is_asked:
             return self._run_on_one(self.depth[0])
         if self.json is not None:
             raise ValueError(
-                "--json must not be given with several images: each has a found.json "
-                "of its own"
+                "--json must not be given with several images, or a table of one: each "
+                "has a found.json of its own"
             )
         check_single_image(self.page, is_single=False)
         # This starts JAX.

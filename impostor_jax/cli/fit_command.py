@@ -115,7 +115,8 @@ class FitCommand:
         self.many.check()
         if self.mask and self.labels:
             raise ValueError("--mask must not be given together with --labels")
-        is_single = self.views is not None or is_one(self.depth, self.camera)
+        is_single = is_one(self.depth, self.camera) and not self.many.is_asked
+        is_single |= self.views is not None
         if self.json is not None and (self.labels or not is_single):
             raise ValueError(
                 "--json must not be given with --labels or several images: each fit "

@@ -41,6 +41,11 @@ class Many:
     """Leave out what is done already, from the same files with the same options and
     version: the rest of an interrupted run, or images that came since."""
 
+    @property
+    def is_asked(self) -> bool:
+        """Whether any of them is given: a single image goes the way of many then."""
+        return self != Many()
+
     def check(self) -> None:
         """Raise a `ValueError` where a flag is seen to be bad without JAX."""
         from impostor_jax.workers import number_of_workers

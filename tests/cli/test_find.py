@@ -159,6 +159,13 @@ def test_a_folder_or_a_pattern_stands_for_its_images(find, folder, searched, giv
         assert len(record["cylinders"]) == count
 
 
+def test_a_table_of_a_single_image_is_written(find, folder, searched):
+    assert find("frames/a.npy", "--table", "out/all.csv")[0] == 0
+    table = ij.read_results(folder / "out" / "all.csv")
+    assert table["image"].tolist() == ["a"]
+    assert table["status"].tolist() == ["converged"]
+
+
 def test_a_broken_image_is_a_row_of_the_table(find, folder, searched):
     (folder / "frames" / "0.npy").write_bytes(b"broken")
     asked = "frames", "--only-table", "--table", "out/all.csv"
