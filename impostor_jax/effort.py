@@ -47,7 +47,7 @@ class Effort:
     - `"fast"`: 0.79, 0.76 and 0.72 of the time on easy, medium and hard drawn images,
       for 1.26, 1.15 and 1.39 times the radius error; 0.39 on photographs, of which one
       of ten fails.
-    - `"balanced"`: 8 ms for a can of 4700 pixels with a mask, on two cores
+    - `"balanced"`: 13 ms for a can of 4700 pixels with a mask, on two cores
       (experiments/fit_speed).
     - `"exact"`: 1.6 to 1.8 times the time, for no less error.
 
