@@ -139,10 +139,8 @@ class TrackCommand:
                 if video is not None:
                     video.add(image.depth, seen_by, tracks)
                 if page is not None:
-                    seconds = image.seconds
-                    if seconds is None:
-                        seconds = number / self.frame_rate
-                    page.add(image.depth, seen_by, tracks, seconds)
+                    assert tracker.time is not None
+                    page.add(image.depth, seen_by, tracks, tracker.time)
         write_rows(lambda: rows, self.output)
         tell = partial(print, file=stream_beside(self.page))
         tell(f"{self.output}: {len(identities)} cylinders in {count} images")

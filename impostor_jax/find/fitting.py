@@ -151,8 +151,9 @@ class Fitter:
         mask: Bool[np.ndarray, "H W"],
     ) -> float:
         """As of `outline`, of a fit to a mask of an image from `beside`."""
-        if image is None or isinstance(self.seen_by, SphericalCamera):
+        if image is None:
             return 0.0
+        assert isinstance(self.seen_by, PinholeCamera)
         # What a mask says is of the object is not of a plane.
         image = np.where(mask, self.depth, image)
         seen = Seen(image, mask, self.seen_by, self.noise)

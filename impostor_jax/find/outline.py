@@ -12,16 +12,17 @@ from jaxtyping import Bool, Float
 
 from impostor_jax.fit.limb import Limb, limb_of
 from impostor_jax.fit.seen import Seen
+from impostor_jax.primitives.base import in_camera_frame
 from impostor_jax.primitives.cylinder import Cylinder
 
 ALONG = np.linspace(-0.49, 0.49, 41)
 """Places along a wall, in lengths of it."""
 
 MIDDLE = 0.25
-"""Of those, how far from the middle reaches what both ends are compared with."""
+"""Places so far from the middle at most are what both ends are compared with."""
 
 END = 0.36
-"""How far from the middle an end begins."""
+"""Distance from the middle at which an end begins, in lengths of the wall."""
 
 CLEAR = 4.0
 """Pixels from an end within which nothing is compared: sensors round corners."""
@@ -32,13 +33,13 @@ FEWEST = 3
 EDGE = 0.5
 """Standard deviation of the outline at an end of a side, in pixels."""
 
-ALLOWED = 0.04
-"""Change that is not held against a wall, in radii: a real camera, whose depth was
-warped to its color image, narrows a lying can by as much."""
-
 SENSOR = 0.02
 """The same in radii: of sensors whose edges are off by more along some than along
 others."""
+
+ALLOWED = 0.04
+"""Change that is not held against a wall, in radii: a real camera, whose depth was
+warped to its color image, narrows a lying can by as much."""
 
 
 def unevenness(body: Cylinder, seen: Seen, rms: float, turn: float) -> float:
@@ -107,10 +108,7 @@ def _medians(
 
 def _foreshortened(body: Cylinder, seen: Seen) -> float:
     """Part of the wall's length that a camera sees."""
-    center, axis = body.center, body.axis
-    move = seen.camera.camera_from_world
-    if move is not None:
-        center, axis = move.apply(center), move.rotate(axis)
-    center, axis = np.asarray(center, np.float64), np.asarray(axis, np.float64)
+    body = in_camera_frame(body, seen.camera)
+    center, axis = (np.asarray(x, np.float64) for x in (body.center, body.axis))
     along = float(center @ axis) / float(np.linalg.norm(center))
     return float(np.sqrt(max(1 - along**2, 0.0)))

@@ -3,6 +3,7 @@
 __all__ = ["Detection", "Request", "Searched", "search"]
 
 import dataclasses
+import functools
 import itertools
 from typing import NamedTuple
 
@@ -155,10 +156,14 @@ class _Search:
         self.fewest = max(20, request.min_pixels // view.stride**2)
         self.free = usable & (planes.labels == 0)
         self.crease = creases(view, normals)
-        self.beside = fitter.beside(view, planes.labels > 0)
         self.detections: list[Detection] = []
         self.looked_at: set[tuple[int, int]] = set()
         self.refused: list[Candidate] = []
+
+    @functools.cached_property
+    def beside(self) -> Float[np.ndarray, "H W"] | None:
+        """The image as outlines are judged by, where anything is fitted."""
+        return self.fitter.beside(self.view, self.planes.labels > 0)
 
     def scene(self) -> Scene:
         """What candidates are compared with now."""

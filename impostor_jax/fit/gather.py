@@ -140,8 +140,7 @@ def ray_list(
         length = xp.sqrt(1 + x * x + y * y)
         if camera.start is not None:
             start = xp.asarray(camera.start)[row, col].astype(dtype)
-    read = depth.ravel()[row * depth.shape[1] + col]
-    read = xp.where(exists, read, 0).astype(dtype)
+    read = xp.where(exists, _at(depth, row, col), 0).astype(dtype)
     return RayList(x, y, read, exists, length, start)
 
 
@@ -209,7 +208,12 @@ def _of_pixels(values: Any, row: Indices, col: Indices, xp: ModuleType) -> Any:
     height, width = values.shape
     row = xp.minimum(xp.maximum(row, 0), height - 1)
     col = xp.minimum(xp.maximum(col, 0), width - 1)
-    return values.ravel()[row * width + col]
+    return _at(values, row, col)
+
+
+def _at(values: Any, row: Indices, col: Indices) -> Any:
+    """Values of pixels of an image."""
+    return values.ravel()[row * values.shape[1] + col]
 
 
 def _eroded(mask: Mask, reach: int, xp: ModuleType) -> Mask:

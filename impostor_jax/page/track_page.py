@@ -15,7 +15,6 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import cv2
 import jax.numpy as jnp
 import matplotlib
 import numpy as np
@@ -26,6 +25,7 @@ from impostor_jax.glsl.html import html_page
 from impostor_jax.glsl.orbit_page import upright
 from impostor_jax.glsl.program import mark_sources
 from impostor_jax.io.atomic import write_text
+from impostor_jax.opencv import cv2
 from impostor_jax.page.fit_page import DIALECT, drawn_message, packed
 from impostor_jax.page.frame import PageFrame, frame_around, pose_of
 from impostor_jax.page.picture import COLORS, MISSING

@@ -19,6 +19,7 @@ for a straight line, at the distance gap / |grad gap|, with grad gap held.
 __all__ = ["Cast", "Line", "Places", "nearest_line"]
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import NamedTuple
 
 import jax
@@ -29,9 +30,8 @@ from jaxtyping import Array, Bool, Float, Int
 
 from impostor_jax.geometry.rays import Ray
 from impostor_jax.numerics import Numbers, safe_divide, safe_norm
-from impostor_jax.primitives.base import AbstractPrimitive
-from impostor_jax.rendering.follow import placed, stride_of
-from impostor_jax.rendering.group import Group, lies_alone
+from impostor_jax.rendering.follow import placed, shape_of, stride_of
+from impostor_jax.rendering.group import Group
 from impostor_jax.rendering.half_pixels import reach
 from impostor_jax.rendering.paths import World, met, setting_out, shadow_rays
 from impostor_jax.rendering.search import SEARCHED, first_met
@@ -48,6 +48,10 @@ STENCIL = np.array([(0.0, 0.0), (1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0)
 
 NONE, OUTLINE, CREASE, CUT, SHADOW = range(5)
 """Kinds of edges; SHADOW + k is that of the light k."""
+
+_shape_of = partial(shape_of, by_index=True)
+"""Formulas that read a choice several times are compiled with a copy of it in each
+place: 512 pixels beside six cans take 550 ms so, and 15 by an index."""
 
 
 class Line(NamedTuple):
@@ -228,15 +232,3 @@ def _way(groups: Sequence[Group], code: Int[Array, "*batch"], ray: Ray) -> Numbe
     for group, mine, member in placed(groups, code):
         t = jnp.where(mine, _shape_of(group, member).intersect(ray).t, t)
     return t
-
-
-def _shape_of(group: Group, member: Int[Array, "*batch"]) -> AbstractPrimitive:
-    """The shape that each member of a group is, by an index.
-
-    Not chosen one by one, as `follow.shape_of` does it: formulas that read a choice
-    several times are compiled with a copy of it in each place, which takes 550 ms of
-    512 pixels beside six cans, and the index 15.
-    """
-    if lies_alone(group.primitives):
-        return jax.tree.map(lambda x: x[0], group.primitives)
-    return jax.tree.map(lambda x: x[member], group.primitives)

@@ -137,13 +137,22 @@ def placed(
         first += count
 
 
-def shape_of(group: Group, member: Int[Array, "*batch"]) -> AbstractPrimitive:
+def shape_of(
+    group: Group, member: Int[Array, "*batch"], *, by_index: bool = False
+) -> AbstractPrimitive:
     """The shape that each member of a group is, (*batch,).
 
     What lies alone in its group stays the single one that can be cast.
+
+    Args:
+        group: Of the shapes.
+        member: Which of them.
+        by_index: Whether it is taken by an index of few, too.
     """
     if lies_alone(group.primitives):
         return jax.tree.map(lambda x: x[0], group.primitives)
+    if by_index:
+        return jax.tree.map(lambda x: x[member], group.primitives)
     return member_of(group.primitives, member)
 
 

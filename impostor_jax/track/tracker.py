@@ -93,6 +93,7 @@ class Tracker:
 
     Attributes:
         tracks: Of the last image.
+        time: Of that, in seconds; None before the first.
         ended: Those that ended with the last image, as they were before.
         noise: Of the sensor; None until it is known.
 
@@ -159,7 +160,7 @@ class Tracker:
         self._careful = Options()
         self._followed: list[Followed] = []
         self._planes = NO_PLANES
-        self._time: float | None = None
+        self.time: float | None = None
         self._num_images = 0
         self._num_found = 0
 
@@ -192,7 +193,7 @@ class Tracker:
         if self._is_searched(view):
             self._search(view, masks, now)
         self._end(now)
-        self._time, self._num_images = now, self._num_images + 1
+        self.time, self._num_images = now, self._num_images + 1
         kept = {one.identity for one in self._followed}
         self.ended = tuple(one for one in self.tracks if one.identity not in kept)
         self.tracks = tuple(
@@ -203,11 +204,11 @@ class Tracker:
 
     def _checked_time(self, time: Any) -> float:
         if time is None:
-            return 0.0 if self._time is None else self._time + self._interval
+            return 0.0 if self.time is None else self.time + self._interval
         time = real_number("time", time, unit="seconds")
-        if self._time is not None and time <= self._time:
+        if self.time is not None and time <= self.time:
             raise ValueError(
-                f"time must be later than that of the image before, {self._time} "
+                f"time must be later than that of the image before, {self.time} "
                 f"seconds, got {time}"
             )
         return time
@@ -225,10 +226,10 @@ class Tracker:
         return View.of(np.asarray(image), camera, noise)
 
     def _predict(self, now: float) -> None:
-        if self._time is None:
+        if self.time is None:
             return
         for one in self._followed:
-            one.state = one.state.predicted(now - self._time, self._motion)
+            one.state = one.state.predicted(now - self.time, self._motion)
 
     def _follow(self, view: View, now: float) -> dict[int, Bool[np.ndarray, "h w"]]:
         """Fit what is followed to what reads near where it should be.
