@@ -22,8 +22,9 @@ from impostor_jax.find.sectors import sectors_of, view_of_sector
 from impostor_jax.find.view import View, view_of
 from impostor_jax.fit.far import near_prior, told_in_world
 from impostor_jax.fit.fittable import CYLINDER
-from impostor_jax.fit.measured import law_of_noise
+from impostor_jax.fit.measured import law_of_noise, law_of_pixels
 from impostor_jax.fit.options import Options
+from impostor_jax.fit.per_pixel import PerPixelNoise
 from impostor_jax.fit.request import checked_prior, checked_readings
 from impostor_jax.primitives.local_world import LocalWorld
 from impostor_jax.primitives.plane import Plane
@@ -73,9 +74,10 @@ def find_cylinders(
             mean no reading.
         camera: That took it: with or without a lens, orthographic, or a scanner, whose
             sectors are searched one after the other, up to 60 degrees of elevation.
-        sigma: Standard deviation of a reading in meters, or a noise model of the
-            sensor; if None it is measured in the image, by each fit among its own
-            readings. Where planes show that it is larger, that counts.
+        sigma: Standard deviation of a reading in meters; (H, W) of each, as in
+            `fit_cylinder`; or a noise model of the sensor. If None it is measured in
+            the image, by each fit among its own readings. Where planes show that it is
+            larger, that counts.
         min_pixels: Fewest pixels of a cylinder; 150 by default.
         min_arc: Smallest angle about its axis over which it, or the rim of a cap, is
             seen, in radians; 0.6 by default.
@@ -156,6 +158,8 @@ def read_by(
     its own readings; what neighbors share is the camera's.
     """
     image, noise, told = checked_readings(depth, camera, sigma)
+    if isinstance(noise, PerPixelNoise):
+        noise = law_of_pixels(noise, np.asarray(image))
     if sigma is None:
         noise = law_of_noise(np.asarray(image), camera).noise
         if noise.bias.fields:

@@ -18,6 +18,7 @@ from jaxtyping import Array, Bool, Float
 
 from impostor_jax.fit.body import AbstractBody
 from impostor_jax.fit.gather import ray_list
+from impostor_jax.fit.per_pixel import law_of
 from impostor_jax.fit.problem import RayList, sigma_of
 from impostor_jax.fit.regions import SQUARE, pixel_indices
 from impostor_jax.fit.result import AGREEING, DISAGREEING, Fit
@@ -141,8 +142,8 @@ def _off(seen: Seen, body: AbstractBody) -> Float[np.ndarray, "h w"]:
         body: In the world frame.
     """
     row, col = pixel_indices(seen.region)
-    rays = ray_list(seen.image, seen.camera, row, col)
-    off = _sigmas_off(rays, in_camera_frame(body, seen.camera), seen.noise)
+    rays = ray_list(seen.image, seen.camera, row, col, seen.noise)
+    off = _sigmas_off(rays, in_camera_frame(body, seen.camera), law_of(seen.noise))
     away = np.zeros(seen.image.shape)
     away[row[rays.exists], col[rays.exists]] = np.asarray(off)[rays.exists]
     return away

@@ -190,7 +190,7 @@ def _costs(held: dict[str, Any]) -> Any:
                     np.asarray(view.depth),
                     view.mask,
                     converted(camera),
-                    converted(checked_noise(view.sigma)),
+                    converted(checked_noise(view.sigma, view.camera)),
                 )
                 for view, camera in zip(views, cameras, strict=True)
             ]

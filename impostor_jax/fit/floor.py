@@ -17,6 +17,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from impostor_jax.camera.ray_table import Sight
 from impostor_jax.fit.gather import ray_list
+from impostor_jax.fit.per_pixel import law_of
 from impostor_jax.fit.problem import RayList, sigma_of
 from impostor_jax.fit.tube_body import TubeBody
 from impostor_jax.primitives.base import in_camera_frame
@@ -75,8 +76,8 @@ def floor_pixels(
         camera: The camera.
         noise: Of the readings.
     """
-    rays = ray_list(image, camera, row, col)
-    found = _readings_within(rays, in_camera_frame(body, camera), noise)
+    rays = ray_list(image, camera, row, col, noise)
+    found = _readings_within(rays, in_camera_frame(body, camera), law_of(noise))
     within, front, deep, wall, sigma = map(np.asarray, found)
     none = np.zeros(image.shape, bool)
     off = within & (front > OFF) & (deep > 0)

@@ -17,6 +17,7 @@ from jax.typing import DTypeLike
 from jaxtyping import Array, Bool, Float
 
 from impostor_jax.camera.ray_table import RayTable, Sight, directions_of
+from impostor_jax.fit.per_pixel import law_of, spread_of
 from impostor_jax.fit.problem import BLOCK, Lattice, RayList, Table
 from impostor_jax.fit.surface import cropped
 from impostor_jax.fit.uncertainty import MAX_LAG
@@ -77,7 +78,7 @@ def table_of(
     rows, cols = _all_over((height, width))
     all_rows = xp.concatenate([row, edge_row.ravel(), rows])
     all_cols = xp.concatenate([col, edge_col.ravel(), cols])
-    rays = ray_list(depth, camera, all_rows, all_cols, xp)
+    rays = ray_list(depth, camera, all_rows, all_cols, noise, xp)
     is_object = xp.concatenate(
         [np.zeros(len(row) + edge_row.size, bool), mask[rows, cols]]
     )
@@ -96,7 +97,7 @@ def table_of(
         each=xp.asarray(height * width / SPREAD**2, dtype),
         pixel=xp.asarray(camera.spacing, dtype),
         camera_from_world=camera.camera_from_world or _still(dtype),
-        noise=noise,
+        noise=law_of(noise),
     )
 
 
@@ -116,7 +117,12 @@ def _still(dtype: DTypeLike) -> RigidTransform:
 
 
 def ray_list(
-    depth: Image, camera: Sight, row: Indices, col: Indices, xp: ModuleType = np
+    depth: Image,
+    camera: Sight,
+    row: Indices,
+    col: Indices,
+    noise: AbstractDepthNoise,
+    xp: ModuleType = np,
 ) -> RayList:
     """What an image holds at some pixels; beyond it there is no reading.
 
@@ -125,6 +131,7 @@ def ray_list(
         camera: That took the image.
         row: Rows of the pixels.
         col: Their columns.
+        noise: Of its readings.
         xp: As of `table_of`.
     """
     exists = (row >= 0) & (row < depth.shape[0]) & (col >= 0) & (col < depth.shape[1])
@@ -141,7 +148,7 @@ def ray_list(
         if camera.start is not None:
             start = xp.asarray(camera.start)[row, col].astype(dtype)
     read = xp.where(exists, _at(depth, row, col), 0).astype(dtype)
-    return RayList(x, y, read, exists, length, start)
+    return RayList(x, y, read, exists, length, start, spread_of(noise, row, col, xp))
 
 
 def _at_border(

@@ -16,6 +16,7 @@ __all__ = [
     "NOT_MEASURED",
     "MeasuredNoise",
     "law_of_noise",
+    "law_of_pixels",
     "measured_noise",
     "with_measured",
 ]
@@ -31,6 +32,7 @@ from scipy import optimize
 
 from impostor_jax.camera.base import AbstractRays
 from impostor_jax.camera.pinhole import PinholeCamera
+from impostor_jax.fit.per_pixel import PerPixelNoise
 from impostor_jax.fit.request import (
     Given,
     checked_depth,
@@ -232,14 +234,36 @@ def law_of_noise(
             levels.append(float(known.noise.deviation))
     if not levels:
         return whole
+    return whole._replace(noise=_growing(np.array(middles), np.array(levels)))
+
+
+def law_of_pixels(
+    noise: PerPixelNoise, image: Float[np.ndarray, "h w"]
+) -> AbstractDepthNoise:
+    """How noise that is told pixel by pixel grows with depth.
+
+    Args:
+        noise: Of the image.
+        image: Depths in meters; 0 where there is no reading.
+    """
+    own = np.flatnonzero(image)
+    own = own[at_most(len(own), SAMPLE)]
+    if not len(own):
+        return noise.middle
+    sigma = np.asarray(noise.image, float)
+    return _growing(image.ravel()[own].astype(float), sigma.ravel()[own])
+
+
+def _growing(
+    depth: Float[np.ndarray, " n"], level: Float[np.ndarray, " n"]
+) -> StructuredLight:
+    """The law floor + growth z^2 of standard deviations at some depths."""
     # Each counts by its relative error; of neither part there is less than none.
-    square, level = np.square(middles), np.array(levels)
-    terms = np.stack([np.ones_like(level), square], axis=1) / level[:, None]
+    terms = np.stack([np.ones_like(level), depth**2], axis=1) / level[:, None]
     floor, growth = optimize.nnls(terms, np.ones_like(level))[0]
     # The model has some of either.
     floor = max(floor, 1e-3 * level.min())
-    law = StructuredLight(floor, growth, best_depth=0.0, grazing=0.0)
-    return whole._replace(noise=law)
+    return StructuredLight(floor, growth, best_depth=0.0, grazing=0.0)
 
 
 def _white(level: float) -> MeasuredNoise:

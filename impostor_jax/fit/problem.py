@@ -21,7 +21,7 @@ __all__ = [
 ]
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -54,6 +54,8 @@ class Pixels(eqx.Module):
         exists: False beyond the image, and for entries that only fill up.
         length: What the sensor measures along a ray over depth: 1 of depths.
         start: Where the rays begin; None where all begin at the origin.
+        spread: Standard deviation over what the noise model says; None where it is
+            right.
     """
 
     direction: Vec3
@@ -61,6 +63,7 @@ class Pixels(eqx.Module):
     exists: Bool[Array, "*batch"]
     length: Float[Array, "*batch"]
     start: Vec3 | None = None
+    spread: Float[Array, "*batch"] | None = None
 
 
 class Edge(eqx.Module):
@@ -118,6 +121,7 @@ class RayList(NamedTuple):
         exists: As of `Pixels`, like the others.
         length: What the sensor measures along a ray over depth.
         start: Where the rays begin; None where all begin at the origin.
+        spread: As of `Pixels`.
     """
 
     x: Values
@@ -126,6 +130,7 @@ class RayList(NamedTuple):
     exists: Flags
     length: Values
     start: Float[Array, "n 3"] | Float[np.ndarray, "n 3"] | None
+    spread: Values | None
 
     def pixels(self, first: int = 0, shape: tuple[int, ...] = (-1,)) -> Pixels:
         """Some of them, in an array.
@@ -135,13 +140,14 @@ class RayList(NamedTuple):
             shape: Of what is returned; all that follow if (-1,).
         """
         last = len(self.x) if shape == (-1,) else first + math.prod(shape)
-        cut = [jnp.asarray(values)[first:last] for values in jax.tree.leaves(self)]
-        x, y, depth, exists, length, *start = [
-            values.reshape(*shape, *values.shape[1:]) for values in cut
-        ]
+
+        def cut(values: Any) -> Array:
+            return jnp.asarray(values)[first:last].reshape(*shape, *values.shape[1:])
+
+        x, y, depth, exists, length, start, spread = jax.tree.map(cut, self)
         direction = Vec3(x, y, jnp.ones_like(x))
-        begins = Vec3.from_array(start[0]) if start else None
-        return Pixels(direction, depth, exists, length, begins)
+        begins = None if start is None else Vec3.from_array(start)
+        return Pixels(direction, depth, exists, length, begins, spread)
 
 
 class Lattice(NamedTuple):
@@ -397,4 +403,6 @@ def sigma_of(
     """
     # A scanner errs along the ray.
     sigma = noise.sigma(depth * pixels.length, cos_incidence) / pixels.length
+    if pixels.spread is not None:
+        sigma = sigma * pixels.spread
     return jnp.maximum(sigma, eps(depth.dtype, 16) * depth)

@@ -20,6 +20,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from impostor_jax.fit.per_pixel import law_of
 from impostor_jax.fit.problem import BLOCK
 from impostor_jax.fit.surface import at_most, cropped, thinned, upper_median
 from impostor_jax.opencv import cv2
@@ -57,6 +58,7 @@ def typical_sigma(
     noise: AbstractDepthNoise,
 ) -> float:
     """Standard deviation of about the middle reading, seen face on, in meters."""
+    noise = law_of(noise)
     if isinstance(noise, ConstantNoise):
         # No reading is looked for, and JAX is not asked: 0.2 ms less.
         return float(noise.deviation)

@@ -45,6 +45,7 @@ from impostor_jax.camera.orthographic import OrthographicCamera
 from impostor_jax.effort import MIN_READINGS
 from impostor_jax.fit.fittable import Fittable
 from impostor_jax.fit.options import Options
+from impostor_jax.fit.per_pixel import PerPixelNoise, noise_of_pixels, read_with
 from impostor_jax.fit.prior import Prior
 from impostor_jax.fit.problem import Settings
 from impostor_jax.fit.result import Fit, each_of
@@ -212,14 +213,23 @@ def _leaves_out_slopes(sigma: Any) -> bool:
     return any(isinstance(part, LateralNoise) for part in parts)
 
 
-def checked_noise(sigma: Any) -> AbstractDepthNoise:
-    """Noise model of the sensor; a number is that of all readings, None a guess."""
+def checked_noise(sigma: Any, camera: AbstractRays | None = None) -> AbstractDepthNoise:
+    """Noise model of the sensor; a number is that of all readings, None a guess.
+
+    Args:
+        sigma: As a caller gives it.
+        camera: That took the image, of which there may be a number for each pixel; none
+            of what is no image.
+    """
     if sigma is None:
         sigma = USUAL_SIGMA
     if isinstance(sigma, AbstractDepthNoise):
         return sigma
     dtype = _own_type()
     if not isinstance(sigma, float):
+        if camera is not None and isinstance(sigma, jax.Array | np.ndarray):
+            if sigma.ndim:
+                return noise_of_pixels(sigma, camera)
         if np.ndim(sigma) or isinstance(sigma, str | type) or callable(sigma):
             raise ValueError(
                 "sigma must be a positive number in meters, the same for all readings, "
@@ -373,7 +383,9 @@ def checked_readings(
     The mean errors that a sensor knows are taken off the depth, and off the sensor:
     whoever gets both does not take them off again.
     """
-    noise, image = checked_noise(sigma), checked_depth(depth, camera)
+    noise, image = checked_noise(sigma, camera), checked_depth(depth, camera)
+    if isinstance(noise, PerPixelNoise):
+        image = read_with(noise, image)
     if not noise.bias.scales:
         return image, noise, sigma
     image, noise = corrected(image, noise)

@@ -45,7 +45,7 @@ def fit_cylinders(
         depths: (N, H, W), as in `fit_cylinder`.
         camera: The camera of all images, or a list of N, one an image.
         masks: (N, H, W), or None.
-        sigma: Of all images, as in `fit_cylinder`.
+        sigma: Of all images, as in `fit_cylinder`; or (N, H, W), of each reading.
         initial: A batch (N,) of starts in the world frame; found from each image if
             None.
         fixed: Names of parameters that keep their value in `initial`, as in
@@ -83,13 +83,22 @@ def fit_cylinders(
     for one in cameras:
         check_types(Cylinder, one, initial, count)
 
+    told = isinstance(sigma, jax.Array | np.ndarray) and sigma.ndim == 3
+    if told and len(sigma) != count:
+        raise ValueError(f"sigma must be of {count} images, got {len(sigma)}")
     asked = Options.of(fixed, prior, mask_meaning, scale, errors, effort)
 
     def fit(index: int) -> Fit:
         mask = None if masks is None else masks[index]
         start = None if initial is None else jax.tree.map(lambda a: a[index], initial)
         return fit_or_failure(
-            CYLINDER, depths[index], cameras[index], mask, sigma, start, asked
+            CYLINDER,
+            depths[index],
+            cameras[index],
+            mask,
+            sigma[index] if told else sigma,
+            start,
+            asked,
         )
 
     return _stacked(side_by_side(fit, range(count)))

@@ -76,10 +76,11 @@ def fit_cylinder(
             The pixels are reported as `region`. Of several images a list; those that
             have None are searched for what the others show, or else for what is found
             in the first in which something is.
-        sigma: Standard deviation of a reading in meters, or a noise model of the
-            sensor, which weighs each reading by its depth and incidence. Readings that
-            scatter three times as much make it a `poor_fit`. If None, it is measured in
-            each image, from the object's own readings and from planes around: white
+        sigma: Standard deviation of a reading in meters; an array (H, W) of each, as
+            some cameras tell it, where NaN and infinity leave a reading out; or a noise
+            model of the sensor, which weighs each reading by its depth and incidence.
+            Readings that scatter three times as much make it a `poor_fit`. If None, it
+            is measured in each image, from the object's own readings and from planes around: white
             noise is a number; errors that neighbors share are those of a camera that
             matches windows, as `StructuredLight.sensor` has them, with its scale that
             no image tells. `print(fit)` says what was measured. Where nothing is (fewer

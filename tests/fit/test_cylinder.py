@@ -247,7 +247,7 @@ DEPTH, MASK = image()
         ({"sigma": "stereo"}, "such as ij.StructuredLight.*, got the text 'stereo'"),
         ({"sigma": ij.StructuredLight}, "got the class StructuredLight, of which an"),
         ({"sigma": ij.StructuredLight.sensor}, "function sensor, whose result is"),
-        ({"sigma": 0.001 + 0 * DEPTH}, r"same for all .* array of shape \(120, 160\)"),
+        ({"sigma": np.full(9, 0.001)}, r"sigma must be .* shape \(120, 160\), got"),
         ({"depth": 0 * DEPTH, "mask": None}, "at least 50 readings, got 0"),
         ({"mask": MASK[:, :-1]}, r"mask must have the camera's shape \(120, 160\)"),
         ({"mask": MASK * 1.0}, "mask must be of booleans or integers, got float64"),
