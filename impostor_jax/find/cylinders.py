@@ -128,6 +128,8 @@ def find_cylinders(
         )
     options = dataclasses.replace(options, effort=_of_fits(options.effort))
     parts = _parts(image, camera, noise, sigma, options)
+    for _, fitter in parts[:1]:
+        fitter.prepare()
     found = [search(view, request, fitter) for view, fitter in parts]
     detections = sorted(
         _distinct([one for part in found for one in part.detections]),

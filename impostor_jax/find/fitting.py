@@ -12,6 +12,7 @@ import dataclasses
 import warnings
 from typing import Any
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float, PRNGKeyArray
@@ -27,11 +28,13 @@ from impostor_jax.find.sectors import Sector
 from impostor_jax.find.view import View
 from impostor_jax.fit.fittable import CYLINDER
 from impostor_jax.fit.options import Options
-from impostor_jax.fit.regions import typical_sigma
+from impostor_jax.fit.regions import BUCKETS, typical_sigma
+from impostor_jax.fit.request import checked_noise
 from impostor_jax.fit.result import Asked, Fit
 from impostor_jax.fit.seen import Seen
-from impostor_jax.fit.shapes import fit_shape
+from impostor_jax.fit.shapes import fit_shape, prepare_fit
 from impostor_jax.fit.status import FitStatus
+from impostor_jax.fit.threads import in_background
 from impostor_jax.geometry.frames import RigidTransform
 from impostor_jax.numerics import Numbers
 from impostor_jax.primitives.cylinder import Cylinder
@@ -43,6 +46,12 @@ MOST_GUESSES = 6
 
 QUICK: dict[str, Any] = {"doubts": False, "readings": 4096, "max_steps": 20}
 """What is less of a fit that tries a candidate."""
+
+MANY = 32
+"""Pixels of an image over those of an object that is expected in it, at least."""
+
+_PREPARED: set[Any] = set()
+"""For which fits programs are prepared in this process."""
 
 NEAREST = 1e-3
 """Smallest depth that a noise model is asked for, in meters."""
@@ -175,6 +184,32 @@ class Fitter:
             side = 1.0 if aside > radius else -1.0
             found.append(Candidate(center, axis, radius, side))
         return found
+
+    def prepare(self) -> None:
+        """Load or compile what fits take, in a thread, once for all such images.
+
+        While an image is searched, which takes about as long the first time.
+        """
+        if self.away:
+            return
+        noise = checked_noise(self.sigma, self.seen_by)
+        asked = self.options.effort, type(self.seen_by), jax.config.jax_enable_x64
+        key = (jax.tree.structure(noise), *asked)
+        if key in _PREPARED:
+            return
+        _PREPARED.add(key)
+        valid = np.flatnonzero(self.depth > 0)
+        few, most = BUCKETS[:2]
+        counts = [few, most] if len(valid) > MANY * few else [few]
+
+        def compile_all() -> None:
+            for count in counts:
+                region = np.zeros(self.depth.shape, bool)
+                region.ravel()[valid[:count]] = True
+                seen = Seen(self.depth, region, self.seen_by, noise)
+                prepare_fit(CYLINDER, seen, self.sigma, self.options)
+
+        in_background(compile_all)
 
     def tried(self, mask: Bool[np.ndarray, "h w"], evidence: Evidence) -> Fit:
         """A quick fit, as `fit`: most of what is fitted is refused."""

@@ -1,6 +1,7 @@
 """Which pixels of an image a fit uses."""
 
 __all__ = [
+    "BUCKETS",
     "SQUARE",
     "DepthUnitsWarning",
     "chosen_pixels",

@@ -6,7 +6,7 @@ arrays that come in few sizes. Most images are explained by the first guess; whe
 is not, or where the caller asks for it, the others are tried, too.
 """
 
-__all__ = ["fit_from", "fit_shape"]
+__all__ = ["fit_from", "fit_shape", "prepare_fit"]
 
 import dataclasses
 from collections.abc import Callable, Sequence
@@ -288,8 +288,7 @@ def _fit_pixels(
     """
     guesses = guesses_of(kind, seen) if initial is None else []
     shown = tuple(shown_by(one, effort.readings, correlated) for one in seen)
-    compiled = quickly_compiled(fit_from, static_argnames=("kernel", "correlated"))
-
+    compiled = _compiled_fit()
     asked = {"kernel": effort.kernel, "correlated": correlated}
     if any(one.is_new for one in guesses):
         # While that for the guesses is.
@@ -312,6 +311,30 @@ def _fit_pixels(
     sizes = [one.image.shape for one in seen]
     fit = best_of(found, num_starts) if num_starts > 1 else found[0].fit
     return _told_by_pixel(fit, likeliest(found), shown, sizes)
+
+
+def _compiled_fit() -> Any:
+    return quickly_compiled(fit_from, static_argnames=("kernel", "correlated"))
+
+
+def prepare_fit(kind: Fittable, one: Seen, sigma: Any, options: Options) -> None:
+    """Load or compile what a fit to an object takes, from a start.
+
+    Args:
+        kind: What will be fitted.
+        one: An object of which as many readings are taken.
+        sigma: As a caller gives it.
+        options: As of `fit_shape`.
+    """
+    effort, correlated = options.effort, options.correlated(one.noise)
+    with working_precision(effort.precision, ()) as converted:
+        settings = checked_settings(kind, options, None, sigma)
+        known = converted(checked_prior(options.prior, kind.expectable, None))
+        camera, noise = converted((one.camera, one.noise))
+        own = seen_by(one.image, one.region, camera, noise).without_edges()
+        shown = (shown_by(own, effort.readings, correlated),)
+        asked = {"kernel": effort.kernel, "correlated": correlated}
+        _compiled_fit().prepare(shown, known, settings, kind.blank, **asked)
 
 
 def _told_by_pixel(

@@ -80,9 +80,9 @@ def fit_cylinder(
             some cameras tell it, where NaN and infinity leave a reading out; or a noise
             model of the sensor, which weighs each reading by its depth and incidence.
             Readings that scatter three times as much make it a `poor_fit`. If None, it
-            is measured in each image, from the object's own readings and from planes around: white
-            noise is a number; errors that neighbors share are those of a camera that
-            matches windows, as `StructuredLight.sensor` has them, with its scale that
+            is measured in each image, from the object's own readings and from planes
+            around: white noise is a number; errors that neighbors share are those of a
+            camera that matches windows, as `StructuredLight.sensor` has them, with its scale that
             no image tells. `print(fit)` says what was measured. Where nothing is (fewer
             than 200 readings, no noise, a traced fit), 1 mm weighs against priors and
             outlines, and is not held against the readings. Of several images one of

@@ -1,12 +1,15 @@
 """Fits of what a search proposes."""
 
 import numpy as np
+import pytest
 
 import impostor_jax as ij
+from impostor_jax.compiling import quickly_compiled
 from impostor_jax.find import fitting
 from impostor_jax.fit.options import Options
+from impostor_jax.fit.shapes import fit_from
 from tests.find.scenes import ORTHOGRAPHIC
-from tests.fit.scenes import SIGMA, image
+from tests.fit.scenes import CAMERA, SIGMA, image
 from tests.groups import SMALL_IMAGES
 from tests.page.scenes import can_fit
 
@@ -22,3 +25,25 @@ def test_a_fit_of_parallel_rays_forgets_the_camera_that_stood_in(monkeypatch):
     fit = fitter._fit(mask, None, ij.Effort())
     assert fit.asked.arguments is None
     np.testing.assert_array_equal(fit.cylinder.radius, can_fit().cylinder.radius)
+
+
+@SMALL_IMAGES
+@pytest.mark.parametrize("sigma", [SIGMA, None], ids=["told", "untold"])
+def test_what_is_prepared_is_what_fits_take(monkeypatch, sigma):
+    depth, mask = image()
+    ij.fit_cylinder(depth, CAMERA, mask, sigma)
+    programs = quickly_compiled(fit_from, static_argnames=("kernel", "correlated"))
+    asked = []
+    monkeypatch.setattr(fitting, "_PREPARED", set())
+    monkeypatch.setattr(fitting, "in_background", lambda function: function())
+    monkeypatch.setattr(
+        type(programs),
+        "prepare",
+        lambda self, *given, **named: asked.append(self._asked(given, named)[2]),
+    )
+    noise, options = ij.ConstantNoise(SIGMA), Options()
+    fitter = fitting.Fitter.of(depth, CAMERA, noise, sigma, options)
+    fitter.prepare()
+    fitter.prepare()
+    assert len(asked) == 1
+    assert asked[0] in programs.programs
