@@ -6,7 +6,14 @@ import pytest
 from impostor_jax.clouds.cloud import cloud_of
 from impostor_jax.clouds.confidence import FACTS, confidence, facts_of
 from impostor_jax.clouds.planes import planes_of
-from impostor_jax.clouds.search import Request, continues, searched
+from impostor_jax.clouds.search import (
+    MOST_AGAINST,
+    Request,
+    _is_likely,
+    continues,
+    searched,
+)
+from impostor_jax.clouds.support import supported
 from tests.clouds.scenes import ball, floor, wall
 
 REQUEST = Request(radius_range=(0.01, 1.0))
@@ -69,18 +76,23 @@ def test_rays_through_a_wall_speak_against_it():
     pipe = wall(rng, 3000, (0, 0, 0), (0, 0, 1), 0.2, 2.0, (-1.3, 1.3), 0.002)
     beyond = rng.uniform((-0.15, -1.5, -0.8), (0.15, -1.0, 0.8), (3000, 3))
     points = np.concatenate([pipe, beyond])
-    origins = np.broadcast_to(origin, points.shape)
-    _, without = found_in(points)
-    assert any(len(one.own) > 2500 for one in without)
-    _, found = found_in(points, origins)
-    assert not any(len(one.own) > 2500 for one in found)
+    _, found = found_in(points)
+    (one,) = [one for one in found if len(one.own) > 2500]
+    cloud = cloud_of(points, np.broadcast_to(origin, points.shape))
+    free = np.ones(len(points), bool)
+    support = supported(cloud, free, one.support.wall, 0.001)
+    # The search would propose what is refused from each of its patches.
+    assert len(support.on) > 2500
+    assert support.behind > MOST_AGAINST > 0.1 > one.support.behind
+    assert not _is_likely(support, REQUEST)
+    assert _is_likely(support._replace(behind=0.0), REQUEST)
 
 
 def test_pieces_of_one_thing_are_told_from_two():
     rng = np.random.default_rng(4)
 
     def piece(center, axis, radius):
-        cloud, found = found_in(wall(rng, 4000, center, axis, radius, 1.0, noise=0.001))
+        cloud, found = found_in(wall(rng, 1500, center, axis, radius, 1.0, noise=0.001))
         return found[0].support.moved(cloud.middle)
 
     first = piece((0, 0, 0), (0, 0, 1), 0.1)
