@@ -12,7 +12,8 @@ follow from these once, of all pixels (`impostor_jax.rendering.follow`).
 
 __all__ = ["closest"]
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from typing import TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -20,7 +21,6 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from impostor_jax.camera.base import Projection
-from impostor_jax.compiling import computed_apart
 from impostor_jax.geometry.rays import Ray
 from impostor_jax.geometry.vec3 import Vec3
 from impostor_jax.primitives.base import AbstractPrimitive
@@ -31,6 +31,7 @@ from impostor_jax.rendering.blocks import (
     pairs_of,
     rectangles_of,
 )
+from impostor_jax.rendering.clipping import Clipping
 from impostor_jax.rendering.follow import code_of, followed, stride_of
 from impostor_jax.rendering.group import Group
 
@@ -51,7 +52,11 @@ _Places = tuple[int, int]
 
 
 def closest(
-    groups: list[Group], rays: Ray, projection: Projection, with_normal: bool
+    groups: list[Group],
+    rays: Ray,
+    clipping: Clipping | None,
+    projection: Projection,
+    with_normal: bool,
 ) -> tuple[Surface, Int[Array, "h w"], Int[Array, "h w"]]:
     """Depth and normal of the closest shape among those of all groups, place and part.
 
@@ -60,33 +65,74 @@ def closest(
     Args:
         groups: In the camera frame. Places count through their shapes, group by group,
             and are -1 where nothing is hit.
-        rays: One for each pixel; NaN or infinite where a pixel sees nothing.
+        rays: Of a camera, one for each pixel; NaN or infinite where one sees nothing.
+        clipping: Where they start; None where the camera lets them.
         projection: Of the camera.
         with_normal: Whether the normal is wanted; it is None if not.
     """
-    t, code = _search(*jax.lax.stop_gradient((groups, rays)), projection)
-    surface = followed((groups, rays), t, code, with_normal)
-    stride = stride_of(groups)
+    still_groups, still_rays = jax.lax.stop_gradient((groups, rays))
+    blocks = jax.tree.map(TILING.cut, _coordinates(still_rays, projection))
+
+    def rays_of(block: Int[Array, " b"]) -> Ray:
+        return _started(_ray_at(_of_blocks(blocks, block), projection), clipping)
+
+    extent, stride = TILING.extent(still_rays, projection), stride_of(groups)
+    t, code = _search(still_groups, rays_of, extent, projection)
+    t, code = (TILING.joined(x, *rays.direction.z.shape) for x in (t, code))
+    surface = followed((groups, _started(rays, clipping)), t, code, with_normal)
     return surface, code // stride, code % stride // 2
 
 
+def _started(rays: Ray, clipping: Clipping | None) -> Ray:
+    return rays if clipping is None else clipping.started(rays)
+
+
+def _coordinates(rays: Ray, projection: Projection) -> tuple[Array, ...]:
+    """What rays of a camera differ in."""
+    o, d = rays.origin, rays.direction
+    if projection == "parallel":
+        return o.x, o.y
+    return (d.x, d.y) if projection == "planar" else (d.x, d.y, d.z)
+
+
+def _ray_at(coordinates: tuple[Array, ...], projection: Projection) -> Ray:
+    """The rays again: what they have in common XLA sees, and does not look up."""
+    zero = jnp.zeros_like(coordinates[0])
+    origin = Vec3(zero, zero, zero)
+    if projection == "spherical":
+        return Ray(origin, Vec3(*coordinates))
+    x, y = coordinates
+    if projection == "planar":
+        return Ray(origin, Vec3(x, y, zero + 1))
+    return Ray(Vec3(x, y, zero), Vec3(zero, zero, zero + 1))
+
+
 def _search(
-    groups: list[Group], rays: Ray, projection: Projection
-) -> tuple[Float[Array, "h w"], Int[Array, "h w"]]:
-    """Depth and code of what is nearest, without a derivative."""
-    height, width = rays.direction.z.shape
-    blocks = jax.tree.map(TILING.cut, rays)
-    extent, stride = TILING.extent(rays, projection), stride_of(groups)
-    size = blocks.direction.z.shape
-    t = jnp.full(size, jnp.inf, rays.direction.z.dtype)
+    groups: list[Group],
+    rays_of: Callable[[Int[Array, " b"]], Ray],
+    extent: Extent,
+    projection: Projection,
+) -> tuple[Float[Array, "blocks pixels"], Int[Array, "blocks pixels"]]:
+    """Depth and code of what is nearest, block by block, without a derivative."""
+    stride = stride_of(groups)
+    size = len(extent[0][0]) * len(extent[1][0]), TILING.rows * TILING.cols
+    t = jnp.full(size, jnp.inf, extent[0][0].dtype)
     code = jnp.full(size, -stride, jnp.int32)
     first = 0
     for group in groups:
         for part in _parts(group, size[0]):
             places = first, stride
-            t, code = _cast(part, places, blocks, projection, extent, (t, code))
+            t, code = _cast(part, places, rays_of, projection, extent, (t, code))
             first += part.index.shape[0]
-    return TILING.joined(t, height, width), TILING.joined(code, height, width)
+    return t, code
+
+
+Values = TypeVar("Values")
+
+
+def _of_blocks(values: Values, block: Int[Array, " b"]) -> Values:
+    """What some blocks hold; beyond the last block, what that holds."""
+    return jax.tree.map(lambda x: x.at[block].get(mode="clip"), values)
 
 
 def _parts(group: Group, num_blocks: int) -> Iterator[Group]:
@@ -99,7 +145,7 @@ def _parts(group: Group, num_blocks: int) -> Iterator[Group]:
 def _cast(
     group: Group,
     places: _Places,
-    blocks: Ray,
+    rays_of: Callable[[Int[Array, " b"]], Ray],
     projection: Projection,
     extent: Extent,
     nearest: tuple[Array, Array],
@@ -107,11 +153,11 @@ def _cast(
     """What is nearest after the shapes of one group."""
     mine = rectangles_of(group.primitives, group.index >= 0, extent, projection)
     ending = jnp.cumsum(mine.count)
-    most = int(np.clip(16 * group.index.shape[0], 2048, MOST_PAIRS))
+    most = int(np.clip(8 * group.index.shape[0], 2048, MOST_PAIRS))
 
     def round_(turn: Array, nearest: tuple[Array, Array]) -> tuple[Array, Array]:
         pairs = pairs_of(mine, ending, turn * most, most, extent)
-        return _cast_pairs(group.primitives, places, blocks, pairs, nearest)
+        return _cast_pairs(group.primitives, places, rays_of, pairs, nearest)
 
     turns = -(-ending[-1] // most)
     return jax.lax.fori_loop(0, turns, round_, nearest)
@@ -120,7 +166,7 @@ def _cast(
 def _cast_pairs(
     shapes: AbstractPrimitive,
     places: _Places,
-    blocks: Ray,
+    rays_of: Callable[[Int[Array, " b"]], Ray],
     pairs: Pairs,
     nearest: tuple[Array, Array],
 ) -> tuple[Array, Array]:
@@ -134,8 +180,8 @@ def _cast_pairs(
 
     def at_chunk(number: Array, nearest: tuple[Array, Array]) -> tuple[Array, Array]:
         block, count = order[number], lengths[number]
-        ray = jax.tree.map(lambda x: x.at[block].get(mode="clip"), blocks)
-        start = pairs.first.at[block].get(mode="clip")
+        ray = rays_of(block)
+        start = _of_blocks(pairs.first, block)
 
         def at_slot(slot: Array, nearest: tuple[Array, Array]):
             t, code = nearest
@@ -147,12 +193,12 @@ def _cast_pairs(
                 ),
                 shapes,
             )
-            hit = computed_apart(lambda: shape.intersect(ray), ray.direction.z)
+            hit = shape.intersect(ray)
             nearer = (hit.t < t) & (slot < count)[:, None]
             own = code_of((first_place + number)[:, None], hit, stride)
             return jnp.where(nearer, hit.t, t), jnp.where(nearer, own, code)
 
-        kept = jax.tree.map(lambda x: x.at[block].get(mode="clip"), nearest)
+        kept = _of_blocks(nearest, block)
         kept = jax.lax.fori_loop(0, count[0], at_slot, kept)
         return jax.tree.map(
             lambda x, new: x.at[block].set(new, mode="drop", unique_indices=True),

@@ -1,6 +1,6 @@
 """Exact rendering: one ray through the center of every pixel."""
 
-__all__ = ["first_surface", "raycast"]
+__all__ = ["raycast"]
 
 import jax
 import jax.numpy as jnp
@@ -45,8 +45,9 @@ def raycast(
         As of `render`.
     """
     ray = camera.rays(row, col, primitive.dtype)
-    cast = ray if clipping is None else clipping.started(ray)
-    t, normal, index, part = first_surface(primitive, camera, cast, with_normal)
+    t, normal, index, part = _first_surface(
+        primitive, camera, ray, clipping, with_normal
+    )
     sees = camera.sees(row, col)
     if sees is not None:
         t = jnp.where(sees, t, jnp.inf)
@@ -68,55 +69,46 @@ def raycast(
     return maps if normal is None else {**maps, "normal": normal.stack()}
 
 
-def first_surface(
+def _first_surface(
     primitive: Shown,
     camera: AbstractCamera,
     ray: Ray,
+    clipping: Clipping | None,
     with_normal: bool,
 ) -> FirstHit:
-    """What rays meet first.
-
-    Args:
-        primitive: In the world frame.
-        camera: In its frame are the rays, and in its image's order.
-        ray: One for each pixel, as of its `rays`; NaN where a pixel sees nothing.
-        with_normal: Whether the normal is wanted.
-    """
-    if isinstance(primitive, Scene):
-        return _see_scene(primitive, camera, ray, with_normal)
-    primitive = in_camera_frame(primitive, camera)
-    hit = primitive.intersect(ray)
-    normal = primitive.normal(ray, hit) if with_normal else None
-    return hit.t, normal, jnp.zeros(hit.t.shape, jnp.int32), _numbers(hit)
-
-
-def _see_scene(
-    scene: Scene, camera: AbstractCamera, ray: Ray, with_normal: bool
-) -> FirstHit:
-    """Search among many shapes of a type; those alone or not searched see every ray."""
+    """What rays of pixels meet first, of what is clipped."""
+    started = ray if clipping is None else clipping.started(ray)
+    if not isinstance(primitive, Scene):
+        primitive = in_camera_frame(primitive, camera)
+        hit = primitive.intersect(started)
+        normal = primitive.normal(started, hit) if with_normal else None
+        return hit.t, normal, jnp.zeros(hit.t.shape, jnp.int32), _numbers(hit)
+    # Search among many shapes of a type; those alone or not searched see every ray.
     many, few = [], []
-    for group in scene.seen_by(camera).groups:
+    for group in primitive.seen_by(camera).groups:
         count = group.index.shape[0]
         if count > 1 and is_searched(group.primitives):
             many.append(group)
         else:
             few += [jax.tree.map(lambda x, k=k: x[k], group) for k in range(count)]
     shape = ray.direction.z.shape
-    t, index = jnp.full(shape, jnp.inf, scene.dtype), jnp.full(shape, -1, jnp.int32)
+    t, index = jnp.full(shape, jnp.inf, primitive.dtype), jnp.full(shape, -1, jnp.int32)
     part = index
     zero = jnp.zeros_like(t)
     normal = Vec3(zero, zero, zero) if with_normal else None
     if many:
-        (t, normal), place, part = closest(many, ray, camera.projection, with_normal)
+        (t, normal), place, part = closest(
+            many, ray, clipping, camera.projection, with_normal
+        )
         given = jnp.concatenate([group.index for group in many])
         index = given[jnp.maximum(place, 0)]
     for group in few:
         only = group.primitives
-        hit = only.intersect(ray)
+        hit = only.intersect(started)
         nearer = hit.t < t
         if normal is not None:
             own = Hit(jnp.where(nearer, hit.t, jnp.inf), hit.on_cap, hit.part)
-            normal = only.normal(ray, own).where(nearer, normal)
+            normal = only.normal(started, own).where(nearer, normal)
         t = jnp.where(nearer, hit.t, t)
         index = jnp.where(nearer, group.index, index)
         part = jnp.where(nearer, _numbers(hit), part)
