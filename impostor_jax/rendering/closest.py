@@ -31,7 +31,7 @@ from impostor_jax.rendering.blocks import (
     pairs_of,
     rectangles_of,
 )
-from impostor_jax.rendering.follow import code_of, followed, stride_of
+from impostor_jax.rendering.follow import code_of, followed, normals_of, stride_of
 from impostor_jax.rendering.group import Group
 
 TILING = Tiling(8, 16)
@@ -65,7 +65,8 @@ def closest(
         with_normal: Whether the normal is wanted; it is None if not.
     """
     t, code = _search(*jax.lax.stop_gradient((groups, rays)), projection)
-    surface = followed((groups, rays), t, code, with_normal)
+    normal = normals_of(groups, rays, t, code) if with_normal else None
+    surface = followed((groups, rays), t, code, normal)
     stride = stride_of(groups)
     return surface, code // stride, code % stride // 2
 
