@@ -20,6 +20,7 @@ import itertools
 
 import equinox as eqx
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 from typing_extensions import override
 
@@ -115,12 +116,12 @@ class DiscHull(AbstractHull):
         volume = x.dot(y.cross(z))
         scale = safe_divide(jnp.ones_like(volume), volume)
         edges = [v * scale for v in (y.cross(z), z.cross(x), x.cross(y))]
-        origin = Vec3.from_array(translation)
-        corners = itertools.product(*((low[..., k], high[..., k]) for k in range(3)))
-        points = [
-            origin + edges[0] * i + edges[1] * j + edges[2] * k for i, j, k in corners
-        ]
-        return DiscHull.of_points(jnp.stack([p.stack() for p in points], axis=-2))
+        is_high = np.array(list(itertools.product((False, True), repeat=3)))
+        corners = jnp.where(is_high, high[..., None, :], low[..., None, :])
+        points = translation[..., None, :]
+        for k, edge in enumerate(edges):
+            points = points + corners[..., k, None] * edge.stack()[..., None, :]
+        return DiscHull.of_points(points)
 
     @override
     def box(self) -> tuple[Corner, Corner]:

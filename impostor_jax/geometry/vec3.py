@@ -41,6 +41,16 @@ class Vec3(eqx.Module):
         x, y, z = self.x[..., None], self.y[..., None], self.z[..., None]
         return jnp.where(component == 0, x, jnp.where(component == 1, y, z))
 
+    def planes(self) -> Float[Array, " 3 *batch"]:
+        """Put the components one after the other in a first axis.
+
+        Chosen by an index as `stack` does, so that what made them is compiled once and
+        not once for each; it is computed three times in either way.
+        """
+        component = jnp.arange(3).reshape((3,) + (1,) * self.x.ndim)
+        x, y, z = self.x[None], self.y[None], self.z[None]
+        return jnp.where(component == 0, x, jnp.where(component == 1, y, z))
+
     def __add__(self, other: "Vec3") -> "Vec3":
         return Vec3(self.x + other.x, self.y + other.y, self.z + other.z)
 

@@ -30,7 +30,7 @@ __all__ = ["Expression", "Solid", "difference", "intersection", "union"]
 import functools
 import operator
 from collections.abc import Iterator, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -41,6 +41,7 @@ from jaxtyping import Array, Bool, Float, Int
 from typing_extensions import override
 
 from impostor_jax.arguments import is_concrete, is_exact
+from impostor_jax.compiling import computed_once
 from impostor_jax.geometry.frames import Points, RigidTransform
 from impostor_jax.geometry.hull import AbstractHull
 from impostor_jax.geometry.rays import Hit, Ray
@@ -61,6 +62,19 @@ from impostor_jax.primitives.expression import (
 from impostor_jax.primitives.heightfield import Heightfield
 from impostor_jax.primitives.solid_search import Search, alike, chosen, first_change
 from impostor_jax.primitives.surface import facing
+
+
+class Size(NamedTuple):
+    """Where the shapes of a solid are, in the shapes' frame.
+
+    Attributes:
+        ball: Near which rays begin: around all that is there, or else around where the
+            shapes are; None where nobody knows.
+        reach: How far the shapes reach from the origin.
+    """
+
+    ball: Ball | None
+    reach: Numbers
 
 
 class Solid(AbstractPrimitive):
@@ -129,13 +143,16 @@ class Solid(AbstractPrimitive):
     @override
     def normal(self, ray: Ray, hit: Hit) -> Vec3:
         mask = hit.mask
-        near, foot = self._near(ray)
+        near, foot, _ = self._near(ray)
         t = jnp.where(mask, hit.t, 0) - foot
         zero = jnp.zeros_like(t)
         n = Vec3(zero, zero, zero)
         for shape, mine, part in self._seen(hit.part, mask):
             own = Hit(jnp.where(mine, t, jnp.inf), hit.on_cap, part)
-            n = shape.normal(near, own).where(mine, n)
+            of_type = computed_once(
+                lambda shape=shape, own=own: shape.normal(near, own).planes()
+            )
+            n = Vec3(*of_type).where(mine, n)
         x, y, z = self._edges()
         # A surface that is taken away is seen from within the shape: it faces the ray
         # like any other.
@@ -182,53 +199,33 @@ class Solid(AbstractPrimitive):
         x, y, z = (Vec3.from_array(self.rotation[..., k]) for k in range(3))
         return x, y, z
 
-    def _near(self, ray: Ray) -> tuple[Ray, Numbers]:
-        """The ray in the shapes' frame, from near them; and where it starts."""
-        edges, ball = self._edges(), self.ball
+    def _near(self, ray: Ray) -> tuple[Ray, Numbers, "Size"]:
+        """The ray in the shapes' frame, from near them; where it starts; their size."""
+        edges, size = self._edges(), self.size
         place, d = Vec3.from_array(self.translation), ray.direction
-        if ball is None:
+        if size.ball is None:
             near, foot = Ray(ray.origin - place, d), jnp.zeros_like(d.x)
         else:
-            center, radius = ball
+            center, radius = size.ball
             x, y, z = (v * center[..., k] for k, v in enumerate(edges))
             near, foot = ray.brought_near(place, place + x + y + z, radius)
         # Turned after that: a product with the way from afar would round it aside.
         turned = (Vec3(*(v.dot(edge) for edge in edges)) for v in (near.origin, d))
-        return Ray(*turned), foot
+        return Ray(*turned), foot, size
 
     @property
-    def ball(self) -> Ball | None:
-        """Ball, in the shapes' frame, near which rays begin.
-
-        Around all that is there, or else around where the shapes are; None where nobody
-        knows.
-        """
+    def size(self) -> "Size":
+        """Where the shapes are, in their own frame; without a derivative."""
         shapes = jax.lax.stop_gradient(self.shapes)
-        hull = hull_of(self.expression, shapes)
-        if hull is not None:
-            return hull.ball()
-        if any(is_endless_function(shape) for shape in shapes):
-            return None
-        center, radius = zip(*map(ball_of, shapes), strict=True)
-        middle = functools.reduce(operator.add, center) / len(center)
-        off = [Vec3.from_array(x - middle).norm() for x in center]
-        reach = map(operator.add, off, radius)
-        return middle, functools.reduce(jnp.maximum, reach)
 
-    @property
-    def reach(self) -> Numbers:
-        """How far the shapes reach from the origin of their own frame.
+        def size() -> Size:
+            # All count, also what is taken away: where it is large or far off, so is
+            # the rounding of the hole that it leaves.
+            reach = functools.reduce(jnp.maximum, map(reach_of, shapes))
+            ball = _ball_near(self.expression, shapes)
+            return Size(ball, jnp.broadcast_to(reach, self.batch_shape))
 
-        All of them count, also what is taken away: where it is large or far off, so is
-        the rounding of the hole that it leaves.
-        """
-        reach = map(reach_of, jax.lax.stop_gradient(self.shapes))
-        farthest = functools.reduce(jnp.maximum, reach)
-        return jnp.broadcast_to(farthest, self.batch_shape)
-
-    def _reach(self, near: Ray) -> Numbers:
-        """Lengths from which the places of all shapes on a ray are computed."""
-        return near.origin.norm() + self.reach
+        return computed_once(size)
 
     def _seen(
         self, part: Int[Array, "*batch"], mask: Bool[Array, "*batch"]
@@ -331,6 +328,22 @@ def _combined(name: str, shapes: Sequence[Any]) -> Solid:
     )
 
 
+def _ball_near(
+    expression: Expression, shapes: Sequence[AbstractPrimitive]
+) -> Ball | None:
+    """Ball of `Size`."""
+    hull = hull_of(expression, shapes)
+    if hull is not None:
+        return hull.ball()
+    if any(is_endless_function(shape) for shape in shapes):
+        return None
+    center, radius = zip(*map(ball_of, shapes), strict=True)
+    middle = functools.reduce(operator.add, center) / len(center)
+    off = [Vec3.from_array(x - middle).norm() for x in center]
+    reach = map(operator.add, off, radius)
+    return middle, functools.reduce(jnp.maximum, reach)
+
+
 def _far_place(shapes: Sequence[AbstractPrimitive]) -> Float[np.ndarray, "3"] | None:
     """A place among shapes that lie so far off that they keep double precision.
 
@@ -402,13 +415,13 @@ def _first_hit(
 
     A miss has the code 0.
     """
-    near, foot = solid._near(ray)
+    near, foot, size = solid._near(ray)
     search = Search(
         near=jax.tree.map(lambda x: jnp.broadcast_to(x, foot.shape), near),
         least=-foot,
-        reach=solid._reach(near),
+        reach=near.origin.norm() + size.reach,
         shapes=solid.shapes,
-        ball=solid.ball if solid.is_bounded else None,
+        ball=size.ball if solid.is_bounded else None,
     )
     t, code = first_change(search, solid.expression)
     return foot + t, code
@@ -420,9 +433,9 @@ def _first_hit_jvp(primals, tangents):
     mask = jnp.isfinite(t)
 
     def cast(ray: Ray, solid: Solid) -> Float[Array, "*batch"]:
-        near, foot = solid._near(ray)
+        near, foot, size = solid._near(ray)
         place = jnp.where(mask, t, 0) - foot
-        room = solid._reach(near) / near.direction.norm()
+        room = (near.origin.norm() + size.reach) / near.direction.norm()
         depth = jnp.zeros_like(place)
         for shape, mine, _ in solid._seen(code // 2, mask):
             start = jax.lax.stop_gradient(_start(shape, near, place, room))

@@ -32,7 +32,7 @@ from impostor_jax.rendering.blocks import (
     rectangles_of,
 )
 from impostor_jax.rendering.clipping import Clipping
-from impostor_jax.rendering.follow import code_of, followed, stride_of
+from impostor_jax.rendering.follow import code_of, followed, normals_of, stride_of
 from impostor_jax.rendering.group import Group
 
 TILING = Tiling(8, 16)
@@ -79,7 +79,9 @@ def closest(
     extent, stride = TILING.extent(still_rays, projection), stride_of(groups)
     t, code = _search(still_groups, rays_of, extent, projection)
     t, code = (TILING.joined(x, *rays.direction.z.shape) for x in (t, code))
-    surface = followed((groups, _started(rays, clipping)), t, code, with_normal)
+    seen = groups, _started(rays, clipping)
+    normal = normals_of(*seen, t, code) if with_normal else None
+    surface = followed(seen, t, code, normal)
     return surface, code // stride, code % stride // 2
 
 

@@ -33,8 +33,8 @@ from impostor_jax.numerics import Numbers, safe_divide, safe_norm
 from impostor_jax.rendering.follow import placed, shape_of, stride_of
 from impostor_jax.rendering.group import Group
 from impostor_jax.rendering.half_pixels import reach
-from impostor_jax.rendering.paths import World, met, setting_out, shadow_rays
-from impostor_jax.rendering.search import SEARCHED, first_met
+from impostor_jax.rendering.paths import World, found, setting_out, shadowing
+from impostor_jax.rendering.search import SEARCHED
 
 Places = Float[Array, "n 2"]
 """In columns and rows."""
@@ -119,9 +119,9 @@ def nearest_line(world: World, cast: Cast, place: Places, size: float) -> Line:
         return jnp.take_along_axis(x, best.reshape(1, -1, *(1,) * (x.ndim - 2)), 0)[0]
 
     off, speed, normal = (chosen(x) for x in (off, speed, normal))
-    found = jax.tree.map(chosen, edges), off < reach(normal), speed, normal
-    found = checkpoint_name(jax.lax.stop_gradient(found), SEARCHED)
-    edge, crosses, speed, normal = found
+    nearest = jax.tree.map(chosen, edges), off < reach(normal), speed, normal
+    nearest = checkpoint_name(jax.lax.stop_gradient(nearest), SEARCHED)
+    edge, crosses, speed, normal = nearest
     gap = _gap(world, edge, cast(place)[0])
     return Line(crosses, jnp.where(crosses, safe_divide(gap, speed), 0), normal)
 
@@ -131,7 +131,7 @@ def _edges_near(world: World, cast: Cast, place: Places, size: float) -> _Edge:
     around = place[None] + size * jnp.asarray(STENCIL, place.dtype)[:, None]
     ray, is_cast = cast(around.reshape(-1, 2))
     ray, is_cast = jax.lax.stop_gradient((ray, is_cast))
-    surface, path = met(world, setting_out(ray, is_cast))
+    here, hiders = found(world, setting_out(ray, is_cast), any_hider=False)
     sides = len(STENCIL)
 
     def parted(x: Array) -> tuple[Array, Array]:
@@ -139,17 +139,14 @@ def _edges_near(world: World, cast: Cast, place: Places, size: float) -> _Edge:
         x = x.reshape(sides, -1)
         return jnp.broadcast_to(x[:1], (sides - 1, x.shape[1])), x[1:]
 
-    code = jnp.where(path.live, surface.code, -1)
-    found = [_seen_edges(world, ray, code, parted)]
-    own, other = parted(code)
-    for number, (rays, far) in shadow_rays(world, path, surface).items():
-        t, hider = first_met(world.shapes, rays, far > 0)
-        hider = jnp.where(t < far, hider, -1)
-        here, there = parted(hider)
-        ends = (own == other) & (own >= 0) & ((here < 0) != (there < 0))
+    edges = [_seen_edges(world, ray, here.code, parted)]
+    own, other = parted(here.code)
+    for number, hider in zip(shadowing(world), hiders, strict=True):
+        own_hider, other_hider = parted(hider)
+        ends = (own == other) & (own >= 0) & ((own_hider < 0) != (other_hider < 0))
         kind = jnp.where(ends, SHADOW + number, NONE)
-        found.append(_Edge(kind, own, jnp.maximum(here, there)))
-    return jax.tree.map(lambda *x: jnp.concatenate(x), *found)
+        edges.append(_Edge(kind, own, jnp.maximum(own_hider, other_hider)))
+    return jax.tree.map(lambda *x: jnp.concatenate(x), *edges)
 
 
 def _seen_edges(

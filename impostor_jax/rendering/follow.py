@@ -10,15 +10,17 @@ __all__ = [
     "code_stride",
     "followed",
     "member_of",
+    "normals_of",
+    "of_seen",
     "placed",
     "seen",
     "shape_of",
     "stride_of",
 ]
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
-from typing import TypeVar
+from typing import NamedTuple, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -73,36 +75,96 @@ def code_of(place: Int[Array, "*#batch"], hit: Hit, stride: int) -> Code:
     return stride * place + piece
 
 
-@partial(jax.custom_jvp, nondiff_argnums=(3,))
+class Seen(NamedTuple):
+    """What rays see of a group.
+
+    Attributes:
+        group: The shapes.
+        mine: Where one of them is seen.
+        member: Which of them; the first elsewhere.
+        piece: Twice its part, plus 1 on a cap.
+    """
+
+    group: Group
+    mine: Bool[Array, "*batch"]
+    member: Int[Array, "*batch"]
+    piece: Int[Array, "*batch"]
+
+    @property
+    def shape(self) -> AbstractPrimitive:
+        """The shapes ray by ray."""
+        return shape_of(self.group, self.member)
+
+    def hit(self, t: Float[Array, "*batch"]) -> Hit:
+        """Hits at these ray parameters, where the group is seen."""
+        t = jnp.where(self.mine, t, jnp.inf)
+        return Hit(t, self.piece % 2 == 1, self.piece // 2)
+
+
+def normals_of(
+    groups: Sequence[Group], rays: Ray, t: Float[Array, "*batch"], code: Code
+) -> Vec3:
+    """Unit normals of the surfaces that were found; without a derivative."""
+    groups, rays, t = jax.lax.stop_gradient((groups, rays, t))
+
+    def put(_: int, seen: Seen, planes: Float[Array, " 3 *batch"]) -> Array:
+        own = seen.shape.normal(rays, seen.hit(t)).planes()
+        return jnp.where(seen.mine, own, planes)
+
+    return Vec3(*of_seen(groups, code, put, jnp.zeros((3, *t.shape), t.dtype)))
+
+
+def of_seen(
+    groups: Sequence[Group],
+    code: Code,
+    put: Callable[[int, Seen, Values], Values],
+    values: Values,
+) -> Values:
+    """Values of the shapes that rays see, one type after the other.
+
+    Each type has a branch of its own, which is not run where none is seen. What is not
+    in a branch XLA computes, and compiles, anew for all that reads it: the picture of
+    the gallery, of thirteen types, then takes twice the time.
+
+    Args:
+        groups: The shapes.
+        code: What rays see.
+        put: From the number of a group, what is seen of it, and values of all rays to
+            those where the group's stand in their place.
+        values: Of rays that see nothing.
+    """
+    for number, one in enumerate(seen(groups, code)):
+        values = jax.lax.cond(
+            jnp.any(one.mine), partial(put, number, one), lambda values: values, values
+        )
+    return values
+
+
+@jax.custom_jvp
 def followed(
     scene: tuple[Sequence[Group], Ray],
     t: Float[Array, "*batch"],
     code: Code,
-    with_normal: bool,
+    normal: Vec3 | None = None,
 ) -> Surface:
     """The surface that was found, now with a derivative in the shapes and the rays."""
-    if not with_normal:
-        return t, None
-    groups, rays = scene
-    zero = jnp.zeros_like(t)
-    normal = Vec3(zero, zero, zero)
-    for shape, mine, hit in seen(groups, t, code):
-        normal = shape.normal(rays, hit).where(mine, normal)
     return t, normal
 
 
 @followed.defjvp
-def _followed_jvp(with_normal, primals, tangents):
-    scene, t, code = primals
+def _followed_jvp(primals, tangents):
+    scene, t, code, found_normal = primals
+    with_normal = found_normal is not None
 
     def cast(scene: tuple[Sequence[Group], Ray]) -> Surface:
         groups, rays = scene
         depth = jnp.zeros_like(t)
         normal = Vec3(depth, depth, depth)
-        for shape, mine, _ in seen(groups, t, code):
+        for one in seen(groups, code):
+            shape = one.shape
             hit = shape.intersect(rays)
             # Two programs may round an outline's ray to either side.
-            mine = mine & hit.mask
+            mine = one.mine & hit.mask
             depth = jnp.where(mine, hit.t, depth)
             if with_normal:
                 own = Hit(jnp.where(mine, hit.t, jnp.inf), hit.on_cap, hit.part)
@@ -110,19 +172,14 @@ def _followed_jvp(with_normal, primals, tangents):
         return depth, normal if with_normal else None
 
     _, change = jax.jvp(cast, (scene,), tangents[:1])
-    return followed(scene, t, code, with_normal), change
+    return followed(scene, t, code, found_normal), change
 
 
-def seen(
-    groups: Sequence[Group], t: Float[Array, "*batch"], code: Code
-) -> Iterator[tuple[AbstractPrimitive, Bool[Array, "*batch"], Hit]]:
-    """Of each group: the shapes ray by ray, where they are seen, and the hits."""
-    stride = stride_of(groups)
-    part = code % stride
+def seen(groups: Sequence[Group], code: Code) -> Iterator[Seen]:
+    """What is seen of each group."""
+    part = code % stride_of(groups)
     for group, mine, member in placed(groups, code):
-        shape = shape_of(group, member)
-        hit = Hit(jnp.where(mine, t, jnp.inf), part % 2 == 1, part // 2)
-        yield shape, mine, hit
+        yield Seen(group, mine, member, part)
 
 
 def placed(

@@ -9,32 +9,40 @@ and one without mirrors no bounce.
 
 __all__ = [
     "TRAIL",
+    "Found",
     "Path",
-    "Surface",
     "World",
     "color_of",
-    "met",
+    "found",
     "setting_out",
-    "shadow_rays",
+    "shadowing",
     "world_of",
 ]
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any, NamedTuple, TypeVar
 
 import jax
 import jax.numpy as jnp
+from jax.ad_checkpoint import checkpoint_name
 from jaxtyping import Array, Bool, Float, Int
 
 from impostor_jax.geometry.rays import Ray
 from impostor_jax.geometry.vec3 import Vec3
 from impostor_jax.numerics import Numbers
 from impostor_jax.rendering.clipping import Clipping
-from impostor_jax.rendering.follow import followed, member_of, placed, shape_of
+from impostor_jax.rendering.follow import (
+    Seen,
+    followed,
+    member_of,
+    normals_of,
+    of_seen,
+)
 from impostor_jax.rendering.group import Group
 from impostor_jax.rendering.lights import AbstractLight, reflected
 from impostor_jax.rendering.material import Material
-from impostor_jax.rendering.search import Searched, first_met, is_blocked, searched
+from impostor_jax.rendering.search import SEARCHED, Searched, first_met, searched
 from impostor_jax.rendering.secondary import anchors, clearance, mirrored, refracted
 
 LEAST_WEIGHT = 2.0**-12
@@ -87,16 +95,34 @@ class Path(NamedTuple):
     trail: Int[Array, " n"]
 
 
+class Found(NamedTuple):
+    """What a search has found that rays meet; of no meaning where they meet nothing.
+
+    Attributes:
+        t: Ray parameter.
+        code: Of the shape and its part; below 0 where nothing is met.
+        normal: Unit normal, against the ray.
+        clearance: Length by which rays that start here are moved along it.
+        inside: Whether the ray came through the shape; None where nothing lets it.
+    """
+
+    t: Float[Array, " n"]
+    code: Int[Array, " n"]
+    normal: Vec3
+    clearance: Float[Array, " n"]
+    inside: Bool[Array, " n"] | None
+
+
 class Surface(NamedTuple):
-    """What rays have met; of no meaning where they meet nothing.
+    """What rays have met, with derivatives; of no meaning where they meet nothing.
 
     Attributes:
         point: Where.
         normal: Unit normal, against the ray.
         off: Vector along it by which rays that start here are moved.
         material: Of each point.
-        inside: Whether the ray came through the shape; None where nothing lets it.
-        code: Of the shape and its part.
+        inside: As of `Found`.
+        hidden: Of each light that casts shadows, where it is hidden.
     """
 
     point: Vec3
@@ -104,7 +130,7 @@ class Surface(NamedTuple):
     off: Vec3
     material: Material
     inside: Bool[Array, " n"] | None
-    code: Int[Array, " n"]
+    hidden: dict[int, Bool[Array, " n"]]
 
 
 def world_of(
@@ -191,7 +217,7 @@ def _repeated(step: Callable[[State], State], state: State, times: int) -> State
 
 def _bounced(world: World, path: Path, depth: int) -> Path:
     """The path with the next mirrored ray."""
-    surface, path = met(world, path)
+    surface, path = _met(world, path)
     material, more = surface.material, path.level < depth
     reflect = 0.0 if material.reflect is None or not depth else material.reflect
     reflect = jnp.where(more, reflect, 0)
@@ -205,19 +231,108 @@ def _bounced(world: World, path: Path, depth: int) -> Path:
     )
 
 
-def met(world: World, path: Path) -> tuple[Surface, Path]:
+def found(
+    world: World, path: Path, any_hider: bool = True
+) -> tuple[Found, Int[Array, "lights n"]]:
+    """Search what rays meet, and what hides the lights there; without a derivative.
+
+    One program searches all, turn by turn: the rays, then those to each light.
+
+    Args:
+        world: What they can meet.
+        path: Where they are.
+        any_hider: Whether any shape does that hides a light, be it the first or not.
+
+    Returns:
+        What is met, and of each light in `shadowing` the code of what hides it, below 0
+        where nothing does. What lets light through hides a light all the same.
+    """
+    world, path = jax.lax.stop_gradient((world, path))
+    forward = jnp.where(path.live, jnp.inf, -jnp.inf).astype(path.weight.dtype)
+
+    def to_light(light: AbstractLight, here: Found) -> tuple[Ray, Float[Array, " n"]]:
+        start = path.ray.at(here.t) + here.normal * here.clearance
+        way = light.towards(start)
+        assert way is not None
+        # Where a surface faces away, no ray need be cast.
+        faces = (here.code >= 0) & (way.dot(here.normal) > 0)
+        end = 1.0 if light.is_near else jnp.inf
+        return Ray(start, way), jnp.where(faces, end, -jnp.inf).astype(forward.dtype)
+
+    ways = [lambda _: (path.ray, forward)]
+    ways += [partial(to_light, world.lights[k]) for k in shadowing(world)]
+
+    def turn(here: Found, number: Int[Array, ""]) -> tuple[Found, Int[Array, " n"]]:
+        ray, reach = jax.lax.switch(number, ways, here)
+        is_first = number == 0
+        t, code = first_met(world.shapes, ray, reach, any_hider & ~is_first)
+        here = jax.lax.cond(
+            is_first, lambda: _found(world, path, t, code), lambda: here
+        )
+        return here, code
+
+    nothing = jax.eval_shape(lambda: _found(world, path, forward, path.trail))
+    nothing = jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), nothing)
+    turns = jnp.arange(len(ways), dtype=jnp.int32)
+    here, codes = jax.lax.scan(turn, nothing, turns)
+    return here, codes[1:]
+
+
+def shadowing(world: World) -> list[int]:
+    """Numbers of the lights that cast shadows: all but those from all sides."""
+    anywhere = world.background
+    towards = [light.towards(anywhere) for light in world.lights]
+    return [k for k, way in enumerate(towards) if way is not None]
+
+
+def _found(
+    world: World, path: Path, t: Float[Array, " n"], code: Int[Array, " n"]
+) -> Found:
+    """What is known of the surfaces that rays meet."""
+    ray, groups = path.ray, world.shapes.groups
+    t = jnp.where(code < 0, 0, t)
+    if world.clipping is not None:
+        is_beyond = (path.level == 0) & world.clipping.is_beyond(ray.at(t))
+        code = jnp.where(is_beyond, -1, code)
+        t = jnp.where(is_beyond, 0, t)
+    normal = normals_of(groups, ray, t, code)
+    tells = world.materials[0].transmit is not None
+
+    def put(number: int, seen: Seen, values: Any) -> Any:
+        size = member_of(world.anchors[number], seen.member)
+        anchor = Vec3.from_array(size[..., :3]), size[..., 3]
+        inside = seen.shape.implicit(ray.at(t / 2)) < 0 if tells else None
+        own = clearance(ray, t, normal, anchor), inside
+        return jax.tree.map(partial(jnp.where, seen.mine), own, values)
+
+    none = jnp.zeros_like(t), jnp.zeros(t.shape, bool) if tells else None
+    off, inside = of_seen(groups, code, put, none)
+    return Found(t, code, normal, off, inside)
+
+
+def _met(world: World, path: Path) -> tuple[Surface, Path]:
     """What rays meet, and the paths of those that meet anything."""
     ray = path.ray
-    t, code = first_met(world.shapes, ray, path.live)
-    if world.clipping is not None:
-        point = ray.at(jnp.where(jnp.isfinite(t), t, 0))
-        code = jnp.where((path.level == 0) & world.clipping.is_beyond(point), -1, code)
-    t, normal = followed((world.shapes.groups, ray), t, code, True)
+    here, hiders = found(world, path)
+    here, dark = checkpoint_name((here, hiders >= 0), SEARCHED)
+    t, normal = followed((world.shapes.groups, ray), here.t, here.code, here.normal)
     assert normal is not None
-    hits = path.live & (code >= 0)
-    t = jnp.where(hits, t, 0)
-    point = ray.at(t)
-    surface = _surface(world, ray, t, code, point, normal)
+    hits = here.code >= 0
+    # That of any shape where nothing is met: 0 would be no index of refraction.
+    any_material = jax.tree.map(
+        lambda x: jnp.broadcast_to(x[0], (*t.shape, *x.shape[1:])),
+        jax.lax.stop_gradient(world.materials[0]),
+    )
+    surface = Surface(
+        point=ray.at(jnp.where(hits, t, 0)),
+        normal=normal,
+        off=jax.lax.stop_gradient(normal) * here.clearance,
+        material=of_seen(
+            world.shapes.groups, here.code, partial(_put_material, world), any_material
+        ),
+        inside=here.inside,
+        hidden=dict(zip(shadowing(world), dark, strict=True)),
+    )
     behind = path.live & ~hits
     sky = jax.tree.map(
         lambda b: jnp.where(behind, path.weight * b, 0), world.background
@@ -225,48 +340,26 @@ def met(world: World, path: Path) -> tuple[Surface, Path]:
     return surface, path._replace(
         live=hits,
         color=path.color + sky,
-        trail=path.trail * TRAIL + jnp.where(path.live, code + 1, 0),
+        trail=path.trail * TRAIL + jnp.where(path.live, here.code + 1, 0),
     )
 
 
-def _surface(
-    world: World,
-    ray: Ray,
-    t: Numbers,
-    code: Int[Array, " n"],
-    point: Vec3,
-    normal: Vec3,
-) -> Surface:
-    """Collect what is known of the shapes that rays have met."""
-    anchor = jnp.zeros((*t.shape, 4), t.dtype)
-    # That of any shape where nothing is met: 0 would be no index of refraction.
-    material = jax.tree.map(
-        lambda x: jnp.broadcast_to(x[0], (*t.shape, *x.shape[1:])),
-        jax.lax.stop_gradient(world.materials[0]),
-    )
-    inside = jnp.zeros(t.shape, bool)
-    middle = ray.at(t / 2)
-    tells = material.transmit is not None
-    for k, (group, mine, member) in enumerate(placed(world.shapes.groups, code)):
+def _put_material(
+    world: World, number: int, seen: Seen, material: Material
+) -> Material:
+    """The materials of rays, where a group's stand in their place."""
 
-        def chosen(new, old, mine=mine):
-            mine = mine.reshape(mine.shape + (1,) * (new.ndim - mine.ndim))
-            return jnp.where(mine, new, old)
+    def chosen(new: Array, old: Array) -> Array:
+        mine = seen.mine.reshape(seen.mine.shape + (1,) * (new.ndim - 1))
+        return jnp.where(mine, new, old)
 
-        own = member_of((world.materials[k], world.anchors[k]), member)
-        material, anchor = jax.tree.map(chosen, own, (material, anchor))
-        if tells:
-            shape = shape_of(group, member)
-            inside = jnp.where(mine, shape.implicit(middle) < 0, inside)
-    size = anchor[..., 3]
-    off = clearance(ray, t, normal, (Vec3.from_array(anchor[..., :3]), size))
-    off = jax.lax.stop_gradient(normal) * off
-    return Surface(point, normal, off, material, inside if tells else None, code)
+    own = member_of(world.materials[number], seen.member)
+    return jax.tree.map(chosen, own, material)
 
 
 def _lit(world: World, path: Path, surface: Surface, part: Numbers) -> Path:
     """The path with the light that a part of the surfaces' own colors reflects."""
-    hidden = _hidden(world, path, surface)
+    hidden = [surface.hidden.get(k) for k in range(len(world.lights))]
     material = surface.material
     light = reflected(
         world.lights, surface.point, surface.normal, -path.ray.direction,
@@ -280,39 +373,6 @@ def _lit(world: World, path: Path, surface: Surface, part: Numbers) -> Path:
         if dark is not None:
             trail = trail * TRAIL + dark.astype(jnp.int32)
     return path._replace(color=path.color + more, trail=trail)
-
-
-def _hidden(
-    world: World, path: Path, surface: Surface
-) -> list[Bool[Array, " n"] | None]:
-    """Of each light, the points in its shadow; None if it comes from all sides.
-
-    What lets light through hides a light all the same.
-    """
-    cast = shadow_rays(world, path, surface)
-    if not cast:
-        return [None] * len(world.lights)
-    each = jax.tree.map(lambda *x: jnp.stack(x), *cast.values())
-    dark = jax.lax.map(lambda one: is_blocked(world.shapes, *one), each)
-    found = iter(dark)
-    return [next(found) if k in cast else None for k in range(len(world.lights))]
-
-
-def shadow_rays(
-    world: World, path: Path, surface: Surface
-) -> dict[int, tuple[Ray, Float[Array, " n"]]]:
-    """Rays to each light but those from all sides, and how far they reach.
-
-    That is below 0 where a surface faces away, and no ray need be cast.
-    """
-    start, found = surface.point + surface.off, {}
-    for number, light in enumerate(world.lights):
-        way = light.towards(start)
-        if way is not None:
-            faces = path.live & (way.dot(surface.normal) > 0)
-            end = 1.0 if light.is_near else jnp.inf
-            found[number] = Ray(start, way), jnp.where(faces, end, -jnp.inf)
-    return found
 
 
 def _mirrored(ray: Ray, surface: Surface) -> Ray:
@@ -350,7 +410,7 @@ def _through_glass(world: World, path: Path, depth: int) -> Path:
 
 def _split(world: World, path: Path, stack: _Stack, depth: int) -> tuple[Path, _Stack]:
     """Go on behind the surfaces, and keep the mirrored rays for later."""
-    surface, path = met(world, path)
+    surface, path = _met(world, path)
     material, more = surface.material, path.level < depth
     assert material.transmit is not None
     assert material.ior is not None

@@ -20,7 +20,7 @@ from impostor_jax.geometry.frames import RigidTransform
 from impostor_jax.geometry.rays import Hit, Ray
 from impostor_jax.geometry.vec3 import Vec3
 from impostor_jax.primitives.base import AbstractPrimitive, in_camera_frame
-from impostor_jax.rendering.follow import code_of, followed, stride_of
+from impostor_jax.rendering.follow import code_of, followed, normals_of, stride_of
 from impostor_jax.rendering.group import Group, grouped
 from impostor_jax.rendering.search import first_met, is_blocked, searched
 
@@ -79,8 +79,8 @@ class Scene(eqx.Module):
             Of t, as those of the shape that is met.
         """
         flat, shape = _flat(ray)
-        t, code = first_met(searched(self.groups), flat, _is_finite(flat))
-        t, _ = followed((self.groups, flat), t, code, False)
+        t, code = first_met(searched(self.groups), flat, _reach(flat, jnp.inf))
+        t, _ = followed((self.groups, flat), t, code)
         index, stride = self._index_of(code), stride_of(self.groups)
         part = jnp.where(code < 0, 0, code % stride)
         hit = Hit(t, part % 2 == 1, part // 2, index)
@@ -95,7 +95,8 @@ class Scene(eqx.Module):
         stride = stride_of(self.groups)
         place = self._place_of(hit.index)
         code = jnp.where(hit.mask, code_of(place, hit, stride), -stride)
-        _, normal = followed((self.groups, ray), hit.t, code, True)
+        normal = normals_of(self.groups, ray, hit.t, code)
+        _, normal = followed((self.groups, ray), hit.t, code, normal)
         assert normal is not None
         return normal
 
@@ -110,8 +111,9 @@ class Scene(eqx.Module):
         """
         flat, shape = _flat(ray)
         reach = jnp.broadcast_to(jnp.asarray(t_max, self.dtype), shape).reshape(-1)
-        reach = jnp.where(_is_finite(flat), reach, -jnp.inf)
-        return is_blocked(searched(self.groups), flat, reach).reshape(shape)
+        return is_blocked(searched(self.groups), flat, _reach(flat, reach)).reshape(
+            shape
+        )
 
     def _index_of(self, code: Int[Array, " n"]) -> Int[Array, " n"]:
         """Numbers of shapes by the codes of their hits."""
@@ -150,6 +152,8 @@ def _flat(ray: Ray) -> tuple[Ray, tuple[int, ...]]:
     return jax.tree.unflatten(jax.tree.structure(ray), flat), each[0].shape
 
 
-def _is_finite(ray: Ray) -> Bool[Array, " n"]:
+def _reach(ray: Ray, most: float | Float[Array, " n"]) -> Float[Array, " n"]:
+    """How far rays are cast: those that are not finite, not at all."""
     finite = [jnp.isfinite(x) for x in jax.tree.leaves(ray)]
-    return functools.reduce(jnp.logical_and, finite)
+    reach = jnp.where(functools.reduce(jnp.logical_and, finite), most, -jnp.inf)
+    return reach.astype(ray.direction.x.dtype)

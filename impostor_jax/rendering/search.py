@@ -12,16 +12,14 @@ A search has no derivative: `impostor_jax.rendering.follow` gives what it has fo
 __all__ = ["SEARCHED", "Searched", "first_met", "is_blocked", "searched"]
 
 from collections.abc import Callable, Sequence
-from typing import Any, TypeVar
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jax.ad_checkpoint import checkpoint_name
 from jaxtyping import Array, Bool, Float, Int
 
 from impostor_jax.compiling import computed_apart
-from impostor_jax.geometry.rays import Hit, Ray
+from impostor_jax.geometry.rays import Ray
 from impostor_jax.rendering.follow import code_of, stride_of
 from impostor_jax.rendering.group import Group
 from impostor_jax.rendering.hierarchy import Hierarchy, hierarchy_of, walk
@@ -35,7 +33,8 @@ TOGETHER = 8192
 SEARCHED = "searched"
 """Name of what is found, so that a derivative that computes all else anew keeps it."""
 
-State = TypeVar("State")
+Found = tuple[Float[Array, " n"], Int[Array, " n"]]
+"""Ray parameters and codes of what is met."""
 
 
 class Searched(eqx.Module):
@@ -64,37 +63,53 @@ def _tree_of(group: Group) -> Hierarchy | None:
 
 
 def first_met(
-    world: Searched, rays: Ray, cast: Bool[Array, " n"]
-) -> tuple[Float[Array, " n"], Int[Array, " n"]]:
+    world: Searched,
+    rays: Ray,
+    reach: Float[Array, " n"],
+    any_does: bool | Bool[Array, ""] = False,
+) -> Found:
     """Find what rays meet first.
 
     Args:
         world: Shapes in the frame of the rays.
         rays: (n,).
-        cast: Whether each is cast at all; it meets nothing if not.
+        reach: Ray parameter before which it has to be; not positive of a ray that is
+            not cast at all, which meets nothing.
+        any_does: Whether anything that is met does, be it the first or not; `t` is
+            `-inf` there.
 
     Returns:
         The ray parameters, `+inf` where nothing is met, and the codes, below 0 there.
     """
-    world, rays = jax.lax.stop_gradient((world, rays))
+    world, rays, reach = jax.lax.stop_gradient((world, rays, reach))
     stride = stride_of(world.groups)
-    t = jnp.where(cast, jnp.inf, -jnp.inf).astype(rays.direction.x.dtype)
-    code = jnp.full(cast.shape, -stride, jnp.int32)
+    found = reach, jnp.full(reach.shape, -stride, jnp.int32)
+    if reach.shape[0] == 0:
+        return found
+    first = 0
+    for group, tree in zip(world.groups, world.trees, strict=True):
 
-    def meet(
-        found: tuple[Array, Array],
-        place: Int[Array, "..."],
-        hit: Hit,
-        meets: Bool[Array, "..."],
-    ) -> tuple[Array, Array]:
-        t, code = found
-        nearer = meets & (hit.t < t)
-        return jnp.where(nearer, hit.t, t), jnp.where(
-            nearer, code_of(place, hit, stride), code
-        )
+        def at_members(found, ray, member, meets, group=group, first=first):
+            shape = jax.tree.map(lambda x: x[member], group.primitives)
 
-    t, code = _after_all(world, rays, (t, code), lambda found: found[0], meet)
-    return checkpoint_name((jnp.where(cast, t, jnp.inf), code), SEARCHED)
+            def cast() -> tuple[Array, Array]:
+                hit = shape.intersect(ray)
+                return hit.t, code_of(first + member, hit, stride)
+
+            new, own = computed_apart(cast, ray.direction.z)
+            t, code = found
+            nearer = meets & (new < t)
+            # What need not be cast any farther ends its search.
+            new = jnp.where(any_does, -jnp.inf, new)
+            return jnp.where(nearer, new, t), jnp.where(nearer, own, code)
+
+        if tree is None:
+            found = _one_by_one(group, rays, found, at_members)
+        else:
+            found = walk(tree, rays, found, lambda found: found[0], at_members)
+        first += group.index.shape[0]
+    t, code = found
+    return jnp.where(code < 0, jnp.inf, t), code
 
 
 def is_blocked(
@@ -108,51 +123,14 @@ def is_blocked(
         reach: Ray parameter before which it has to be; not positive of a ray that is
             not cast at all, which nothing blocks.
     """
-    world, rays, reach = jax.lax.stop_gradient((world, rays, reach))
-
-    def meet(
-        left: Float[Array, " n"], _: Array, hit: Hit, meets: Bool[Array, "..."]
-    ) -> Float[Array, " n"]:
-        return jnp.where(meets & (hit.t < left), -jnp.inf, left)
-
-    left = _after_all(world, rays, reach, lambda left: left, meet)
-    return checkpoint_name(left < reach, SEARCHED)
-
-
-def _after_all(
-    world: Searched,
-    rays: Ray,
-    state: State,
-    reach_of: Callable[[State], Float[Array, " n"]],
-    meet: Callable[[State, Array, Hit, Bool[Array, " n"]], State],
-) -> State:
-    """The states after all shapes of all groups."""
-    if rays.direction.x.shape[0] == 0:
-        return state
-    first = 0
-    for group, tree in zip(world.groups, world.trees, strict=True):
-
-        def at_members(state, ray, member, meets, group=group, first=first):
-            shape = jax.tree.map(lambda x: x[member], group.primitives)
-            hit = computed_apart(lambda: shape.intersect(ray), ray.direction.z)
-            return meet(state, first + member, hit, meets)
-
-        if tree is None:
-            state = _one_by_one(group, rays, state, reach_of, at_members)
-        else:
-            state = walk(tree, rays, state, reach_of, at_members)
-        first += group.index.shape[0]
-    return state
+    _, code = first_met(world, rays, reach, any_does=True)
+    return code >= 0
 
 
 def _one_by_one(
-    group: Group,
-    rays: Ray,
-    state: State,
-    reach_of: Callable[[State], Float[Array, " n"]],
-    at_members: Callable[..., Any],
-) -> State:
-    """The states after each shape of a group, for so many rays at a time."""
+    group: Group, rays: Ray, found: Found, at_members: Callable[..., Found]
+) -> Found:
+    """What is found after each shape of a group, for so many rays at a time."""
     count = jnp.sum(group.index >= 0, dtype=jnp.int32)
     size = rays.direction.x.shape[0]
     together = min(size, TOGETHER)
@@ -160,15 +138,15 @@ def _one_by_one(
     def chunks(x: Array) -> Array:
         return jnp.pad(x, (0, -size % together), mode="edge").reshape(-1, together)
 
-    def at_rays(given: tuple[Ray, State]) -> State:
-        ray, state = given
+    def at_rays(given: tuple[Ray, Found]) -> Found:
+        ray, found = given
 
-        def at_shape(member: Int[Array, ""], state: State) -> State:
-            return at_members(state, ray, member, jnp.array(True))
+        def at_shape(member: Int[Array, ""], found: Found) -> Found:
+            return at_members(found, ray, member, jnp.array(True))
 
         # Rays that are not cast lie together.
-        turns = jnp.where(jnp.any(reach_of(state) > 0), count, 0)
-        return jax.lax.fori_loop(0, turns, at_shape, state)
+        turns = jnp.where(jnp.any(found[0] > 0), count, 0)
+        return jax.lax.fori_loop(0, turns, at_shape, found)
 
-    states = jax.lax.map(at_rays, jax.tree.map(chunks, (rays, state)))
-    return jax.tree.map(lambda x: x.reshape(-1)[:size], states)
+    after = jax.lax.map(at_rays, jax.tree.map(chunks, (rays, found)))
+    return jax.tree.map(lambda x: x.reshape(-1)[:size], after)

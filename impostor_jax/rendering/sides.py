@@ -11,6 +11,7 @@ __all__ = ["check_edges", "sides_of"]
 
 import jax
 import jax.numpy as jnp
+from jax.ad_checkpoint import checkpoint_name
 from jaxtyping import Array, Bool, Float, Int
 
 from impostor_jax.camera.base import AbstractCamera
@@ -24,7 +25,7 @@ from impostor_jax.rendering.material import Material, stacked
 from impostor_jax.rendering.paths import TRAIL, world_of
 from impostor_jax.rendering.sampling import seen_at_edges
 from impostor_jax.rendering.scene import Scene, Shown
-from impostor_jax.rendering.search import first_met
+from impostor_jax.rendering.search import SEARCHED, first_met
 
 Pixels = Int[Array, "h w"]
 
@@ -98,8 +99,9 @@ def sides_of(
         middle = jnp.where(is_first[:, None], second, first)
         # Held: a depth is compared with that of the pixel, wherever its edge is.
         ray, _ = cast(jax.lax.stop_gradient(center + middle))
-        t, code = first_met(world.shapes, ray, line.crosses)
-        beside, _ = followed((world.shapes.groups, ray), t, code, False)
+        reach = jnp.where(line.crosses, jnp.inf, -jnp.inf).astype(dtype)
+        found = checkpoint_name(first_met(world.shapes, ray, reach), SEARCHED)
+        beside, _ = followed((world.shapes.groups, ray), *found)
         beside = beside if clipping is None else clipping.depth(beside)
         share = jnp.where(line.crosses, share, 1)
         beside = jnp.where(line.crosses, beside, jnp.inf)

@@ -1,7 +1,5 @@
 """The picture of a ray tracer, beside one that is written from the formulas alone."""
 
-import re
-
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -255,30 +253,36 @@ def program(lights, **fields):
     scene = ij.Scene([ij.Sphere((0, 0, 3), 1), ij.Sphere((1, 0, 4), 1)])
     materials = [ij.Material(), ij.Material(**fields)]
     return str(
-        jax.make_jaxpr(lambda lights: ij.trace(scene, SMALL, lights, materials))(lights)
+        jax.make_jaxpr(
+            lambda lights: ij.trace(scene, SMALL, lights, materials, depth=5)
+        )(lights)
     )
 
 
-def searches(text):
-    """Searches of what is met first, and of what is in the way."""
-    return len(re.findall(r"name\[name=searched\]", text))
+def casts(text):
+    """Places of a program where the balls are cast at rays."""
+    return text.count("name=implicit_hit")
 
 
 def test_what_no_material_has_is_not_compiled():
     everywhere = [ij.AmbientLight(1.0)]
     both = [*everywhere, ij.PointLight((0, 3, 0), 1.0)]
-    plain = program(everywhere)
-    # Of what is met first two numbers are named, of what is in the way one.
-    assert searches(plain) == 2
-    assert searches(program(both)) == 3
-    # A shadow ray for each light is no search of its own.
-    assert searches(program([*both, *both])) == 3
-    bounces, tree, stack = "length=4", "length=15", "[3,120]"
+    plain, lit, twice = map(program, (everywhere, both, [*both, *both]))
+    # Rays to lights are cast where all are, each light's in a turn of its own.
+    assert casts(plain) == casts(lit) == casts(twice) == 1
+    turns = ["length=2", "length=3"]
+    assert [[turn in text for turn in turns] for text in (plain, lit, twice)] == [
+        [False, False],
+        [True, False],
+        [False, True],
+    ]
+    bounces, tree, stack = "length=6", "length=63", "[5,120]"
     assert not any(part in plain for part in (bounces, tree, stack))
     mirrors = program(everywhere, reflect=0.5)
     assert bounces in mirrors
     assert not any(part in mirrors for part in (tree, stack))
     glass = program(everywhere, transmit=0.5)
+    assert casts(mirrors) == casts(glass) == 1
     assert tree in glass
     assert stack in glass
 
