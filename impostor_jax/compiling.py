@@ -33,7 +33,7 @@ from impostor_jax import program_store
 Values = TypeVar("Values")
 Method = TypeVar("Method", bound=Callable[..., Any])
 
-OLDER_GENERATOR = {"xla_cpu_use_fusion_emitters": False}
+OLDER_GENERATOR: dict[str, bool | int] = {"xla_cpu_use_fusion_emitters": False}
 """XLA's older code generator for processors. The hundreds of loops of a fit take it
 half the time of the newer one, and run as fast; so does a shape's image in blocks."""
 
@@ -108,15 +108,20 @@ def compiled(method: Method) -> Method:
 
 
 @functools.cache
-def quickly_compiled(function: Callable[..., Any], **options: Any) -> "_Kept":
+def quickly_compiled(
+    function: Callable[..., Any], optimized: bool = True, **options: Any
+) -> "_Kept":
     """`kept` of a function, compiled in half the time where XLA can.
 
     Args:
         function: As of `kept`. Where it is part of a caller's program, that is compiled
             as the caller asks.
+        optimized: Whether XLA optimizes. Where not, conditions of parity compile in
+            half of that time, and run up to three times as long.
         options: Of `jax.jit`.
     """
-    return _Kept(function, options, _known_options)
+    asked = _known_options if optimized else _without_optimization
+    return _Kept(function, options, asked)
 
 
 @functools.cache
@@ -141,7 +146,7 @@ class _Kept:
         self,
         function: Callable[..., Any],
         options: dict[str, Any],
-        compiler_options: Callable[[], dict[str, bool] | None],
+        compiler_options: Callable[[], dict[str, bool | int] | None],
     ):
         self._function = function
         self._options = options
@@ -265,10 +270,14 @@ def _is_of_this_package(tree: Any) -> bool:
 
 
 @functools.cache
-def _known_options() -> dict[str, bool] | None:
+def _known_options() -> dict[str, bool | int] | None:
     """None where XLA no longer has the older one."""
     try:
         jax.jit(lambda: 0, compiler_options=OLDER_GENERATOR).lower().compile()
     except jax.errors.JaxRuntimeError:
         return None
     return OLDER_GENERATOR
+
+
+def _without_optimization() -> dict[str, bool | int]:
+    return {**(_known_options() or {}), "xla_backend_optimization_level": 0}

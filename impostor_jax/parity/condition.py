@@ -105,11 +105,11 @@ def _change(inputs: Any, slopes: Any) -> Float[Array, ""]:
     return total
 
 
-@quickly_compiled
+@partial(quickly_compiled, optimized=False)
 def _each_of(primitives: AbstractPrimitive, rays: Ray) -> Float[Array, "n 2"]:
     return jax.vmap(_condition)(primitives, rays)
 
 
-@quickly_compiled
+@partial(quickly_compiled, optimized=False)
 def _all_of(primitive: AbstractPrimitive, rays: Ray) -> Float[Array, "n 2"]:
     return jax.vmap(partial(_condition, primitive))(rays)

@@ -49,23 +49,27 @@ def placed(primitive, scale, away):
     return jax.tree_util.tree_map_with_path(scaled, primitive).transformed(move)
 
 
-@jax.jit(static_argnums=2, compiler_options=AS_USERS_RUN)
-def cast(primitive, place, is_central):
-    """Hits of the rays through places (n, 2) in the image."""
-    x, y = place.T
-    zero, one = jnp.zeros_like(x), jnp.ones_like(x)
-    ray = Ray(Vec3(x, y, zero), Vec3(zero, zero, one))
-    if is_central:
-        ray = Ray(Vec3(zero, zero, zero), Vec3(x, y, one))
+@jax.jit(compiler_options=AS_USERS_RUN)
+def hits_of(primitive, origin, direction):
+    ray = Ray(Vec3.from_array(origin), Vec3.from_array(direction))
     hit = primitive.intersect(ray)
     return hit.mask, ray.at(jnp.where(hit.mask, hit.t, 0)).stack()
 
 
-@jax.jit(static_argnums=1)
-def hull_of(primitive, is_central):
+def cast(primitive, place, is_central):
+    """Hits of the rays through places (n, 2) in the image."""
+    places, ahead = np.insert(place, 2, 0, axis=1), np.float32([0, 0, 1])
+    if is_central:
+        return hits_of(primitive, np.zeros_like(places), places + ahead)
+    return hits_of(primitive, places, np.broadcast_to(ahead, places.shape))
+
+
+@jax.jit
+def hull_of(primitive):
+    """Box and ball of the hull, and the bounds by projection."""
     hull = primitive.hull
-    projection = "planar" if is_central else "parallel"
-    return hull.box(), hull.ball(), image_bounds(primitive, projection)
+    bounds = {kind: image_bounds(primitive, kind) for kind in ("planar", "parallel")}
+    return hull.box(), hull.ball(), bounds
 
 
 def seen_at(primitive, is_central, radius, middle):
@@ -94,7 +98,8 @@ def test_a_hull_holds_every_hit(name, is_central):
     for scale in (1e-3, 1.0, 1e4):
         for away in (0.0, 30.0, 1000.0):
             shape = placed(BOUNDED[name](), scale, away)
-            (low, high), (center, radius), bounds = hull_of(shape, is_central)
+            (low, high), (center, radius), bounds = hull_of(shape)
+            bounds = bounds["planar" if is_central else "parallel"]
             depth = center[2] if is_central else 1
             place, point = seen_at(
                 shape, is_central, float(radius / depth), np.asarray(center[:2] / depth)
@@ -128,14 +133,12 @@ def test_a_heightfield_of_a_function_has_none():
 def test_a_batch_has_the_hulls_of_its_members(name):
     shapes = [placed(BOUNDED[name](), 1.0, away) for away in (0.0, 2.0, -9.0)]
     batch = jax.tree.map(lambda *leaves: jnp.stack(leaves), *shapes)
-    for is_central in (True, False):
-        found = hull_of(batch, is_central)
-        alone = [hull_of(shape, is_central) for shape in shapes]
-        expected = jax.tree.map(lambda *leaves: np.stack(leaves), *alone)
-        mapped = jax.vmap(hull_of, in_axes=(0, None))(batch, is_central)
-        for other in (expected, mapped):
-            for x, y in zip(*map(jax.tree.leaves, (found, other)), strict=True):
-                np.testing.assert_allclose(x, y, rtol=1e-6, atol=1e-6)
+    found, mapped = hull_of(batch), jax.vmap(hull_of)(batch)
+    alone = [hull_of(shape) for shape in shapes]
+    expected = jax.tree.map(lambda *leaves: np.stack(leaves), *alone)
+    for other in (expected, mapped):
+        for x, y in zip(*map(jax.tree.leaves, (found, other)), strict=True):
+            np.testing.assert_allclose(x, y, rtol=1e-6, atol=1e-6)
 
 
 @pytest.mark.parametrize("name", BOUNDED)

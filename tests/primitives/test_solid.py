@@ -187,8 +187,9 @@ def test_a_batch_is_its_members_one_by_one():
     batch = outer - can(0.3, 9.0)
     assert batch.batch_shape == (3,)
     sight = ray((0.4, 0.05, -5), (0, 0.01, 1))
-    found = jax.vmap(lambda solid: solid.intersect(sight).t)(batch)
-    alone = [(can(r, 3 * r) - can(0.3, 9.0)).intersect(sight).t for r in radii]
+    seen = jax.jit(lambda solid: solid.intersect(sight).t)
+    found = jax.vmap(seen)(batch)
+    alone = [seen(can(r, 3 * r) - can(0.3, 9.0)) for r in radii]
     np.testing.assert_array_equal(found, jnp.stack(alone))
 
 
@@ -216,9 +217,8 @@ def test_ground_counts_as_solid(sign):
     sight = Ray(vectors(origin), vectors(direction))
     hit = jax.jit(lambda solid: solid.intersect(sight))(solid)
     t = np.linspace(0, 6, 12001)
-    inside = np.asarray(
-        jax.vmap(lambda t: solid.implicit(sight.at(jnp.full(300, t))) < 0)(t)
-    )
+    at = jax.jit(jax.vmap(lambda t: solid.implicit(sight.at(jnp.full(300, t))) < 0))
+    inside = np.asarray(at(t))
     first = np.where(inside.any(axis=0), t[np.argmax(inside, axis=0)], np.inf)
     # Samples miss what is thinner than their step.
     both = np.isfinite(first) & np.asarray(hit.mask)

@@ -28,10 +28,10 @@ def test_pairs_are_the_blocks_of_every_rectangle():
     ending = jnp.cumsum(rectangles.count)
     line, across = jnp.zeros(4), jnp.zeros(5)
     extent = (line, line), (across, across)
+    pairs_from = jax.jit(lambda k: pairs_of(rectangles, ending, k, 8, extent))
     found = []
     for first in (0, 8):
-        pairs = pairs_of(rectangles, ending, jnp.int32(first), 8, extent)
-        pairs = jax.tree.map(np.asarray, pairs)
+        pairs = jax.tree.map(np.asarray, pairs_from(jnp.int32(first)))
         assert sorted(pairs.order) == list(range(20))
         assert (np.diff(pairs.count[pairs.order]) <= 0).all()
         for block in range(20):
@@ -52,8 +52,8 @@ def test_pairs_are_sorted_by_blocks_as_one_number_or_two(num_shapes):
     rng = np.random.default_rng(0)
     block = rng.integers(0, 40, 500)
     shape = rng.integers(0, 5, 500) * (num_shapes // 5)
-    found = sorted_pairs(
-        *(jnp.asarray(x, jnp.int32) for x in (block, shape)), 40, num_shapes
+    found = jax.jit(sorted_pairs, static_argnums=(2, 3))(
+        *(np.asarray(x, np.int32) for x in (block, shape)), 40, num_shapes
     )
     expected = sorted(zip(block, shape, strict=True))
     assert sorted(zip(*map(np.asarray, found), strict=True)) == expected

@@ -238,9 +238,10 @@ def test_bounds_hold_every_pixel_and_are_tight(camera):
     row, col = camera.frame.pixels()
     ray = camera.rays(row, col, "float32")
     across = ray.direction if camera.is_central else ray.origin
+    bounds_of = jax.jit(lambda shape: image_bounds(shape, camera.projection))
     for shape in shapes_of(4, count=20, types=tuple(MAKERS)):
         mask = np.asarray(ij.render(shape, camera, ("mask",)).mask)
-        bounds = image_bounds(shape, camera.projection)
+        bounds = bounds_of(shape)
         if not mask.any():
             continue
         whole = getattr(shape, "start_angle", None) is None
