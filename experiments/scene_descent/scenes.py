@@ -60,7 +60,8 @@ def start(rng: np.random.Generator) -> Values:
 
 def scene_of(values: Values) -> ij.Scene:
     """The scene of some values, before a wall that is known."""
-    cans = ij.Cylinder(*(values[name] for name in PARTS[:4]))
+    center, axis, radius, height = (values[name] for name in PARTS[:4])
+    cans = ij.Cylinder(center, axis, radius, height)
     cos, sin = jnp.cos(values["box turn"]), jnp.sin(values["box turn"])
     zero, one = jnp.zeros_like(cos), jnp.ones_like(cos)
     turn = jnp.stack([cos, zero, -sin, zero, one, zero, sin, zero, cos]).reshape(3, 3)

@@ -192,9 +192,8 @@ class Fitter:
         """
         if self.away:
             return
-        noise = checked_noise(self.sigma, self.seen_by)
-        asked = self.options.effort, type(self.seen_by), jax.config.jax_enable_x64
-        key = (jax.tree.structure(noise), *asked)
+        noise = jax.tree.structure(checked_noise(self.sigma, self.seen_by))
+        key = noise, type(self.seen_by), self.options.effort, jnp.result_type(float)
         if key in _PREPARED:
             return
         _PREPARED.add(key)
@@ -206,8 +205,8 @@ class Fitter:
             for count in counts:
                 region = np.zeros(self.depth.shape, bool)
                 region.ravel()[valid[:count]] = True
-                seen = Seen(self.depth, region, self.seen_by, noise)
-                prepare_fit(CYLINDER, seen, self.sigma, self.options)
+                given = self.depth, self.seen_by, region, self.sigma
+                prepare_fit(CYLINDER, *given, self.options)
 
         in_background(compile_all)
 

@@ -317,22 +317,31 @@ def _compiled_fit() -> Any:
     return quickly_compiled(fit_from, static_argnames=("kernel", "correlated"))
 
 
-def prepare_fit(kind: Fittable, one: Seen, sigma: Any, options: Options) -> None:
-    """Load or compile what a fit to an object takes, from a start.
+def prepare_fit(
+    kind: Fittable,
+    depth: DepthImage,
+    camera: Any,
+    mask: Mask,
+    sigma: Any,
+    options: Options,
+) -> None:
+    """Load or compile what a fit from a start takes.
 
     Args:
         kind: What will be fitted.
-        one: An object of which as many readings are taken.
-        sigma: As a caller gives it.
-        options: As of `fit_shape`.
+        depth: As of `fit_shape`, checked, like the others.
+        camera: Of one view.
+        mask: As many pixels as will be fitted.
+        sigma: As a caller gives it; if None, as of white noise that was measured.
+        options: Of the fit.
     """
-    effort, correlated = options.effort, options.correlated(one.noise)
+    noise = checked_noise(sigma, camera)
+    effort, correlated = options.effort, options.correlated(noise)
     with working_precision(effort.precision, ()) as converted:
         settings = checked_settings(kind, options, None, sigma)
         known = converted(checked_prior(options.prior, kind.expectable, None))
-        camera, noise = converted((one.camera, one.noise))
-        own = seen_by(one.image, one.region, camera, noise).without_edges()
-        shown = (shown_by(own, effort.readings, correlated),)
+        own = seen_by(np.asarray(depth), np.asarray(mask), *converted((camera, noise)))
+        shown = (shown_by(own.without_edges(), effort.readings, correlated),)
         asked = {"kernel": effort.kernel, "correlated": correlated}
         _compiled_fit().prepare(shown, known, settings, kind.blank, **asked)
 

@@ -86,8 +86,9 @@ def _values(solids: Solid) -> dict[str, Any]:
     else:
         low, high = held.box()
     # Grids know where they are.
-    assert solids.ball is not None
-    middle, radius = solids.ball
+    ball, reach = solids.extent
+    assert ball is not None
+    middle, radius = ball
     center = jnp.einsum("nij,nj->ni", rotation, (low + high) / 2) + translation
     return {
         "center": center,
@@ -96,7 +97,7 @@ def _values(solids: Solid) -> dict[str, Any]:
         "translation": translation,
         "middle": middle,
         "radius": jnp.broadcast_to(radius, solids.batch_shape),
-        "farthest": solids.reach,
+        "farthest": reach,
     }
 
 

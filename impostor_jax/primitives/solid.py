@@ -65,7 +65,7 @@ from impostor_jax.primitives.stretch import Stretch
 from impostor_jax.primitives.surface import facing
 
 
-class Size(NamedTuple):
+class Extent(NamedTuple):
     """Where the shapes of a solid are, in the shapes' frame.
 
     Attributes:
@@ -200,33 +200,33 @@ class Solid(AbstractPrimitive):
         x, y, z = (Vec3.from_array(self.rotation[..., k]) for k in range(3))
         return x, y, z
 
-    def _near(self, ray: Ray) -> tuple[Ray, Numbers, "Size"]:
-        """The ray in the shapes' frame, from near them; where it starts; their size."""
-        edges, size = self._edges(), self.size
+    def _near(self, ray: Ray) -> tuple[Ray, Numbers, "Extent"]:
+        """The ray in the shapes' frame, from near them; its start; their extent."""
+        edges, extent = self._edges(), self.extent
         place, d = Vec3.from_array(self.translation), ray.direction
-        if size.ball is None:
+        if extent.ball is None:
             near, foot = Ray(ray.origin - place, d), jnp.zeros_like(d.x)
         else:
-            center, radius = size.ball
+            center, radius = extent.ball
             x, y, z = (v * center[..., k] for k, v in enumerate(edges))
             near, foot = ray.brought_near(place, place + x + y + z, radius)
         # Turned after that: a product with the way from afar would round it aside.
         turned = (Vec3(*(v.dot(edge) for edge in edges)) for v in (near.origin, d))
-        return Ray(*turned), foot, size
+        return Ray(*turned), foot, extent
 
     @property
-    def size(self) -> "Size":
+    def extent(self) -> "Extent":
         """Where the shapes are, in their own frame; without a derivative."""
         shapes = jax.lax.stop_gradient(self.shapes)
 
-        def size() -> Size:
+        def extent() -> Extent:
             # All count, also what is taken away: where it is large or far off, so is
             # the rounding of the hole that it leaves.
             reach = functools.reduce(jnp.maximum, map(reach_of, shapes))
             ball = _ball_near(self.expression, shapes)
-            return Size(ball, jnp.broadcast_to(reach, self.batch_shape))
+            return Extent(ball, jnp.broadcast_to(reach, self.batch_shape))
 
-        return computed_once(size)
+        return computed_once(extent)
 
     def _seen(
         self, part: Int[Array, "*batch"], mask: Bool[Array, "*batch"]
@@ -332,7 +332,7 @@ def _combined(name: str, shapes: Sequence[Any]) -> Solid:
 def _ball_near(
     expression: Expression, shapes: Sequence[AbstractPrimitive]
 ) -> Ball | None:
-    """Ball of `Size`."""
+    """Ball of `Extent`."""
     hull = hull_of(expression, shapes)
     if hull is not None:
         return hull.ball()
@@ -422,13 +422,13 @@ def _first_hit(
 
     A miss has the code 0.
     """
-    near, foot, size = solid._near(ray)
+    near, foot, extent = solid._near(ray)
     search = Search(
         near=jax.tree.map(lambda x: jnp.broadcast_to(x, foot.shape), near),
         least=-foot,
-        reach=near.origin.norm() + size.reach,
+        reach=near.origin.norm() + extent.reach,
         shapes=solid.shapes,
-        ball=size.ball if solid.is_bounded else None,
+        ball=extent.ball if solid.is_bounded else None,
     )
     t, code = first_change(search, solid.expression)
     return foot + t, code
@@ -440,9 +440,9 @@ def _first_hit_jvp(primals, tangents):
     mask = jnp.isfinite(t)
 
     def cast(ray: Ray, solid: Solid) -> Float[Array, "*batch"]:
-        near, foot, size = solid._near(ray)
+        near, foot, extent = solid._near(ray)
         place = jnp.where(mask, t, 0) - foot
-        room = (near.origin.norm() + size.reach) / near.direction.norm()
+        room = (near.origin.norm() + extent.reach) / near.direction.norm()
         depth = jnp.zeros_like(place)
         for shape, mine, _ in solid._seen(code // 2, mask):
             start = jax.lax.stop_gradient(_start(shape, near, place, room))

@@ -39,7 +39,7 @@ def _anchors(shapes: AbstractPrimitive) -> Float[Array, "n 4"]:
     hull = shapes.hull
     if isinstance(shapes, Solid):
         # A frame turns rays, which spreads their rounding to all directions.
-        center, size = shapes.translation, shapes.size.reach
+        center, size = shapes.translation, shapes.extent.reach
     elif hull is not None:
         center, size = hull.ball()
     elif isinstance(shapes, Plane):
