@@ -1,1 +1,0 @@
-"""How often do gradients recover a scene, with outlines that count and without?"""
