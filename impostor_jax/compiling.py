@@ -35,7 +35,7 @@ Method = TypeVar("Method", bound=Callable[..., Any])
 
 OLDER_GENERATOR: dict[str, bool | int] = {"xla_cpu_use_fusion_emitters": False}
 """XLA's older code generator for processors. The hundreds of loops of a fit take it
-half the time of the newer one, and run as fast; so does a shape's image in blocks."""
+half the time of the newer one, and run as fast."""
 
 SETTINGS = ("jax_enable_x64", "jax_default_matmul_precision")
 """Of JAX, that decide what is compiled."""

@@ -55,8 +55,7 @@ class Ray(eqx.Module):
             derivative.
         """
         d = self.direction
-        # XLA writes a quotient that several sums read to a buffer, and a product not.
-        foot = jax.lax.stop_gradient((target - self.origin).dot(d) * (1 / d.dot(d)))
+        foot = jax.lax.stop_gradient((target - self.origin).dot(d) / d.dot(d))
         foot = jnp.where(foot > radius, foot, 0)
         return Ray(origin=self.origin - center + d * foot, direction=d), foot
 

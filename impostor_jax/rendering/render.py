@@ -21,7 +21,7 @@ from jaxtyping import Array, Float, Int
 from impostor_jax.arguments import is_concrete, one_of, real_number, working_precision
 from impostor_jax.camera.base import AbstractCamera, not_accepted
 from impostor_jax.camera.pixels import Tile
-from impostor_jax.compiling import kept, quickly_compiled
+from impostor_jax.compiling import kept
 from impostor_jax.effort import Effort, effort_of
 from impostor_jax.numerics import Scalar
 from impostor_jax.primitives.base import AbstractPrimitive, check_single
@@ -307,7 +307,7 @@ def _render_in_frame(
     return placed(blank(maps, height, width), maps, row, col)
 
 
-@partial(quickly_compiled, static_argnames="outputs")
+@partial(kept, static_argnames="outputs")
 def _render_in_blocks(
     primitive: AbstractPrimitive,
     camera: AbstractCamera,
