@@ -38,6 +38,7 @@ LONG = (
     "ray_tracing",
     "real_images",
     "render_speed",
+    "scene_descent",
     "sensor_models",
     "solids",
     "speed_accuracy",

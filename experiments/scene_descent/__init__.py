@@ -1,0 +1,1 @@
+"""How often do gradients recover a scene, with outlines that count and without?"""
