@@ -99,8 +99,15 @@ def _is_map(noise: Any) -> bool:
     return isinstance(noise, PerPixelNoise)
 
 
+def _maps_in(noise: AbstractDepthNoise) -> list[PerPixelNoise]:
+    return [part for part in jax.tree.leaves(noise, is_leaf=_is_map) if _is_map(part)]
+
+
 def law_of(noise: AbstractDepthNoise) -> AbstractDepthNoise:
     """The same without images: what compiled programs are given."""
+    if not _maps_in(noise):
+        # It is asked several times a fit, and making a module anew takes longer.
+        return noise
     return jax.tree.map(
         lambda part: part.middle if _is_map(part) else part, noise, is_leaf=_is_map
     )
@@ -117,9 +124,8 @@ def spread_of(
         col: Columns of their pixels.
         xp: NumPy, or `jax.numpy` of what is traced.
     """
-    for part in jax.tree.leaves(noise, is_leaf=_is_map):
-        if _is_map(part):
-            own = xp.asarray(part.image)[row, col]
-            middle = xp.asarray(part.middle.deviation)
-            return xp.where(_is_known(own, xp), own / middle, 1).astype(own.dtype)
+    for part in _maps_in(noise):
+        own = xp.asarray(part.image)[row, col]
+        middle = xp.asarray(part.middle.deviation)
+        return xp.where(_is_known(own, xp), own / middle, 1).astype(own.dtype)
     return None

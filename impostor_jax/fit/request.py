@@ -227,9 +227,9 @@ def checked_noise(sigma: Any, camera: AbstractRays | None = None) -> AbstractDep
         return sigma
     dtype = _own_type()
     if not isinstance(sigma, float):
-        if camera is not None and isinstance(sigma, jax.Array | np.ndarray):
-            if sigma.ndim:
-                return noise_of_pixels(sigma, camera)
+        is_array = isinstance(sigma, jax.Array | np.ndarray) and sigma.ndim > 0
+        if is_array and camera is not None:
+            return noise_of_pixels(sigma, camera)
         if np.ndim(sigma) or isinstance(sigma, str | type) or callable(sigma):
             raise ValueError(
                 "sigma must be a positive number in meters, the same for all readings, "

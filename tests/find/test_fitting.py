@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 
 import impostor_jax as ij
-from impostor_jax.compiling import quickly_compiled
 from impostor_jax.find import fitting
 from impostor_jax.fit.options import Options
-from impostor_jax.fit.shapes import fit_from
+from impostor_jax.fit.shapes import _compiled_fit
 from tests.find.scenes import ORTHOGRAPHIC
 from tests.fit.scenes import CAMERA, SIGMA, image
 from tests.groups import SMALL_IMAGES
@@ -32,7 +31,7 @@ def test_a_fit_of_parallel_rays_forgets_the_camera_that_stood_in(monkeypatch):
 def test_what_is_prepared_is_what_fits_take(monkeypatch, sigma):
     depth, mask = image()
     ij.fit_cylinder(depth, CAMERA, mask, sigma)
-    programs = quickly_compiled(fit_from, static_argnames=("kernel", "correlated"))
+    programs = _compiled_fit()
     asked = []
     monkeypatch.setattr(fitting, "_PREPARED", set())
     monkeypatch.setattr(fitting, "in_background", lambda function: function())
