@@ -249,10 +249,6 @@ def found(
     """
     world, path = jax.lax.stop_gradient((world, path))
     forward = jnp.where(path.live, jnp.inf, -jnp.inf).astype(path.weight.dtype)
-    if not shadowing(world):
-        # What nobody asks of these is not computed; of a turn it would be.
-        t, code = first_met(world.shapes, path.ray, forward)
-        return _found(world, path, t, code), jnp.zeros((0, *code.shape), code.dtype)
 
     def to_light(light: AbstractLight, here: Found) -> tuple[Ray, Float[Array, " n"]]:
         start = path.ray.at(here.t) + here.normal * here.clearance
