@@ -33,6 +33,9 @@ from impostor_jax.sensor.gaussian import ConstantNoise
 
 PRESET = "tabletop_cans"
 
+PART = "quarter"
+"""Name of a smaller dataset, on which what is no rate is tried."""
+
 TOLD = ("seconds",)
 """Columns that differ from run to run."""
 
@@ -77,14 +80,14 @@ def measure(config: Config) -> Iterator[Metric]:
     os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", tempfile.mkdtemp())
     with tempfile.TemporaryDirectory() as name:
         home = Path(name)
-        for part, count in (("whole", config.count), ("quarter", config.count // 4)):
+        for part, count in (("whole", config.count), (PART, config.count // 4)):
             generate(preset, count, home / part, config.seed, clean=False, workers=2)
         sensor = sensor_of(read_manifest(home / "whole"))
         write_json(home / "sensor.json", sensor_record(sensor))
-        _ran(home, "quarter")
-        few, whole = _ran(home, "quarter"), _ran(home, "whole")
+        _ran(home, PART)
+        few, whole = _ran(home, PART), _ran(home, "whole")
         yield from _rates("one", whole, config.count)
-        yield _memory("quarter", few)
+        yield _memory(PART, few)
         yield _memory("whole", whole)
         yield from _rates("two", two := _ran(home, "whole", workers=2), config.count)
         yield _equal("two", whole, two)
@@ -95,13 +98,14 @@ def measure(config: Config) -> Iterator[Metric]:
             dask = _ran(home, "whole", "--dask", cluster.scheduler_address)
         yield from _rates("dask", dask, config.count)
         yield _equal("dask", whole, dask)
-        parquet = _ran(home, "whole", ending=".parquet")
-        rows = len(whole.results["image"])
-        yield Metric("bytes.csv", whole.bytes / rows, None, "bytes", "lower", rows)
+        parquet = _ran(home, PART, workers=2, ending=".parquet")
+        rows = len(few.results["image"])
+        yield Metric("bytes.csv", few.bytes / rows, None, "bytes", "lower", rows)
         size = parquet.bytes / rows
         yield Metric("bytes.parquet", size, None, "bytes", "lower", rows)
-        yield from _killed(home, two, config)
-        yield from _broken(home, two, config)
+        few = _ran(home, PART, workers=2)
+        yield from _killed(home, few, config)
+        yield from _broken(home, few, config)
 
 
 def _small(preset: Preset) -> Preset:
@@ -196,14 +200,14 @@ def _killed(home: Path, whole: Ran, config: Config) -> Iterator[Metric]:
             # What is not begun cannot be killed.
             moment = rng.uniform(0.3, 0.9) * whole.seconds
             started = time.perf_counter()
-            process = _command(home, "whole", "--workers", "2", table=str(table))
+            process = _command(home, PART, "--workers", "2", table=str(table))
             with contextlib.suppress(subprocess.TimeoutExpired):
                 process.wait(moment)
             if kind == "run":
                 with contextlib.suppress(ProcessLookupError):
                     os.killpg(process.pid, signal.SIGKILL)
                 process.wait()
-                ran = _ran(home, "whole", "--resume", workers=2)
+                ran = _ran(home, PART, "--resume", workers=2)
             else:
                 os.kill(_workers_of(process.pid)[-1], signal.SIGKILL)
                 ran = _ended(process, table, started)
@@ -220,7 +224,7 @@ def _workers_of(pid: int) -> list[int]:
 
 def _broken(home: Path, whole: Ran, config: Config) -> Iterator[Metric]:
     """Cut images short, and compare the rows of the others."""
-    folder = shutil.copytree(home / "whole", home / "broken")
+    folder = shutil.copytree(home / PART, home / "broken")
     images = sorted(folder.glob("train/*/depth/*.png"))
     rng = np.random.default_rng(config.seed)
     for number in rng.choice(len(images), config.broken, replace=False):
