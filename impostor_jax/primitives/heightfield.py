@@ -340,9 +340,9 @@ def _ground_stretches(ray: Ray, field: Heightfield) -> tuple[Stretch, Stretch]:
         at, slope = cross(t, is_open)
         is_open = jnp.isfinite(at)
         found.append((at, slope))
-        # Off the surface by its rounding.
-        way = jnp.abs(at) * own.direction.norm()
-        room = eps(t.dtype, 4) * (own.origin.norm() + way)
+        # Off the surface by the rounding of where it was found: there and back again.
+        way = jnp.where(is_open, jnp.abs(t) + jnp.abs(at - t), 0)
+        room = eps(t.dtype, 4) * (own.origin.norm() + way * own.direction.norm())
         t = jnp.where(is_open, at + safe_divide(room, jnp.abs(slope)), 0)
     # Whether the ray begins below is told by how it first crosses, or where it never
     # does, by any place.

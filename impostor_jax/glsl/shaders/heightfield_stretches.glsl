@@ -33,8 +33,8 @@ Stretch stretches(vec3 o, vec3 d, out Stretch again) {
         if (is_open) {
             ts[k] = t + ahead;
             slopes[k] = dot(normal_at(o + d * ts[k], 0), d);
-            // Off the surface by its rounding.
-            float room = 4.0 * EPS * (length(o) + abs(ts[k]) * speed);
+            // Off the surface by the rounding of where it was found: there and back again.
+            float room = 4.0 * EPS * (length(o) + (abs(t) + abs(ahead)) * speed);
             t = ts[k] + (slopes[k] == 0.0 ? 0.0 : room / abs(slopes[k]));
         }
     }
