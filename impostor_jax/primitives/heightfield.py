@@ -414,7 +414,7 @@ def _trace(ray: Ray, field: Heightfield) -> Float[Array, "*batch"]:
         across = Vec3.from_array(jnp.eye(3, dtype=field.dtype)[axis])
         span = span.overlap(slab_interval(near, across, half))
 
-    def gap(t: Numbers) -> Numbers:
+    def gap(near: Ray, t: Numbers) -> Numbers:
         p = near.at(t)
         # A function may have no height beside the extent.
         x, z = jnp.clip(p.x, -half_x, half_x), jnp.clip(p.z, -half_z, half_z)

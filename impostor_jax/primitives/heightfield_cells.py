@@ -16,10 +16,14 @@ References:
 
 __all__ = ["first_crossing"]
 
+from collections.abc import Callable
+from typing import NamedTuple
+
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float, Int
 
+from impostor_jax.geometry.lanes import in_lanes
 from impostor_jax.geometry.rays import Interval, Ray
 from impostor_jax.geometry.vec3 import Vec3
 from impostor_jax.numerics import Numbers, eps
@@ -51,54 +55,87 @@ def first_crossing(
     ray = _in_patches(near, points, half_x, half_z)
     mipmap = MaximumMipmap.of(points)
     last = len(mipmap.shapes) - 1
-    o, d = ray.origin, ray.direction
-
-    def turn(state):
-        t, i, j, level, active, found = state
-        size = jnp.left_shift(1, level)
-        to_x = _reaches(jnp.where(d.x > 0, i + 1, i) * size, o.x, d.x)
-        to_z = _reaches(jnp.where(d.z > 0, j + 1, j) * size, o.z, d.z)
-        leave = jnp.maximum(t, jnp.minimum(jnp.minimum(to_x, to_z), span.upper))
-        lowest = jnp.minimum(side * (o.y + t * d.y), side * (o.y + leave * d.y))
-        enters = active & (lowest <= mipmap.top(level, i, j, side))
-        descends = enters & (level > 0)
-        at_patch = enters & (level == 0)
-        step = jax.lax.cond(
-            jnp.any(at_patch),
-            lambda: _step(points, ray, side, t, i, j, leave, least),
-            lambda: jnp.zeros_like(t),
-        )
-        arrives = at_patch & (step <= 0)
-        found = jnp.where(arrives, t - step, found)
-        advances = at_patch & (step > 0) & (t + step < leave)
-        passes = active & ~arrives & ~advances & ~descends
-
-        over_x = to_x <= to_z
-        i_next = i + jnp.where(passes & over_x, _sign(d.x), 0)
-        j_next = j + jnp.where(passes & ~over_x, _sign(d.z), 0)
-        rows, cols = mipmap.shape(level)
-        inside = (i_next >= 0) & (i_next < rows) & (j_next >= 0) & (j_next < cols)
-        active = active & ~arrives & ~(passes & ((leave >= span.upper) | ~inside))
-        # Into another block of twice the size: that one is yet to be looked at.
-        ascends = passes & (level < last)
-        ascends &= (i_next >> 1 != i >> 1) | (j_next >> 1 != j >> 1)
-        level = level + ascends.astype(level.dtype) - descends.astype(level.dtype)
-        rows, cols = mipmap.shape(level)
-        size = jnp.left_shift(1, level)
-        i_part = _part(i, o.x + t * d.x, size, rows)
-        j_part = _part(j, o.z + t * d.z, size, cols)
-        i = jnp.where(descends, i_part, jnp.where(ascends, i_next >> 1, i_next))
-        j = jnp.where(descends, j_part, jnp.where(ascends, j_next >> 1, j_next))
-        t = jnp.where(advances, t + step, jnp.where(passes, leave, t))
-        return t, i, j, level, active, found
-
     active = span.lower <= span.upper
     t = jnp.where(active, span.lower, 0)
-    least = eps(t.dtype, 2) * jnp.maximum(jnp.abs(span.lower), jnp.abs(span.upper))
     side = _side(points, ray, t)
+
+    def turn(
+        given: tuple[Ray, Numbers, Interval],
+    ) -> Callable[[_State], _State]:
+        ray, side, span = given
+        o, d = ray.origin, ray.direction
+        least = jnp.maximum(jnp.abs(span.lower), jnp.abs(span.upper))
+        least = eps(least.dtype, 2) * least
+
+        def once(state: _State) -> _State:
+            t, i, j, level, active, found = state
+            size = jnp.left_shift(1, level)
+            to_x = _reaches(jnp.where(d.x > 0, i + 1, i) * size, o.x, d.x)
+            to_z = _reaches(jnp.where(d.z > 0, j + 1, j) * size, o.z, d.z)
+            leave = jnp.maximum(t, jnp.minimum(jnp.minimum(to_x, to_z), span.upper))
+            lowest = jnp.minimum(side * (o.y + t * d.y), side * (o.y + leave * d.y))
+            enters = active & (lowest <= mipmap.top(level, i, j, side))
+            descends = enters & (level > 0)
+            at_patch = enters & (level == 0)
+            step = jax.lax.cond(
+                jnp.any(at_patch),
+                lambda: _step(points, ray, side, t, i, j, leave, least),
+                lambda: jnp.zeros_like(t),
+            )
+            arrives = at_patch & (step <= 0)
+            found = jnp.where(arrives, t - step, found)
+            advances = at_patch & (step > 0) & (t + step < leave)
+            passes = active & ~arrives & ~advances & ~descends
+
+            over_x = to_x <= to_z
+            i_next = i + jnp.where(passes & over_x, _sign(d.x), 0)
+            j_next = j + jnp.where(passes & ~over_x, _sign(d.z), 0)
+            rows, cols = mipmap.shape(level)
+            inside = (i_next >= 0) & (i_next < rows) & (j_next >= 0) & (j_next < cols)
+            active = active & ~arrives & ~(passes & ((leave >= span.upper) | ~inside))
+            # Into another block of twice the size: that one is yet to be looked at.
+            ascends = passes & (level < last)
+            ascends &= (i_next >> 1 != i >> 1) | (j_next >> 1 != j >> 1)
+            level = level + ascends.astype(level.dtype) - descends.astype(level.dtype)
+            rows, cols = mipmap.shape(level)
+            size = jnp.left_shift(1, level)
+            i_part = _part(i, o.x + t * d.x, size, rows)
+            j_part = _part(j, o.z + t * d.z, size, cols)
+            i = jnp.where(descends, i_part, jnp.where(ascends, i_next >> 1, i_next))
+            j = jnp.where(descends, j_part, jnp.where(ascends, j_next >> 1, j_next))
+            t = jnp.where(advances, t + step, jnp.where(passes, leave, t))
+            return _State(t, i, j, level, active, found)
+
+        return once
+
     zero = jnp.zeros(t.shape, jnp.int32)
-    state = (t, zero, zero, zero + last, active, jnp.full_like(t, jnp.inf))
-    return jax.lax.while_loop(lambda s: jnp.any(s[4]), turn, state)[-1]
+    begin = _State(t, zero, zero, zero + last, active, jnp.full_like(t, jnp.inf))
+    given, begin = jax.tree.map(
+        lambda x: jnp.broadcast_to(x, t.shape).reshape(-1),
+        ((ray, side, span), begin),
+    )
+    end = in_lanes(turn, lambda state: state.is_open, given, begin)
+    return end.found.reshape(t.shape)
+
+
+class _State(NamedTuple):
+    """What a ray that walks is at.
+
+    Attributes:
+        t: Ray parameter.
+        i: Number of its block along x.
+        j: Likewise along z.
+        level: Of the blocks: their size is 2 to this.
+        is_open: Whether it goes on.
+        found: Ray parameter of its crossing; infinite while there is none.
+    """
+
+    t: Float[Array, " n"]
+    i: Int[Array, " n"]
+    j: Int[Array, " n"]
+    level: Int[Array, " n"]
+    is_open: Bool[Array, " n"]
+    found: Float[Array, " n"]
 
 
 def _in_patches(

@@ -9,16 +9,19 @@ its sign, from a bound on how fast it may close (`free_step`).
 __all__ = ["advance", "free_step", "side_of"]
 
 from collections.abc import Callable
+from functools import partial
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float, Int
 
+from impostor_jax.geometry.lanes import in_lanes
 from impostor_jax.geometry.rays import Interval, Ray
 from impostor_jax.numerics import Numbers, eps, safe_divide, safe_sqrt
 
-Gap = Callable[[Numbers], Numbers]
-
+Gap = Callable[[Ray, Numbers], Numbers]
+"""Height above the surface of the point of a ray at a parameter, in meters."""
 
 MOST_STEPS = 1 << 14
 """Of `advance`: a ray that is still within a hair's breadth then counts as a hit."""
@@ -35,58 +38,88 @@ def advance(
     """Ray parameter where the gap first closes, `+inf` where it does not.
 
     Args:
-        gap: Of the point at a ray parameter, in meters.
+        gap: Of rays and their parameters.
         ray: The ray.
         span: Stretch of the ray over the extent.
         reach: Lengths, besides that of the ray, whose rounding the gap suffers.
         lipschitz: Bound of the surface's slope.
         curvature: Bound of its second derivative; None where none is known.
     """
-    o, d = ray.origin, ray.direction
-
-    def rounding(t: Numbers) -> Numbers:
-        return eps(t.dtype, 2) * (jnp.abs(o.y) + jnp.abs(t * d.y) + reach)
-
     active = span.lower <= span.upper
     t = jnp.where(active, span.lower, 0)
-    now, slope = jax.jvp(gap, (t,), (jnp.ones_like(t),))
-    side = side_of(now, slope, rounding(t))
-    level = safe_sqrt(d.x * d.x + d.z * d.z)
-    closing = lipschitz * level - side * d.y
-    along_ray = None if curvature is None else curvature * level * level
 
-    def above(t: Numbers) -> Numbers:
-        return side * gap(t)
+    def rounding(ray: Ray, t: Numbers) -> Numbers:
+        o, d = ray.origin, ray.direction
+        return eps(t.dtype, 2) * (jnp.abs(o.y) + jnp.abs(t * d.y) + reach)
 
-    def slope_of(t: Numbers) -> tuple[Numbers, Numbers]:
-        if along_ray is None:
-            return above(t), jnp.zeros_like(t)
-        return jax.jvp(above, (t,), (jnp.ones_like(t),))
+    now, slope = jax.jvp(lambda t: gap(ray, t), (t,), (jnp.ones_like(t),))
+    side = side_of(now, slope, rounding(ray, t))
 
-    def turn(state):
-        count, t, away, active, found = state
-        now, slope = slope_of(t)
-        close = rounding(t)
-        # A ray that begins on the surface has to leave it first.
-        arrives = active & (((now <= close) & away) | (now < -close))
-        found = jnp.where(arrives, t, found)
-        room = jnp.maximum(now, close)
-        closes = closing > 0
-        step = jnp.where(closes, room / jnp.where(closes, closing, 1), jnp.inf)
-        if along_ray is not None:
-            step = jnp.maximum(step, free_step(room, slope, -along_ray))
-        ahead = t + step
-        away = away | (now > close)
-        active = active & ~arrives & (ahead <= span.upper)
-        return count + 1, jnp.where(active, ahead, t), away, active, found
+    def turn(given: tuple[Ray, Numbers, Numbers]) -> Callable[[_State], _State]:
+        ray, side, upper = given
+        d = ray.direction
+        level = safe_sqrt(d.x * d.x + d.z * d.z)
+        closing = lipschitz * level - side * d.y
+        along_ray = None if curvature is None else curvature * level * level
 
-    def is_open(state):
-        return (state[0] < MOST_STEPS) & jnp.any(state[3])
+        def above(t: Numbers) -> Numbers:
+            return side * gap(ray, t)
 
-    away, never = jnp.zeros(t.shape, bool), jnp.full_like(t, jnp.inf)
-    state = (jnp.int32(0), t, away, active, never)
-    _, t, _, active, found = jax.lax.while_loop(is_open, turn, state)
-    return _settled(gap, jnp.where(active, t, found))
+        def slope_of(t: Numbers) -> tuple[Numbers, Numbers]:
+            if along_ray is None:
+                return above(t), jnp.zeros_like(t)
+            return jax.jvp(above, (t,), (jnp.ones_like(t),))
+
+        def once(state: _State) -> _State:
+            now, slope = slope_of(state.t)
+            close = rounding(ray, state.t)
+            # A ray that begins on the surface has to leave it first.
+            arrives = ((now <= close) & state.away) | (now < -close)
+            arrives &= state.is_open
+            room = jnp.maximum(now, close)
+            closes = closing > 0
+            step = jnp.where(closes, room / jnp.where(closes, closing, 1), jnp.inf)
+            if along_ray is not None:
+                step = jnp.maximum(step, free_step(room, slope, -along_ray))
+            ahead = state.t + step
+            goes_on = state.is_open & ~arrives & (ahead <= upper)
+            return _State(
+                count=state.count + 1,
+                t=jnp.where(goes_on, ahead, state.t),
+                away=state.away | (now > close),
+                is_open=goes_on & (state.count < MOST_STEPS),
+                hits=jnp.where(state.is_open, arrives | goes_on, state.hits),
+            )
+
+        return once
+
+    nothing = jnp.zeros(t.shape, bool)
+    begin = _State(jnp.zeros(t.shape, jnp.int32), t, nothing, active, nothing)
+    given, begin = jax.tree.map(
+        lambda x: jnp.broadcast_to(x, t.shape).reshape(-1),
+        ((ray, side, span.upper), begin),
+    )
+    end = in_lanes(turn, lambda state: state.is_open, given, begin)
+    hits, t = end.hits.reshape(t.shape), end.t.reshape(t.shape)
+    return _settled(partial(gap, ray), jnp.where(hits, t, jnp.inf))
+
+
+class _State(NamedTuple):
+    """What a ray that marches is at.
+
+    Attributes:
+        count: Steps that it took.
+        t: Ray parameter.
+        away: Whether it has been off the surface.
+        is_open: Whether it goes on.
+        hits: Whether it ends on the surface, as far as it has come.
+    """
+
+    count: Int[Array, " n"]
+    t: Float[Array, " n"]
+    away: Bool[Array, " n"]
+    is_open: Bool[Array, " n"]
+    hits: Bool[Array, " n"]
 
 
 def side_of(gap: Numbers, slope: Numbers, rounding: Numbers) -> Numbers:
@@ -95,7 +128,7 @@ def side_of(gap: Numbers, slope: Numbers, rounding: Numbers) -> Numbers:
     return jnp.where(leans < 0, -jnp.ones_like(gap), jnp.ones_like(gap))
 
 
-def _settled(gap: Gap, t: Numbers) -> Numbers:
+def _settled(gap: Callable[[Numbers], Numbers], t: Numbers) -> Numbers:
     """Ray parameter after a step of Newton's, where that lowers the gap."""
     at = jnp.where(jnp.isfinite(t), t, 0)
     now, slope = jax.jvp(gap, (at,), (jnp.ones_like(at),))

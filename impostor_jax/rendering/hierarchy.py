@@ -5,15 +5,15 @@ side of their common box that is longest, all parts of a level by one sort. Thei
 is a power of 2, so the tree is complete, and its nodes in preorder, with the node to go
 on with where a box is missed, are known before any shape.
 
-Rays walk it in lanes. A lane that is through with its ray takes the next that waits:
-rays in lockstep would wait for the slowest of them, 1.7 times as long for 1000 balls.
+Rays walk it in lanes: in lockstep they would wait for the slowest of them, 1.7 times as
+long for 1000 balls.
 """
 
-__all__ = ["Hierarchy", "chosen_numbers", "hierarchy_of", "walk"]
+__all__ = ["Hierarchy", "hierarchy_of", "walk"]
 
 import functools
 from collections.abc import Callable
-from typing import Any, NamedTuple, TypeVar
+from typing import NamedTuple, TypeVar
 
 import equinox as eqx
 import jax
@@ -21,15 +21,13 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from impostor_jax.geometry.lanes import in_lanes
 from impostor_jax.geometry.rays import Ray
 from impostor_jax.geometry.vec3 import Vec3
 from impostor_jax.numerics import Numbers, eps
 
 LANES = 4096
-"""Rays that walk side by side: what they hold stays in a processor's cache."""
-
-STEPS = 8
-"""Nodes that a lane visits before it may take another ray."""
+"""Rays that walk side by side."""
 
 State = TypeVar("State")
 """Of each ray, arrays (n,): what the walk finds."""
@@ -170,22 +168,6 @@ def _largest(v: Vec3) -> Numbers:
     return jnp.maximum(jnp.maximum(v.x, v.y), v.z)
 
 
-class _Lanes(NamedTuple):
-    """What lanes are at.
-
-    Attributes:
-        next: How many rays have been taken.
-        ray: Number of each lane's ray; that of all rays if none.
-        node: Where it is; the number of nodes at the end.
-        state: What it has found.
-    """
-
-    next: Int[Array, ""]
-    ray: Int[Array, " lanes"]
-    node: Int[Array, " lanes"]
-    state: Any
-
-
 def walk(
     tree: Hierarchy,
     rays: Ray,
@@ -207,32 +189,14 @@ def walk(
     Returns:
         The states, after.
     """
-    count, last = rays.direction.x.shape[0], tree.skip.shape[0]
-    waiting, num_waiting = chosen_numbers(reach_of(state) > 0)
+    last = tree.skip.shape[0]
 
-    def refilled(lanes: _Lanes) -> _Lanes:
-        """Lanes at their end take rays that wait."""
-        idle = lanes.node >= last
-        turn = lanes.next + jnp.cumsum(idle, dtype=jnp.int32) - 1
-        fresh = idle & (turn < num_waiting)
-        ray = jnp.where(idle, count, lanes.ray)
-        ray = jnp.where(fresh, waiting[jnp.minimum(turn, count - 1)], ray)
-        at = jnp.minimum(ray, count - 1)
-        return _Lanes(
-            next=lanes.next + jnp.sum(fresh, dtype=jnp.int32),
-            ray=ray,
-            node=jnp.where(fresh, 0, lanes.node),
-            state=jax.tree.map(
-                lambda x, kept: jnp.where(fresh, x[at], kept), state, lanes.state
-            ),
-        )
+    def turn(
+        rays: Ray,
+    ) -> Callable[[tuple[Array, State]], tuple[Array, State]]:
+        cast = _Cast.of(rays)
 
-    def turn(carry: tuple[_Lanes, State]) -> tuple[_Lanes, State]:
-        lanes, found = carry
-        at = jnp.minimum(lanes.ray, count - 1)
-        cast = _Cast.of(jax.tree.map(lambda x: x[at], rays))
-
-        def step(_: Array, kept: tuple[Array, State]) -> tuple[Array, State]:
+        def step(kept: tuple[Array, State]) -> tuple[Array, State]:
             node, state = kept
             here = jnp.minimum(node, last - 1)
             meets = cast.meets(tree.low[here], tree.high[here], reach_of(state))
@@ -242,33 +206,8 @@ def walk(
             node = jnp.where(meets & ~is_leaf, node + 1, tree.skip[here])
             return jnp.where(reach_of(state) > 0, node, last), state
 
-        kept = jax.lax.fori_loop(0, STEPS, step, (lanes.node, lanes.state))
-        lanes = lanes._replace(node=kept[0], state=kept[1])
-        put = jnp.where(lanes.node >= last, lanes.ray, count)
-        found = jax.tree.map(
-            lambda x, new: x.at[put].set(new, mode="drop", unique_indices=True),
-            found,
-            lanes.state,
-        )
-        return refilled(lanes), found
+        return step
 
-    none = jnp.full(min(LANES, count), last, jnp.int32)
-    blank = jax.tree.map(lambda x: x[: none.shape[0]], state)
-    zero = jnp.zeros((), jnp.int32)
-    lanes = refilled(_Lanes(zero, jnp.full_like(none, count), none, blank))
-    _, found = jax.lax.while_loop(
-        lambda carry: jnp.any(carry[0].node < last), turn, (lanes, state)
-    )
+    begin = jnp.where(reach_of(state) > 0, 0, last).astype(jnp.int32)
+    _, found = in_lanes(turn, lambda kept: kept[0] < last, rays, (begin, state), LANES)
     return found
-
-
-def chosen_numbers(
-    chosen: Bool[Array, " n"],
-) -> tuple[Int[Array, " n"], Int[Array, ""]]:
-    """Numbers of what is chosen, in order, and how many there are."""
-    count = chosen.shape[0]
-    place = jnp.where(chosen, jnp.cumsum(chosen, dtype=jnp.int32) - 1, count)
-    number = jnp.arange(count, dtype=jnp.int32)
-    order = jnp.zeros(count, jnp.int32)
-    order = order.at[place].set(number, mode="drop", unique_indices=True)
-    return order, jnp.sum(chosen, dtype=jnp.int32)

@@ -17,8 +17,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from impostor_jax.geometry.lanes import chosen_numbers
 from impostor_jax.geometry.vec3 import Vec3
-from impostor_jax.rendering.hierarchy import chosen_numbers
 from impostor_jax.rendering.search import SEARCHED
 
 TOGETHER = 1 << 15

@@ -73,23 +73,6 @@ def test_no_crossing_of_a_bilinear_grid_is_missed(dtype):
     check_first(t, expected, origin, direction, height, dtype, np.abs(STEEP).max())
 
 
-def test_no_crossing_is_found_twice():
-    rng = np.random.default_rng(0)
-    count, far = 200_000, 1e4
-    on_floor = rng.uniform(-0.5, 0.5, (count, 3)) * (1, 0, 1)
-    direction = rng.normal(size=(count, 3))
-    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
-    rays = rays_of(on_floor - far * direction, direction, np.float32)
-    ground = Heightfield(0.1 * STEEP[:4, :3], EXTENT)
-    one, other = jax.jit(Heightfield.stretches)(ground, rays)
-    ends = np.stack([one.enter.t, one.leave.t, other.enter.t, other.leave.t])
-    # A ray that begins below has its first end nowhere.
-    apart = np.diff(np.where(np.isfinite(ends), ends, np.nan), axis=0)
-    assert np.sum(np.isfinite(apart)) > 10_000
-    # Two are one where no more than its rounding lies between.
-    assert np.nanmin(apart) > eps(np.float32, 30) * far
-
-
 def test_no_crossing_of_a_bicubic_grid_is_missed(dtype):
     origin, direction = steep_rays(300, dtype)
     extent = jnp.asarray(EXTENT, dtype)
