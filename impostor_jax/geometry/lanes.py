@@ -114,6 +114,8 @@ def chosen_numbers(
 ) -> tuple[Int[Array, " n"], Int[Array, ""]]:
     """Numbers of what is chosen, in order, and how many there are."""
     count = chosen.shape[0]
+    # Of rays that are known when it compiles, XLA would take a minute to count 100,000.
+    chosen = jax.lax.optimization_barrier(chosen)
     place = jnp.where(chosen, jnp.cumsum(chosen, dtype=jnp.int32) - 1, count)
     number = jnp.arange(count, dtype=jnp.int32)
     order = jnp.zeros(count, jnp.int32)
