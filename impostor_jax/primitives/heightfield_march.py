@@ -84,10 +84,10 @@ def advance(
             ahead = state.t + step
             goes_on = state.is_open & ~arrives & (ahead <= upper)
             return _State(
-                count=state.count + 1,
+                num_steps=state.num_steps + 1,
                 t=jnp.where(goes_on, ahead, state.t),
                 away=state.away | (now > close),
-                is_open=goes_on & (state.count < MOST_STEPS),
+                is_open=goes_on & (state.num_steps < MOST_STEPS),
                 hits=jnp.where(state.is_open, arrives | goes_on, state.hits),
             )
 
@@ -108,14 +108,14 @@ class _State(NamedTuple):
     """What a ray that marches is at.
 
     Attributes:
-        count: Steps that it took.
+        num_steps: That it took.
         t: Ray parameter.
         away: Whether it has been off the surface.
         is_open: Whether it goes on.
         hits: Whether it ends on the surface, as far as it has come.
     """
 
-    count: Int[Array, " n"]
+    num_steps: Int[Array, " n"]
     t: Float[Array, " n"]
     away: Bool[Array, " n"]
     is_open: Bool[Array, " n"]
