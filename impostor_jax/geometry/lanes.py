@@ -23,10 +23,10 @@ TURNS = 8
 """Of a lane before it may take another."""
 
 Given = TypeVar("Given")
-"""What each is given, arrays (n, ...)."""
+"""What each is given: arrays that broadcast to the states'."""
 
 State = TypeVar("State")
-"""What each is at, arrays (n, ...)."""
+"""What each is at: arrays that broadcast to one shape."""
 
 
 class _Lanes(NamedTuple):
@@ -45,7 +45,7 @@ class _Lanes(NamedTuple):
 
 def in_lanes(
     turn: Callable[[Given], Callable[[State], State]],
-    is_open: Callable[[State], Bool[Array, " n"]],
+    is_open: Callable[[State], Bool[Array, "*batch"]],
     given: Given,
     state: State,
     lanes: int = LANES,
@@ -55,7 +55,7 @@ def in_lanes(
     Args:
         turn: From what some are given to what takes a turn of theirs. It may be called
             with those that are not open any more, and must not change them.
-        is_open: Who takes another turn.
+        is_open: Who takes another turn, in the shape of all.
         given: Of each.
         state: Of each, before.
         lanes: How many go side by side.
@@ -63,7 +63,23 @@ def in_lanes(
     Returns:
         The states after the last turn.
     """
-    count = jax.tree.leaves(state)[0].shape[0]
+    shape = is_open(state).shape
+    given, state = jax.tree.map(
+        lambda x: jnp.broadcast_to(x, shape).reshape(-1), (given, state)
+    )
+    found = _of_many(turn, is_open, given, state, lanes)
+    return jax.tree.map(lambda x: x.reshape(shape), found)
+
+
+def _of_many(
+    turn: Callable[[Given], Callable[[State], State]],
+    is_open: Callable[[State], Bool[Array, " n"]],
+    given: Given,
+    state: State,
+    lanes: int,
+) -> State:
+    """The same of arrays (n,)."""
+    count = is_open(state).shape[0]
     if count <= lanes or jax.default_backend() != "cpu":
         once = turn(given)
         return jax.lax.while_loop(lambda s: jnp.any(is_open(s)), once, state)
@@ -77,14 +93,12 @@ def in_lanes(
         number = jnp.where(idle, count, at.number)
         number = jnp.where(fresh, waiting[jnp.minimum(place, count - 1)], number)
         place = jnp.minimum(number, count - 1)
-
-        def of_fresh(x: Array, kept: Array) -> Array:
-            return jnp.where(jnp.expand_dims(fresh, range(1, x.ndim)), x[place], kept)
-
         return _Lanes(
             next=at.next + jnp.sum(fresh, dtype=jnp.int32),
             number=number,
-            state=jax.tree.map(of_fresh, state, at.state),
+            state=jax.tree.map(
+                lambda x, kept: jnp.where(fresh, x[place], kept), state, at.state
+            ),
         )
 
     def turned(carry: tuple[_Lanes, State]) -> tuple[_Lanes, State]:

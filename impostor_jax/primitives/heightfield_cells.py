@@ -110,12 +110,8 @@ def first_crossing(
 
     zero = jnp.zeros(t.shape, jnp.int32)
     begin = _State(t, zero, zero, zero + last, active, jnp.full_like(t, jnp.inf))
-    given, begin = jax.tree.map(
-        lambda x: jnp.broadcast_to(x, t.shape).reshape(-1),
-        ((ray, side, span), begin),
-    )
-    end = in_lanes(turn, lambda state: state.is_open, given, begin)
-    return end.found.reshape(t.shape)
+    given = ray, side, span
+    return in_lanes(turn, lambda state: state.is_open, given, begin).found
 
 
 class _State(NamedTuple):
@@ -130,12 +126,12 @@ class _State(NamedTuple):
         found: Ray parameter of its crossing; infinite while there is none.
     """
 
-    t: Float[Array, " n"]
-    i: Int[Array, " n"]
-    j: Int[Array, " n"]
-    level: Int[Array, " n"]
-    is_open: Bool[Array, " n"]
-    found: Float[Array, " n"]
+    t: Float[Array, "*batch"]
+    i: Int[Array, "*batch"]
+    j: Int[Array, "*batch"]
+    level: Int[Array, "*batch"]
+    is_open: Bool[Array, "*batch"]
+    found: Float[Array, "*batch"]
 
 
 def _in_patches(

@@ -95,13 +95,9 @@ def advance(
 
     nothing = jnp.zeros(t.shape, bool)
     begin = _State(jnp.zeros(t.shape, jnp.int32), t, nothing, active, nothing)
-    given, begin = jax.tree.map(
-        lambda x: jnp.broadcast_to(x, t.shape).reshape(-1),
-        ((ray, side, span.upper), begin),
-    )
+    given = ray, side, span.upper
     end = in_lanes(turn, lambda state: state.is_open, given, begin)
-    hits, t = end.hits.reshape(t.shape), end.t.reshape(t.shape)
-    return _settled(partial(gap, ray), jnp.where(hits, t, jnp.inf))
+    return _settled(partial(gap, ray), jnp.where(end.hits, end.t, jnp.inf))
 
 
 class _State(NamedTuple):
@@ -115,11 +111,11 @@ class _State(NamedTuple):
         hits: Whether it ends on the surface, as far as it has come.
     """
 
-    num_steps: Int[Array, " n"]
-    t: Float[Array, " n"]
-    away: Bool[Array, " n"]
-    is_open: Bool[Array, " n"]
-    hits: Bool[Array, " n"]
+    num_steps: Int[Array, "*batch"]
+    t: Float[Array, "*batch"]
+    away: Bool[Array, "*batch"]
+    is_open: Bool[Array, "*batch"]
+    hits: Bool[Array, "*batch"]
 
 
 def side_of(gap: Numbers, slope: Numbers, rounding: Numbers) -> Numbers:
