@@ -1,18 +1,20 @@
 """The caps of a candidate: discs whose rims are seen."""
 
-__all__ = ["NO_CAPS", "Caps", "caps_of"]
+__all__ = ["INNER", "NO_CAPS", "Caps", "caps_of", "doming"]
 
 import dataclasses
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from impostor_jax.find.deformation import solved
 from impostor_jax.find.evidence import (
     AGREEING,
     LIMIT,
     UNSURE,
     Evidence,
     Scene,
+    directions_across,
     ring,
     turned,
 )
@@ -36,6 +38,12 @@ FEWEST = 20
 LEAST_FILLED = 0.2
 """Part of a disc that must be seen."""
 
+INNER = 0.85
+"""Part of a cap's radius within which readings are of no other surface."""
+
+FEWEST_FLAT = 12
+"""Of those, at least."""
+
 
 @dataclasses.dataclass(frozen=True)
 class Caps:
@@ -45,15 +53,22 @@ class Caps:
         pixels: Flat indices of these.
         rim: Largest angle over which the rim of one is seen, in radians; 0 where it is
             too little to tell a disc from what lies beside it.
+        misfit: Mean square of the deviations of what lies on it.
     """
 
     pixels: Int[np.ndarray, " n"]
     rim: float
+    misfit: float = 0.0
 
     @property
     def size(self) -> int:
         """Pixels that speak for a cylinder."""
         return len(self.pixels) if self.rim else 0
+
+    def misfit_with(self, evidence: Evidence) -> float:
+        """Mean square of the deviations of what a wall and this explain."""
+        wall, own = evidence.explained, self.size
+        return (wall * evidence.misfit + own * self.misfit) / max(wall + own, 1)
 
 
 NO_CAPS = Caps(np.zeros(0, int), 0.0)
@@ -66,6 +81,35 @@ def caps_of(scene: Scene, evidence: Evidence) -> Caps:
     low, high = evidence.ends
     found = [_cap(scene, evidence, low, -1.0), _cap(scene, evidence, high, 1.0)]
     return max(found, key=lambda cap: (cap.rim, len(cap.pixels)))
+
+
+def doming(scene: Scene, evidence: Evidence, caps: Caps) -> float:
+    """How far the middle of a cap stands out, over the radius; 0 where none is seen.
+
+    It is what a paraboloid rises by, less two standard deviations: a disc has none, the
+    round end of a bottle or a towel is half a ball.
+    """
+    view, (center, axis, radius, _, _) = scene.view, evidence.wall
+    off = view.points.reshape(-1, 3)[caps.pixels] - center
+    along = off @ axis
+    across = (off - along[:, None] * axis) @ directions_across(axis).T / radius
+    square = (across**2).sum(axis=1)
+    inner = square < INNER**2
+    if np.count_nonzero(inner) < FEWEST_FLAT:
+        return 0.0
+    index, along = caps.pixels[inner], along[inner]
+    across, square = across[inner], square[inner]
+    middle = float(np.median(along))
+    low, high = evidence.ends
+    sign = 1.0 if abs(middle - high) < abs(middle - low) else -1.0
+    cosine = np.abs(view.views.reshape(-1, 3)[index] @ axis)
+    sigma = scene.noise * view.sigma.ravel()[index]
+    deviation = view.deviation(view.depth.ravel()[index], sigma, cosine)
+    deviation *= np.maximum(cosine, LEAST_FACING) / radius
+    terms = np.column_stack([np.ones_like(square), across, square])
+    found = solved(terms, sign * (along - middle) / radius, deviation)
+    noise = np.sqrt(scene.shared) * found.deviation[3]
+    return float(max(-found.value[3] - 2 * noise, 0.0))
 
 
 def _cap(scene: Scene, evidence: Evidence, end: float, sign: float) -> Caps:
@@ -86,7 +130,8 @@ def _cap(scene: Scene, evidence: Evidence, end: float, sign: float) -> Caps:
     along = off @ axis.astype(np.float32)
     distance = np.sqrt(np.maximum((off**2).sum(axis=-1) - along**2, 0))
     sigma = scene.noise * view.sigma[box]
-    limit = LIMIT * facing * view.deviation(middle[2], sigma, facing) + width
+    deviation = facing * view.deviation(middle[2], sigma, facing)
+    limit = LIMIT * deviation + width
     agrees = sign * (scene.normals.normal[box] @ axis.astype(np.float32)) > AGREEING
     agrees |= scene.normals.error[box] > UNSURE
     # The end of a wall that is seen at a slant is known to some pixels along it, and
@@ -128,7 +173,8 @@ def _cap(scene: Scene, evidence: Evidence, end: float, sign: float) -> Caps:
         rim = 0.0
     row, col = np.nonzero(on_disc)
     index = (box[0].start + row) * view.depth.shape[1] + box[1].start + col
-    return Caps(index, float(rim))
+    misfit = np.mean((along[on_disc] / deviation[on_disc]) ** 2)
+    return Caps(index, float(rim), float(misfit))
 
 
 def _on_plane(

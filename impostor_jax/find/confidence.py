@@ -8,6 +8,7 @@ says how well calibrated they are.
 __all__ = [
     "ALLOWED",
     "FACTS",
+    "Observed",
     "confidence",
     "exactness",
     "facts_of",
@@ -15,40 +16,42 @@ __all__ = [
 ]
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 
 from impostor_jax.find.caps import Caps
+from impostor_jax.find.continuation import NOTHING, Continuation
 from impostor_jax.find.deformation import Deformation
 from impostor_jax.find.evidence import Evidence
 from impostor_jax.find.rivals import Rivals
 from impostor_jax.fit.result import Fit
 
 FACTS: dict[str, float] = {
-    "misfit": -2.51,
-    "chi2": -6.59,
-    "against": -5.77,
-    "shape": -3.58,
-    "cone": -52.55,
-    "ball": -1.78,
-    "vague": -3.29,
-    "exact": 0.52,
-    "size": 0.57,
-    "rim": 2.75,
-    "uneven": -5.30,
+    "misfit": -1.51,
+    "chi2": -7.77,
+    "against": -3.50,
+    "shape": -2.62,
+    "cone": -41.81,
+    "ball": -1.42,
+    "exact": 0.31,
+    "size": 1.08,
+    "rim": 1.98,
+    "goes_on": -4.0,
+    "edge": -6.39,
+    "dome": -16.25,
+    "shared": -0.64,
+    "rimless": -1.11,
 }
 """Name of each fact, and its weight."""
 
-BIAS = 1.10
+BIAS = 3.18
 """Log-odds where all facts are 0."""
 
 ALLOWED = 0.02
 """Departure from a cylinder, over the radius, that is not held against it: no sensor is
 as straight as that."""
-
-MOST_UNEVEN = 0.1
-"""Change of an outline from end to end, in radii, from which on more tells no more."""
 
 SLOPES = (0.025, 0.045)
 """Of a wall against its axis, in radians: what is not held against it, and from where
@@ -56,55 +59,76 @@ on it is a cone. Drawn sensors tilt no right wall by more than two deviations an
 the bands of two real ones tilt cans by .0025 and .0064 more."""
 
 
-def facts_of(
-    evidence: Evidence,
-    caps: Caps,
-    shape: Deformation | None,
-    rivals: Rivals | None = None,
-    fit: Fit | None = None,
-    noise: float = 1.0,
-    uneven: float = 0.0,
-) -> Float[np.ndarray, " f"]:
-    """The facts, in the order of `FACTS`.
+class Observed(NamedTuple):
+    """What is known of a candidate without a fit.
 
-    Args:
+    Attributes:
         evidence: Of the wall.
         caps: At its ends.
         shape: How far it is from a cylinder; None where too little is seen.
         rivals: What else it may be; None where too little is seen, or before that is
             looked at.
-        fit: Of it; None before it is fitted, where facts of it count as usual.
-        noise: Factor of its sigma, from planes.
-        uneven: How much its outline changes from end to end, in radii.
+        around: What goes on beyond it.
+        dome: How far the middle of its cap stands out, over the radius.
+        shared: Pixels that share an error, from planes.
     """
-    over, vague = 0.5, 0.5
+
+    evidence: Evidence
+    caps: Caps
+    shape: Deformation | None
+    rivals: Rivals | None = None
+    around: Continuation = NOTHING
+    dome: float = 0.0
+    shared: float = 1.0
+
+
+def facts_of(
+    observed: Observed,
+    fit: Fit | None = None,
+    noise: float | None = 1.0,
+) -> Float[np.ndarray, " f"]:
+    """The facts, in the order of `FACTS`.
+
+    Args:
+        observed: What is known without a fit.
+        fit: Of it; None before it is fitted, where facts of it count as usual.
+        noise: Factor of its sigma, from planes; None where that is not all that its
+            readings err by.
+    """
+    evidence, caps, shape, rivals, around, dome, shared = observed
+    over = 0.5
     if shape is not None:
         departures = np.abs(shape.value) - 2 * shape.deviation - ALLOWED
         over = float(np.max(departures, initial=0.0))
-        vague = shape.vague
     total = evidence.explained + evidence.behind + evidence.other
     size = evidence.explained + caps.size
-    cone, ball = 0.0, 0.0
+    cone, ball, edge = 0.0, 0.0, 0.0
     if rivals is not None:
         cone = abs(rivals.slope) - 2 * rivals.deviation
         ball = min(max(1 + rivals.ball, 0.0), 1.5) ** 2
+        edge = min(max(0.3 + rivals.edge, 0.0), 1.0)
     chi2, exact = 1.0, 0.98
     if fit is not None:
-        chi2 = float(fit.chi2) / noise**2
+        chi2 = float(fit.chi2) / noise**2 if noise else 1.0
         exact = exactness(fit)
+    # Where neighbors share their errors depth tells little, and a rim the more.
+    alike = math.log(max(shared, 1.0))
     return np.array(
         [
-            math.log(max(evidence.misfit, 0.7) / 0.7),
+            math.log(max(caps.misfit_with(evidence), 0.7) / 0.7),
             min(max(chi2 - 1, 0.0), 3.0),
             math.sqrt((evidence.behind + evidence.other) / total),
             math.sqrt(min(over, 1.0)),
             float(np.interp(cone, SLOPES, (0.0, 1.0))),
             ball,
-            min(vague, 0.5),
             math.log(exact / (1 - exact)),
             math.log(size / 1000),
             min(caps.rim / np.pi, 1),
-            min(uneven, MOST_UNEVEN) / MOST_UNEVEN,
+            min(around.off * around.on, 2.0) ** 0.25,
+            edge,
+            min(dome, 0.5),
+            alike,
+            0.0 if caps.rim else alike,
         ]
     )
 

@@ -23,15 +23,13 @@ from impostor_jax.camera.pinhole import PinholeCamera
 from impostor_jax.camera.spherical import SphericalCamera
 from impostor_jax.effort import Effort
 from impostor_jax.find.evidence import Candidate, Evidence
-from impostor_jax.find.outline import unevenness
 from impostor_jax.find.sectors import Sector
 from impostor_jax.find.view import View
 from impostor_jax.fit.fittable import CYLINDER
 from impostor_jax.fit.options import Options
 from impostor_jax.fit.regions import BUCKETS, typical_sigma
-from impostor_jax.fit.request import checked_noise
+from impostor_jax.fit.request import checked_noise, is_trusted
 from impostor_jax.fit.result import Asked, Fit
-from impostor_jax.fit.seen import Seen
 from impostor_jax.fit.shapes import fit_shape, prepare_fit
 from impostor_jax.fit.status import FitStatus
 from impostor_jax.fit.threads import in_background
@@ -127,6 +125,11 @@ class Fitter:
         return Fitter(ranges, camera, noise, sigma, options, camera, 0.0, move, sector)
 
     @property
+    def is_trusted(self) -> bool:
+        """Whether what fits are told of the noise is all that readings err by."""
+        return is_trusted(self.sigma)
+
+    @property
     def mixes(self) -> bool:
         """Whether readings beside an edge may be of another surface."""
         return not is_none(self.noise.bias.edge_reach)
@@ -139,35 +142,6 @@ class Fitter:
             return view.enlarged(mask, self.depth.shape)
         shape = self.depth.shape[0], len(self.sector.cols)
         return self.sector.of_scan(view.enlarged(mask, shape))
-
-    def beside(
-        self, view: View, planes: Bool[np.ndarray, "h w"]
-    ) -> Float[np.ndarray, "H W"] | None:
-        """The image with what lies on planes far behind; None without a pinhole.
-
-        What stands on a table ends where that begins, at whatever depth.
-        """
-        if self.away or not isinstance(self.seen_by, PinholeCamera):
-            return None
-        depth = np.asarray(self.depth)
-        is_plane = self.of_image(view, planes) & (depth > 0)
-        return np.where(is_plane, np.asarray(FAR, depth.dtype), depth)
-
-    def unevenness(
-        self,
-        fit: Fit,
-        image: Float[np.ndarray, "H W"] | None,
-        mask: Bool[np.ndarray, "H W"],
-    ) -> float:
-        """As of `outline`, of a fit to a mask of an image from `beside`."""
-        if image is None:
-            return 0.0
-        assert isinstance(self.seen_by, PinholeCamera)
-        # What a mask says is of the object is not of a plane.
-        image = np.where(mask, self.depth, image)
-        seen = Seen(image, mask, self.seen_by, self.noise)
-        turn = float(np.max(fit.std.axis))
-        return unevenness(fit.cylinder, seen, float(fit.rms), turn)
 
     def guesses(self, region: Bool[np.ndarray, "h w"]) -> list[Candidate]:
         """First guesses of a region of the image, in the camera's frame."""

@@ -1,4 +1,4 @@
-"""What else a surface may be: a cone or a ball instead of a cylinder.
+"""What else a surface may be: a cone, a ball or a box's edge instead of a cylinder.
 
 Caps are told from the wall here: they stand across the axis, so that a wall that is too
 short to tell its own tilt from a taper tells them apart.
@@ -11,12 +11,9 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Int
 
-from impostor_jax.find.caps import Caps
+from impostor_jax.find.caps import INNER, Caps
 from impostor_jax.find.deformation import Wall, solved
 from impostor_jax.find.evidence import LIMIT, Evidence, Scene, directions_across
-
-INNER = 0.85
-"""Part of a cap's radius within which readings are its own."""
 
 LEAST_FACING = 0.1
 """Cosine of the incidence on a ball, at least: at its outline it tells nothing."""
@@ -24,19 +21,33 @@ LEAST_FACING = 0.1
 STEPS = 4
 """Of Gauss and Newton, towards the best ball."""
 
+KNEES = np.linspace(0.15, 0.85, 9)
+"""Parts of a wall's readings on one side of where two planes may meet."""
+
+ALL_AROUND = 0.5
+"""Length of the mean of the directions out of a wall, below which it is no edge."""
+
+LEAST_ALONG = 0.2
+"""Cosine of a view and the middle direction out of a wall, at least."""
+
+NO_EDGE = -10.0
+"""Logarithm of a misfit over another's where the other is none."""
+
 
 class Rivals(NamedTuple):
-    """A cone and a ball, beside a cylinder.
+    """A cone, a ball and an edge, beside a cylinder.
 
     Attributes:
         slope: Of the wall against the axis, in radians.
         deviation: Of that.
         ball: Logarithm of the misfit of a cylinder over that of a ball.
+        edge: The same over that of two planes that meet along it, of the wall alone.
     """
 
     slope: float
     deviation: float
     ball: float
+    edge: float
 
 
 class _Cap(NamedTuple):
@@ -56,7 +67,7 @@ class _Cap(NamedTuple):
 
 
 def rivals(scene: Scene, evidence: Evidence, wall: Wall, caps: Caps) -> Rivals:
-    """Compare a cylinder with a cone and a ball, by the readings of wall and cap."""
+    """Compare a cylinder with its rivals, by the readings of wall and cap."""
     axis, radius = evidence.wall.axis, evidence.wall.radius
     cap = _cap(scene, evidence, wall, caps)
     n = len(wall.pixels)
@@ -79,6 +90,7 @@ def rivals(scene: Scene, evidence: Evidence, wall: Wall, caps: Caps) -> Rivals:
         scale * float(cone.value[6]),
         float(np.hypot(noise, sideways)),
         float(np.log(_misfit(cylinder.rest) / ball)),
+        _edge(scene, axis, wall),
     )
 
 
@@ -100,6 +112,30 @@ def _cap(scene: Scene, evidence: Evidence, wall: Wall, caps: Caps) -> _Cap:
     start = float(np.median(along))
     deviation = deviation * np.abs(cosine) / radius
     return _Cap(index, tilt, (along - start) / radius, deviation)
+
+
+def _edge(scene: Scene, axis: Float[np.ndarray, "3"], wall: Wall) -> float:
+    """Logarithm of the misfit of a wall over that of two planes."""
+    forward = wall.out.mean(axis=0)
+    length = np.linalg.norm(forward)
+    if length < ALL_AROUND:
+        return NO_EDGE
+    forward /= length
+    place = wall.out * (1 + wall.miss)[:, None]
+    aside, ahead = place @ np.cross(axis, forward), place @ forward
+    views = scene.view.views.reshape(-1, 3)[wall.pixels]
+    # What is known along a ray, as a distance ahead.
+    cosine = np.abs((wall.out * views).sum(axis=1))
+    along = np.maximum(np.abs(views @ forward), LEAST_ALONG)
+    deviation = wall.deviation / np.maximum(cosine, LEAST_ALONG) * along
+    own = solved(wall.terms(axis), wall.miss, wall.deviation)
+    plane = np.stack([np.ones_like(aside), aside, wall.place], axis=1)
+    misfits = []
+    for knee in np.quantile(aside, KNEES):
+        left = (aside < knee)[:, None]
+        terms = np.hstack([plane * left, plane * ~left])
+        misfits.append(_misfit(solved(terms, ahead, deviation).rest))
+    return float(np.log(_misfit(own.rest) / max(min(misfits), 1e-9)))
 
 
 def _ball_misfit(scene: Scene, index: Int[np.ndarray, " n"]) -> float:

@@ -3,15 +3,15 @@
 __all__ = ["Detection", "Request", "Searched", "search"]
 
 import dataclasses
-import functools
 import itertools
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from impostor_jax.find.caps import Caps, caps_of
-from impostor_jax.find.confidence import confidence, facts_of
+from impostor_jax.find.caps import Caps, caps_of, doming
+from impostor_jax.find.confidence import Observed, confidence, facts_of
+from impostor_jax.find.continuation import continuation
 from impostor_jax.find.deformation import (
     Deformation,
     Wall,
@@ -25,7 +25,7 @@ from impostor_jax.find.normals import Normals, normals_of, stray
 from impostor_jax.find.objects import creases, numbered, objects_of
 from impostor_jax.find.patches import Part, proposed
 from impostor_jax.find.planes import PlaneRegions, planes_of
-from impostor_jax.find.rivals import Rivals, rivals
+from impostor_jax.find.rivals import rivals
 from impostor_jax.find.view import View
 from impostor_jax.fit.result import Fit
 from impostor_jax.opencv import cv2
@@ -53,6 +53,9 @@ of a thin one more than its bend."""
 
 CHANGED = 0.03
 """Part of a mask from whose change on it is fitted again."""
+
+MOST_MISFIT = 3.0
+"""Mean square of the deviations of what a cylinder explains."""
 
 FEW = 2000
 """Pixels up to which no quick fit tries a candidate: it would know too little."""
@@ -160,11 +163,6 @@ class _Search:
         self.looked_at: set[tuple[int, int]] = set()
         self.refused: list[Candidate] = []
 
-    @functools.cached_property
-    def beside(self) -> Float[np.ndarray, "H W"] | None:
-        """The image as outlines are judged by, where anything is fitted."""
-        return self.fitter.beside(self.view, self.planes.labels > 0)
-
     def scene(self) -> Scene:
         """What candidates are compared with now."""
         return Scene.of(
@@ -263,7 +261,9 @@ class _Search:
         seen = evidence.explained + caps.size
         if seen < self.fewest / 2 or max(evidence.arc, caps.rim) < self.request.min_arc:
             return None
-        if evidence.misfit > 3 or evidence.explained < evidence.behind + evidence.other:
+        if caps.misfit_with(evidence) > MOST_MISFIT:
+            return None
+        if evidence.explained < evidence.behind + evidence.other:
             return None
         readings = wall_readings(scene, evidence)
         axis, shared = evidence.wall.axis, scene.shared
@@ -277,7 +277,8 @@ class _Search:
             np.abs(shape.value) > 0.3 + 3 * shape.deviation
         ):
             return None
-        chance = confidence(facts_of(evidence, caps, shape))
+        known = Observed(evidence, caps, shape, shared=shared)
+        chance = confidence(facts_of(known))
         return Entry(evidence, caps, readings, shape, chance)
 
     def _known(self, wall: Candidate) -> bool:
@@ -318,7 +319,7 @@ class _Search:
         Returns:
             Whether it was kept, and candidates that its fit leads to.
         """
-        if not confidence(facts_of(*self._told(scene, entry))) >= self.least_chance:
+        if not confidence(facts_of(_observed(scene, entry))) >= self.least_chance:
             return False, []
         mask = self._mask(scene, entry)
         # Most of what is fitted is refused: of many pixels a quick fit tells enough.
@@ -332,7 +333,7 @@ class _Search:
         if halves is not None:
             return False, halves
         before, mask = mask, self._mask(scene, final)
-        facts = self._facts_of_fit(scene, final, fit, mask)
+        facts = self._facts_of_fit(scene, final, fit)
         if not confidence(facts) >= self.least_chance:
             return False, []
         changed = np.count_nonzero(mask ^ before) > CHANGED * np.count_nonzero(mask)
@@ -342,7 +343,7 @@ class _Search:
             better = self._led_to(scene, again, final)
             if better is not None:
                 fit, final, mask = again, better, self._mask(scene, better)
-                facts = self._facts_of_fit(scene, final, fit, mask)
+                facts = self._facts_of_fit(scene, final, fit)
             elif is_quick:
                 return False, []
         sure = confidence(facts)
@@ -360,21 +361,12 @@ class _Search:
             return None
         return self._entry(scene, self.fitter.wall_of(fit, entry.evidence.wall))
 
-    def _told(
-        self, scene: Scene, entry: Entry
-    ) -> tuple[Evidence, Caps, Deformation | None, Rivals | None]:
-        """What `facts_of` is told of a candidate without a fit, its rivals too."""
-        evidence, caps, readings = entry.evidence, entry.caps, entry.readings
-        other = readings and rivals(scene, evidence, readings, caps)
-        return evidence, caps, entry.shape, other
-
     def _facts_of_fit(
-        self, scene: Scene, entry: Entry, fit: Fit, mask: Bool[np.ndarray, "h w"]
+        self, scene: Scene, entry: Entry, fit: Fit
     ) -> Float[np.ndarray, " f"]:
-        """All facts of a candidate that was fitted; its mask is as of `_mask`."""
-        told = self._told(scene, entry)
-        uneven = self.fitter.unevenness(fit, self.beside, self._of_image(mask))
-        return facts_of(*told, fit, self.planes.noise, uneven)
+        """All facts of a candidate that was fitted."""
+        noise = self.planes.noise if self.fitter.is_trusted else None
+        return facts_of(_observed(scene, entry), fit, noise)
 
     def _of_image(self, mask: Bool[np.ndarray, "h w"]) -> Bool[np.ndarray, "H W"]:
         return self.fitter.of_image(self.view, mask)
@@ -384,6 +376,20 @@ class _Search:
         mask = shown(scene, entry.evidence, own, self.fitter.mixes)
         mask.ravel()[entry.caps.pixels] = True
         return mask
+
+
+def _observed(scene: Scene, entry: Entry) -> Observed:
+    """What is known of a candidate without a fit: its rivals and surroundings, too."""
+    evidence, caps, readings = entry.evidence, entry.caps, entry.readings
+    return Observed(
+        evidence,
+        caps,
+        entry.shape,
+        readings and rivals(scene, evidence, readings, caps),
+        continuation(scene, evidence),
+        doming(scene, evidence, caps),
+        scene.shared,
+    )
 
 
 def alike(one: Candidate, other: Candidate) -> bool:

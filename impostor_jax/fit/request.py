@@ -15,6 +15,7 @@ __all__ = [
     "checked_prior",
     "checked_readings",
     "checked_settings",
+    "is_trusted",
     "views_given",
 ]
 
@@ -189,9 +190,7 @@ def checked_settings(
         is_outline=options.mask_meaning == "outline",
         estimate_scale=options.scale == "estimated",
         keep_ends=isinstance(initial, Frustum),
-        trusts_sigma=all(
-            one is not None and not _leaves_out_slopes(one) for one in each_of(sigma)
-        ),
+        trusts_sigma=all(is_trusted(one) for one in each_of(sigma)),
         refutes=not effort.doubts,
         draws_in=not {"center", "height"} & {*fixed, *(options.prior or {})},
         one_sensor=not isinstance(sigma, list | tuple),
@@ -207,10 +206,14 @@ def _settings(
     return Settings(free=free, held=held, **asked)
 
 
-def _leaves_out_slopes(sigma: Any) -> bool:
-    """Whether a noise model is, or wraps, one that errs by more than it says."""
+def is_trusted(sigma: Any) -> bool:
+    """Whether what is said of a sensor is all that its readings err by.
+
+    Nothing is said by None, and less by a noise model that is, or wraps, a
+    `LateralNoise`, whose `sigma` leaves out what slopes add.
+    """
     parts = jax.tree.leaves(sigma, is_leaf=lambda part: isinstance(part, LateralNoise))
-    return any(isinstance(part, LateralNoise) for part in parts)
+    return sigma is not None and not any(isinstance(one, LateralNoise) for one in parts)
 
 
 def checked_noise(sigma: Any, camera: AbstractRays | None = None) -> AbstractDepthNoise:

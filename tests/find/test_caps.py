@@ -4,20 +4,24 @@ import numpy as np
 import pytest
 
 import impostor_jax as ij
-from impostor_jax.find.caps import caps_of
+from impostor_jax.find.caps import Caps, caps_of, doming
 from impostor_jax.find.evidence import Evidence
 from tests.find.scenes import CAMERAS, SIGMA, WALL, ends_of, image_of, scene_of, wall_of
 
 UPRIGHT = ij.Cylinder((0.05, 0.01, 0.45), (0.1, 0.05, 0.9937), 0.07, 0.1)
 
 
-def caps(scene, shape, side=1.0):
-    """Those of a wall of which nothing is known but its ends."""
+def known(shape, side=1.0):
+    """A wall of which nothing is known but its ends."""
     nothing = np.zeros(0, int)
-    evidence = Evidence(
+    return Evidence(
         wall_of(shape, side), ends_of(shape), nothing, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0
     )
-    return caps_of(scene, evidence)
+
+
+def caps(scene, shape, side=1.0):
+    """Those of a wall of which nothing is known but its ends."""
+    return caps_of(scene, known(shape, side))
 
 
 @pytest.mark.parametrize("camera", CAMERAS)
@@ -51,3 +55,20 @@ def test_a_disc_inside_of_a_box_has_no_rim():
 def test_a_pipe_from_inside_has_no_caps():
     image = image_of([UPRIGHT, WALL], sigma=SIGMA)
     assert caps(scene_of(image), UPRIGHT, -1.0).rim == 0
+
+
+@pytest.mark.parametrize("camera", CAMERAS)
+def test_a_cap_is_flat_and_a_round_end_is_domed(camera):
+    camera = CAMERAS[camera]
+
+    def domed(*shapes):
+        """How far the middle stands out, of all that is seen of the last one."""
+        image = image_of([WALL, *shapes], camera)
+        pixels = np.flatnonzero(image.owner == len(shapes))
+        return doming(scene_of(image, camera), known(UPRIGHT), Caps(pixels, np.pi))
+
+    axis = np.asarray(UPRIGHT.axis)
+    near = np.asarray(UPRIGHT.center) - 0.05 * axis
+    disc = ij.Cylinder(near + 0.002 * axis, axis, 0.07, 0.004)
+    assert domed(disc) < 0.02
+    assert 0.2 < domed(UPRIGHT, ij.Sphere(near, 0.07)) < 0.8

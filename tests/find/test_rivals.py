@@ -8,7 +8,7 @@ from impostor_jax.find.caps import NO_CAPS, caps_of
 from impostor_jax.find.deformation import wall_readings
 from impostor_jax.find.evidence import weighed
 from impostor_jax.find.rivals import rivals
-from tests.find.scenes import CAMERAS, image_of, scene_of, wall_of
+from tests.find.scenes import CAMERAS, SIGMA, image_of, scene_of, wall_of
 
 RADIUS, HEIGHT = 0.05, 0.06
 CENTER, AXIS = np.array([0.01, 0.0, 0.35]), np.array([0.2, -0.75, -0.63])
@@ -22,10 +22,10 @@ def cone(degrees):
     return ij.Frustum(*ends, RADIUS - grown, RADIUS + grown)
 
 
-def compared(shape, camera="pinhole", seed=0):
+def compared(shape, camera="pinhole", seed=0, sigma=SIGMA):
     """A shape compared as a can, with its cap and by its wall alone."""
-    image = image_of([shape], CAMERAS[camera], seed=seed)
-    scene = scene_of(image, CAMERAS[camera], free=image.owner >= 0)
+    image = image_of([shape], CAMERAS[camera], sigma, seed)
+    scene = scene_of(image, CAMERAS[camera], sigma, free=image.owner >= 0)
     wall = wall_of(ij.Cylinder(CENTER, AXIS, RADIUS, HEIGHT))
     evidence = weighed(scene, wall)
     readings = wall_readings(scene, evidence)
@@ -52,3 +52,16 @@ def test_the_cap_of_a_cone_tells_its_slope(degrees):
 def test_a_ball_is_told_from_a_can():
     found, _ = compared(ij.Sphere(CENTER, RADIUS + 0.004))
     assert found.ball > 0.1
+
+
+def test_an_edge_is_told_from_a_can():
+    toward = -CENTER + (CENTER @ AXIS) * AXIS
+    toward /= np.linalg.norm(toward)
+    aside = np.cross(AXIS, toward)
+    x, y = (toward + aside) / np.sqrt(2), (toward - aside) / np.sqrt(2)
+    # A can's wall is within a quarter of its radius of both faces.
+    middle = CENTER + (1.25 * RADIUS - 0.05 * np.sqrt(2)) * toward
+    rotation = np.stack([x, y, np.cross(x, y)], axis=1)
+    box = ij.Box(middle, rotation, (0.1, 0.1, HEIGHT))
+    assert compared(box, sigma=0.005)[1].edge > 0.4
+    assert compared(cone(0.0), sigma=0.005)[1].edge < 0
