@@ -29,29 +29,32 @@ from impostor_jax.find.rivals import Rivals
 from impostor_jax.fit.result import Fit
 
 FACTS: dict[str, float] = {
-    "misfit": -1.51,
-    "chi2": -7.77,
-    "against": -3.50,
-    "shape": -2.62,
-    "cone": -41.81,
-    "ball": -1.42,
-    "exact": 0.31,
-    "size": 1.08,
-    "rim": 1.98,
-    "goes_on": -4.0,
-    "edge": -6.39,
-    "dome": -16.25,
-    "shared": -0.64,
-    "rimless": -1.11,
+    "misfit": -1.46,
+    "chi2": -7.27,
+    "against": -3.75,
+    "shape": -2.48,
+    "cone": -42.52,
+    "ball": -1.18,
+    "exact": 0.27,
+    "size": 1.14,
+    "rim": 1.96,
+    "goes_on": -4.57,
+    "edge": -6.52,
+    "dome": -15.58,
+    "shared": -0.94,
+    "rimless": -1.46,
 }
 """Name of each fact, and its weight."""
 
-BIAS = 3.18
+BIAS = 3.36
 """Log-odds where all facts are 0."""
 
 ALLOWED = 0.02
 """Departure from a cylinder, over the radius, that is not held against it: no sensor is
 as straight as that."""
+
+MOST_SHARED = 6.0
+"""Pixels that share an error from which on more tell no more."""
 
 SLOPES = (0.025, 0.045)
 """Of a wall against its axis, in radians: what is not held against it, and from where
@@ -112,7 +115,7 @@ def facts_of(
         chi2 = float(fit.chi2) / noise**2 if noise else 1.0
         exact = exactness(fit)
     # Where neighbors share their errors depth tells little, and a rim the more.
-    alike = math.log(max(shared, 1.0))
+    alike = math.log(min(max(shared, 1.0), MOST_SHARED))
     return np.array(
         [
             math.log(max(caps.misfit_with(evidence), 0.7) / 0.7),
