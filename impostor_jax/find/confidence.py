@@ -53,6 +53,10 @@ ALLOWED = 0.02
 """Departure from a cylinder, over the radius, that is not held against it: no sensor is
 as straight as that."""
 
+ROUGH = 0.01
+"""Root mean square of what a wall may depart from its cylinder by, over the radius: the
+lining of a tunnel does by as much, by several deviations of a sensor."""
+
 MOST_SHARED = 6.0
 """Pixels that share an error from which on more tell no more."""
 
@@ -112,7 +116,8 @@ def facts_of(
         edge = min(max(0.3 + rivals.edge, 0.0), 1.0)
     chi2, exact = 1.0, 0.98
     if fit is not None:
-        chi2 = float(fit.chi2) / noise**2 if noise else 1.0
+        if noise:
+            chi2 = float(fit.chi2) / noise**2 * _beyond_roughness(fit)
         exact = exactness(fit)
     # Where neighbors share their errors depth tells little, and a rim the more.
     alike = math.log(min(max(shared, 1.0), MOST_SHARED))
@@ -134,6 +139,12 @@ def facts_of(
             0.0 if caps.rim else alike,
         ]
     )
+
+
+def _beyond_roughness(fit: Fit) -> float:
+    """Part of the squares of what readings are off by that no roughness explains."""
+    allowed = ROUGH * float(fit.cylinder.radius)
+    return max(1 - (allowed / max(float(fit.rms), 1e-12)) ** 2, 0.0)
 
 
 def confidence(facts: Float[np.ndarray, " f"]) -> float:
