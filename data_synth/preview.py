@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 from jaxtyping import Bool, UInt8
+from skimage.segmentation import find_boundaries
 
 from impostor_jax.arguments import whole_number
 from impostor_jax.io.atomic import check_output_file
@@ -76,6 +77,6 @@ def _outlined(
         small = cv2.resize(
             mask.astype(np.uint8), (WIDTH, height), interpolation=cv2.INTER_NEAREST
         )
-        contours, _ = cv2.findContours(small, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
-        cv2.drawContours(picture, contours, -1, COLORS[k % len(COLORS)], 1)
+        border = find_boundaries(small, mode="inner")
+        picture[border] = COLORS[k % len(COLORS)]
     return picture

@@ -64,10 +64,11 @@ def _time(results: Results) -> str:
     rows = []
     for case in results.cases("sampling.", ".time"):
         ms, spread = results.pair(f"{case}.time")
-        rmse = number(results.values.get(f"{case}.rmse"))
+        off = [number(results.values.get(f"{case}.{of}")) for of in ("rmse", "ssim")]
         name = case.removeprefix("sampling.")
-        rows.append([name, number(ms, ".3g", spread), number(ms / one, ".2f"), rmse])
-    return table(["rays of a pixel", "ms (spread)", "over 1 ray", "RMSE"], rows)
+        rows.append([name, number(ms, ".3g", spread), number(ms / one, ".2f"), *off])
+    head = ["rays of a pixel", "ms (spread)", "over 1 ray", "RMSE", "SSIM"]
+    return table(head, rows)
 
 
 def _many(results: Results) -> str:

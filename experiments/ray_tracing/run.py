@@ -12,6 +12,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from skimage.metrics import structural_similarity
 
 import impostor_jax as ij
 from experiments.oracle import whitted
@@ -130,9 +131,15 @@ def _published(config: Config) -> Iterator[Metric]:
         name: partial(trace, effort) for name, effort in samplings.items()
     }
     for name, effort in samplings.items():
-        off = np.asarray(trace(effort), float) - reference
-        rmse = float(np.sqrt(np.mean(off**2)))
-        yield Metric(f"sampling.{name}.rmse", rmse, None, "1", "lower", off.size)
+        picture = np.asarray(trace(effort), float)
+        rmse = float(np.sqrt(np.mean((picture - reference) ** 2)))
+        yield Metric(f"sampling.{name}.rmse", rmse, None, "1", "lower", picture.size)
+        alike = structural_similarity(
+            reference, picture, channel_axis=-1, data_range=float(reference.max())
+        )
+        yield Metric(
+            f"sampling.{name}.ssim", float(alike), None, "1", "higher", picture.size
+        )
 
     @eqx.filter_jit
     @eqx.filter_grad

@@ -7,6 +7,7 @@ import base64
 import matplotlib
 import numpy as np
 from jaxtyping import Float, UInt8
+from skimage.measure import find_contours
 
 from impostor_jax.camera.base import AbstractCamera
 from impostor_jax.camera.pinhole import PinholeCamera
@@ -52,9 +53,10 @@ def outline_path(shape: AbstractPrimitive, camera: AbstractCamera) -> str:
     if isinstance(shape, Cylinder | Sphere) and isinstance(camera, PinholeCamera):
         outline = fitted_outline(shape, camera)
         return "" if outline is None else _path(outline)
-    mask = np.asarray(render(shape, camera, outputs=("mask",)).mask, np.uint8)
-    curves, _ = cv2.findContours(mask, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
-    return "".join(_path(np.asarray(curve, float)[:, 0]) for curve in curves)
+    mask = np.asarray(render(shape, camera, outputs=("mask",)).mask)
+    # With a frame around it a curve closes also where it leaves the image.
+    curves = find_contours(np.pad(mask, 1).astype(float), 0.5)
+    return "".join(_path(curve[:, ::-1] - 1) for curve in curves)
 
 
 def _path(points: Float[np.ndarray, "n 2"]) -> str:
