@@ -29,24 +29,24 @@ from impostor_jax.find.rivals import Rivals
 from impostor_jax.fit.result import Fit
 
 FACTS: dict[str, float] = {
-    "misfit": -1.46,
-    "chi2": -7.27,
-    "against": -3.75,
-    "shape": -2.48,
-    "cone": -42.52,
-    "ball": -1.18,
-    "exact": 0.27,
-    "size": 1.14,
-    "rim": 1.96,
-    "goes_on": -4.57,
-    "edge": -6.52,
-    "dome": -15.58,
-    "shared": -0.94,
-    "rimless": -1.46,
+    "misfit": -1.92,
+    "chi2": -5.79,
+    "against": -4.43,
+    "shape": -3.62,
+    "cone": -38.80,
+    "ball": -1.86,
+    "exact": 0.29,
+    "size": 1.02,
+    "rim": 1.69,
+    "goes_on": -3.80,
+    "edge": -5.13,
+    "dome": -11.50,
+    "shared": -0.78,
+    "rimless": -1.25,
 }
 """Name of each fact, and its weight."""
 
-BIAS = 3.36
+BIAS = 2.96
 """Log-odds where all facts are 0."""
 
 ALLOWED = 0.02

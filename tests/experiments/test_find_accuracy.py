@@ -79,7 +79,7 @@ def test_weights_are_those_that_the_detections_were_drawn_with():
 
 
 def test_weights_of_facts_that_tell_all_stay_finite():
-    facts = np.linspace(-1, 1, 40)[:, None]
+    facts = np.linspace(-1, 1, 400)[:, None]
     weights = fit_weights(facts, facts[:, 0] > 0)
     sure = weights.confidence(facts)
     assert np.all(np.diff(sure) > 0)
