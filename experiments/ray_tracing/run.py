@@ -134,7 +134,7 @@ def _published(config: Config) -> Iterator[Metric]:
         picture = np.asarray(trace(effort), float)
         rmse = float(np.sqrt(np.mean((picture - reference) ** 2)))
         yield Metric(f"sampling.{name}.rmse", rmse, None, "1", "lower", picture.size)
-        alike = structural_similarity(
+        alike: Any = structural_similarity(
             reference, picture, channel_axis=-1, data_range=float(reference.max())
         )
         yield Metric(
