@@ -64,10 +64,11 @@ def _time(results: Results) -> str:
     rows = []
     for case in results.cases("sampling.", ".time"):
         ms, spread = results.pair(f"{case}.time")
-        off = [number(results.values.get(f"{case}.{of}")) for of in ("rmse", "ssim")]
+        rmse, alike = (results.values.get(f"{case}.{of}") for of in ("rmse", "ssim"))
+        off = number(rmse), number(None if alike is None else 1 - alike)
         name = case.removeprefix("sampling.")
         rows.append([name, number(ms, ".3g", spread), number(ms / one, ".2f"), *off])
-    head = ["rays of a pixel", "ms (spread)", "over 1 ray", "RMSE", "SSIM"]
+    head = ["rays of a pixel", "ms (spread)", "over 1 ray", "RMSE", "1 - SSIM"]
     return table(head, rows)
 
 
