@@ -1,8 +1,9 @@
 """The caps of a candidate: discs whose rims are seen."""
 
-__all__ = ["INNER", "NO_CAPS", "Caps", "caps_of", "doming"]
+__all__ = ["NO_CAPS", "Caps", "Inner", "caps_of", "doming", "inner_of"]
 
 import dataclasses
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -83,32 +84,59 @@ def caps_of(scene: Scene, evidence: Evidence) -> Caps:
     return max(found, key=lambda cap: (cap.rim, len(cap.pixels)))
 
 
-def doming(scene: Scene, evidence: Evidence, caps: Caps) -> float:
-    """How far the middle of a cap stands out, over the radius; 0 where none is seen.
+class Inner(NamedTuple):
+    """Readings of a cap that are not near its rim; lengths are over the radius.
 
-    It is what a paraboloid rises by, less two standard deviations: a disc has none, the
-    round end of a bottle or a towel is half a ball.
+    Attributes:
+        pixels: Flat indices of them.
+        along: Place along the axis, from their median.
+        across: Place across it.
+        deviation: Of that along the axis.
+        middle: Median along the axis, in meters from the wall's center.
     """
+
+    pixels: Int[np.ndarray, " k"]
+    along: Float[np.ndarray, " k"]
+    across: Float[np.ndarray, "k 2"]
+    deviation: Float[np.ndarray, " k"]
+    middle: float
+
+
+def inner_of(scene: Scene, evidence: Evidence, caps: Caps) -> Inner:
+    """The readings of a cap that are of no other surface."""
     view, (center, axis, radius, _, _) = scene.view, evidence.wall
     off = view.points.reshape(-1, 3)[caps.pixels] - center
     along = off @ axis
     across = (off - along[:, None] * axis) @ directions_across(axis).T / radius
-    square = (across**2).sum(axis=1)
-    inner = square < INNER**2
-    if np.count_nonzero(inner) < FEWEST_FLAT:
-        return 0.0
+    inner = (across**2).sum(axis=1) < INNER**2
     index, along = caps.pixels[inner], along[inner]
-    across, square = across[inner], square[inner]
-    middle = float(np.median(along))
-    low, high = evidence.ends
-    sign = 1.0 if abs(middle - high) < abs(middle - low) else -1.0
-    cosine = np.abs(view.views.reshape(-1, 3)[index] @ axis)
+    cosine = view.views.reshape(-1, 3)[index] @ axis
     sigma = scene.noise * view.sigma.ravel()[index]
     deviation = view.deviation(view.depth.ravel()[index], sigma, cosine)
-    deviation *= np.maximum(cosine, LEAST_FACING) / radius
-    terms = np.column_stack([np.ones_like(square), across, square])
-    found = solved(terms, sign * (along - middle) / radius, deviation)
-    noise = np.sqrt(scene.shared) * found.deviation[3]
+    deviation = deviation * np.abs(cosine) / radius
+    middle = float(np.median(along)) if len(along) else 0.0
+    return Inner(index, (along - middle) / radius, across[inner], deviation, middle)
+
+
+def doming(evidence: Evidence, inner: Inner, shared: float) -> float:
+    """How far the middle of a cap stands out, over the radius; 0 where none is seen.
+
+    It is what a paraboloid rises by, less two standard deviations: a disc has none, the
+    round end of a bottle or a towel is half a ball.
+
+    Args:
+        evidence: Of the wall.
+        inner: Readings of its cap.
+        shared: How many of them share an error.
+    """
+    if len(inner.pixels) < FEWEST_FLAT:
+        return 0.0
+    low, high = evidence.ends
+    sign = 1.0 if abs(inner.middle - high) < abs(inner.middle - low) else -1.0
+    square = (inner.across**2).sum(axis=1)
+    terms = np.column_stack([np.ones_like(square), inner.across, square])
+    found = solved(terms, sign * inner.along, inner.deviation)
+    noise = np.sqrt(shared) * found.deviation[3]
     return float(max(-found.value[3] - 2 * noise, 0.0))
 
 

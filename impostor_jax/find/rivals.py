@@ -11,9 +11,9 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Int
 
-from impostor_jax.find.caps import INNER, Caps
+from impostor_jax.find.caps import Inner
 from impostor_jax.find.deformation import Wall, solved
-from impostor_jax.find.evidence import LIMIT, Evidence, Scene, directions_across
+from impostor_jax.find.evidence import LIMIT, Evidence, Scene
 
 LEAST_FACING = 0.1
 """Cosine of the incidence on a ball, at least: at its outline it tells nothing."""
@@ -50,33 +50,16 @@ class Rivals(NamedTuple):
     edge: float
 
 
-class _Cap(NamedTuple):
-    """Readings of a cap; lengths are over the radius.
-
-    Attributes:
-        pixels: Flat indices of them.
-        tilt: How they move as the axis turns so that an end of the wall moves by one.
-        miss: How far they are along the axis.
-        deviation: Of that.
-    """
-
-    pixels: Int[np.ndarray, " k"]
-    tilt: Float[np.ndarray, "k 2"]
-    miss: Float[np.ndarray, " k"]
-    deviation: Float[np.ndarray, " k"]
-
-
-def rivals(scene: Scene, evidence: Evidence, wall: Wall, caps: Caps) -> Rivals:
+def rivals(scene: Scene, evidence: Evidence, wall: Wall, cap: Inner) -> Rivals:
     """Compare a cylinder with its rivals, by the readings of wall and cap."""
     axis, radius = evidence.wall.axis, evidence.wall.radius
-    cap = _cap(scene, evidence, wall, caps)
     n = len(wall.pixels)
     terms = np.zeros((n + len(cap.pixels), 7))
     terms[:n, :5] = wall.terms(axis)
     # As the axis turns a cap tilts, and its end may be elsewhere.
-    terms[n:, 3:5], terms[n:, 5] = cap.tilt, 1.0
+    terms[n:, 3:5], terms[n:, 5] = -cap.across * radius / wall.half, 1.0
     terms[:n, 6] = wall.place
-    miss = np.concatenate([wall.miss, cap.miss])
+    miss = np.concatenate([wall.miss, cap.along])
     deviation = np.concatenate([wall.deviation, cap.deviation])
     cone = solved(terms, miss, deviation)
     cylinder = solved(terms[:, :6], miss, deviation)
@@ -92,26 +75,6 @@ def rivals(scene: Scene, evidence: Evidence, wall: Wall, caps: Caps) -> Rivals:
         float(np.log(_misfit(cylinder.rest) / ball)),
         _edge(scene, axis, wall),
     )
-
-
-def _cap(scene: Scene, evidence: Evidence, wall: Wall, caps: Caps) -> _Cap:
-    view, (center, axis, radius, _, _) = scene.view, evidence.wall
-    middle = center + wall.middle * axis
-    off = view.points.reshape(-1, 3)[caps.pixels] - middle
-    along = off @ axis
-    across = off - along[:, None] * axis
-    # Near the rim readings are of more than one surface.
-    inner = (across**2).sum(axis=1) < (INNER * radius) ** 2
-    index, along, across = caps.pixels[inner], along[inner], across[inner]
-    if not len(index):
-        return _Cap(index, np.zeros((0, 2)), along, along)
-    cosine = view.views.reshape(-1, 3)[index] @ axis
-    sigma = scene.noise * view.sigma.ravel()[index]
-    deviation = view.deviation(view.depth.ravel()[index], sigma, cosine)
-    tilt = -across @ directions_across(axis).T / wall.half
-    start = float(np.median(along))
-    deviation = deviation * np.abs(cosine) / radius
-    return _Cap(index, tilt, (along - start) / radius, deviation)
 
 
 def _edge(scene: Scene, axis: Float[np.ndarray, "3"], wall: Wall) -> float:

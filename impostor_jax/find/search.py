@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from impostor_jax.find.caps import Caps, caps_of, doming
+from impostor_jax.find.caps import Caps, caps_of, doming, inner_of
 from impostor_jax.find.confidence import Observed, confidence, facts_of
 from impostor_jax.find.continuation import continuation
 from impostor_jax.find.deformation import (
@@ -55,7 +55,7 @@ CHANGED = 0.03
 """Part of a mask from whose change on it is fitted again."""
 
 MOST_MISFIT = 3.0
-"""Mean square of the deviations of what a cylinder explains."""
+"""Mean square of the deviations of what a cylinder explains, at most."""
 
 FEW = 2000
 """Pixels up to which no quick fit tries a candidate: it would know too little."""
@@ -381,13 +381,14 @@ class _Search:
 def _observed(scene: Scene, entry: Entry) -> Observed:
     """What is known of a candidate without a fit: its rivals and surroundings, too."""
     evidence, caps, readings = entry.evidence, entry.caps, entry.readings
+    inner = inner_of(scene, evidence, caps)
     return Observed(
         evidence,
         caps,
         entry.shape,
-        readings and rivals(scene, evidence, readings, caps),
+        readings and rivals(scene, evidence, readings, inner),
         continuation(scene, evidence),
-        doming(scene, evidence, caps),
+        doming(evidence, inner, scene.shared),
         scene.shared,
     )
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import impostor_jax as ij
-from impostor_jax.find.caps import Caps, caps_of, doming
+from impostor_jax.find.caps import Caps, caps_of, doming, inner_of
 from impostor_jax.find.evidence import Evidence
 from tests.find.scenes import CAMERAS, SIGMA, WALL, ends_of, image_of, scene_of, wall_of
 
@@ -65,7 +65,9 @@ def test_a_cap_is_flat_and_a_round_end_is_domed(camera):
         """How far the middle stands out, of all that is seen of the last one."""
         image = image_of([WALL, *shapes], camera)
         pixels = np.flatnonzero(image.owner == len(shapes))
-        return doming(scene_of(image, camera), known(UPRIGHT), Caps(pixels, np.pi))
+        scene, wall = scene_of(image, camera), known(UPRIGHT)
+        inner = inner_of(scene, wall, Caps(pixels, np.pi))
+        return doming(wall, inner, scene.shared)
 
     axis = np.asarray(UPRIGHT.axis)
     near = np.asarray(UPRIGHT.center) - 0.05 * axis

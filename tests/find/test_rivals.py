@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import impostor_jax as ij
-from impostor_jax.find.caps import NO_CAPS, caps_of
+from impostor_jax.find.caps import NO_CAPS, caps_of, inner_of
 from impostor_jax.find.deformation import wall_readings
 from impostor_jax.find.evidence import weighed
 from impostor_jax.find.rivals import rivals
@@ -30,7 +30,10 @@ def compared(shape, camera="pinhole", seed=0, sigma=SIGMA):
     evidence = weighed(scene, wall)
     readings = wall_readings(scene, evidence)
     both = [caps_of(scene, evidence), NO_CAPS]
-    return [rivals(scene, evidence, readings, caps) for caps in both]
+    return [
+        rivals(scene, evidence, readings, inner_of(scene, evidence, caps))
+        for caps in both
+    ]
 
 
 @pytest.mark.parametrize("camera", CAMERAS)
