@@ -13,6 +13,7 @@ from .fit.alternatives import Alternatives
 from .fit.bore import BoreTest, test_bore
 from .fit.budget import Deviations
 from .fit.depth_loss import depth_loss
+from .fit.form import Form
 from .fit.result import (
     Directions,
     Fit,
@@ -110,6 +111,7 @@ __all__ = [
     "FitResult",
     "FitStatus",
     "FlyingPixels",
+    "Form",
     "Found",
     "FoundInPoints",
     "Frustum",

@@ -30,6 +30,7 @@ from impostor_jax.fit.evidence import (
     joined_terms,
     readings_of,
 )
+from impostor_jax.fit.form import departures_of, no_form
 from impostor_jax.fit.posterior import cost_of, explains, hidden_pixels
 from impostor_jax.fit.prior import prior_residuals, scale_left
 from impostor_jax.fit.problem import Problem, View
@@ -233,6 +234,19 @@ def assess(problem: Problem, solution: Solution, correlated: bool) -> Assessment
     pull = product(known.T, prior_residuals(prior, body, bias))
     pull += (of_all[:-1, -1] + of_edges[:-1, -1]) / widening
     statistic = contradiction(of_border / widening, pull, independent)
+    swelling, departures = estimate.swelling(terms.gradient), None
+    rests = whitened[None]
+    if swelling is not None:
+        departures = departures_of(
+            terms.augmented,
+            swelling,
+            tells & ~seen.on_cap,
+            into,
+            root,
+            pull,
+            widening,
+        )
+        rests = jnp.stack([whitened, jnp.where(inlier, departures.residual, 0)])
     biases = [view.noise.bias for view in views]
     leans = any(b.lean is not None for b in biases)
     shares_errors = bool(
@@ -241,22 +255,25 @@ def assess(problem: Problem, solution: Solution, correlated: bool) -> Assessment
     # In coordinates in which independent errors have a variance of 1. So are the slopes
     # of readings: their sums would round away what an image hardly tells.
     parts = {name: product(root.T, part, root) for name, part in parts.items()}
+    taken = jnp.zeros_like(independent)
     if shares_errors:
         whitening = product(root.T, into)
         gradient = product(whitening, terms.gradient)
         gradient = jnp.where(tells[None], gradient, 0) / widening
         score = gradient * (terms.weight * readings.follows)[None]
         if correlated:
-            slopes, rests = problem.apart(gradient), problem.apart(whitened)
+            slopes, rests = problem.apart(gradient), problem.apart(rests)
             of_readings = [
                 score_covariance(slope.T, rest, view.lattice)
                 for view, slope, rest in zip(views, slopes, rests, strict=True)
                 if view.lattice is not None
             ]
-            parts["correlation"] = _sum_of(of_readings) - parts["noise"]
+            correlation, of_rest = _sum_of(of_readings)[jnp.array([0, -1])]
+            parts["correlation"] = correlation - parts["noise"]
+            taken = correlation - of_rest
         scores = problem.apart(score / length[None])
-        shared = _shared(problem, scores, problem.apart(seen.depth * length), body)
-        parts["warp"], of_scales = shared
+        smooth = _shared(problem, scores, problem.apart(seen.depth * length), body)
+        parts["warp"], of_scales = smooth
         parts["scale"] += of_scales
         if leans:
             lean = _leaning(problem, scores, bodies, of_views)
@@ -275,19 +292,20 @@ def assess(problem: Problem, solution: Solution, correlated: bool) -> Assessment
         pulls = jnp.sum(jnp.where(tells[None], pulls, 0), axis=1) / widening
         doubt = product(root.T, into, pulls)
         parts["noise"] += doubt[:, None] * doubt[None]
-    shares = {name: product(root, part, root.T) for name, part in parts.items()}
-    whole = root
+    whole, shared, own_shared = root, jnp.ones_like(repeats), jnp.ones_like(repeats)
     if shares_errors or learns:
         whole = sandwich_root(root, _sum_of(parts.values()), LEAST_LEFT)
     if shares_errors:
         # Errors that neighbors share let a part pull harder by as much as they widen
-        # the standard deviations.
-        variance = jnp.diagonal(independent)
-        wider = safe_divide(jnp.sum(whole**2, axis=1), variance)
-        moves = variance > 0
-        mean = jnp.sum(jnp.where(moves, wider, 0)) / jnp.sum(moves, dtype=wider.dtype)
-        statistic = statistic / jnp.maximum(mean, 1)
-        repeats = repeats * jnp.maximum(mean, 1)
+        # the standard deviations. Not all of these is an error, where a wall departs.
+        left = sandwich_root(root, _sum_of(parts.values()) - taken, LEAST_LEFT)
+        shared, own_shared = (_wider(one, independent) for one in (whole, left))
+    statistic, repeats = statistic / shared, repeats * shared
+    form = no_form(repeats.dtype)
+    if departures is not None:
+        form, parts["form"] = departures.told(own_shared)
+        whole = sandwich_root(root, _sum_of(parts.values()), LEAST_LEFT)
+    shares = {name: product(root, part, root.T) for name, part in parts.items()}
     std, budget, covariance, observed, is_known = deviations_of(
         world, change, whole, shares, directions, free
     )
@@ -348,6 +366,7 @@ def assess(problem: Problem, solution: Solution, correlated: bool) -> Assessment
         border_chi2=statistic,
         alternatives=no_alternatives(world.shape),
         across=across_found(views, bodies, of_views, repeats),
+        form=form,
     )
     hides = hidden_pixels(problem, estimate)
     cost = cost_of(problem, estimate, of_views, hides)
@@ -427,6 +446,22 @@ def _shared(
     return _sum_of(warps), of_scales
 
 
+def _wider(
+    root: Float[Array, "c c"], independent: Float[Array, "c c"]
+) -> Float[Array, ""]:
+    """Mean factor on variances, at least 1.
+
+    Args:
+        root: Of the covariance.
+        independent: Covariance if all readings err by themselves.
+    """
+    variance = jnp.diagonal(independent)
+    wider = safe_divide(jnp.sum(root**2, axis=1), variance)
+    moves = variance > 0
+    mean = jnp.sum(jnp.where(moves, wider, 0)) / jnp.sum(moves, dtype=wider.dtype)
+    return jnp.maximum(mean, 1)
+
+
 def _leaning(
     problem: Problem,
     scores: Sequence[Float[Array, "c n"]],
@@ -455,7 +490,7 @@ def _leaning(
     return jnp.sum(jnp.stack(pulls), axis=0)
 
 
-def _sum_of(parts: Iterable[Float[Array, "c c"]]) -> Float[Array, "c c"]:
+def _sum_of(parts: Iterable[Float[Array, "*r c c"]]) -> Float[Array, "*r c c"]:
     return jnp.sum(jnp.stack([*parts]), axis=0)
 
 

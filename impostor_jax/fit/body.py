@@ -330,6 +330,18 @@ class AbstractBody(eqx.Module):
             on_cap: Rows that compare the depth of a cap's plane, too.
         """
 
+    def swelling(self, gradient: Float[Array, "c n"]) -> Float[Array, " n"] | None:
+        """Derivative in the logarithm of the radius of its wall, alike all along.
+
+        None of a body whose first coordinates do not tilt an axis, and move it across
+        itself, or that has more walls than one.
+
+        Args:
+            gradient: In tangent coordinates, a reading a column.
+        """
+        del gradient
+        return None
+
     @property
     @abc.abstractmethod
     def bends(self) -> int:

@@ -85,6 +85,7 @@ BUDGET: tuple[str, ...] = (
     "alignment",
     "outline",
     "prior",
+    "form",
     "alternatives",
 )
 """What standard deviations are made of."""
@@ -103,6 +104,7 @@ class Budget(eqx.Module):
     * `alignment`: What walls lean by where readings were copied to several pixels.
     * `outline`: The place of the ends, and of a silhouette, in the image.
     * `prior`: What was expected beforehand.
+    * `form`: That a wall departs from the shape's, where the readings say so.
     * `alternatives`: That another solution may be the true one.
 
     Attributes:

@@ -60,13 +60,14 @@ def deviations_of(
     own = jnp.stack([shares.get(name, jnp.zeros_like(root)) for name in BUDGET])
     squares = jnp.sum(jnp.matmul(slopes[None], own) * slopes[None], axis=2)
     budget = jnp.where(is_observed[None], jnp.sqrt(jnp.maximum(squares, 0)), jnp.inf)
-    # Of a scene with another scale all that is seen is known as well.
-    of_scale = jnp.where(is_observed, budget[BUDGET.index("scale")] ** 2, 0)
-    apart_from_scale = jnp.sqrt(jnp.maximum(variance - of_scale, 0))
+    # Of a scene with another scale all that is seen is known as well; and a wall that
+    # departs from its shape is known, if not well.
+    of_others = budget[np.array([BUDGET.index("scale"), BUDGET.index("form")])]
+    taken = jnp.sum(jnp.where(is_observed[None], of_others**2, 0), axis=0)
+    left = jnp.sqrt(jnp.maximum(variance - taken, 0))
     known = {
         name: jnp.all(
-            apart_from_scale[np.flatnonzero(names == name)]
-            < _most_deviation(name, body.radius)
+            left[np.flatnonzero(names == name)] < _most_deviation(name, body.radius)
         )
         for name in body.coordinates
     }

@@ -29,6 +29,7 @@ from impostor_jax.fit.body import AbstractBody, coordinates_of
 from impostor_jax.fit.box_body import BoxBody
 from impostor_jax.fit.budget import BUDGET, Budget, Deviations
 from impostor_jax.fit.floor import floor_pixels
+from impostor_jax.fit.form import no_form
 from impostor_jax.fit.guess_box import guess_boxes
 from impostor_jax.fit.guess_round import guess_cylinders, guess_frusta
 from impostor_jax.fit.guess_sphere import guess_spheres
@@ -237,4 +238,5 @@ def no_guess(kind: Fittable, *regions: Bool[np.ndarray, "..."]) -> Fit:
         border_chi2=zero,
         alternatives=no_alternatives(nothing.shape),
         across=exact_rays(zero.dtype),
+        form=no_form(zero.dtype),
     )

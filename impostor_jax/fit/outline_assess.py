@@ -21,6 +21,7 @@ from impostor_jax.fit.alternatives import no_alternatives
 from impostor_jax.fit.assess import Assessment
 from impostor_jax.fit.body import AbstractBody, Readout, coordinates_of
 from impostor_jax.fit.deviations import are_numbers, deviations_of
+from impostor_jax.fit.form import no_form
 from impostor_jax.fit.outline_solve import (
     OutlineProblem,
     Traced,
@@ -179,6 +180,7 @@ def assess_outline(problem: OutlineProblem, found: Traced) -> Assessment:
         border_chi2=jnp.zeros_like(chi2),
         alternatives=no_alternatives(world.shape),
         across=exact_rays(chi2.dtype),
+        form=no_form(chi2.dtype),
         source="outline",
     )
     no = jnp.array(False)

@@ -61,6 +61,11 @@ def fit_record(
             "found_m": numbers(fit.across.found),
             "score": numbers(fit.across.score),
         },
+        "form": {
+            "departs": bool(fit.form.departs),
+            "chi2": numbers(fit.form.chi2),
+            **{name: numbers(told) for name, told in fit.form.sizes.items()},
+        },
         "outline_gap": _outline_gap(fit.outline_gap),
         "taper": None if taper is None else _test(taper, "frustum"),
         "bore": None if bore is None else _test(bore, "tube"),

@@ -33,6 +33,7 @@ from impostor_jax.arguments import is_exact
 from impostor_jax.fit.across import AcrossRays
 from impostor_jax.fit.alternatives import Alternatives, Named
 from impostor_jax.fit.budget import Budget, Deviations, Values
+from impostor_jax.fit.form import Form
 from impostor_jax.fit.pixelwise import Image, Pixelwise
 from impostor_jax.fit.pose import Pose, pose_from_camera, pose_of
 from impostor_jax.fit.record import FIT_VERSION, fit_record
@@ -265,6 +266,7 @@ class Fit(eqx.Module):
             They are known where several starts were tried.
         across: What readings err by across their rays: what the noise model, or the
             points' grid, says, and what was learned from the residuals.
+        form: How the wall of a cylinder or a frustum departs from one.
         source: What the fit is of: "images", or "points", which show neither
             background beside an end nor an outline, or "outline", a mask without depth.
         asked: What `test_taper` and `test_bore` need; the depth image, or the mask of
@@ -291,6 +293,7 @@ class Fit(eqx.Module):
     border_chi2: Float[Array, "*batch"]
     alternatives: Alternatives
     across: AcrossRays
+    form: Form
     source: str = eqx.field(static=True, default="images")
     asked: Asked = dataclasses.field(default_factory=Asked, repr=False)
 
@@ -599,6 +602,8 @@ class Fit(eqx.Module):
                 f"  Readings err by {millimeters(self.across.deviation)} mm across "
                 "their rays."
             )
+        if self.form.departs and self.is_shape:
+            lines.append(f"  The wall departs: {self.form}; std allows for it.")
         if self.asked.is_thinned:
             which = (
                 "evenly spread" if self.source == "points" else "half beside the border"

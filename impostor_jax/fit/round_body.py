@@ -391,6 +391,17 @@ class RoundBody(AbstractBody):
         tilts = [x1 * by_x + e1 * by_e, x2 * by_x + e2 * by_e]
         return tilts, [e1 * alpha + x1 * beta, e2 * alpha + x2 * beta], radii
 
+    @override
+    def swelling(self, gradient: Float[Array, "c n"]) -> Float[Array, " n"]:
+        if self.growth is None:
+            return gradient[4]
+        least = LEAST_END * self.radius
+        first, second = (
+            self.radius / jnp.maximum(end, least)
+            for end in (self.radius1, self.radius2)
+        )
+        return gradient[4] * first + gradient[5] * second
+
     @property
     @override
     def bends(self) -> int:

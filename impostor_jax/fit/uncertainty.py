@@ -110,9 +110,9 @@ def propagated(
 
 def score_covariance(
     gradient: Float[Array, "n k"],
-    residual: Float[Array, " n"],
+    residual: Float[Array, "r n"],
     lattice: Lattice,
-) -> Float[Array, "k k"]:
+) -> Float[Array, "r k k"]:
     """Covariance of the sum of gradient times residual, over correlated pixels.
 
     The correlation at each distance is the mean product of residuals there, times a
@@ -122,16 +122,17 @@ def score_covariance(
 
     Args:
         gradient: Of the whitened residuals; 0 for terms that do not count.
-        residual: Whitened; 0 for terms that do not count.
+        residual: Whitened, of one fit or more; 0 for terms that do not count, which are
+            the same in all.
         lattice: Where the pixels lie to each other.
 
     References:
         Conley (1999), "GMM estimation with cross sectional dependence".
     """
-    size, pixel_at = residual.shape[0], jnp.asarray(lattice.pixel_at)
+    size, pixel_at = residual.shape[1], jnp.asarray(lattice.pixel_at)
     padded = jnp.concatenate([gradient, jnp.zeros_like(gradient[:1])])
-    values = jnp.concatenate([residual, jnp.zeros_like(residual[:1])])
-    counts = jnp.where(values != 0, 1, 0).astype(values.dtype)
+    values = jnp.concatenate([residual, jnp.zeros_like(residual[:, :1])], axis=1)
+    counts = jnp.where(values[0] != 0, 1, 0).astype(values.dtype)
     lags = [
         (down, right)
         for down in range(MAX_LAG)
@@ -142,19 +143,21 @@ def score_covariance(
     windows = np.exp(-np.sum((np.array(lags) / WINDOW) ** 2, axis=1) / 2)
 
     def at_lag(
-        total: Float[Array, "k k"], at: tuple[Int[Array, "2"], Float[Array, ""]]
+        total: Float[Array, "r k k"], at: tuple[Int[Array, "2"], Float[Array, ""]]
     ):
         lag, window = at
         near = lattice.place + lag[0] * lattice.stride + lag[1]
         other = pixel_at.at[near].get(mode="fill", fill_value=size)
         pairs = jnp.sum(counts[:-1] * counts[other])
-        mean = safe_divide(jnp.sum(residual * values[other]), pairs)
+        sums = jnp.sum(residual * values[:, other], axis=1)
+        mean = safe_divide(sums, jnp.broadcast_to(pairs, sums.shape)) * window
         cross = product(gradient.T, padded[other])
-        return total + mean * window * (cross + cross.T), None
+        return total + mean[:, None, None] * (cross + cross.T)[None], None
 
     count = jnp.sum(counts)
-    variance = safe_divide(jnp.sum(residual**2), count)
-    start = variance * product(gradient.T, gradient)
+    sums = jnp.sum(residual**2, axis=1)
+    variance = safe_divide(sums, jnp.broadcast_to(count, sums.shape))
+    start = variance[:, None, None] * product(gradient.T, gradient)[None]
     shown = (jnp.asarray(np.array(lags)), jnp.asarray(windows, values.dtype))
     total, _ = jax.lax.scan(at_lag, start, shown)
     pixels = gradient.shape[1] * (1 + 2 * float(np.sum(windows)))

@@ -7,7 +7,16 @@ from impostor_jax.fit import uncertainty
 from impostor_jax.fit.gather import lattice_of
 
 covariance_root = jax.jit(uncertainty.covariance_root)
-score_covariance = jax.jit(uncertainty.score_covariance)
+
+
+@jax.jit
+def score_covariance(gradient, residual, lattice):
+    """Of one fit, with another's residuals beside it."""
+    several = jnp.stack([residual, 2 * residual])
+    found, of_other = uncertainty.score_covariance(gradient, several, lattice)
+    return (found + of_other / 4) / 2
+
+
 propagated = jax.jit(uncertainty.propagated)
 
 
