@@ -33,6 +33,7 @@ LONG = (
     "last_bit",
     "many_images",
     "mask_errors",
+    "near_cylinders",
     "published_faults",
     "random_scenes",
     "ray_tracing",
