@@ -115,6 +115,9 @@ def _covariance(fit: Fit, body: Cylinder) -> Float[np.ndarray, "4 4"]:
     names = ("center_first", "center_second", "radius")
     places = [fit.coordinates.index(name) for name in names]
     covariance = np.asarray(fit.covariance, np.float64)[np.ix_(places, places)]
+    # What a gap may be due to, as skewed depth, is no doubt of where the fit's is.
+    whole, of_form = float(fit.std.radius), float(fit.std_budget["form"].radius)
+    covariance *= 1 - (of_form / whole) ** 2 if 0 < of_form < whole else 1
     into = np.zeros((3, 4))
     into[:2, :3], into[2, 3] = _basis(body.axis), 1.0
     return into.T @ covariance @ into
