@@ -158,7 +158,7 @@ def draw_thing(kind: Kind, rng: np.random.Generator) -> Thing:
     away = np.linalg.norm(np.cross(rays, center), axis=1) / np.linalg.norm(rays, axis=1)
     near = np.flatnonzero(away < reach)
     directions, depth = rays[near], np.full(len(near), center[2] - reach)
-    length = np.linalg.norm(directions, axis=1)
+    length, off = np.linalg.norm(directions, axis=1), np.full(len(near), np.inf)
     for _ in range(STEPS):
         points = (directions * depth[:, None] - center) @ frame.T
         off = kind.distance(points)
