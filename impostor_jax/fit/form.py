@@ -1,7 +1,7 @@
 """How a wall departs from that of the shape that was fitted to it.
 
 A stem is oval, a cup is a cone, a can is dented. The cylinder that explains the front
-of an oval best may miss its radius by forty deviations and leave residuals of a
+of an oval best may miss its radius by thirty deviations and leave residuals of a
 chi-squared of 1: what the other readings say of the radius rests on its being round. So
 each of six patterns in which a wall moves outward is looked for in the residuals. Where
 the noise hardly makes them, a fit is as unsure as if nobody knew of the wall but that

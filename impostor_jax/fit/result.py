@@ -591,7 +591,8 @@ class Fit(eqx.Module):
         )
         told = [line(name, *values) for name, values in self.told.items()]
         lines = [head, *told, rms, *self._alternatives_told()]
-        if {"correlation", "warp", "scale", "alignment"} & set(self.std_budget.some):
+        telling = {"correlation", "warp", "scale", "alignment", "form"}
+        if telling & set(self.std_budget.some):
             lines += [
                 f"  std of {name}: {_made_of(self.std_budget.of(name))} mm"
                 for name in self.told

@@ -21,7 +21,7 @@ RECORD_KEYS = {
     "version", "success", "status", "reason", "shape", "source", "world_from_object",
     "center_m", "axis", "radius_m", "height_m", "std", "std_budget", "ends_seen",
     "height_observed", "covariance", "num_starts", "num_agreeing", "alternatives",
-    "num_pixels", "rms_m", "chi2", "across_ray", "outline_gap", "taper", "bore",
+    "num_pixels", "rms_m", "chi2", "across_ray", "form", "outline_gap", "taper", "bore",
     "seconds",
 }  # fmt: skip
 
