@@ -268,9 +268,9 @@ def assess(problem: Problem, solution: Solution, correlated: bool) -> Assessment
                 for view, slope, rest in zip(views, slopes, rests, strict=True)
                 if view.lattice is not None
             ]
-            correlation, of_rest = _sum_of(of_readings)[jnp.array([0, -1])]
-            parts["correlation"] = correlation - parts["noise"]
-            taken = correlation - of_rest
+            of_each = _sum_of(of_readings)
+            parts["correlation"] = of_each[0] - parts["noise"]
+            taken = of_each[0] - of_each[-1]
         scores = problem.apart(score / length[None])
         smooth = _shared(problem, scores, problem.apart(seen.depth * length), body)
         parts["warp"], of_scales = smooth
@@ -292,18 +292,21 @@ def assess(problem: Problem, solution: Solution, correlated: bool) -> Assessment
         pulls = jnp.sum(jnp.where(tells[None], pulls, 0), axis=1) / widening
         doubt = product(root.T, into, pulls)
         parts["noise"] += doubt[:, None] * doubt[None]
-    whole, shared, own_shared = root, jnp.ones_like(repeats), jnp.ones_like(repeats)
+    whole, shared = root, jnp.ones_like(repeats)
     if shares_errors or learns:
         whole = sandwich_root(root, _sum_of(parts.values()), LEAST_LEFT)
     if shares_errors:
         # Errors that neighbors share let a part pull harder by as much as they widen
-        # the standard deviations. Not all of these is an error, where a wall departs.
-        left = sandwich_root(root, _sum_of(parts.values()) - taken, LEAST_LEFT)
-        shared, own_shared = (_wider(one, independent) for one in (whole, left))
+        # the standard deviations.
+        shared = _wider(whole, independent)
     statistic, repeats = statistic / shared, repeats * shared
     form = no_form(repeats.dtype)
     if departures is not None:
-        form, parts["form"] = departures.told(own_shared)
+        if correlated:
+            # Not all that neighbors share is an error, where a wall departs.
+            left = sandwich_root(root, _sum_of(parts.values()) - taken, LEAST_LEFT)
+            shared = _wider(left, independent)
+        form, parts["form"] = departures.told(shared)
         whole = sandwich_root(root, _sum_of(parts.values()), LEAST_LEFT)
     shares = {name: product(root, part, root.T) for name, part in parts.items()}
     std, budget, covariance, observed, is_known = deviations_of(

@@ -37,7 +37,6 @@ BY_CHANCE = 22.5
 """Chi-squared of six departures above which a wall is taken to depart: of a cylinder
 once in 1000 fits, which then says that it is less sure than it could be."""
 
-
 TOLD = 3.0
 """Deviations from which a reader is told of a departure."""
 
