@@ -254,7 +254,7 @@ def float_arrays(
 
 
 def place_of(
-    given: Any, rounded: Float[Array, "..."]
+    given: Any, rounded: Float[Array, "..."] | Float[np.ndarray, "..."]
 ) -> Float[Array, "..."] | Float[np.ndarray, "..."]:
     """A place in double precision where it is known so, and single one would round it.
 

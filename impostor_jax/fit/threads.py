@@ -3,7 +3,7 @@
 __all__ = ["in_background", "side_by_side"]
 
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any, TypeVar
 
@@ -11,16 +11,14 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+Given = TypeVar("Given")
 Values = TypeVar("Values")
 
 
-def side_by_side(fit: Callable[[int], Values], which: Sequence[int]) -> list[Values]:
-    """Fits of several numbers, in their order, in as many threads as cores."""
-    in_precision = _in_own_precision(fit)
-    # The first alone, which compiles for all.
-    first = in_precision(which[0])
+def side_by_side(fit: Callable[[Given], Values], which: Iterable[Given]) -> list[Values]:
+    """Fits of several things, in their order, in as many threads as cores."""
     with ThreadPoolExecutor(os.cpu_count()) as pool:
-        return [first, *pool.map(in_precision, which[1:])]
+        return [*pool.map(_in_own_precision(fit), which)]
 
 
 def in_background(function: Callable[[], Values]) -> Callable[[], Values]:

@@ -104,11 +104,12 @@ class State:
     def cylinder(self) -> Cylinder:
         """It alone, in the world frame.
 
-        It is put together without the checks of its class, in a tenth of the time.
+        It is put together without the checks of its class, and of NumPy's arrays, in a
+        hundredth of the time.
         """
         dtype = jax.dtypes.canonicalize_dtype(float)
         values = (self.center, self.axis, self.radius, self.height)
-        center, *rest = jax.device_put([np.asarray(x, dtype) for x in values])
+        center, *rest = (np.asarray(x, dtype) for x in values)
         return _layout().unflatten([place_of(self.center, center), *rest])
 
     @staticmethod

@@ -27,6 +27,7 @@ from impostor_jax.fit.measured import NOT_MEASURED, law_of_noise
 from impostor_jax.fit.options import Options
 from impostor_jax.fit.request import checked_noise, checked_prior, checked_readings
 from impostor_jax.fit.result import Fit
+from impostor_jax.fit.threads import side_by_side
 from impostor_jax.geometry.frames import RigidTransform
 from impostor_jax.sensor.base import AbstractDepthNoise
 from impostor_jax.track.followed import OTHER, Followed
@@ -239,14 +240,17 @@ class Tracker:
         """
         sights = [view.sight(one.state, self._planes) for one in self._followed]
         owner = _claimed(self._followed, sights, view.image.shape)
-        seen = {}
+        shown = []
         for one, sight in zip(self._followed, sights, strict=True):
             one.look(sight, now)
-            if sight.explained < LEAST_SHOWN * sight.expected:
-                continue
-            mask = self._fit(one, view, owner, now)
-            if mask is not None:
-                seen[one.identity] = mask
+            if sight.explained >= LEAST_SHOWN * sight.expected:
+                shown.append(one)
+        masks = side_by_side(lambda one: self._fit(one, view, owner, now), shown)
+        seen = {
+            one.identity: mask
+            for one, mask in zip(shown, masks, strict=True)
+            if mask is not None
+        }
         self._end_twins(seen)
         return seen
 
