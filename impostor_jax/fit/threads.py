@@ -15,7 +15,9 @@ Given = TypeVar("Given")
 Values = TypeVar("Values")
 
 
-def side_by_side(fit: Callable[[Given], Values], which: Iterable[Given]) -> list[Values]:
+def side_by_side(
+    fit: Callable[[Given], Values], which: Iterable[Given]
+) -> list[Values]:
     """Fits of several things, in their order, in as many threads as cores."""
     with ThreadPoolExecutor(os.cpu_count()) as pool:
         return [*pool.map(_in_own_precision(fit), which)]
