@@ -5,13 +5,19 @@ __all__ = ["dask_executor", "done_by", "number_of_workers"]
 import concurrent.futures
 import contextlib
 import itertools
+import logging
 import multiprocessing
 import multiprocessing.connection
 import os
 import signal
 import threading
 from collections.abc import Callable, Generator, Iterable, Iterator
-from concurrent.futures import Executor, Future, ProcessPoolExecutor
+from concurrent.futures import (
+    CancelledError,
+    Executor,
+    Future,
+    ProcessPoolExecutor,
+)
 from concurrent.futures.process import BrokenProcessPool
 from typing import Any, TypeVar
 
@@ -55,7 +61,8 @@ def done_by(
         workers: Number of processes of that pool.
 
     Raises:
-        BrokenProcessPool: Processes die again and again.
+        ChildProcessError: Processes of the pool die again and again.
+        ConnectionError: The executor gave up, as one of dask whose scheduler is gone.
     """
     own, rest = executor is None, iter(inputs)
     again: list[Input] = []
@@ -80,11 +87,21 @@ def done_by(
                     del waiting[future]
                     deaths = 0
                     yield result
-        except BrokenProcessPool:
+        except BrokenProcessPool as error:
             deaths += 1
-            if not own or deaths > MOST_DEATHS:
+            if not own:
                 raise
+            if deaths > MOST_DEATHS:
+                raise ChildProcessError(
+                    "the processes that do the work die again and again, as where "
+                    "memory ends, of which fewer of them take less"
+                ) from error
             again = list(waiting.values())
+        except CancelledError as error:
+            raise ConnectionError(
+                "the work was given up by what did it, as where the scheduler of dask "
+                "is gone; --resume does the rest"
+            ) from error
         finally:
             for future in waiting:
                 future.cancel()
@@ -111,6 +128,8 @@ def dask_executor(address: str, tell: Callable[[str], Any]) -> Iterator[Executor
             "dask needs the extra scale: pip install 'impostor-jax[scale]'"
         ) from error
     with Client(address) as client:
+        # Of a scheduler that is gone an error tells, in one line.
+        logging.getLogger("distributed.client").setLevel(logging.CRITICAL)
         if not client.scheduler_info()["workers"]:
             tell(f"the scheduler {address} has no workers yet: waiting for one")
             client.wait_for_workers(1)

@@ -2,7 +2,7 @@
 
 import os
 import signal
-from concurrent.futures.process import BrokenProcessPool
+from concurrent.futures import Executor, Future
 from functools import partial
 from pathlib import Path
 
@@ -34,8 +34,23 @@ def test_what_a_killed_worker_was_about_is_done_by_another(tmp_path):
 
 def test_workers_that_always_die_end_the_work(monkeypatch):
     monkeypatch.setattr(workers, "MOST_DEATHS", 1)
-    with pytest.raises(BrokenProcessPool):
+    with pytest.raises(ChildProcessError, match="die again and again"):
         list(done_by(always_killed, range(2), None, 1))
+
+
+class GoneExecutor(Executor):
+    """As that of a dask client whose scheduler is gone."""
+
+    def submit(self, fn, /, *args, **kwargs):
+        future = Future()
+        future.cancel()
+        future.set_running_or_notify_cancel()
+        return future
+
+
+def test_work_that_an_executor_gives_up_is_an_error():
+    with pytest.raises(ConnectionError, match="given up by what did it"):
+        list(done_by(str, range(2), GoneExecutor(), 1))
 
 
 def test_there_is_a_worker_at_least():
