@@ -239,6 +239,23 @@ class State:
             has_height=tells,
         )
 
+    def is_continued_by(self, seen: Measured) -> bool:
+        """Whether it may go on where another part of its wall is seen.
+
+        So it is where nothing has told its height, and no end is between the two.
+        """
+        side = 1 if self.axis @ (seen.center - self.center) > 0 else -1
+        is_whole = self.has_height or bool(seen.is_known[4:].all())
+        return not is_whole and self.end != side and seen.end != -side
+
+    def reaching(self, seen: Measured) -> "State":
+        """The state with ends as far as another part of its wall is seen."""
+        along = float(self.axis @ (seen.center - self.center))
+        low = min(-self.height / 2, along - seen.height / 2)
+        high = max(self.height / 2, along + seen.height / 2)
+        center = self.center + (low + high) / 2 * self.axis
+        return dataclasses.replace(self, center=center, height=high - low)
+
     def expecting(
         self, sizes: Mapping[str, tuple[float, float]], seen: Measured
     ) -> "State":

@@ -251,7 +251,7 @@ class Tracker:
             for one, mask in zip(shown, masks, strict=True)
             if mask is not None
         }
-        self._end_twins(seen)
+        self._end_twins(view, seen)
         return seen
 
     def _fit(
@@ -297,19 +297,31 @@ class Tracker:
         chi2, freedom = state.distance(measured)
         return bool(chi2 < 2 * special.gammainccinv(freedom / 2, self._gate))
 
-    def _end_twins(self, seen: dict[int, Bool[np.ndarray, "h w"]]) -> None:
+    def _end_twins(self, view: View, seen: dict[int, Bool[np.ndarray, "h w"]]) -> None:
         """Of two tracks of one cylinder the older goes on."""
         kept: list[Followed] = []
         for one in sorted(self._followed, key=lambda one: one.identity not in seen):
-            is_twin = one.identity in seen and any(
-                other.identity in seen and other.shares_room(one.state)
-                for other in kept
-            )
-            if is_twin:
-                del seen[one.identity]
-            else:
+            older = None
+            if one.identity in seen:
+                others = (other for other in kept if other.identity in seen)
+                older = next((x for x in others if self._is_twin(x, one, view)), None)
+            if older is None:
                 kept.append(one)
+            else:
+                seen[older.identity] = seen[older.identity] | seen.pop(one.identity)
         self._followed = [one for one in self._followed if one in kept]
+
+    def _is_twin(self, older: Followed, one: Followed, view: View) -> bool:
+        assert one.fit is not None
+        return older.shares_room(one.state) or self._is_more(older, view, one.fit)
+
+    def _is_more(self, one: Followed, view: View, fit: Fit) -> bool:
+        """Whether a fit is of another part of a track's wall, which it then reaches."""
+        part = view.measured(fit, one.state)
+        is_more = one.state.is_continued_by(part) and self._is_same(one.state, part)
+        if is_more:
+            one.state = one.state.reaching(part)
+        return is_more
 
     def _is_searched(self, view: View) -> bool:
         is_due = self._num_images % self._search_every == 0
@@ -332,11 +344,15 @@ class Tracker:
         self._planes = np.hstack([normals, across])
         lost = [one for one in self._followed if one.identity not in masks]
         seen = [one for one in self._followed if one.identity in masks]
-        fits = [
-            (fit, mask)
-            for fit, mask in self._alone(view, found)
-            if not any(one.shares_room(view.measured(fit, one.state)) for one in seen)
-        ]
+        fits = []
+        for fit, mask in self._alone(view, found):
+            if any(one.shares_room(view.measured(fit, one.state)) for one in seen):
+                continue
+            whole = next((one for one in seen if self._is_more(one, view, fit)), None)
+            if whole is None:
+                fits.append((fit, mask))
+            else:
+                masks[whole.identity] = masks[whole.identity] | mask
         again = self._assigned(view, lost, [fit for fit, _ in fits])
         for k, (fit, mask) in enumerate(fits):
             if k in again:

@@ -78,6 +78,37 @@ def test_identity_survives_what_hides_it():
     assert lost.std.radius == before.std.radius
 
 
+def bar(low, high):
+    """What hides a can between two heights, before it."""
+    middle = (0.0, (low + high) / 2, 0.3)
+    return ij.Box(middle, np.eye(3), (0.2, high - low, 0.02))
+
+
+def test_parts_of_one_wall_are_one_track():
+    # Its upper part alone, then both beside what hides the middle.
+    begin = 2 * [[can(), bar(-0.02, 0.2)]]
+    told = played(
+        ij.Tracker(CAMERA, SIGMA, search_every=2),
+        begin + 6 * [[can(), bar(-0.01, 0.01)]],
+    )
+    assert statuses(told) == ["new"] + 7 * ["tracked"]
+    assert all(len(tracks) == 1 for tracks in told)
+    (first,), (last,) = told[1], told[-1]
+    assert first.cylinder.height < 0.05
+    assert last.cylinder.height == pytest.approx(float(can().height), abs=0.005)
+    # Both parts are shown by its mask.
+    rows = np.flatnonzero(last.mask.any(axis=1))
+    assert (np.diff(rows) > 1).sum() == 1
+
+
+def test_cans_in_line_stay_two():
+    # Their ends are seen, so neither goes on in the other.
+    short = {"height": 0.05}
+    pair = [can(**short, y=-0.04), can(**short, y=0.04)]
+    told = played(ij.Tracker(CAMERA, SIGMA, search_every=2), 5 * [pair])
+    assert all(len(tracks) == 2 for tracks in told)
+
+
 def test_what_stays_hidden_is_kept_for_as_long_as_asked():
     scenes = [[can()]] + 10 * [[can(), OCCLUDER]]
     told = played(ij.Tracker(CAMERA, SIGMA, patience=6.5 / RATE), scenes)
