@@ -94,7 +94,8 @@ def done_by(
             if deaths > MOST_DEATHS:
                 raise ChildProcessError(
                     "the processes that do the work die again and again, as where "
-                    "memory ends, of which fewer of them take less"
+                    "memory ends, of which fewer of them take less, or where a script "
+                    "that starts them does so without if __name__ == '__main__'"
                 ) from error
             again = list(waiting.values())
         except CancelledError as error:
