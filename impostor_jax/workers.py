@@ -101,7 +101,7 @@ def done_by(
         except CancelledError as error:
             raise ConnectionError(
                 "the work was given up by what did it, as where the scheduler of dask "
-                "is gone; --resume does the rest"
+                "is gone; resuming it does the rest"
             ) from error
         finally:
             for future in waiting:

@@ -109,6 +109,11 @@ class Followed:
         """Whether its middle, or that of another one, is within the other."""
         return _is_within(self.state, other) or _is_within(other, self.state)
 
+    def shares_line(self, other: State) -> bool:
+        """Whether the middle of another one is within its wall, if that went on."""
+        _, across = _offset(other, self.state)
+        return across < self.state.radius
+
     def told(
         self,
         now: float,
@@ -148,10 +153,15 @@ class Followed:
 
 def _is_within(one: State | Measured, other: State | Measured) -> bool:
     """Whether the middle of a cylinder is within another one."""
+    along, across = _offset(one, other)
+    return across < other.radius and abs(along) < other.height / 2
+
+
+def _offset(one: State | Measured, other: State | Measured) -> tuple[float, float]:
+    """How far the middle of a cylinder is along another's axis, and aside of that."""
     offset = one.center - other.center
     along = float(offset @ other.axis)
-    across = float(np.linalg.norm(offset - along * other.axis))
-    return across < other.radius and abs(along) < other.height / 2
+    return along, float(np.linalg.norm(offset - along * other.axis))
 
 
 def _told(state: State) -> tuple[Float[np.ndarray, "10 10"], Deviations]:

@@ -312,16 +312,20 @@ class Tracker:
         self._followed = [one for one in self._followed if one in kept]
 
     def _is_twin(self, older: Followed, one: Followed, view: View) -> bool:
+        if older.shares_room(one.state):
+            return True
+        # First what costs little: pairs of cylinders grow with their square.
+        if not older.shares_line(one.state):
+            return False
         assert one.fit is not None
-        return older.shares_room(one.state) or self._is_more(older, view, one.fit)
+        return self._reaches(older, view.measured(one.fit, older.state))
 
-    def _is_more(self, one: Followed, view: View, fit: Fit) -> bool:
-        """Whether a fit is of another part of a track's wall, which it then reaches."""
-        part = view.measured(fit, one.state)
-        is_more = one.state.is_continued_by(part) and self._is_same(one.state, part)
-        if is_more:
-            one.state = one.state.reaching(part)
-        return is_more
+    def _reaches(self, one: Followed, part: Measured) -> bool:
+        """Let a track go as far as another part of its wall, if that is one."""
+        if not (one.state.is_continued_by(part) and self._is_same(one.state, part)):
+            return False
+        one.state = one.state.reaching(part)
+        return True
 
     def _is_searched(self, view: View) -> bool:
         is_due = self._num_images % self._search_every == 0
@@ -346,9 +350,11 @@ class Tracker:
         seen = [one for one in self._followed if one.identity in masks]
         fits = []
         for fit, mask in self._alone(view, found):
-            if any(one.shares_room(view.measured(fit, one.state)) for one in seen):
+            parts = [view.measured(fit, one.state) for one in seen]
+            pairs = [*zip(seen, parts, strict=True)]
+            if any(one.shares_room(part) for one, part in pairs):
                 continue
-            whole = next((one for one in seen if self._is_more(one, view, fit)), None)
+            whole = next((one for one, x in pairs if self._reaches(one, x)), None)
             if whole is None:
                 fits.append((fit, mask))
             else:
