@@ -29,6 +29,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from impostor_jax import program_store
+from impostor_jax.device import where
 
 Values = TypeVar("Values")
 Method = TypeVar("Method", bound=Callable[..., Any])
@@ -44,7 +45,6 @@ LEFT_TO_JAX = (
     "jax_debug_nans",
     "jax_debug_infs",
     "jax_disable_jit",
-    "jax_default_device",
 )
 """Settings of JAX, each unset by default, with which `jax.jit` itself is called."""
 
@@ -192,7 +192,7 @@ class _Kept:
         types = _types_to_keep(leaves)
         if types is None:
             return given, static, None
-        settings = tuple(getattr(jax.config, name) for name in SETTINGS)
+        settings = *(getattr(jax.config, name) for name in SETTINGS), where()
         return given, static, (tree, tuple(static.items()), types, settings)
 
     def _program(
@@ -215,7 +215,7 @@ class _Kept:
         if _is_of_this_package(key[0]):
             place = program_store.place_of((self._name, *key))
         if place is not None:
-            program = program_store.load(place)
+            program = program_store.load(place, where())
             # Whether it runs here, its first call tells.
             with contextlib.suppress(Exception):
                 if program is not None:
@@ -236,7 +236,7 @@ def _types_to_keep(leaves: list[Any]) -> tuple[Any, ...] | None:
     """
     if any(getattr(jax.config, name) for name in LEFT_TO_JAX):
         return None
-    device = jax.devices()[0]
+    device = where()
     if device.platform != "cpu":
         return None
     here, types = {device}, []
@@ -244,7 +244,8 @@ def _types_to_keep(leaves: list[Any]) -> tuple[Any, ...] | None:
         if isinstance(leaf, jax.core.Tracer):
             return None
         if isinstance(leaf, jax.Array):
-            if leaf.devices() != here:
+            # JAX moves what is not tied to another device.
+            if leaf.committed and leaf.devices() != here:
                 return None
             # What `jax.typeof` returns, in a tenth of its time.
             types.append(leaf.aval)

@@ -31,6 +31,7 @@ import numpy as np
 from jax.experimental import serialize_executable
 
 from impostor_jax.caching import compiled_folder
+from impostor_jax.device import Device
 
 LIBRARIES = ("equinox", "jax", "jaxlib", "lineax", "numpy", "optimistix")
 """What a program is made with, besides this package."""
@@ -79,7 +80,7 @@ def save(program: jax.stages.Compiled, place: Path) -> None:
             written.replace(place)
 
 
-def load(place: Path) -> Callable[..., Any] | None:
+def load(place: Path, device: Device) -> Callable[..., Any] | None:
     """A program that was kept; None where there is none, or it cannot be read."""
     with contextlib.suppress(Exception):
         # The checksum of zlib keeps what is damaged from being run.
@@ -90,7 +91,9 @@ def load(place: Path) -> Callable[..., Any] | None:
 
             lapack.prepare_lapack_call("potrf", np.dtype(np.float32))
         trees = map(jax.tree.structure, values)
-        return serialize_executable.deserialize_and_load(payload, *trees)
+        return serialize_executable.deserialize_and_load(
+            payload, *trees, backend=device.platform, execution_devices=[device]
+        )
     return None
 
 

@@ -182,6 +182,8 @@ def _begin_worker(threads: int) -> None:
     """
     # Read when the first array is made, which the import of JAX does not do.
     os.environ.setdefault("PJRT_NPROC", str(threads))
+    # The first would else take most of a graphics card's memory for itself.
+    os.environ.setdefault("XLA_PYTHON_CLIENT_PREALLOCATE", "false")
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     parent = multiprocessing.parent_process()
     assert parent is not None

@@ -243,7 +243,7 @@ def test_a_program_that_is_loaded_but_does_not_run_is_compiled(
     def fail(**_):
         raise jax.errors.JaxRuntimeError("NOT_FOUND")
 
-    monkeypatch.setattr(program_store, "load", lambda place: fail)
+    monkeypatch.setattr(program_store, "load", lambda *_: fail)
     assert kept_anew()(jnp.ones(3), factor=2).tolist() == [2, 2, 2]
     assert len(traces) == 1
 
@@ -275,6 +275,14 @@ def test_a_call_that_jax_checks_is_left_to_it(folder):
     with jax.debug_nans(True), pytest.raises(FloatingPointError):
         kept_anew()(jnp.array(jnp.inf), factor=0)
     assert not folder.exists()
+
+
+def test_a_call_on_a_processor_that_was_asked_for_is_kept(folder, traces):
+    for _ in range(2):
+        with jax.default_device(jax.devices("cpu")[0]):
+            assert kept_anew()(jnp.ones(3), factor=2).tolist() == [2, 2, 2]
+    assert len(traces) == 1
+    assert len(list(folder.iterdir())) == 1
 
 
 class Offset(eqx.Module):

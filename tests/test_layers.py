@@ -13,6 +13,7 @@ LAYERS = (
     "numerics",
     "caching",
     "workers",
+    "device",
     "program_store",
     "compiling",
     "effort",

@@ -35,6 +35,7 @@ from impostor_jax.calibrate.scale import Scale, scale_of
 from impostor_jax.calibrate.warp import Smooth, Warp, warp_of
 from impostor_jax.camera.base import AbstractCamera, check_depth_along_z, not_accepted
 from impostor_jax.camera.pinhole import PinholeCamera
+from impostor_jax.device import on_processor
 from impostor_jax.numerics import Numbers
 from impostor_jax.sensor.base import AbstractDepthNoise, Depths, Normals
 from impostor_jax.sensor.bias import Bias, SmoothField
@@ -136,6 +137,7 @@ class Calibration(NamedTuple):
         return "\n".join(lines)
 
 
+@on_processor
 def calibrate_sensor(
     depths: Any,
     camera: AbstractCamera,

@@ -13,6 +13,7 @@ from jaxtyping import Bool, Float
 from impostor_jax.arguments import is_concrete, real_number, whole_number
 from impostor_jax.camera.base import AbstractCamera, not_accepted
 from impostor_jax.camera.spherical import SphericalCamera
+from impostor_jax.device import on_processor
 from impostor_jax.effort import Effort
 from impostor_jax.find.fitting import Fitter
 from impostor_jax.find.found import Found
@@ -46,6 +47,7 @@ SURE_PRIOR = 4.0
 """Standard deviations of a prior radius within which one is looked for."""
 
 
+@on_processor
 def find_cylinders(
     depth: Any,
     camera: AbstractCamera,

@@ -29,6 +29,7 @@ from jaxtyping import Array, Bool, Float
 
 from impostor_jax.arguments import working_precision
 from impostor_jax.compiling import quickly_compiled
+from impostor_jax.device import on_processor
 from impostor_jax.fit.body import AbstractBody
 from impostor_jax.fit.evidence import readings_of
 from impostor_jax.fit.fittable import CYLINDER, TUBE, Fittable
@@ -98,6 +99,7 @@ class BoreTest(eqx.Module):
         )
 
 
+@on_processor
 def test_bore(fit: Fit) -> BoreTest:
     """Fit a tube where a cylinder was fitted, and compare the two.
 

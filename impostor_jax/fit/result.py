@@ -30,6 +30,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from impostor_jax.arguments import is_exact
+from impostor_jax.device import on_processor
 from impostor_jax.fit.across import AcrossRays
 from impostor_jax.fit.alternatives import Alternatives, Named
 from impostor_jax.fit.budget import Budget, Deviations, Values
@@ -410,6 +411,7 @@ class Fit(eqx.Module):
         self._check_several()
         return (self[k] for k in range(len(self)))
 
+    @on_processor
     def __getitem__(self, which: Any) -> "Fit":
         """One of several fits by its number; several by a slice, numbers or flags.
 

@@ -28,6 +28,7 @@ from jax.typing import DTypeLike
 from jaxtyping import Array, Bool, Float, Int
 from typing_extensions import override
 
+from impostor_jax.device import is_processor
 from impostor_jax.fit.body import AbstractBody, FreeDirections
 from impostor_jax.fit.evidence import Terms, crossing_terms, reading_terms
 from impostor_jax.fit.prior import prior_residuals
@@ -264,7 +265,7 @@ def solve(problem: Problem, start: AbstractBody) -> Solution:
 
 @jax.custom_jvp
 def _followed(problem: Problem, start: AbstractBody) -> Solution:
-    if jax.default_backend() == "cpu":
+    if is_processor():
         return jax.custom_batching.sequential_vmap(_through_stages)(problem, start)
     return _through_stages(problem, start)
 

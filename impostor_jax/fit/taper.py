@@ -16,6 +16,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from impostor_jax.arguments import is_exact
+from impostor_jax.device import on_processor
 from impostor_jax.fit.fittable import FRUSTUM
 from impostor_jax.fit.options import Options
 from impostor_jax.fit.request import arguments_of_cylinder
@@ -68,6 +69,7 @@ class TaperTest(eqx.Module):
         )
 
 
+@on_processor
 def test_taper(fit: Fit) -> TaperTest:
     """Fit a frustum where a cylinder was fitted, and compare the two.
 

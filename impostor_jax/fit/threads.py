@@ -11,6 +11,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from impostor_jax.device import asked
+
 Given = TypeVar("Given")
 Values = TypeVar("Values")
 
@@ -20,23 +22,24 @@ def side_by_side(
 ) -> list[Values]:
     """Fits of several things, in their order, in as many threads as cores."""
     with ThreadPoolExecutor(os.cpu_count()) as pool:
-        return [*pool.map(_in_own_precision(fit), which)]
+        return [*pool.map(_as_the_caller(fit), which)]
 
 
 def in_background(function: Callable[[], Values]) -> Callable[[], Values]:
     """What waits for the value of a function that runs in a thread of its own."""
     pool = ThreadPoolExecutor(1)
-    value = pool.submit(_in_own_precision(function))
+    value = pool.submit(_as_the_caller(function))
     pool.shutdown(wait=False)
     return value.result
 
 
-def _in_own_precision(function: Callable[..., Values]) -> Callable[..., Values]:
-    """A function for other threads, which do not have the precision of the caller's."""
+def _as_the_caller(function: Callable[..., Values]) -> Callable[..., Values]:
+    """A function for other threads, to which JAX's settings of this one are unknown."""
     is_double = jnp.result_type(float) == np.float64
+    device = asked()
 
-    def in_precision(*args: Any) -> Values:
-        with jax.enable_x64(is_double):
+    def as_the_caller(*args: Any) -> Values:
+        with jax.enable_x64(is_double), jax.default_device(device):
             return function(*args)
 
-    return in_precision
+    return as_the_caller

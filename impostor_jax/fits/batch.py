@@ -10,6 +10,7 @@ import numpy as np
 
 from impostor_jax.arguments import is_concrete, is_exact, unmasked, unread
 from impostor_jax.camera.base import AbstractCamera
+from impostor_jax.device import on_processor
 from impostor_jax.effort import Effort
 from impostor_jax.fit.fittable import CYLINDER
 from impostor_jax.fit.options import Errors, MaskMeaning, Options, Scale
@@ -21,6 +22,7 @@ from impostor_jax.fits.shown import fit_or_failure
 from impostor_jax.primitives.cylinder import Cylinder
 
 
+@on_processor
 def fit_cylinders(
     depths: Any,
     camera: AbstractCamera | Sequence[AbstractCamera],

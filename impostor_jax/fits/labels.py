@@ -9,6 +9,7 @@ import numpy as np
 
 from impostor_jax.arguments import is_concrete, unmasked, unread
 from impostor_jax.camera.base import AbstractCamera
+from impostor_jax.device import on_processor
 from impostor_jax.effort import Effort
 from impostor_jax.fit.fittable import BOX, CYLINDER, FRUSTUM, SPHERE, TUBE
 from impostor_jax.fit.options import Errors, MaskMeaning, Options, Scale
@@ -33,6 +34,7 @@ KIND_OF = {
 }
 
 
+@on_processor
 def fit_labels(
     depth: Any,
     camera: Any,

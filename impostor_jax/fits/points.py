@@ -18,6 +18,7 @@ from jaxtyping import Float, Int
 from impostor_jax.arguments import is_concrete, working_precision
 from impostor_jax.camera.ray_table import RayTable, turned_to
 from impostor_jax.clouds.wall import Wall, wall_of
+from impostor_jax.device import on_processor
 from impostor_jax.effort import Effort
 from impostor_jax.fit.fittable import CYLINDER, no_guess
 from impostor_jax.fit.measured import NOT_MEASURED
@@ -69,6 +70,7 @@ MOST_ROUNDED = 0.1
 """Part of the noise that the rounding of coordinates may be."""
 
 
+@on_processor
 def fit_cylinder_to_points(
     points: Any,
     origin: Any = None,

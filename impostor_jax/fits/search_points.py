@@ -21,6 +21,7 @@ from impostor_jax.clouds.search import (
     searched,
 )
 from impostor_jax.clouds.support import Support
+from impostor_jax.device import on_processor
 from impostor_jax.effort import MIN_READINGS, Effort
 from impostor_jax.find.cylinders import checked_radii
 from impostor_jax.find.found import FoundInPoints
@@ -51,6 +52,7 @@ MOST_MOVED = 0.3
 """Change of the radius by a fit, over itself, up to which it is of the same wall."""
 
 
+@on_processor
 def find_cylinders_in_points(
     points: Any,
     origin: Any = None,

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from impostor_jax.camera.base import AbstractCamera
+from impostor_jax.device import on_processor
 from impostor_jax.effort import Effort
 from impostor_jax.fit.fittable import BOX, CYLINDER, FRUSTUM, SPHERE, TUBE
 from impostor_jax.fit.options import Errors, MaskMeaning, Options, Scale
@@ -21,6 +22,7 @@ Cameras = AbstractCamera | Sequence[AbstractCamera]
 """The camera of an image, or those of several."""
 
 
+@on_processor
 def fit_cylinder(
     depth: Any,
     camera: Cameras,
@@ -142,6 +144,7 @@ def fit_cylinder(
     return fit_shown(CYLINDER, depth, camera, mask, sigma, initial, asked)
 
 
+@on_processor
 def fit_frustum(
     depth: Any,
     camera: Cameras,
@@ -193,6 +196,7 @@ def fit_frustum(
     return fit_shown(FRUSTUM, depth, camera, mask, sigma, initial, asked)
 
 
+@on_processor
 def fit_box(
     depth: Any,
     camera: Cameras,
@@ -250,6 +254,7 @@ def fit_box(
     return fit_shown(BOX, depth, camera, mask, sigma, initial, asked)
 
 
+@on_processor
 def fit_sphere(
     depth: Any,
     camera: Cameras,
@@ -296,6 +301,7 @@ def fit_sphere(
     return fit_shown(SPHERE, depth, camera, mask, sigma, initial, asked)
 
 
+@on_processor
 def fit_tube(
     depth: Any,
     camera: Cameras,

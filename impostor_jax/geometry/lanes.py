@@ -15,6 +15,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int
 
+from impostor_jax.device import is_processor
+
 LANES = 1024
 """Of how many the turns are taken side by side: what they hold stays in a processor's
 cache."""
@@ -80,7 +82,7 @@ def _of_many(
 ) -> State:
     """The same of arrays (n,)."""
     count = is_open(state).shape[0]
-    if count <= lanes or jax.default_backend() != "cpu":
+    if count <= lanes or not is_processor():
         once = turn(given)
         return jax.lax.while_loop(lambda s: jnp.any(is_open(s)), once, state)
     waiting, num_waiting = chosen_numbers(is_open(state))

@@ -22,6 +22,7 @@ from impostor_jax.arguments import is_concrete, one_of, real_number, working_pre
 from impostor_jax.camera.base import AbstractCamera, not_accepted
 from impostor_jax.camera.pixels import Tile
 from impostor_jax.compiling import kept
+from impostor_jax.device import is_processor
 from impostor_jax.effort import Effort, effort_of
 from impostor_jax.numerics import Scalar
 from impostor_jax.primitives.base import AbstractPrimitive, check_single
@@ -209,7 +210,7 @@ def _is_cast_in_blocks(
         and camera.height >= 4 * rows
         and camera.width >= 2 * cols
         # A graphics card casts all rays at a time.
-        and jax.default_backend() == "cpu"
+        and is_processor()
         and is_concrete(clipping)
         and _has_tile(primitive, camera)
     )

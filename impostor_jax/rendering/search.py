@@ -19,6 +19,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from impostor_jax.compiling import computed_apart
+from impostor_jax.device import is_processor
 from impostor_jax.geometry.rays import Ray
 from impostor_jax.rendering.follow import code_of, stride_of
 from impostor_jax.rendering.group import Group
@@ -133,7 +134,7 @@ def _one_by_one(
     """What is found after each shape of a group, for so many rays at a time."""
     count = jnp.sum(group.index >= 0, dtype=jnp.int32)
     size = rays.direction.x.shape[0]
-    together = min(size, TOGETHER)
+    together = min(size, TOGETHER) if is_processor() else size
 
     def chunks(x: Array) -> Array:
         return jnp.pad(x, (0, -size % together), mode="edge").reshape(-1, together)

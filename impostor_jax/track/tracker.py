@@ -19,6 +19,7 @@ from scipy.optimize import linear_sum_assignment
 from impostor_jax.arguments import bounded_number, real_number, whole_number
 from impostor_jax.camera.base import AbstractCamera, not_accepted, posed
 from impostor_jax.camera.pinhole import PinholeCamera
+from impostor_jax.device import on_processor
 from impostor_jax.effort import Effort
 from impostor_jax.find.cylinders import checked_radii, find_cylinders
 from impostor_jax.find.found import Found
@@ -165,6 +166,7 @@ class Tracker:
         self._num_images = 0
         self._num_found = 0
 
+    @on_processor
     def step(
         self, depth: Any, time: float | None = None, camera_from_world: Any = None
     ) -> tuple[Track, ...]:

@@ -1,0 +1,1 @@
+"""What a graphics card gains, and where it does not."""
