@@ -29,8 +29,8 @@ Call = Callable[[], object]
 OUTPUTS = ("depth", "normal", "index")
 """Maps of a scene."""
 
-SLOW = 256
-"""Problems in one call, from which on the processor is not timed: it takes minutes."""
+MOST = 64
+"""Shapes whose gradients the processor is timed with: more take minutes."""
 
 DIFFERENT = 64
 """Images that differ, of those of one call."""
@@ -57,11 +57,11 @@ class Case:
 
     Attributes:
         make: Its arguments are made, and what it calls is compiled, on the device.
-        size: Number of problems in one call.
+        on_both: Whether the processor is timed, too.
     """
 
     make: Callable[[], Call]
-    size: int = 1
+    on_both: bool = True
 
 
 def measure(config: Config) -> Iterator[Metric]:
@@ -73,7 +73,7 @@ def measure(config: Config) -> Iterator[Metric]:
     yield from _errors(view, card)
     for name, case in _cases(config, view).items():
         for label, device in (("card", card), ("processor", processor)):
-            if device is card or case.size < SLOW:
+            if device is card or case.on_both:
                 with jax.default_device(device):
                     yield from _timed(f"{name}.{label}", case.make(), config.repeats)
 
@@ -83,7 +83,8 @@ def _timed(name: str, call: Call, repeats: int) -> Iterator[Metric]:
     jax.block_until_ready(call())
     first = time.perf_counter() - start
     yield Metric(f"{name}.first", first, None, "s", "lower", 1)
-    yield sample(f"{name}.time", time_in_turns({name: call}, repeats)[name].ms, "ms")
+    timing = time_in_turns({name: call}, repeats, warm_up=1)[name]
+    yield sample(f"{name}.time", timing.ms, "ms")
 
 
 def _errors(view: ij.PinholeCamera, card: Device) -> Iterator[Metric]:
@@ -117,7 +118,7 @@ def _cases(config: Config, view: ij.PinholeCamera) -> dict[str, Case]:
     }
     for count in config.batches:
         cases[f"loss and gradient of {count} cans"] = Case(
-            partial(_gradients, view, count), count
+            partial(_gradients, view, count), count <= MOST
         )
     for count in config.scenes:
         cases[f"{count} cylinders"] = Case(partial(_scene, view, count))
@@ -125,7 +126,8 @@ def _cases(config: Config, view: ij.PinholeCamera) -> dict[str, Case]:
     cases["fit of a can"] = Case(lambda: _fit(view))
     if not config.run.quick:
         for count in config.batches:
-            cases[f"fits of {count} cans"] = Case(partial(_fits, view, count), count)
+            # A processor takes one after the other.
+            cases[f"fits of {count} cans"] = Case(partial(_fits, view, count), False)
         cases["a video's image with three cans"] = Case(lambda: _track(view))
     return cases
 
