@@ -11,6 +11,7 @@ __all__ = [
     "all_finite",
     "eps",
     "has_square",
+    "kept_from_zero",
     "nan_where",
     "product",
     "safe_divide",
@@ -76,6 +77,16 @@ def smallest_slope(dtype: DTypeLike) -> float:
     it. It lies far below the rounding of a unit vector (3e-10 in single precision).
     """
     return float(np.finfo(dtype).tiny) ** 0.25
+
+
+def kept_from_zero(slope: Numbers, least: float) -> Numbers:
+    """A slope to divide by; `least`, not 1, where its size is smaller.
+
+    A compiler may round a slope in two ways where it is used twice, and tell a ray that
+    is parallel by the one and divide by the other: what it crosses is then far off all
+    the same, and not as far as the shape is wide.
+    """
+    return jnp.where(jnp.abs(slope) < least, least, slope)
 
 
 def safe_sqrt(x: Float[Array, "*batch"]) -> Float[Array, "*batch"]:

@@ -27,7 +27,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from impostor_jax.geometry.vec3 import Vec3
-from impostor_jax.numerics import safe_sqrt, smallest_slope
+from impostor_jax.numerics import kept_from_zero, safe_sqrt, smallest_slope
 
 
 class Ray(eqx.Module):
@@ -117,10 +117,11 @@ def wall_interval(ray: Ray, axis: Vec3, radius: Float[Array, "*#batch"]) -> Inte
     e, p = d - a * d.dot(a), o - a * o.dot(a)
     m = e.cross(a)
     m_m, m_o = m.dot(m), m.dot(o)
-    parallel = m_m < smallest_slope(m_m.dtype) ** 2
+    least = smallest_slope(m_m.dtype) ** 2
+    parallel = m_m < least
     discriminant = radius * radius * m_m - m_o * m_o
     meets = jnp.where(parallel, p.dot(p) <= radius * radius, discriminant >= 0)
-    inverse = 1 / jnp.where(parallel, 1, m_m)
+    inverse = 1 / kept_from_zero(m_m, least)
     half = jnp.where(parallel, jnp.inf, safe_sqrt(discriminant) * inverse)
     half = jnp.where(meets, half, -jnp.inf)  # so that a miss runs from +inf to -inf
     middle = -e.dot(p) * inverse
@@ -195,8 +196,9 @@ def slab_interval(
 ) -> Interval:
     """Stretch of the ray between two planes across `axis`, `half_height` from 0."""
     d_a, o_a = ray.direction.dot(axis), ray.origin.dot(axis)
-    parallel = jnp.abs(d_a) < smallest_slope(d_a.dtype)
-    inverse = 1 / jnp.where(parallel, 1, d_a)
+    least = smallest_slope(d_a.dtype)
+    parallel = jnp.abs(d_a) < least
+    inverse = 1 / kept_from_zero(d_a, least)
     between = jnp.where(jnp.abs(o_a) <= half_height, jnp.inf, -jnp.inf)
     half = jnp.where(parallel, between, half_height * jnp.abs(inverse))
     middle = -o_a * inverse
@@ -208,8 +210,9 @@ def plane_interval(
 ) -> Interval:
     """Stretch of the ray between two planes across `axis`, at `low` and `high`."""
     d_a, o_a = ray.direction.dot(axis), ray.origin.dot(axis)
-    parallel = jnp.abs(d_a) < smallest_slope(d_a.dtype)
-    speed = jnp.where(parallel, 1, d_a)
+    least = smallest_slope(d_a.dtype)
+    parallel = jnp.abs(d_a) < least
+    speed = kept_from_zero(d_a, least)
     first, second = (low - o_a) / speed, (high - o_a) / speed
     between = jnp.where((low <= o_a) & (o_a <= high), jnp.inf, -jnp.inf)
     return Interval(

@@ -20,7 +20,7 @@ from impostor_jax.geometry.frames import RigidTransform
 from impostor_jax.geometry.rays import Interval, Ray
 from impostor_jax.geometry.so3 import tangent_basis
 from impostor_jax.geometry.vec3 import Vec3
-from impostor_jax.numerics import eps, smallest_slope
+from impostor_jax.numerics import eps, kept_from_zero, smallest_slope
 
 Body = TypeVar("Body", bound=Any)
 
@@ -175,8 +175,9 @@ def with_zero_turned(body: Body, target_from_source: RigidTransform) -> Body:
 def _half_space(ray: Ray, normal: Vec3) -> Interval:
     """Stretch of the ray on the side of a plane through 0 that the normal is on."""
     level, speed = ray.origin.dot(normal), ray.direction.dot(normal)
-    parallel = jnp.abs(speed) < smallest_slope(speed.dtype)
-    crossing = -level / jnp.where(parallel, 1, speed)
+    least = smallest_slope(speed.dtype)
+    parallel = jnp.abs(speed) < least
+    crossing = -level / kept_from_zero(speed, least)
     never = parallel & (level < 0)
     lower = jnp.where(never, jnp.inf, jnp.where(speed > 0, crossing, -jnp.inf))
     upper = jnp.where(never, -jnp.inf, jnp.where(speed < 0, crossing, jnp.inf))
