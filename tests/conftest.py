@@ -76,7 +76,10 @@ def pytest_runtest_teardown(item, nextitem):
     if nextitem is not None and nextitem.path != item.path:
         maps = Path("/proc/self/maps")
         if maps.exists() and maps.read_bytes().count(b"\n") > MOST_REGIONS:
+            from impostor_jax.compiling import forget
+
             jax.clear_caches()
+            forget()
 
 
 def pytest_sessionfinish():

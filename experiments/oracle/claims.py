@@ -27,11 +27,11 @@ from impostor_jax.numerics import eps
 from impostor_jax.primitives.cylinder import Cylinder
 
 AS_USERS_RUN: dict[str, bool | int] = {"xla_backend_optimization_level": 3}
+"""Options for `jax.jit` that undo the flags of the tests' `conftest.py`: for what is
+promised of rounding errors, which are those of users."""
 if jax.__version_info__ < (0, 11, 1):
     # Since then there is but one.
     AS_USERS_RUN["xla_cpu_use_fusion_emitters"] = True
-"""Options for `jax.jit` that undo the flags of the tests' `conftest.py`: for what is
-promised of rounding errors, which are those of users."""
 
 DECISION = 8
 """Relative change of the inputs, in eps, within which a decision may be wrong."""

@@ -113,7 +113,7 @@ def test_products_are_numbers_with_lengths_from_1e_minus_12_to_1e12():
     numbers = jnp.asarray(rays, dtype)
     along = jnp.asarray(rng.normal(size=rays.shape), dtype)
 
-    @jax.jit
+    @jax.jit(compiler_options=AS_USERS_RUN)
     @jax.vmap
     def products(numbers, along):
         return jax.jvp(jax.grad(depth), (numbers,), (along,))
