@@ -22,6 +22,7 @@ __all__ = [
     "real_number",
     "unmasked",
     "unread",
+    "users_level",
     "whole_number",
     "working_precision",
 ]
@@ -92,6 +93,15 @@ def working_precision(
 def is_concrete(value: Any) -> bool:
     """Tell whether every leaf of `value` has numbers that Python can read now."""
     return not any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(value))
+
+
+def users_level() -> int:
+    """The `stacklevel` at which a warning names the line that called this package."""
+    package = __name__.split(".")[0]
+    names = [one.frame.f_globals.get("__name__", "") for one in inspect.stack(0)]
+    # But for this function's own frame.
+    own = [k for k, name in enumerate(names) if k and name.split(".")[0] == package]
+    return own[-1] - own[0] + 2
 
 
 def described(value: Any) -> str:

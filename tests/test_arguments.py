@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+import warnings
 
 import jax
 import jax.numpy as jnp
@@ -9,6 +10,7 @@ import numpy as np
 import pytest
 
 import impostor_jax as ij
+from impostor_jax.arguments import users_level
 from impostor_jax.fit.request import checked_depth, checked_prior
 
 SETTINGS = {"fx": 60.0, "fy": 62.0, "cx": 31.5, "cy": 23.0, "width": 64, "height": 48}
@@ -163,3 +165,16 @@ def test_depth_beyond_all_range_is_refused(dtype):
 def test_depth_of_double_precision_may_be_larger():
     depth = np.full((48, 64), 1e30)
     assert checked_depth(depth, ij.PinholeCamera(**SETTINGS))[0, 0] == 1e30
+
+
+def test_a_warning_names_the_line_that_called_the_package():
+    inside = {"__name__": "impostor_jax.inside", "warnings": warnings}
+    inside["users_level"] = users_level
+    exec(
+        "def deep(): warnings.warn('told', stacklevel=users_level())\n"
+        "def shallow(): deep()",
+        inside,
+    )
+    with pytest.warns(UserWarning, match="told") as told:
+        inside["shallow"]()
+    assert told[0].filename == __file__

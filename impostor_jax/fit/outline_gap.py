@@ -17,6 +17,7 @@ import jax
 import numpy as np
 from jaxtyping import Float
 
+from impostor_jax.arguments import users_level
 from impostor_jax.fit.limb import limb_of
 from impostor_jax.fit.result import LARGE_GAP, Fit, OutlineGap
 from impostor_jax.fit.seen import Seen
@@ -77,8 +78,7 @@ def compared_with_outline(fit: Fit, seen: Sequence[Seen], is_outline: bool) -> F
         warnings.warn(
             f"{told}: unless edges in the image are off by as much, the radius is "
             "wrong; fit.outline_gap tells more",
-            # The line that called `fit_cylinder`.
-            stacklevel=5,
+            stacklevel=users_level(),
         )
     return fit
 

@@ -21,6 +21,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from impostor_jax.arguments import users_level
 from impostor_jax.fit.per_pixel import law_of
 from impostor_jax.fit.problem import BLOCK
 from impostor_jax.fit.surface import at_most, cropped, thinned, upper_median
@@ -123,8 +124,7 @@ def warn_of_units(
             f"depth must be in meters, its median is {middle:.4g} and its sigma "
             f"{sigma:.2g}: is it in millimeters?",
             DepthUnitsWarning,
-            # The line that called `fit_cylinder`.
-            stacklevel=5,
+            stacklevel=users_level(),
         )
 
 
