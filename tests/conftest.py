@@ -74,11 +74,9 @@ def pytest_collection_finish():
 def pytest_runtest_teardown(item, nextitem):
     """Forget compiled programs before the system refuses room for more."""
     if nextitem is not None and nextitem.path != item.path:
-        maps = Path("/proc/self/maps")
-        if maps.exists() and maps.read_bytes().count(b"\n") > MOST_REGIONS:
-            from impostor_jax.compiling import forget
+        from impostor_jax.compiling import forget, memory_regions
 
-            jax.clear_caches()
+        if memory_regions() > MOST_REGIONS:
             forget()
 
 

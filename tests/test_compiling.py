@@ -258,6 +258,18 @@ def test_a_program_that_is_forgotten_is_loaded_anew(folder, traces):
     assert len(traces) == 1
 
 
+@pytest.mark.skipif(not compiling.memory_regions(), reason="the system does not tell")
+def test_programs_make_room_before_memory_has_too_many_regions(monkeypatch):
+    first, second = kept_anew(), kept_anew()
+    first(jnp.ones(3), factor=2)
+    second(jnp.ones(4), factor=2)
+    assert first.programs
+    monkeypatch.setattr(compiling, "MOST_REGIONS", 10)
+    second(jnp.ones(5), factor=2)
+    assert not first.programs
+    assert len(second.programs) == 1
+
+
 def test_a_folder_that_cannot_be_written_does_no_harm(folder, traces):
     folder.write_text("a file")
     assert kept_anew()(jnp.ones(3), factor=2).tolist() == [2, 2, 2]
