@@ -14,9 +14,10 @@ import numpy as np
 from jaxtyping import Array, Float
 
 import impostor_jax as ij
+from experiments.fit_speed.cases import fit_one, see_can
 from experiments.graphics_card.report import draw, tables
 from experiments.recording import Metric
-from experiments.render_speed.cases import make_many, squared_difference
+from experiments.render_speed.cases import OUTPUTS, larger_can_loss, make_many
 from experiments.running import RunConfig, main
 from experiments.scenes import SIGMA, make_can, make_view, with_noise
 from experiments.timing import sample, time_in_turns
@@ -25,9 +26,6 @@ from impostor_jax.numerics import eps
 from impostor_jax.parity.traced_cases import traced
 
 Call = Callable[[], object]
-
-OUTPUTS = ("depth", "normal", "index")
-"""Maps of a scene."""
 
 MOST = 64
 """Shapes whose gradients the processor is timed with: more take minutes."""
@@ -113,8 +111,8 @@ def _errors(view: ij.PinholeCamera, card: Device) -> Iterator[Metric]:
 
 def _cases(config: Config, view: ij.PinholeCamera) -> dict[str, Case]:
     cases = {
-        "depth, normal and mask of a can": Case(lambda: partial(_drawn, view)),
-        "loss and gradient of a can": Case(lambda: _gradients(view, 1)),
+        "depth, normal and mask of a can": Case(partial(_drawn, view)),
+        "loss and gradient of a can": Case(partial(_gradients, view, 1)),
     }
     for count in config.batches:
         cases[f"loss and gradient of {count} cans"] = Case(
@@ -123,30 +121,22 @@ def _cases(config: Config, view: ij.PinholeCamera) -> dict[str, Case]:
     for count in config.scenes:
         cases[f"{count} cylinders"] = Case(partial(_scene, view, count))
     cases["traced scene"] = Case(partial(_traced, view))
-    cases["fit of a can"] = Case(lambda: _fit(view))
+    cases["fit of a can"] = Case(partial(_fit, view))
     if not config.run.quick:
         for count in config.batches:
             # A processor takes one after the other.
             cases[f"fits of {count} cans"] = Case(partial(_fits, view, count), False)
-        cases["a video's image with three cans"] = Case(lambda: _track(view))
+        cases["a video's image with three cans"] = Case(partial(_track, view))
     return cases
 
 
-def _drawn(view: ij.PinholeCamera) -> ij.GeometryMaps:
-    return ij.render(make_can(), view)
+def _drawn(view: ij.PinholeCamera) -> Call:
+    return lambda: ij.render(make_can(), view)
 
 
 def _gradients(view: ij.PinholeCamera, count: int) -> Call:
     """Squared difference to the depth of a larger can, and its derivatives."""
-    target = ij.render(make_can(grown=1.02), view, ("depth",)).depth
-    assert target is not None
-
-    def loss(can: ij.Cylinder) -> Float[Array, ""]:
-        depth = ij.render(can, view, ("depth",)).depth
-        assert depth is not None
-        return squared_difference(depth, target)
-
-    compiled = jax.jit(jax.vmap(jax.value_and_grad(loss)))
+    compiled = jax.jit(jax.vmap(jax.value_and_grad(larger_can_loss(view))))
     return partial(compiled, _several(make_can(), count))
 
 
@@ -166,28 +156,21 @@ def _traced(view: ij.PinholeCamera) -> Call:
     return lambda: ij.trace(scene, view, list(lights), list(materials))
 
 
-def _read(view: ij.PinholeCamera, seed: int) -> tuple[np.ndarray, np.ndarray]:
-    """A can before a wall with noise, and its pixels."""
-    maps = ij.render(make_can(), view, ("depth", "mask"))
-    rng = np.random.default_rng(seed)
-    return with_noise(np.asarray(maps.depth), SIGMA, rng), np.asarray(maps.mask)
-
-
 def _fit(view: ij.PinholeCamera) -> Call:
-    depth, mask = _read(view, 0)
-    return lambda: ij.fit_cylinder(depth, view, mask, SIGMA)
+    seen = see_can(view.width / 640, 1)
+    return partial(fit_one, seen)
 
 
 def _fits(view: ij.PinholeCamera, count: int) -> Call:
     """Fits in one `vmap`, as `fit_cylinders` says, each from the true can."""
-    drawn = [_read(view, seed) for seed in range(DIFFERENT)]
-    depths = jnp.stack([drawn[k % DIFFERENT][0] for k in range(count)])
-    mask = jnp.asarray(drawn[0][1])
+    seen = see_can(view.width / 640, DIFFERENT)
+    depths = jnp.stack([seen.depths[k % DIFFERENT] for k in range(count)])
+    mask = jnp.asarray(seen.mask)
 
     def fit(depth: Float[Array, "h w"], can: ij.Cylinder) -> ij.Fit:
         return ij.fit_cylinder(depth, view, mask, SIGMA, initial=can)
 
-    return partial(jax.jit(jax.vmap(fit)), depths, _several(make_can(), count))
+    return partial(jax.jit(jax.vmap(fit)), depths, _several(seen.can, count))
 
 
 def _track(view: ij.PinholeCamera) -> Call:

@@ -1,12 +1,25 @@
 """What is seen by one camera: many small cylinders, or shapes, all over the view."""
 
-__all__ = ["make_many", "make_mixed", "rows_of", "squared_difference"]
+__all__ = [
+    "OUTPUTS",
+    "larger_can_loss",
+    "make_many",
+    "make_mixed",
+    "rows_of",
+    "squared_difference",
+]
+
+from collections.abc import Callable
 
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
 import impostor_jax as ij
+from experiments.scenes import make_can
+
+OUTPUTS = ("depth", "normal", "index")
+"""Maps of a scene."""
 
 
 def make_many(count: int, seed: int) -> ij.Cylinder:
@@ -56,3 +69,18 @@ def squared_difference(
     """Sum over the pixels where both see something, in square meters."""
     both = jnp.isfinite(depth) & jnp.isfinite(target)
     return jnp.sum((jnp.where(both, depth, 0) - jnp.where(both, target, 0)) ** 2)
+
+
+def larger_can_loss(
+    view: ij.PinholeCamera,
+) -> Callable[[ij.Cylinder], Float[Array, ""]]:
+    """Loss of a can's image against the depth of a can that is 2 % larger."""
+    target = ij.render(make_can(grown=1.02), view, ("depth",)).depth
+    assert target is not None
+
+    def loss(can: ij.Cylinder) -> Float[Array, ""]:
+        depth = ij.render(can, view, ("depth",)).depth
+        assert depth is not None
+        return squared_difference(depth, target)
+
+    return loss

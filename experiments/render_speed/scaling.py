@@ -12,9 +12,14 @@ from jaxtyping import Array, Float
 
 import impostor_jax as ij
 from experiments.recording import Metric
-from experiments.render_speed.cases import make_many, squared_difference
+from experiments.render_speed.cases import (
+    OUTPUTS,
+    larger_can_loss,
+    make_many,
+    squared_difference,
+)
 from experiments.render_speed.kernel import Kernel
-from experiments.render_speed.workloads import OUTPUTS, Calls
+from experiments.render_speed.workloads import Calls
 from experiments.scenes import make_can, make_view
 from experiments.timing import growth, sample, time_in_turns
 
@@ -107,15 +112,7 @@ def _batch(count: int, camera: ij.PinholeCamera, kernel: Kernel | None) -> Calls
     axis = np.tile(np.asarray(can.axis), (count, 1))
     radius, height = np.full(count, can.radius), np.full(count, can.height)
     cans = ij.Cylinder(center, axis, radius, height)
-    target = ij.render(make_can(grown=1.02), view, ("depth",)).depth
-    assert target is not None
-
-    def loss(can: ij.Cylinder) -> Float[Array, ""]:
-        depth = ij.render(can, view, ("depth",)).depth
-        assert depth is not None
-        return squared_difference(depth, target)
-
-    every = jax.jit(jax.vmap(jax.value_and_grad(loss)))
+    every = jax.jit(jax.vmap(jax.value_and_grad(larger_can_loss(view))))
     return {"jax": lambda: every(cans)}
 
 

@@ -1,6 +1,6 @@
 """What is timed side by side: one can, its loss and gradient, and scenes of many."""
 
-__all__ = ["OUTPUTS", "Calls", "Tools", "can_calls", "scene_calls"]
+__all__ = ["Calls", "Tools", "can_calls", "scene_calls"]
 
 import dataclasses
 from collections.abc import Callable, Mapping
@@ -10,7 +10,12 @@ import numpy as np
 from jaxtyping import Array, Float
 
 import impostor_jax as ij
-from experiments.render_speed.cases import make_many, make_mixed, squared_difference
+from experiments.render_speed.cases import (
+    OUTPUTS,
+    make_many,
+    make_mixed,
+    squared_difference,
+)
 from experiments.render_speed.drawing import Drawing, check_drawing
 from experiments.render_speed.kernel import Kernel
 from experiments.render_speed.peers import (
@@ -23,9 +28,6 @@ from experiments.scenes import make_can
 from impostor_jax.glsl.offscreen import OffscreenRenderer
 
 Calls = dict[str, Callable[[], object]]
-
-OUTPUTS = ("depth", "normal", "index")
-"""Maps of a scene."""
 
 TILE_SHAPE = (96, 112)
 """Rows and columns of the tile that follows a traced cylinder."""

@@ -43,8 +43,8 @@ TOGETHER = 64
 """Blocks that are cast side by side: what they hold stays in a processor's cache."""
 
 MANY_TOGETHER = 4096
-"""The same on a graphics card, which takes longer to begin than to cast few: a scene of
-10,000 cylinders takes a seventh of the time that it takes with as few."""
+"""The same on a graphics card, which takes longer to begin than to cast few: with 64, a
+scene of 10,000 cylinders takes seven times as long."""
 
 MOST_PAIRS = 1 << 16
 """Pairs of a block and a shape that are listed at a time; more take more rounds."""
