@@ -16,6 +16,7 @@ from impostor_jax.caching import compiled_folder
 from impostor_jax.compiling import compiled, computed_apart, computed_once
 from impostor_jax.geometry.vec3 import Vec3
 from tests.checks import AS_USERS_RUN
+from tests.groups import FULL
 
 CALLS = """
 import os, jax, jax.numpy as jnp
@@ -249,6 +250,7 @@ def test_a_program_that_is_loaded_but_does_not_run_is_compiled(
     assert len(traces) == 1
 
 
+@FULL
 def test_a_program_that_is_forgotten_is_loaded_anew(folder, traces):
     doubled = kept_anew()
     doubled(jnp.ones(3), factor=2)

@@ -26,7 +26,7 @@ from tests.data_synth.small import small_dataset
 from tests.fit.scenes import CAMERA, SIGMA, image_of
 from tests.fit.test_frustum import cup
 from tests.fit.test_sphere import ball
-from tests.groups import SMALL_IMAGES
+from tests.groups import FULL, SMALL_IMAGES
 
 COUNT = 12
 # Of the size that other tests fit, whose compiled fits it shares.
@@ -60,6 +60,7 @@ def outcomes(cans):
     return [o for some in evaluate(read_dataset(cans), sensor) for o in some]
 
 
+@FULL
 @SMALL_IMAGES
 def test_every_visible_cylinder_is_fitted(outcomes):
     assert len(outcomes) == 2 * COUNT
@@ -69,6 +70,7 @@ def test_every_visible_cylinder_is_fitted(outcomes):
     assert all(outcome.success for outcome in outcomes)
 
 
+@FULL
 @SMALL_IMAGES
 def test_errors_are_as_large_as_their_deviations_say(outcomes):
     scaled = standardized(outcomes)

@@ -15,7 +15,7 @@ from impostor_jax.evaluate_tracks import (
 )
 from impostor_jax.matching import Detection, Truth
 from tests.data_synth.small import small_dataset
-from tests.groups import SMALL_IMAGES
+from tests.groups import FULL, SMALL_IMAGES
 from tests.track.scenes import can
 
 pytestmark = SMALL_IMAGES
@@ -61,6 +61,7 @@ def test_scores_sum_up_images():
     assert score.coverage["radius"] == 0.5
 
 
+@FULL
 def test_cans_of_a_drawn_video_keep_their_tracks(tmp_path):
     preset = Preset(
         sentence="A can on a table.",

@@ -26,6 +26,7 @@ def twenty():
     return calibration_of(images_of(SENSOR), CAMERA, native_scale=NATIVE_SCALE)
 
 
+@FULL
 def test_noise_grain_and_warp_are_recovered_within_10_percent(twenty):
     warp, grain = twenty.sensor, twenty.sensor.sensor
     assert isinstance(grain.sensor, ij.MatchingWindow)
@@ -38,6 +39,7 @@ def test_noise_grain_and_warp_are_recovered_within_10_percent(twenty):
     assert warp.length == pytest.approx(14, rel=0.1)
 
 
+@FULL
 def test_what_it_says_of_its_own_errors_holds(twenty):
     deviation, length, errors = twenty.warp
     off = np.log([deviation / 0.0012, length / 14])

@@ -13,7 +13,7 @@ from impostor_jax.io.camera_file import camera_record
 from impostor_jax.io.depth_image import write_mask
 from impostor_jax.io.sensor_record import sensor_record
 from tests.calibrate.scenes import CAMERA, images_of
-from tests.groups import RELEASE, SMALL_IMAGES
+from tests.groups import FULL, RELEASE, SMALL_IMAGES
 
 pytestmark = SMALL_IMAGES
 
@@ -45,6 +45,7 @@ def calibrate(tmp_path, monkeypatch, capfd):
     return run
 
 
+@FULL
 def test_what_is_written_is_a_sensor_of_fit_and_find(calibrate, tmp_path):
     code, out, err = calibrate("frames", "--kind", "constant")
     assert (code, err) == (0, "")
@@ -68,6 +69,7 @@ def test_masks_tell_which_pixels_are_used(calibrate):
     assert 0.5 * whole < part < 0.9 * whole
 
 
+@FULL
 def test_the_record_is_printed_alone(calibrate, tmp_path):
     code, out, err = calibrate("frames", "--kind", "constant", "--output", "-")
     assert code == 0

@@ -13,7 +13,7 @@ import pytest
 
 from impostor_jax.__main__ import main
 from impostor_jax.caching import keep_compiled
-from tests.groups import LARGE_IMAGES, RELEASE, SMALL_IMAGES
+from tests.groups import FULL, LARGE_IMAGES, RELEASE, SMALL_IMAGES
 from tests.schemas import validator
 
 CAMERA = {"fx": 150.0, "fy": 150.0, "cx": 79.5, "cy": 59.5, "width": 160, "height": 120}
@@ -62,6 +62,7 @@ def rendered(tmp_path_factory):
     return folder
 
 
+@FULL
 @SMALL_IMAGES
 def test_render_writes_what_fit_reads(rendered, tmp_path, call, capfd):
     names = {entry.name for entry in rendered.iterdir()}
@@ -105,6 +106,7 @@ def test_render_writes_what_fit_reads(rendered, tmp_path, call, capfd):
     assert mesh.is_file()
 
 
+@FULL
 @SMALL_IMAGES
 def test_record_goes_where_it_is_told(rendered, tmp_path, call, capfd):
     (tmp_path / "records").mkdir()
@@ -131,6 +133,7 @@ def test_record_is_printed_alone(rendered, tmp_path, call, capfd):
     assert found.err.startswith("converged")
 
 
+@FULL
 @SMALL_IMAGES
 def test_effort_is_a_preset_with_dials_set_apart(rendered, tmp_path, call, capfd):
     code = call(
@@ -144,6 +147,7 @@ def test_effort_is_a_preset_with_dials_set_apart(rendered, tmp_path, call, capfd
     assert record["num_starts"] == 1
 
 
+@FULL
 def test_a_render_of_fewer_pixels_has_the_camera_of_these(rendered, tmp_path, call):
     scene = (
         "--center", 0.01, -0.005, 0.35, "--axis", -0.5, 0.7, 0.5, "--radius", 0.04,

@@ -78,6 +78,7 @@ def test_a_page_shows_all_fits_of_an_image(fit, folder):
     assert all(shape["drawn"] for shape in shapes)
 
 
+@FULL
 def test_a_page_of_a_fit_that_fails_says_so(fit, folder):
     np.save(folder / "wall.npy", np.full((120, 160), 0.5, np.float32))
     code, out, err = fit("wall.npy", "--mask", "can.png", "--page", "-")
@@ -95,6 +96,7 @@ def test_a_label_image_is_refused_as_a_mask(fit):
     assert "--labels fits each" in err
 
 
+@FULL
 def test_several_images_have_a_folder_each(fit, folder):
     np.save(folder / "wall.npy", np.full((120, 160), 0.5, np.float32))
     files = "can.npy", "wall.npy"
@@ -116,6 +118,7 @@ def test_masks_of_several_images_may_be_a_folder_of_their_names(fit, folder):
     assert code in (0, 1)
 
 
+@FULL
 def test_a_sphere_is_fitted_with_a_prior(fit, folder):
     code, _, err = fit(
         "ball.npy", "--mask", "ball.png", "--shape", "sphere",
@@ -271,6 +274,7 @@ def test_version_is_printed(program, capfd):
     assert version[0].isdigit()
 
 
+@FULL
 def test_an_outline_alone_is_fitted_with_a_known_radius(fit, folder):
     mask = 255 * np.asarray(ij.render(can(), SEEN_BY, outputs=("mask",)).mask)
     cv2.imwrite(str(folder / "glass.png"), mask.astype(np.uint8))
@@ -283,6 +287,7 @@ def test_an_outline_alone_is_fitted_with_a_known_radius(fit, folder):
     assert not (folder / "out" / "overlay.png").exists()
 
 
+@FULL
 def test_views_of_one_object_have_one_fit(fit, folder):
     poses = [np.eye(4).tolist(), np.eye(4).tolist()]
     (folder / "poses.json").write_text(json.dumps(poses))

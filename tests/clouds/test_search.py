@@ -15,6 +15,7 @@ from impostor_jax.clouds.search import (
 )
 from impostor_jax.clouds.support import supported
 from tests.clouds.scenes import ball, floor, wall
+from tests.groups import FULL
 
 REQUEST = Request(radius_range=(0.01, 1.0))
 
@@ -46,6 +47,7 @@ def test_pipes_that_cross_are_found_from_end_to_end():
         assert confidence(facts_of(cloud, one.support)) > 0.9
 
 
+@FULL
 def test_a_wall_goes_on_behind_an_occluder():
     rng = np.random.default_rng(1)
     points = wall(rng, 8000, (0, 0, 0), (0, 0, 1), 0.1, 3.0, (-1.4, 1.4), 0.002)
@@ -56,6 +58,7 @@ def test_a_wall_goes_on_behind_an_occluder():
     assert one.support.length == pytest.approx(3.0, rel=0.02)
 
 
+@FULL
 def test_a_ball_and_a_box_are_less_likely_than_a_pipe():
     rng = np.random.default_rng(2)
     pipe = wall(rng, 4000, (0, 0, 0), (0, 0, 1), 0.1, 1.0, noise=0.001)
@@ -70,6 +73,7 @@ def test_a_ball_and_a_box_are_less_likely_than_a_pipe():
         assert max(chances, default=0.0) < 0.5 < 0.9 < sure
 
 
+@FULL
 def test_rays_through_a_wall_speak_against_it():
     rng = np.random.default_rng(3)
     origin = np.array([0.0, 3.0, 0.0])
@@ -88,6 +92,7 @@ def test_rays_through_a_wall_speak_against_it():
     assert _is_likely(support._replace(behind=0.0), REQUEST)
 
 
+@FULL
 def test_pieces_of_one_thing_are_told_from_two():
     rng = np.random.default_rng(4)
 

@@ -9,6 +9,7 @@ from impostor_jax.numerics import eps
 from impostor_jax.rendering.bounds import ray_coordinates
 from tests.cases import CAMERAS
 from tests.checks import all_finite
+from tests.groups import FULL
 
 
 @pytest.fixture(params=CAMERAS)
@@ -24,6 +25,7 @@ def seen_rays(camera, dtype):
     return camera.rays(row, col, dtype), sees
 
 
+@FULL
 def test_a_ray_projects_to_its_own_pixel(camera, dtype):
     rays, sees = seen_rays(camera, dtype)
     assert sees.mean() > 0.9
@@ -58,6 +60,7 @@ def test_box_of_pixels_holds_exactly_the_rays_of_a_box(camera, dtype):
     assert (int(box.first_col), int(box.last_col)) == (cols.min(), cols.max())
 
 
+@FULL
 @pytest.mark.parametrize("name", [name for name in CAMERAS if name != "spherical"])
 @pytest.mark.usefixtures("double")
 def test_rays_differentiate_in_the_intrinsics(name):

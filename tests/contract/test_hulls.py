@@ -13,6 +13,7 @@ from impostor_jax.primitives.base import UNITS
 from impostor_jax.rendering.bounds import image_bounds
 from tests.cases import PRIMITIVES
 from tests.checks import AS_USERS_RUN
+from tests.groups import FULL
 
 COUNT = 400
 """Rays that are cast together."""
@@ -92,6 +93,7 @@ def seen_at(primitive, is_central, radius, middle):
     return places, points.astype(float)
 
 
+@FULL
 @pytest.mark.parametrize("is_central", [True, False], ids=["central", "parallel"])
 @pytest.mark.parametrize("name", BOUNDED)
 def test_a_hull_holds_every_hit(name, is_central):
@@ -129,6 +131,7 @@ def test_a_heightfield_of_a_function_has_none():
     assert np.isposinf(image_bounds(hill, "planar").high).all()
 
 
+@FULL
 @pytest.mark.parametrize("name", BOUNDED)
 def test_a_batch_has_the_hulls_of_its_members(name):
     shapes = [placed(BOUNDED[name](), 1.0, away) for away in (0.0, 2.0, -9.0)]
@@ -141,6 +144,7 @@ def test_a_batch_has_the_hulls_of_its_members(name):
             np.testing.assert_allclose(x, y, rtol=1e-6, atol=1e-6)
 
 
+@FULL
 @pytest.mark.parametrize("name", BOUNDED)
 def test_derivatives_of_a_hull_are_finite(name):
     def total(primitive):

@@ -9,6 +9,7 @@ from impostor_jax.numerics import eps
 from impostor_jax.sensor.base import cos_incidence
 from tests.cases import CAMERAS, NOISES
 from tests.checks import QUICKLY, all_finite
+from tests.groups import FULL
 
 CAMERA = CAMERAS["pinhole"]()
 SHAPE = (CAMERA.height, CAMERA.width)
@@ -90,6 +91,7 @@ def rough(dtype):
 
 
 # Of copies the nearest are kept: they scatter otherwise.
+@FULL
 @pytest.mark.parametrize(
     "images",
     [one for one in IMAGES if one[0] != "aligned"],
@@ -108,6 +110,7 @@ def test_readings_that_are_there_scatter_as_sigma_says(images):
     assert abs(score.std() - 1) < 4 / np.sqrt(2 * score.size)
 
 
+@FULL
 def test_no_surface_gives_no_reading_and_no_weight(images):
     sample, _, sigma = images((1, 2), plane)
     assert np.isposinf(sample[:, : HOLE - MARGIN]).all()
@@ -139,6 +142,7 @@ def test_sigma_has_finite_derivatives_everywhere(noise, dtype):
     assert all_finite(slopes)
 
 
+@FULL
 @pytest.mark.parametrize("precision", ["float32", "float64"])
 @pytest.mark.usefixtures("double")
 def test_the_precision_of_the_depth_is_kept_where_double_is_on(noise, precision):

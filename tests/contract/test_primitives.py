@@ -17,6 +17,7 @@ from impostor_jax.primitives.solid import Solid
 from impostor_jax.primitives.torus import Torus
 from tests.cases import PRIMITIVES, is_decided, pose, rays_at
 from tests.checks import AS_USERS_RUN, all_finite, central_difference
+from tests.groups import FULL
 
 # Further cases of a class run in single precision only, which is the harder one.
 MORE = ("disc", "rod", "cylinder along z", "sector", "sheet")
@@ -135,6 +136,7 @@ def random_like(tree, rng):
     return jax.tree.map(lambda x: jnp.asarray(rng.normal(size=x.shape), x.dtype), tree)
 
 
+@FULL
 @pytest.mark.parametrize("name", PRIMITIVES)
 def test_derivatives_are_finite_on_every_ray(name):
     # In single precision; each shape's own tests ask the same of double.
@@ -149,6 +151,7 @@ def test_derivatives_are_finite_on_every_ray(name):
     assert all_finite(reverse)
 
 
+@FULL
 @pytest.mark.parametrize("name", PRIMITIVES)
 @pytest.mark.usefixtures("double")
 def test_forward_reverse_and_finite_differences_agree(name):
@@ -196,6 +199,7 @@ def cast_one_by_one(primitive, ray):
     return hit, primitive.normal(ray, hit)
 
 
+@FULL
 @pytest.mark.parametrize("name", PRIMITIVES)
 def test_jit_and_vmap_agree_with_the_plain_call(name, pytestconfig):
     # In single precision, the harder one.

@@ -14,7 +14,7 @@ from data_synth.preview import preview
 from data_synth.validate import validate
 from impostor_jax import workers
 from tests.data_synth.small import COUNT, HEIGHT, SMALL, WIDTH, small_dataset
-from tests.groups import DATASETS
+from tests.groups import DATASETS, FULL
 
 pytestmark = DATASETS
 
@@ -51,12 +51,14 @@ def test_describe_json_is_a_preset_again(call, capsys, tmp_path):
     assert "Dropout" in capsys.readouterr().out
 
 
+@FULL
 def test_validate_finds_a_good_dataset_good(call, capsys, bop, archives):
     for folder in (bop, archives):
         assert call("validate", folder) == 0
         assert f"{COUNT} images are good" in capsys.readouterr().out
 
 
+@FULL
 def test_validate_names_what_is_wrong(call, capsys, bop, tmp_path):
     folder = tmp_path / "out"
     shutil.copytree(bop, folder)
@@ -190,6 +192,7 @@ def test_a_folder_that_is_not_empty_is_refused(call, capsys, bop, tmp_path):
     assert (tmp_path / "note.txt").read_text() == "mine"
 
 
+@FULL
 def test_a_part_of_another_dataset_is_refused(tmp_path):
     small_dataset(tmp_path, shard=0, num_shards=3)
     with pytest.raises(ValueError, match="holds a dataset"):
@@ -217,6 +220,7 @@ def test_a_preview_needs_images(tmp_path):
         preview(tmp_path, tmp_path / "sheet.png")
 
 
+@FULL
 def test_progress_is_quiet_in_a_pipe_and_the_summary_says_all(
     call, capsys, tmp_path, monkeypatch
 ):

@@ -23,7 +23,7 @@ from tests.data_synth.small import (
     checksums,
     small_dataset,
 )
-from tests.groups import DATASETS, RELEASE
+from tests.groups import DATASETS, FULL, RELEASE
 
 pytestmark = DATASETS
 OPTIONS = {"count": COUNT, "seed": SEED, "shard_size": SHARD_SIZE, "normals": True}
@@ -88,11 +88,13 @@ def test_a_part_that_is_done_is_not_made_again(tmp_path):
     assert small_dataset(tmp_path, shard=0, num_shards=2) == []
 
 
+@FULL
 def test_a_pool_of_processes_gives_equal_bytes(tmp_path, bop, preset_file):
     generate(str(preset_file), output=tmp_path / "out", workers=1, **OPTIONS)
     assert checksums(tmp_path / "out") == checksums(bop)
 
 
+@FULL
 @pytest.mark.filterwarnings("ignore")  # of the cluster's, when it ends
 def test_dask_gives_equal_bytes(tmp_path, bop):
     distributed = pytest.importorskip("dask.distributed")
@@ -105,6 +107,7 @@ def test_dask_gives_equal_bytes(tmp_path, bop):
     assert checksums(tmp_path / "out") == checksums(bop)
 
 
+@FULL
 def test_killed_and_resumed_gives_equal_bytes(tmp_path, bop, preset_file):
     folder = tmp_path / "out"
     process = subprocess.Popen(

@@ -14,7 +14,7 @@ from data_synth.manifest import Manifest
 from impostor_jax.io.dataset import read_dataset, sensor_of
 from impostor_jax.io.depth_folder import read_depth_folder
 from tests.data_synth.small import COUNT, SMALL, small_dataset
-from tests.groups import DATASETS
+from tests.groups import DATASETS, FULL
 
 pytestmark = DATASETS
 
@@ -80,6 +80,7 @@ def test_a_manifest_without_a_sensor_is_refused():
         sensor_of({})
 
 
+@FULL
 def test_a_lens_is_read_with_its_camera(tmp_path):
     import dataclasses
 

@@ -9,7 +9,7 @@ import pytest
 from data_synth.generate import resume
 from data_synth.validate import validate
 from tests.data_synth.small import Here, checksums
-from tests.groups import DATASETS
+from tests.groups import DATASETS, FULL
 
 pytestmark = DATASETS
 
@@ -165,6 +165,7 @@ def test_a_shard_with_another_file_is_not_made_again(bop, tmp_path):
     assert note.read_text() == "mine"
 
 
+@FULL
 def test_missing_shards_are_one_line(bop, tmp_path):
     folder = tmp_path / "out"
     shutil.copytree(bop, folder)

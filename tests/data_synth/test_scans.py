@@ -16,7 +16,7 @@ from data_synth.preview import preview
 from data_synth.roughness import Roughness, roughened
 from data_synth.validate import validate
 from tests.data_synth.small import small_dataset
-from tests.groups import DATASETS
+from tests.groups import DATASETS, FULL
 
 pytestmark = DATASETS
 PRESET = PRESETS["tree_scan"]
@@ -38,6 +38,7 @@ def scans(tmp_path_factory):
     return folder
 
 
+@FULL
 def test_a_scan_is_read_as_it_was_drawn(scans):
     for image in ij.read_dataset(scans):
         assert isinstance(image.camera, ij.SphericalCamera)
@@ -56,6 +57,7 @@ def test_a_scan_is_read_as_it_was_drawn(scans):
     assert len({np.sign(z) for z in center[:, 2]}) == 2, "before and behind"
 
 
+@FULL
 def test_labels_hold_the_scanner_and_the_mounds(scans):
     scene = scans / "train" / "000000"
     camera = json.loads((scene / "scene_camera.json").read_text())["0"]

@@ -15,7 +15,7 @@ from data_synth.draw import draw_scene
 from data_synth.preset import Preset, Rules
 from data_synth.presets import PRESETS, preset_named
 from tests.data_synth.small import SMALL, small_dataset
-from tests.groups import DATASETS
+from tests.groups import DATASETS, FULL
 
 pytestmark = DATASETS
 MANY = 2000
@@ -91,6 +91,7 @@ def scenes_of(preset, count=200):
     return [s for s in scenes if s.failure is None], scenes
 
 
+@FULL
 @pytest.mark.parametrize("name", PRESETS)
 def test_most_scenes_of_a_preset_find_room(name):
     # Distances of things in contact, and of many stems, take long to find.

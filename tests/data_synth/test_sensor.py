@@ -13,7 +13,7 @@ from impostor_jax.io.dataset import read_dataset, read_manifest, sensor_of
 from impostor_jax.io.sensor_record import sensor_record
 from impostor_jax.sensor.base import cos_incidence
 from tests.data_synth.small import COUNT, SMALL, small_dataset
-from tests.groups import DATASETS
+from tests.groups import DATASETS, FULL
 
 pytestmark = DATASETS
 
@@ -29,6 +29,7 @@ def pairs(folder):
     return found
 
 
+@FULL
 def test_standardized_noise_is_normal(tmp_path):
     preset = dataclasses.replace(
         SMALL, sensor=ij.StructuredLight(), projector_baseline=None, wall=Fixed(1.5)
@@ -51,6 +52,7 @@ def test_standardized_noise_is_normal(tmp_path):
     assert abs(within - 0.95) < 3 * np.sqrt(0.95 * 0.05 / len(values))
 
 
+@FULL
 def test_dropout_misses_its_share(tmp_path):
     sensor = ij.Dropout(ij.ConstantNoise(0.001), rate=0.2, cutoff=np.radians(89.0))
     preset = dataclasses.replace(SMALL, sensor=sensor, projector_baseline=None)
@@ -59,6 +61,7 @@ def test_dropout_misses_its_share(tmp_path):
     assert abs(missing.mean() - 0.2) < 4 * np.sqrt(0.2 * 0.8 / len(missing))
 
 
+@FULL
 def test_the_projector_leaves_shadows_beside_the_cans(tmp_path):
     preset = dataclasses.replace(SMALL, sensor=ij.ConstantNoise(0.001))
     small_dataset(tmp_path / "with", preset)
@@ -78,6 +81,7 @@ def test_the_projector_leaves_shadows_beside_the_cans(tmp_path):
     assert np.mean(aside) < -1
 
 
+@FULL
 def test_a_sensor_of_its_own_replaces_the_preset_s(tmp_path):
     own = ij.CorrelatedNoise(ij.ConstantNoise(0.001), 0.002, 5.0)
     small_dataset(tmp_path, sensor=own, count=1)

@@ -15,6 +15,7 @@ from experiments.find_accuracy.programs import PROGRAMS, Entry
 from experiments.find_accuracy.run import resampled
 from experiments.find_accuracy.runs import Runs
 from impostor_jax.matching import LEVELS, RIGHT, WRONG, Comparison, Detection, Matches
+from tests.groups import FULL
 
 
 def compared(*verdicts):
@@ -40,6 +41,7 @@ def test_a_program_that_is_missing_says_what_it_needs(monkeypatch):
         PROGRAMS["CAPE"].function(readings, camera, ij.ConstantNoise(0.001))
 
 
+@FULL
 def test_what_a_program_has_found_is_kept(tmp_path, monkeypatch):
     camera = CameraDraw(count=1, width=160, height=120, focal=Fixed(130.0))
     preset = dataclasses.replace(PRESETS["bench"], camera=camera)

@@ -11,7 +11,7 @@ import pytest
 
 from experiments.markdown import tables_of
 from experiments.recording import Results
-from tests.groups import LARGE_IMAGES, RELEASE, SMALL_IMAGES
+from tests.groups import FULL, LARGE_IMAGES, RELEASE, SMALL_IMAGES
 
 ROOT = Path(__file__).parents[2]
 EXPERIMENTS = sorted(path.parent.name for path in ROOT.glob("experiments/*/run.py"))
@@ -55,6 +55,7 @@ def marks_of(name):
     return (group, RELEASE) if name in LONG else (group,)
 
 
+@FULL
 @pytest.mark.parametrize(
     "name", [pytest.param(name, marks=marks_of(name)) for name in EXPERIMENTS]
 )

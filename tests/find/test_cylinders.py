@@ -6,7 +6,7 @@ import pytest
 import impostor_jax as ij
 from tests.find.scenes import image_of
 from tests.fit.scenes import SIGMA, can
-from tests.groups import RELEASE, SMALL_IMAGES
+from tests.groups import FULL, RELEASE, SMALL_IMAGES
 
 pytestmark = SMALL_IMAGES
 
@@ -30,6 +30,7 @@ def can_on_table(x, y, radius, height):
     return ij.Cylinder((foot + top) / 2, DOWN, radius, height)
 
 
+@FULL
 def test_of_the_things_on_a_table_only_cans_are_found():
     foot, top = standing(0.14, 0.06, 0.09)
     ball, _ = standing(-0.14, 0.02, 0.0)

@@ -8,6 +8,7 @@ import impostor_jax as ij
 from impostor_jax.find.normals import normals_of
 from impostor_jax.find.planes import planes_of, primitives_of
 from impostor_jax.find.sectors import sectors_of, view_of_sector
+from tests.groups import FULL
 
 SCANNER = ij.SphericalCamera.regular(720, 120, 0.5, -0.7)
 NOISE = ij.ConstantNoise(0.002)
@@ -97,6 +98,7 @@ def test_the_ground_is_the_same_plane_in_every_sector():
         assert abs(away) < 0.005
 
 
+@FULL
 def test_stems_all_around_are_found_once():
     feet = [(-0.3, -5.0), (4.0, 2.5), (0.1, 4.0)]
     stems = [ij.Cylinder((x, 0, z), (0.05, 1, 0.02), 0.3, 6.0) for x, z in feet]

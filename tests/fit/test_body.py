@@ -22,6 +22,7 @@ from tests.fit.bodies import (
     rays,
 )
 from tests.fit.scenes import can
+from tests.groups import FULL
 
 CHORD = 0.003
 DEPTH = 3
@@ -49,6 +50,7 @@ def runs_along_the_wall(seen, direction):
     return np.abs(seen.inverse) * np.asarray(direction.dot(direction)) > 9e3
 
 
+@FULL
 @pytest.mark.parametrize("name", BODIES | FAR)
 def test_a_body_is_what_its_primitive_shows(name, dtype):
     with jax.enable_x64(True):
@@ -147,6 +149,7 @@ def derivatives(body, direction):
     return plain, jnp.stack([jnp.stack(of) for of in found]).transpose(0, 2, 1), seen
 
 
+@FULL
 def test_gradients_are_those_of_forward_mode(double_body):
     direction = rays(double_body.shape, np.float64)
     plain, found, seen = jax.tree.map(np.asarray, derivatives(double_body, direction))
@@ -349,6 +352,7 @@ def of_free(body, direction, free):
     return plain, jnp.einsum("ckn,kf->cnf", of_wall(body, direction)[1], basis)
 
 
+@FULL
 @pytest.mark.usefixtures("double")
 @pytest.mark.parametrize(
     ("kind", "fixed"),

@@ -15,6 +15,7 @@ from impostor_jax.geometry.vec3 import Vec3
 from impostor_jax.numerics import eps
 from tests.fit.bodies import moved_then_turned, rays
 from tests.fit.scenes import CAMERA, SIGMA, image_of
+from tests.groups import FULL
 
 TURN = Rotation.from_rotvec([0.4, 0.7, 0.2]).as_matrix()
 CARTON = ij.Box((0.01, -0.01, 0.4), TURN, (0.06, 0.04, 0.1))
@@ -106,6 +107,7 @@ def derivatives(body, direction):
     return plain, jnp.stack([jnp.stack(of) for of in found]).transpose(0, 2, 1)
 
 
+@FULL
 def test_gradients_are_those_of_forward_mode(double_box):
     direction = rays(double_box, np.float64)
     plain, found = map(np.asarray, derivatives(BoxBody.of(double_box), direction))
@@ -153,6 +155,7 @@ def test_a_box_is_read_alike_however_its_axes_are_named(double_box):
         np.testing.assert_allclose(value, own, atol=1e-12)
 
 
+@FULL
 def test_errors_are_those_that_the_fit_says():
     scores = []
     for seed in range(16):
@@ -198,6 +201,7 @@ def test_a_face_that_nothing_shows_is_open():
     assert np.all(np.abs(known) < 4.5)
 
 
+@FULL
 def test_one_face_is_no_box():
     face = ij.Box((0, 0, 0.4), np.eye(3), (0.06, 0.1, 0.04))
     fit = fit_of(face)
@@ -205,6 +209,7 @@ def test_one_face_is_no_box():
     assert np.isinf(fit.std.size).all()
 
 
+@FULL
 @pytest.mark.parametrize(
     "shape",
     [
@@ -217,6 +222,7 @@ def test_what_is_round_is_no_box(shape):
     assert not fit_of(shape).success
 
 
+@FULL
 def test_what_is_held_stays_and_is_tested():
     fit = fit_of(CARTON, initial=CARTON, fixed=("size",))
     assert fit.success
@@ -246,6 +252,7 @@ def test_a_prior_of_its_size_counts():
         ij.fit_box(None, CAMERA, mask=image_of(CARTON)[1], mask_meaning="outline")
 
 
+@FULL
 def test_two_views_are_better_than_one():
     depth, mask = image_of(CARTON)
     given = [depth, depth], [CAMERA, CAMERA], [mask, mask]
@@ -255,6 +262,7 @@ def test_two_views_are_better_than_one():
     np.testing.assert_allclose(ratio, 2**-0.5, rtol=0.05)
 
 
+@FULL
 def test_a_traced_fit_grows_with_its_depths():
     depth, mask = image_of(CARTON)
 

@@ -9,7 +9,7 @@ import pytest
 import impostor_jax as ij
 from impostor_jax.fit.copied import copies_along
 from tests.fit.scenes import CAMERA, SIGMA, can, image
-from tests.groups import RELEASE, SMALL_IMAGES
+from tests.groups import FULL, RELEASE, SMALL_IMAGES
 
 NOISE = ij.ConstantNoise(SIGMA)
 
@@ -69,6 +69,7 @@ def test_steps_of_a_disparity_are_not_taken_for_copies():
     assert copies_along(depth, mask) is None
 
 
+@FULL
 @SMALL_IMAGES
 def test_what_walls_lean_by_is_counted_where_it_is_recognized():
     fit = fitted(NOISE)

@@ -25,7 +25,7 @@ from impostor_jax.numerics import product
 from tests.checks import AS_USERS_RUN, compiled_cost
 from tests.fit.bodies import body_of, rays
 from tests.fit.scenes import CAMERA, SIGMA, can, image
-from tests.groups import SMALL_IMAGES
+from tests.groups import FULL, SMALL_IMAGES
 
 CUP = ij.Frustum((0, 0, 0.5), (0, 0.1, 0.5), 0.05, 0.04)
 
@@ -117,6 +117,7 @@ CAMERAS = [
 ]
 
 
+@FULL
 @SMALL_IMAGES
 @pytest.mark.parametrize("kept", [1.0, 0.3])
 def test_no_program_knows_an_image_or_a_camera(kept, caplog):
@@ -178,6 +179,7 @@ def test_what_is_made_once_may_be_made_in_a_trace(made, once):
         np.testing.assert_array_equal(leaf, expected)
 
 
+@FULL
 def test_nothing_of_a_fit_is_kept():
     depth, mask = image()
 

@@ -15,7 +15,7 @@ from impostor_jax.geometry.so3 import tangent_basis
 from tests.cases import pose
 from tests.checks import all_finite, angle_between
 from tests.fit.scenes import CAMERA, SIGMA, can, image
-from tests.groups import RELEASE, SMALL_IMAGES
+from tests.groups import FULL, RELEASE, SMALL_IMAGES
 
 pytestmark = SMALL_IMAGES
 
@@ -179,6 +179,7 @@ def test_held_height_stays_where_an_end_is_not_seen():
     np.testing.assert_allclose(fit.cylinder.center, can().center, atol=5e-4)
 
 
+@FULL
 def test_traced_fit_agrees_with_the_plain_one():
     depth, mask = image()
     start = can()
@@ -211,6 +212,7 @@ def box_image():
     return 0.5 + 0.002 * np.abs(col - 80) + 0.001 * np.abs(row - 60)
 
 
+@FULL
 @pytest.mark.parametrize("make", [plane_image, box_image])
 def test_what_is_no_cylinder_fails_with_a_reason(make):
     depth = make().astype(np.float32)
@@ -430,6 +432,7 @@ def test_another_kernel_bears_outliers():
     assert fit.cylinder.radius == pytest.approx(0.04, abs=5e-4)
 
 
+@FULL
 def test_outline_of_the_mask_shows_an_end_without_background():
     depth, mask = image(wall=None)
     fit = ij.fit_cylinder(depth, CAMERA, mask=mask, sigma=SIGMA, **OTHER_OPTIONS)
@@ -439,6 +442,7 @@ def test_outline_of_the_mask_shows_an_end_without_background():
     assert fit.cylinder.height == pytest.approx(0.12, abs=6e-4)
 
 
+@FULL
 def test_correlated_errors_widen_the_deviations():
     _, mask = image()
     rng = np.random.default_rng(0)
@@ -547,6 +551,7 @@ def test_each_image_of_a_batch_may_have_its_own_camera():
         ij.fit_cylinders(np.stack([depth, depth]), [CAMERA] * 3)
 
 
+@FULL
 @pytest.mark.usefixtures("double")
 def test_derivatives_of_the_radius_are_those_of_finite_differences():
     depth, mask = image()

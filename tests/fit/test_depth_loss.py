@@ -9,6 +9,7 @@ import impostor_jax as ij
 from impostor_jax.fit.robust import KERNELS
 from tests.checks import all_finite
 from tests.fit.scenes import CAMERA, SIGMA, can
+from tests.groups import FULL
 
 TRUTH = can()
 START = ij.Cylinder((0.02, 0.0, 0.36), TRUTH.axis, 0.036, 0.12)
@@ -23,6 +24,7 @@ def target(missing):
     return depth
 
 
+@FULL
 @pytest.mark.parametrize("missing", [0.0, np.nan, np.inf, -np.inf])
 @pytest.mark.parametrize("kernel", KERNELS)
 def test_gradient_is_finite_whatever_marks_a_missing_reading(missing, kernel):

@@ -17,6 +17,7 @@ from impostor_jax.fit.round_body import RoundBody
 from impostor_jax.geometry.vec3 import Vec3
 from tests.fit.bodies import BODIES, body_of, in_double, rays
 from tests.fit.scenes import CAMERA, SIGMA, can, image
+from tests.groups import FULL
 
 NOISE = ij.ConstantNoise(0.01)
 
@@ -54,6 +55,7 @@ def readings_of(body, direction, offset, soft):
     return base, jnp.where(base.is_square[:, None], *plain[::-1])
 
 
+@FULL
 @pytest.mark.usefixtures("double")
 @pytest.mark.parametrize("soft", [0.0, 0.3])
 @pytest.mark.parametrize("name", BODIES)

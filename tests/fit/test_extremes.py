@@ -9,7 +9,7 @@ import pytest
 import impostor_jax as ij
 from tests.checks import angle_between
 from tests.fit.scenes import CAMERA, SIGMA, can, image
-from tests.groups import SMALL_IMAGES
+from tests.groups import FULL, SMALL_IMAGES
 
 pytestmark = SMALL_IMAGES
 
@@ -121,6 +121,7 @@ def upright(**changes):
     return ij.Cylinder(**{**UPRIGHT, **changes})
 
 
+@FULL
 @pytest.mark.parametrize(
     ("shape", "keep", "succeeds"),
     [

@@ -10,7 +10,7 @@ import impostor_jax as ij
 from impostor_jax.fit.form import DEPARTURES, USUAL, departures_of
 from impostor_jax.geometry.so3 import tangent_basis
 from tests.fit.scenes import CAMERA, SIGMA, can, image_of
-from tests.groups import SMALL_IMAGES
+from tests.groups import FULL, SMALL_IMAGES
 
 pytestmark = SMALL_IMAGES
 WALL = 0.6
@@ -65,6 +65,7 @@ def test_of_cans_it_is_chi_squared():
     assert np.all(np.abs(value.mean(axis=0)) < 1.5)
 
 
+@FULL
 @pytest.mark.parametrize("ratio", [1.03, 0.95, 1.05])
 def test_the_radius_of_an_oval_is_as_unsure_as_it_is(ratio):
     fit = fit_of(*oval_image(ratio))
@@ -81,6 +82,7 @@ def test_the_radius_of_an_oval_is_as_unsure_as_it_is(ratio):
     assert "The wall departs: oval" in str(fit)
 
 
+@FULL
 @pytest.mark.parametrize("taper", [0.03, 0.06])
 def test_the_axis_of_a_cup_is_as_unsure_as_it_is(taper):
     fit = fit_of(*image_of(cup(taper), WALL))
@@ -95,6 +97,7 @@ def test_the_axis_of_a_cup_is_as_unsure_as_it_is(taper):
     assert abs(size - taper) < 3 * deviation + 0.1 * taper
 
 
+@FULL
 def test_a_frustum_has_its_taper_itself():
     fit = fit_of(*image_of(cup(0.06), WALL), ij.fit_frustum)
     assert fit.success
@@ -102,6 +105,7 @@ def test_a_frustum_has_its_taper_itself():
     assert np.all(np.asarray(fit.std_budget["form"].vector) == 0)
 
 
+@FULL
 def test_of_a_ball_nothing_is_said():
     ball = ij.Sphere((0.01, 0.005, 0.35), 0.04)
     form = fit_of(*image_of(ball, WALL), ij.fit_sphere).form
@@ -109,6 +113,7 @@ def test_of_a_ball_nothing_is_said():
     assert not form.departs
 
 
+@FULL
 def test_views_that_are_turned_agree_on_the_direction_of_an_oval():
     images, masks = zip(*(oval_image(1.05, seed) for seed in (0, 1)), strict=True)
     one = fit_of(images[0], masks[0])

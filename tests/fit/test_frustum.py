@@ -5,7 +5,7 @@ import pytest
 
 import impostor_jax as ij
 from tests.fit.scenes import CAMERA, SIGMA, can, image, image_of
-from tests.groups import SMALL_IMAGES
+from tests.groups import FULL, SMALL_IMAGES
 
 pytestmark = SMALL_IMAGES
 
@@ -38,6 +38,7 @@ def test_noisy_cup_is_recovered_within_its_deviations():
     assert 0.6 < np.sqrt(np.mean(np.square(scores))) < 1.4
 
 
+@FULL
 @pytest.mark.parametrize(
     "shape",
     [
@@ -68,6 +69,7 @@ def test_any_taper_and_view_is_recovered(shape):
         assert widest == pytest.approx(wanted, abs=1e-3)
 
 
+@FULL
 def test_a_view_of_the_wide_end_alone_leaves_the_wall_open():
     fit = fit_of(ij.Frustum((0.0, 0.0, 0.35), (0.0, 0.0, 0.45), 0.05, 0.02))
     assert not fit.success
@@ -101,6 +103,7 @@ def test_held_and_expected_radii_count():
         fit_of(cup(), prior=expected)
 
 
+@FULL
 def test_a_can_needs_no_taper_and_a_cup_does():
     for shape, is_needed in ((can(), False), (cup(0.05), True)):
         depth, mask = map(np.array, image_of(shape))

@@ -8,7 +8,7 @@ import pytest
 
 import impostor_jax as ij
 from tests.fit.scenes import CAMERA, SIGMA
-from tests.groups import SMALL_IMAGES
+from tests.groups import FULL, SMALL_IMAGES
 
 pytestmark = SMALL_IMAGES
 
@@ -47,6 +47,7 @@ def test_each_label_is_fitted_by_itself():
         assert int(fits[label].num_pixels) == np.count_nonzero(labels == label)
 
 
+@FULL
 def test_labels_can_be_of_another_shape():
     depth, labels = two_cans()
     fits = ij.fit_labels(

@@ -12,7 +12,7 @@ from impostor_jax.fit import border
 from impostor_jax.fit.edges import without_edges
 from tests.checks import angle_between
 from tests.fit.scenes import CAMERA, SIGMA, can, image, image_of
-from tests.groups import RELEASE, SMALL_IMAGES
+from tests.groups import FULL, RELEASE, SMALL_IMAGES
 
 pytestmark = SMALL_IMAGES
 
@@ -100,6 +100,7 @@ def test_an_eroded_mask_is_a_part_of_the_object(scene, pixels):
     assert errors(fit, truth).max() < 3.5
 
 
+@FULL
 @pytest.mark.parametrize("seed", [0, 1])
 @pytest.mark.parametrize("pixels", [1, 2, 3, 4])
 def test_a_mask_that_is_too_large_shows_its_surroundings(pixels, seed):
@@ -333,6 +334,7 @@ def test_enough_readings_of_a_thin_object_are_left():
     assert np.asarray(left).all()
 
 
+@FULL
 @pytest.mark.parametrize("pixels", [0, 1])
 def test_mixed_readings_beside_the_outline_do_not_decide(pixels):
     # A mask that is a pixel larger here and there kept some from being at its edge: 50
@@ -373,6 +375,7 @@ def test_a_window_leans_where_noise_hides_a_jump(degrees):
     assert max(off) < 3
 
 
+@FULL
 @pytest.mark.parametrize("pixels", [0, -2])
 def test_a_window_that_leans_at_edges_is_not_believed_there(pixels):
     truth, sensor = can(50.0), ij.MatchingWindow(SIGMA_NOISE, half_window=3)

@@ -8,6 +8,7 @@ import pytest
 import impostor_jax as ij
 from impostor_jax.fit.measured import law_of_noise, measured_noise
 from tests.fit.scenes import CAMERA, SIGMA, can, image
+from tests.groups import FULL
 
 SHAPE = can()
 
@@ -70,6 +71,7 @@ def test_nothing_told_is_as_white_noise_told():
     assert "Measured in the image" in str(fit)
 
 
+@FULL
 def test_interval_holds_of_a_camera_that_nobody_told():
     depth, mask = drawn(ij.StructuredLight.sensor(), 2)
     fit = ij.fit_cylinder(depth, CAMERA, mask=mask)

@@ -12,7 +12,7 @@ from impostor_jax.fit.fittable import CYLINDER, SPHERE
 from impostor_jax.fit.problem import Pixels
 from impostor_jax.geometry.vec3 import Vec3
 from tests.fit.scenes import CAMERA, SIGMA, can, image
-from tests.groups import OF_POINTS, RELEASE
+from tests.groups import FULL, OF_POINTS, RELEASE
 
 pytestmark = OF_POINTS
 ALONG, ACROSS = 0.001, 0.0007
@@ -94,6 +94,7 @@ def scores(kind, shape, direction, depth, is_image, noise):
     return terms, np.sum(each[told], axis=1) / spread[told]
 
 
+@FULL
 @pytest.mark.usefixtures("double")
 @pytest.mark.parametrize("name", SOLIDS)
 @pytest.mark.parametrize("inside", [40.0, 3.0, 1.0, 0.0, -1.0])
@@ -120,6 +121,7 @@ def brink(shape):
     return low
 
 
+@FULL
 @pytest.mark.usefixtures("double")
 @pytest.mark.parametrize("name", SOLIDS)
 def test_points_have_no_bias_however_they_are_spread(name):

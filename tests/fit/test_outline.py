@@ -49,6 +49,7 @@ def assert_close(fit, truth, most=4.0):
     assert abs(float(fit.cylinder.height - truth.height)) < most * fit.std.height
 
 
+@FULL
 @pytest.mark.parametrize("degrees", [40, 60, 88])
 def test_a_matte_tells_the_pose_as_far_as_it_says(degrees):
     truth = can(degrees)
@@ -139,6 +140,7 @@ def star():
     return cv2.fillPoly(blank, [points.T.round().astype(np.int32)], 1) > 0
 
 
+@FULL
 @pytest.mark.parametrize("make", [disc, corner, star])
 def test_what_is_no_silhouette_of_a_cylinder_is_no_success(make):
     fit = fit_to(make())
@@ -146,6 +148,7 @@ def test_what_is_no_silhouette_of_a_cylinder_is_no_success(make):
     assert fit.status in (ij.FitStatus.POOR_FIT, ij.FitStatus.UNDETERMINED)
 
 
+@FULL
 def test_a_fit_says_that_it_is_of_an_outline():
     posed = ij.PinholeCamera(
         150.0, 150.0, 79.5, 59.5, 160, 120, camera_from_world=pose()

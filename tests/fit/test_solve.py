@@ -19,7 +19,7 @@ from impostor_jax.fit.sphere_body import SphereBody
 from tests.checks import QUICKLY
 from tests.fit.scenes import CAMERA, SIGMA, can, image, image_of
 from tests.fit.test_sphere import ball
-from tests.groups import SMALL_IMAGES
+from tests.groups import FULL, SMALL_IMAGES
 
 quick_solve = jax.jit(solve, compiler_options=QUICKLY)
 
@@ -43,6 +43,7 @@ def start():
     )
 
 
+@FULL
 @pytest.mark.usefixtures("double")
 @pytest.mark.parametrize("meaning", ["region", "outline"])
 def test_a_fit_ends_where_its_steps_lead_nowhere(meaning):
@@ -68,6 +69,7 @@ def test_a_fit_does_not_hang_on_its_start():
         np.testing.assert_allclose(found.body.radius, exact.body.radius, rtol=1e-6)
 
 
+@FULL
 @pytest.mark.usefixtures("double")
 def test_derivatives_follow_all_that_was_given():
     # What is held, expected, and seen of the outline counts in them as in the fit.
@@ -103,6 +105,7 @@ def test_derivatives_follow_all_that_was_given():
         np.testing.assert_allclose(slope, (above - below) / 2e-6, rtol=1e-3, atol=1e-5)
 
 
+@FULL
 @SMALL_IMAGES
 @pytest.mark.usefixtures("double")
 def test_a_can_ends_within_its_tolerance():

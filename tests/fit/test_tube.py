@@ -8,7 +8,7 @@ import pytest
 import impostor_jax as ij
 from impostor_jax.primitives.tube import as_tube
 from tests.fit.scenes import CAMERA, SIGMA, can, image, image_of
-from tests.groups import RELEASE, SMALL_IMAGES
+from tests.groups import FULL, RELEASE, SMALL_IMAGES
 
 pytestmark = SMALL_IMAGES
 
@@ -64,6 +64,7 @@ def test_a_bore_is_narrower_than_its_tube(inner, outer, said):
         ij.tube((0, 0, 1), (0, 0, 1), outer, inner, 0.1)
 
 
+@FULL
 def test_noisy_pipe_is_recovered_within_its_deviations():
     scores = []
     for seed in range(12):
@@ -131,6 +132,7 @@ def test_a_floor_is_no_wall():
         assert np.count_nonzero(mask & ~np.asarray(fit.region)) > 50
 
 
+@FULL
 def test_a_bore_that_something_fills_is_no_success():
     depth, mask = map(np.array, image_of(pipe()))
     seen = ij.render(can(40.0), CAMERA, outputs=("depth",)).depth
@@ -142,6 +144,7 @@ def test_a_bore_that_something_fills_is_no_success():
     assert not fit.success
 
 
+@FULL
 def test_outliers_and_wrong_masks_do_not_move_the_walls():
     depth, mask = map(np.array, image_of(pipe()))
     rng = np.random.default_rng(0)
@@ -206,6 +209,7 @@ def test_a_traced_fit_is_the_same_and_fails_on_a_floor():
     assert not bool(fitted(depth, mask, pipe(10.0)).success)
 
 
+@FULL
 def test_a_can_needs_no_bore_and_a_pipe_does():
     for shape, is_needed in ((can(40.0), False), (can(90.0), False), (pipe(), True)):
         depth, mask = image_of(shape)

@@ -5,7 +5,7 @@ import pytest
 
 import impostor_jax as ij
 from impostor_jax.fits.grid import rounding_of
-from tests.groups import OF_POINTS, RELEASE
+from tests.groups import FULL, OF_POINTS, RELEASE
 
 pytestmark = OF_POINTS
 
@@ -71,6 +71,7 @@ def test_points_that_err_across_their_rays(kind):
     assert float(fit.across.deviation) == pytest.approx(across, rel=0.15)
 
 
+@FULL
 def test_a_grid_adds_to_what_a_sensor_is_said_to_err_by():
     # Taken for exact, the points of a sensor with exact rays were 0.25 mm off.
     points, _, origin = stem(np.random.default_rng(3))

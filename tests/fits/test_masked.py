@@ -9,7 +9,7 @@ from impostor_jax.fit.matte import checked_matte
 from impostor_jax.fit.request import checked_depth, checked_mask
 from impostor_jax.io.depth_image import read_depth, write_depth_tiff
 from tests.fit.scenes import CAMERA, SIGMA, image
-from tests.groups import OF_POINTS
+from tests.groups import FULL, OF_POINTS
 
 pytestmark = OF_POINTS
 
@@ -44,6 +44,7 @@ def test_a_masked_pixel_of_a_mask_is_none(masked):
     np.testing.assert_array_equal(matte.covered > 0, mask)
 
 
+@FULL
 def test_a_masked_depth_is_fitted_as_one_with_holes(masked):
     depth, mask = masked
     everything = np.ones_like(mask)

@@ -6,7 +6,7 @@ import pytest
 
 import impostor_jax as ij
 from tests.clouds.scenes import floor, wall
-from tests.groups import OF_POINTS
+from tests.groups import FULL, OF_POINTS
 from tests.schemas import validator
 
 pytestmark = OF_POINTS
@@ -53,6 +53,7 @@ def check(found, owner, shift=(0, 0, 0)):
         assert float(fit.cylinder.height) == pytest.approx(length, rel=0.03)
 
 
+@FULL
 def test_pipes_are_found_with_their_points_and_the_floor_is_taken(cloud, found):
     check(found, cloud[1])
     assert found.confidence.min() > 0.9
@@ -76,6 +77,7 @@ def test_the_record_is_of_the_schema(found):
     assert record["cylinders"][0]["num_points"] > 2900
 
 
+@FULL
 def test_far_coordinates_and_an_origin_for_each_point_change_nothing(cloud, found):
     points, owner = cloud
     shift = np.array([5.0e5, 5.4e6, 300.0])
@@ -142,6 +144,7 @@ def test_traced_points_are_refused(cloud):
         jax.jit(ij.find_cylinders_in_points)(cloud[0])
 
 
+@FULL
 @pytest.mark.parametrize("share", [0.3, 0.7])
 def test_a_pipe_is_fitted_among_more_points_of_something_else(cloud, share):
     rng = np.random.default_rng(5)
@@ -170,6 +173,7 @@ def test_points_of_nothing_are_no_cylinder(points, origin):
     assert ij.fit_cylinder_to_points(points, origin).status == "no_first_guess"
 
 
+@FULL
 def test_points_that_are_there_twice_change_nothing(cloud, found):
     twice = ij.find_cylinders_in_points(np.concatenate([cloud[0]] * 2), ORIGIN)
     assert len(twice) == 2

@@ -59,6 +59,7 @@ def both(two):
     return fitted(*two)
 
 
+@FULL
 def test_the_pose_is_told_in_the_frame_of_each_view(two, both):
     validator("fit").validate(both.to_dict())
     first, second = both.pose_in_camera

@@ -18,6 +18,7 @@ from impostor_jax.io.depth_image import read_depth, read_mask
 from impostor_jax.io.depth_layouts import LAYOUTS
 from impostor_jax.io.points_file import read_points
 from impostor_jax.io.scene_file import read_scene
+from tests.groups import FULL
 from tests.io.test_depth_folder import MAKERS, SMALL
 
 EXAMPLES = settings(max_examples=150, deadline=None)
@@ -107,6 +108,7 @@ def test_changed_images_are_read_or_refused(folder, name, capfd):
     check()
 
 
+@FULL
 @pytest.mark.parametrize("name", POINT_FILES)
 def test_changed_points_are_read_or_refused(folder, name, capfd):
     for needed in ("lazrs", "lzf"):
@@ -121,6 +123,7 @@ def test_changed_points_are_read_or_refused(folder, name, capfd):
     check()
 
 
+@FULL
 @pytest.mark.parametrize(
     ("kind", "name"),
     [
@@ -177,6 +180,7 @@ JSON = st.recursive(
 )
 
 
+@FULL
 @pytest.mark.parametrize(
     ("name", "read"),
     [

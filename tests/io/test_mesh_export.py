@@ -9,7 +9,7 @@ import impostor_jax as ij
 from impostor_jax.geometry.vec3 import Vec3
 from impostor_jax.io.mesh_export import to_mesh, write_mesh
 from tests.cases import PRIMITIVES, TURNED, pose
-from tests.groups import RELEASE
+from tests.groups import FULL, RELEASE
 
 trimesh = pytest.importorskip("trimesh")
 pytest.importorskip("manifold3d")
@@ -120,6 +120,7 @@ FIELDS = {
 SOME_FIELDS = [pytest.param("bilinear", marks=RELEASE), *list(FIELDS)[1:]]
 
 
+@FULL
 @pytest.mark.parametrize("name", SOME_FIELDS)
 def test_a_heightfield_is_an_open_sheet(name):
     field = FIELDS[name]()
@@ -201,6 +202,7 @@ SOLIDS = {
 }  # fmt: skip
 
 
+@FULL
 @pytest.mark.parametrize("name", SOLIDS)
 def test_a_solid_has_its_volume(name):
     solid, volume = SOLIDS[name]

@@ -17,7 +17,7 @@ from impostor_jax.page.shown import image_view, shown_of
 from impostor_jax.page.told import notes_of, numbers_of
 from impostor_jax.page.wires import wires_of
 from tests.fit.scenes import CAMERA, can, image
-from tests.groups import SMALL_IMAGES
+from tests.groups import FULL, SMALL_IMAGES
 from tests.page.scenes import SHAPES, STD, can_fit, fit_of, scene_of
 
 pytestmark = SMALL_IMAGES
@@ -31,6 +31,7 @@ def floats(text):
     return np.frombuffer(base64.b64decode(text), "<f4").astype(float)
 
 
+@FULL
 @pytest.mark.parametrize("kind", ["plain", "posed", "lens", "orthographic"])
 def test_points_are_where_the_camera_read_them(kind):
     lens = (-0.2, 0.05, 0.002, -0.001, 0.01) if kind == "lens" else None

@@ -18,6 +18,7 @@ from impostor_jax.glsl.program import attributes
 from impostor_jax.glsl.webgl import WebglRenderer, page
 from impostor_jax.parity.compare import compare, edge_band
 from impostor_jax.parity.run import drawn_by_jax
+from tests.groups import FULL
 
 moderngl = pytest.importorskip("moderngl")
 
@@ -265,6 +266,7 @@ def test_missing_browser_names_the_package(monkeypatch):
         WebglRenderer()
 
 
+@FULL
 def test_comparison_counts_what_differs():
     reference = drawn_by_jax(ROD, CAMERA)
     same = compare(reference, reference)

@@ -12,7 +12,7 @@ from impostor_jax.parity.compare import compare
 from impostor_jax.parity.flat_cases import random_heights, seen_pose
 from impostor_jax.parity.run import drawn_by_jax
 from impostor_jax.primitives import PRIMITIVES
-from tests.groups import RELEASE
+from tests.groups import FULL, RELEASE
 
 CAMERA = ij.PinholeCamera(150.0, 140.0, 70.0, 66.0, width=160, height=120)
 MOST_ATTRIBUTES = 16
@@ -119,6 +119,7 @@ def test_world_pose_of_a_heightfield_and_of_the_camera_are_put_together(renderer
     assert found.depth_relative.p999 < 1e-5
 
 
+@FULL
 @pytest.mark.parametrize("interpolation", ["bilinear", "bicubic"])
 def test_camera_on_a_heightfield_sees_it_where_it_is_crossed_next(
     renderer, interpolation

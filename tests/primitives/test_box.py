@@ -13,6 +13,7 @@ from impostor_jax.geometry.vec3 import Vec3
 from impostor_jax.numerics import eps
 from impostor_jax.primitives.box import Box
 from tests.checks import AS_USERS_RUN, all_finite, in_chunks
+from tests.groups import FULL
 
 FIELDS = tuple(field.name for field in dataclasses.fields(BoxRays))
 EVERY = tuple(range(len(FIELDS)))
@@ -93,6 +94,7 @@ def turned(angle):
 SIZE = (2, 4, 6)
 
 
+@FULL
 @pytest.mark.parametrize(
     ("origin", "direction", "t", "normal"),
     [
@@ -118,6 +120,7 @@ def test_hit_of_a_box_along_the_axes(origin, direction, t, normal, dtype):
     np.testing.assert_array_equal(n, normal)
 
 
+@FULL
 def test_derivatives_of_a_slanted_hit(dtype):
     # It meets (-1, -1.5, 0), where t = (c_x - s_x / 2 - o_x) / d_x.
     _, (_, _, slopes, _) = cast_one(

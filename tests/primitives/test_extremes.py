@@ -109,6 +109,7 @@ def tangents_of(fields, seed):
     return tuple(jnp.asarray(rng.normal(size=x.shape), x.dtype) for x in fields)
 
 
+@FULL
 def test_products_with_derivatives_are_numbers_on_every_ray(dtype):
     fields = arrays(extreme_rays(20000, 1, dtype))
     assert all_finite(differentiate(tangents_of(fields, 2), *fields))
@@ -147,6 +148,7 @@ def test_reference_in_double_precision_agrees_with_the_oracle():
         assert error <= 1e-10 * found.gradient_condition[k]
 
 
+@FULL
 def test_single_precision_keeps_its_promises_over_all_extremes():
     # A million rays are cast by experiments/extremes.
     found = errors_of(extreme_rays(60000, 6, "float32"))
@@ -203,6 +205,7 @@ AXES = {"x": (1, 0, 0), "y": (0, 1, 0), "z": (0, 0, 1)}
 TILTS = (0.0, 1e-7, 1e-3, 0.5)
 
 
+@FULL
 @pytest.mark.parametrize("tilt", TILTS)
 @pytest.mark.parametrize("place", PLACES)
 def test_place_is_answered_as_the_oracle_does(place, tilt, dtype):

@@ -12,6 +12,7 @@ from impostor_jax.geometry.rays import Ray
 from impostor_jax.geometry.vec3 import Vec3
 from impostor_jax.numerics import eps
 from tests.checks import AS_USERS_RUN, all_finite
+from tests.groups import FULL
 
 CAMERA = ij.PinholeCamera(60.0, 62.0, 31.5, 23.0, 64, 48)
 DECISION = 8
@@ -61,6 +62,7 @@ def at_tip(numbers, t):
     return abs(radius) < eps(numbers.dtype, 10_000) * reach
 
 
+@FULL
 def test_depth_keeps_its_promise_over_all_extremes(dtype):
     rays = frustum_rays(500, 3, str(dtype))
     t, part, normal, slopes = jax.tree.map(
@@ -98,6 +100,7 @@ def test_depth_keeps_its_promise_over_all_extremes(dtype):
     assert told > 200
 
 
+@FULL
 def test_products_are_numbers_with_lengths_from_1e_minus_12_to_1e12():
     # Single precision has the smaller range.
     dtype = np.dtype("float32")
@@ -124,6 +127,7 @@ def test_products_are_numbers_with_lengths_from_1e_minus_12_to_1e12():
 SECTORS = {"closed": (True, True), "without faces": (True, False)}
 
 
+@FULL
 @pytest.mark.parametrize("kind", SECTORS)
 @pytest.mark.usefixtures("double")
 def test_sector_is_answered_as_the_oracle_does(kind):

@@ -14,6 +14,7 @@ from impostor_jax.primitives.heightfield import Heightfield
 from impostor_jax.primitives.heightfield_march import free_step
 from impostor_jax.primitives.terrain import Terrain
 from tests.checks import central_difference
+from tests.groups import FULL
 
 EXTENT = ((-1.0, 1.0), (-0.5, 1.0))
 # Slopes of up to 87 degrees.
@@ -73,6 +74,7 @@ def test_no_crossing_of_a_bilinear_grid_is_missed(dtype):
     check_first(t, expected, origin, direction, height, dtype, np.abs(STEEP).max())
 
 
+@FULL
 def test_no_crossing_of_a_bicubic_grid_is_missed(dtype):
     origin, direction = steep_rays(300, dtype)
     extent = jnp.asarray(EXTENT, dtype)
@@ -246,6 +248,7 @@ def test_distance_is_of_first_order_and_positive_beside():
     np.testing.assert_allclose(found, [1 / 5**0.5, -1 / 5**0.5, 3], rtol=1e-6)
 
 
+@FULL
 @pytest.mark.parametrize(
     ("arguments", "options", "message"),
     [

@@ -78,6 +78,7 @@ def can(radius, height=2.0, center=(0, 0, 0)):
     return ij.Cylinder(center, (0, 0, 1), radius, height)
 
 
+@FULL
 @pytest.mark.parametrize(
     ("solid", "origin", "direction", "t", "normal", "part"),
     [
@@ -228,6 +229,7 @@ def test_ground_counts_as_solid(sign):
     assert np.mean(off < 1e-3) > 0.99
 
 
+@FULL
 def test_ground_ends_beside_its_extent():
     block = ground() & ij.Box((0, 0, 0), np.eye(3), (4, 1.2, 4))
     sight = ray((-5, -0.5, 0.2), (1, 0, 0))

@@ -11,6 +11,7 @@ from impostor_jax.geometry.vec3 import Vec3
 from impostor_jax.numerics import eps
 from impostor_jax.primitives.sphere import Sphere
 from tests.checks import AS_USERS_RUN, all_finite
+from tests.groups import FULL
 
 
 def depth(origin, direction, center, radius):
@@ -94,6 +95,7 @@ def test_image_of_a_sphere_is_its_closed_form(dtype):
     assert float(jnp.min(maps.depth)) == pytest.approx(10, rel=1e-3)
 
 
+@FULL
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [

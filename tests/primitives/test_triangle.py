@@ -12,6 +12,7 @@ from impostor_jax.geometry.vec3 import Vec3
 from impostor_jax.numerics import eps
 from impostor_jax.primitives.triangle import Triangle, is_thin
 from tests.checks import AS_USERS_RUN, all_finite, in_chunks
+from tests.groups import FULL
 
 FIELDS = tuple(field.name for field in dataclasses.fields(TriangleRays))
 EVERY = tuple(range(len(FIELDS)))
@@ -88,6 +89,7 @@ def height_of(vertices):
 RIGHT = ((0, 0, 4), (4, 0, 4), (0, 2, 4))
 
 
+@FULL
 @pytest.mark.parametrize(
     ("origin", "direction", "t", "normal"),
     [
@@ -111,6 +113,7 @@ def test_hit_of_a_right_triangle(origin, direction, t, normal, dtype):
     np.testing.assert_allclose(n, normal, atol=eps(dtype, 2))
 
 
+@FULL
 def test_ray_along_the_sheet_is_as_deep_as_a_point_of_it_or_misses(dtype):
     # Its corners are passed at 2.87, 3.25 and 6.71.
     for start in (0.1, 0.2, 0.3):

@@ -13,6 +13,7 @@ from impostor_jax.parity.flat_cases import icosahedron
 from impostor_jax.primitives.triangle import Triangle
 from tests.cases import pose
 from tests.checks import AS_USERS_RUN
+from tests.groups import FULL
 
 FACES = 128
 """Of every mesh, some of them there twice: one program casts at all."""
@@ -61,6 +62,7 @@ def directions(rng, count):
     return v / np.linalg.norm(v, axis=1, keepdims=True)
 
 
+@FULL
 @pytest.mark.parametrize("scale", [1e-3, 1.0, 1e3])
 @pytest.mark.parametrize("name", MESHES)
 def test_no_ray_slips_through_an_edge_or_a_corner(name, scale):

@@ -14,7 +14,7 @@ from impostor_jax.geometry.vec3 import Vec3
 from impostor_jax.numerics import eps
 from impostor_jax.rendering import search
 from impostor_jax.rendering.hierarchy import hierarchy_of
-from tests.groups import RELEASE
+from tests.groups import FULL, RELEASE
 from tests.rendering.test_scene import shapes_of, wall
 
 TYPES = ("sphere", "cylinder", "box", "frustum", "torus", "triangle")
@@ -83,6 +83,7 @@ WAYS = pytest.mark.parametrize(
 )
 
 
+@FULL
 @WAYS
 def test_first_surface_is_that_of_the_nearest_shape(many, types, dtype):
     shapes, ray = mix(types), any_rays()
@@ -106,6 +107,7 @@ def test_first_surface_is_that_of_the_nearest_shape(many, types, dtype):
     np.testing.assert_array_equal(anywhere, np.isfinite(first))
 
 
+@FULL
 @WAYS
 def test_what_is_not_finite_meets_nothing(many, types, dtype):
     origin, way = np.zeros((2, 400, 3))
@@ -119,6 +121,7 @@ def test_what_is_not_finite_meets_nothing(many, types, dtype):
     np.testing.assert_array_equal(occluded, is_finite)
 
 
+@FULL
 def test_textbook_formulas_find_the_same(double):
     types = ("sphere", "cylinder", "box")
     shapes = [*shapes_of(count=20, types=types), wall()]
@@ -190,6 +193,7 @@ def test_ray_from_inside_meets_where_it_leaves(dtype):
     assert float(normal_at(scene, ray, hit)[2]) == pytest.approx(-1, rel=eps(dtype, 8))
 
 
+@FULL
 @pytest.mark.parametrize("many", [128, 1], ids=["one by one", "in boxes"])
 def test_derivative_of_t_is_that_of_the_shape_alone(many, double, monkeypatch):
     monkeypatch.setattr(search, "MANY", many)

@@ -12,6 +12,7 @@ import impostor_jax as ij
 from impostor_jax.numerics import eps
 from tests.cases import PRIMITIVES, TURNED, pose
 from tests.checks import all_finite, central_difference, compiled_cost
+from tests.groups import FULL
 
 WIDTH, HEIGHT = 32, 24
 CAMERA = ij.PinholeCamera(28.0, 29.0, 15.3, 11.6, WIDTH, HEIGHT)
@@ -49,6 +50,7 @@ def stretch_in(shape, d):
     return enter, leave, normal
 
 
+@FULL
 @pytest.mark.parametrize(
     "shape", [ball, lambda: ij.Box(CENTER, TURNED, SIZE)], ids=["ball", "box"]
 )
@@ -78,6 +80,7 @@ def test_what_is_cut_is_seen_as_geometry_has_it(shape, near, far, dtype):
     assert not np.asarray(maps.normal)[~seen].any()
 
 
+@FULL
 @pytest.mark.parametrize(
     "name", ["frustum", "torus", "triangle", "bored can", "heightfield"]
 )
@@ -116,6 +119,7 @@ def crowd():
     return ij.Scene([cans, solid, ij.Plane((0, 0, 1.6), (0.1, 0, -1))])
 
 
+@FULL
 def test_behind_what_near_cuts_the_next_of_a_scene_is_seen():
     scene = crowd()
     whole = ij.render(scene, CAMERA, MAPS)
@@ -153,6 +157,7 @@ def test_traced_depths_render_as_concrete_ones_and_a_batch_of_them():
     assert len({int(np.isfinite(x).sum()) for x in every}) == 3
 
 
+@FULL
 def test_derivatives_at_a_cut_are_those_of_the_surface_that_is_seen(double):
     solid = can() - ij.Sphere((0.0, 0.0, 0.9), 0.15)
     shapes = can(), solid
@@ -186,6 +191,7 @@ def test_derivatives_at_a_cut_are_those_of_the_surface_that_is_seen(double):
     np.testing.assert_allclose(slope, expected, rtol=1e-5)
 
 
+@FULL
 @pytest.mark.parametrize("near", [0.0, 0.7, 1.0, 1.2, 3.0])
 def test_no_number_and_no_derivative_is_nan_wherever_the_cut_is(near):
     scene = ij.Scene([can(), ij.Cylinder((0.0, 0.0, 1.0), (0, 0, 1), 0.1, 0.4)])
@@ -219,6 +225,7 @@ def test_the_depth_of_a_spherical_camera_is_the_range():
     np.testing.assert_allclose(np.asarray(color)[~seen, 0], 0.25)
 
 
+@FULL
 def test_a_picture_shows_what_is_rendered():
     scene = crowd()
     colors = np.eye(5, 3) + np.arange(5)[:, None] / 8
@@ -231,6 +238,7 @@ def test_a_picture_shows_what_is_rendered():
     assert (np.abs(np.asarray(color) - expected).max(-1) > 1e-5).sum() <= 2
 
 
+@FULL
 def test_edges_of_a_cut_stay_hard_and_outlines_are_mixed():
     """Of a ball that is cut a ring is seen outside, and a bowl within it."""
     scene = ij.Scene([ball(), ij.Plane((0, 0, 1.6), (0, 0, -1))])

@@ -16,6 +16,7 @@ from impostor_jax.geometry.rays import Ray
 from impostor_jax.geometry.vec3 import Vec3
 from impostor_jax.sensor.draws import normal_draws
 from tests.checks import compiled_cost
+from tests.groups import FULL
 
 WIDTH, HEIGHT = 96, 64
 LITTLE = 1.02
@@ -63,6 +64,7 @@ def test_depth_alone_is_one_cast_of_rays_of_a_pinhole():
     assert (plain_cost() <= LITTLE * bare).all()
 
 
+@FULL
 @pytest.mark.parametrize("more", ["range", "point", "normal", "mask", "index"])
 def test_each_output_is_paid_by_those_who_ask(more):
     without, with_it = plain_cost(), plain_cost(("depth", more))
@@ -95,6 +97,7 @@ def test_a_lens_that_bends_nothing_costs_nothing():
     np.testing.assert_array_equal(render_cost(camera=straight), plain_cost())
 
 
+@FULL
 @pytest.mark.parametrize(
     ("plain", "more"),
     [
@@ -119,6 +122,7 @@ def test_a_scene_of_one_shape_costs_as_much_as_the_shape():
     assert scene[0] <= alone[0] + 10 * HEIGHT * WIDTH
 
 
+@FULL
 def test_silhouettes_count_a_margin_only_if_there_is_one():
     shapes = jax.tree.map(lambda x: jnp.stack([x, x]), ball())
     without, with_it = (
@@ -128,6 +132,7 @@ def test_silhouettes_count_a_margin_only_if_there_is_one():
     assert without[0] < with_it[0]
 
 
+@FULL
 @pytest.mark.parametrize(
     ("plain", "more"),
     [

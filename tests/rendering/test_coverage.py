@@ -9,6 +9,7 @@ import pytest
 import impostor_jax as ij
 from tests.cases import CAMERAS, pose
 from tests.checks import all_finite
+from tests.groups import FULL
 from tests.rendering import exact
 
 # All at least 3 px wide in the pinhole camera of 64 x 48 pixels.
@@ -90,6 +91,7 @@ def errors(covered, reference):
     return np.abs(np.asarray(covered, float) - reference), edge
 
 
+@FULL
 @pytest.mark.parametrize("name", [*SHAPES, *MORE])
 def test_every_pixel_has_the_area_inside_the_outline(name, dtype):
     covered, *slopes = at_pinhole({**SHAPES, **MORE}[name])
@@ -139,6 +141,7 @@ def test_derivative_goes_to_the_pixels_that_the_outline_crosses(dtype):
     np.testing.assert_allclose(found, reference, rtol=1e-2)
 
 
+@FULL
 @pytest.mark.usefixtures("double")
 def test_a_lens_bends_the_outline_and_can_be_fitted():
     camera = CAMERAS["distorted"]()

@@ -11,6 +11,7 @@ from experiments.oracle.outline import outline_distance
 from impostor_jax.numerics import eps
 from tests.cases import CAMERAS
 from tests.checks import all_finite, central_difference
+from tests.groups import FULL
 from tests.rendering import exact
 from tests.rendering.test_coverage import MORE, SHAPES, traced
 
@@ -48,6 +49,7 @@ def points_and_distances(name, camera_name="pinhole"):
     return points, exact.signed_distance(polygon, points)
 
 
+@FULL
 @pytest.mark.parametrize("name", [*SHAPES, *MORE])
 def test_distance_is_that_of_the_silhouette(name, dtype):
     points, expected = points_and_distances(name)
@@ -63,6 +65,7 @@ def test_distance_is_that_of_the_silhouette(name, dtype):
     np.testing.assert_allclose(np.linalg.norm(normal, axis=1), 1, rtol=eps(dtype, 32))
 
 
+@FULL
 @pytest.mark.parametrize(
     ("center", "axis", "radius", "height", "focal"),
     [

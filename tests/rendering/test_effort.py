@@ -8,6 +8,7 @@ import pytest
 import impostor_jax as ij
 from impostor_jax.rendering.maps import MISSES, OUTPUTS
 from tests.cases import CAMERAS
+from tests.groups import FULL
 
 # Edges are looked for beside pixels, and coverage of whole shapes.
 ALL = tuple(n for n in OUTPUTS if n not in ("coverage", "share", "beside"))
@@ -25,6 +26,7 @@ SEEN = {
 }
 
 
+@FULL
 @pytest.mark.parametrize(
     ("seen", "camera"),
     [
@@ -113,6 +115,7 @@ def test_samples_are_refused_with_a_lens():
         ij.render(can(), CAMERAS["distorted"](), ("coverage",), effort=effort)
 
 
+@FULL
 def test_precision_is_that_of_the_effort(dtype):
     camera = CAMERAS["posed"]()
     for precision in ("float32", "float64"):
@@ -148,6 +151,7 @@ def test_a_traced_shape_is_rendered_in_jaxs_precision_alone():
     np.testing.assert_allclose(found, depth(0.1, "balanced"), rtol=1e-5)
 
 
+@FULL
 def test_misses_are_what_maps_hold_where_nothing_is_hit():
     maps = ij.render(can(), CAMERAS["pinhole"](), OUTPUTS)
     seen = np.asarray(maps.mask) | (np.asarray(maps.coverage) > 0)

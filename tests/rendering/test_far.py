@@ -13,6 +13,7 @@ import impostor_jax as ij
 from impostor_jax.arguments import FAR, is_exact
 from impostor_jax.primitives.local_world import LocalWorld, seen_near
 from tests.cases import PRIMITIVES, TURNED
+from tests.groups import FULL
 
 PLACE = np.array([512345.678, 5412345.678, 250.0])
 ROUNDED = 1e-5
@@ -72,6 +73,7 @@ def test_a_picture_is_traced_far_as_near():
     assert_same(picture(PLACE, AWAY), picture(np.zeros(3), NEAR))
 
 
+@FULL
 @pytest.mark.parametrize(
     "function",
     [

@@ -8,6 +8,7 @@ import pytest
 from impostor_jax.numerics import eps
 from impostor_jax.rendering.half_pixels import halves, reach
 from tests.checks import all_finite
+from tests.groups import FULL
 
 ANGLES = (0.0, 1e-9, 0.3, np.pi / 4, 1.2, np.pi / 2, 2.0, 3.5, 5.0)
 DISTANCES = (-0.8, -0.6, -0.499, -0.2, 0.0, 0.1, 0.49, 0.55)
@@ -19,6 +20,7 @@ def lines(dtype):
     return jnp.asarray(s, dtype), jnp.asarray(normal, dtype)
 
 
+@FULL
 def test_parts_are_those_of_many_points(double):
     s, normal = lines(np.float64)
     found = jax.jit(halves)(s, normal)
@@ -35,6 +37,7 @@ def test_parts_are_those_of_many_points(double):
                 np.testing.assert_allclose(middle[k], mean, atol=1.1 / count)
 
 
+@FULL
 def test_slope_is_that_of_differences_and_finite(dtype):
     s, normal = lines(dtype)
     # The corner is smooth, too: a step to either side sees the same formula but there.

@@ -7,6 +7,7 @@ import impostor_jax as ij
 from impostor_jax.numerics import eps
 from tests.cases import CAMERAS, pose
 from tests.checks import compiled_cost
+from tests.groups import FULL
 
 OUTPUTS = ("depth", "range", "point", "normal", "mask")
 
@@ -65,6 +66,7 @@ def test_normals_are_those_of_the_depth_map():
     assert np.percentile(angle, 5) > 1 - 1e-5
 
 
+@FULL
 @pytest.mark.parametrize("name", CAMERAS)
 def test_a_tile_is_a_block_of_the_whole_image(name):
     camera = CAMERAS[name]()

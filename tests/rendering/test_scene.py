@@ -12,6 +12,7 @@ from impostor_jax.rendering.follow import code_stride
 from impostor_jax.rendering.render import _render
 from tests.cases import CAMERAS
 from tests.checks import all_finite, central_difference
+from tests.groups import FULL
 
 CAMERA = CAMERAS["pinhole"]()
 OUTPUTS = ("depth", "normal", "mask", "index", "point", "range")
@@ -66,6 +67,7 @@ def nearest_of(shapes, camera):
     return depth, normal, index
 
 
+@FULL
 @pytest.mark.parametrize("name", ["distorted", "orthographic", "posed"])
 def test_the_closest_of_all_shapes_is_seen(name):
     # All types for one camera: how each is cast does not depend on the camera. A lens
@@ -101,6 +103,7 @@ def test_the_part_that_is_seen_is_that_of_the_shape_alone():
     assert part.dtype == np.int32
 
 
+@FULL
 def test_heightfields_of_a_batch_are_each_cast_alone():
     relief = np.array(
         [[[0, 0.3], [0.2, 0]], [[0.1, 0], [0, 0.4]], [[0, 0], [0.2, 0.1]]]
@@ -149,6 +152,7 @@ def test_shapes_whose_codes_32_bits_cannot_count_are_refused():
         code_stride((1 << 31) // 12 + 1, 6)
 
 
+@FULL
 def test_batches_and_tiles_are_parts_of_the_same_image():
     shapes = [*shapes_of(1), wall()]
     whole = ij.render(ij.Scene(shapes), CAMERA, ("depth", "index"))
@@ -196,6 +200,7 @@ def test_types_that_a_scene_does_not_hold_are_not_traced(monkeypatch):
         ij.render(ij.Scene([scene.groups[0].primitives, *shapes_of(count=1)]), CAMERA)
 
 
+@FULL
 @pytest.mark.usefixtures("double")
 def test_derivatives_are_those_of_what_is_seen():
     shapes = [*shapes_of(2, count=10), wall(), ij.Sphere((0, 0, 9.0), 0.5)]
@@ -232,6 +237,7 @@ def test_derivatives_are_those_of_what_is_seen():
     assert float(forward) == pytest.approx(float(expected), rel=1e-9)
 
 
+@FULL
 @pytest.mark.parametrize("camera", ["pinhole", "orthographic"])
 def test_bounds_hold_every_pixel_and_are_tight(camera):
     camera = CAMERAS[camera]()

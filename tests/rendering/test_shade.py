@@ -9,6 +9,7 @@ import impostor_jax as ij
 from impostor_jax.numerics import eps
 from tests.cases import pose
 from tests.checks import all_finite
+from tests.groups import FULL
 
 OUTPUTS = ("point", "normal", "mask")
 CAMERA = ij.PinholeCamera(60.0, 60.0, 20.0, 15.0, 41, 31)
@@ -146,6 +147,7 @@ def test_light_behind_a_surface_is_not_reflected():
     assert float(picture[CENTER].max()) == 0
 
 
+@FULL
 @pytest.mark.parametrize(
     ("exponent", "smooth"), [(None, False), (0.5, False), (30.0, True)]
 )

@@ -8,6 +8,7 @@ import pytest
 import impostor_jax as ij
 from tests.cases import CAMERAS
 from tests.checks import all_finite
+from tests.groups import FULL
 
 WIDTH, HEIGHT, PARTS = 32, 24, 16
 SIDES = ("depth", "mask", "share", "beside")
@@ -66,6 +67,7 @@ def loss_and_gradient(shapes, target, near, far):
     return jax.value_and_grad(loss, has_aux=True)(shapes)
 
 
+@FULL
 @pytest.mark.usefixtures("double")
 def test_coverage_of_a_scene_and_its_derivative_are_those_of_many_rays():
     weight = np.broadcast_to(np.sin(np.arange(WIDTH) / 4), (HEIGHT, WIDTH))
@@ -86,6 +88,7 @@ def test_coverage_of_a_scene_and_its_derivative_are_those_of_many_rays():
     assert abs(float(slope) - expected) < 0.08 * abs(expected)
 
 
+@FULL
 @pytest.mark.usefixtures("double")
 def test_a_loss_with_outlines_falls_as_that_of_many_rays_does():
     """An edge between two depths, of which the target has one, moves to the other."""
@@ -107,6 +110,7 @@ def test_a_loss_with_outlines_falls_as_that_of_many_rays_does():
     assert abs(slope - expected) < 0.1 * abs(expected)
 
 
+@FULL
 @pytest.mark.parametrize(("near", "far"), [(0.0, 9.0), (0.8, 1.4)])
 @pytest.mark.usefixtures("double")
 def test_maps_and_gradients_are_finite_with_a_target_of_any_kind(near, far):
@@ -127,6 +131,7 @@ def test_maps_and_gradients_are_finite_with_a_target_of_any_kind(near, far):
     assert seen.max() < far
 
 
+@FULL
 def test_nothing_counts_as_a_gap_and_no_reading_does_not():
     ball = ij.Sphere((0, 0, 1.0), 0.2)
     maps = ij.render(ball, camera(), SIDES)

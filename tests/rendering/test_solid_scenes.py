@@ -12,7 +12,7 @@ from impostor_jax.geometry.vec3 import Vec3
 from impostor_jax.io.parts import members
 from impostor_jax.rendering.group import lies_alone
 from tests.cases import pose
-from tests.groups import RELEASE
+from tests.groups import FULL, RELEASE
 
 CAMERA = ij.PinholeCamera(24.0, 24.0, 11.5, 7.5, 24, 16)
 
@@ -187,6 +187,7 @@ def test_glass_with_a_hole_that_bends_nothing_is_not_seen():
     np.testing.assert_allclose(picture, expected, atol=1e-6)
 
 
+@FULL
 def test_a_projector_lights_through_the_hole_of_a_solid():
     can = ij.Cylinder((0, 0, 2), (0, 0, 1), 0.5, 0.2)
     bored = can - ij.Cylinder((0, 0, 2), (0, 0, 1), 0.3, 0.2)

@@ -14,6 +14,7 @@ from impostor_jax.numerics import eps
 from impostor_jax.rendering.bounds import image_bounds
 from tests.cases import CAMERAS, pose
 from tests.checks import all_finite
+from tests.groups import FULL
 from tests.rendering import exact
 from tests.rendering.test_coverage import coverage_and_slopes, errors
 from tests.rendering.test_distance import distance_and_slopes
@@ -106,6 +107,7 @@ def four(slopes):
     return np.array([*slopes.center, slopes.radius], float)
 
 
+@FULL
 @pytest.mark.parametrize("name", SPHERES)
 def test_every_pixel_has_the_area_inside_the_outline(name, dtype):
     covered, *slopes = at_pinhole(SPHERES[name])
@@ -260,6 +262,7 @@ def test_vmap_over_posed_spheres_with_tiles_and_forward_derivatives():
             function(batch, camera)
 
 
+@FULL
 @pytest.mark.parametrize("name", SPHERES)
 def test_distance_is_that_of_the_silhouette(name, dtype):
     camera = CAMERAS["pinhole"]()

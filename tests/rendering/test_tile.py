@@ -4,6 +4,7 @@ import pytest
 
 import impostor_jax as ij
 from tests.cases import CAMERAS
+from tests.groups import FULL
 from tests.rendering import exact
 
 SHAPES = {
@@ -44,6 +45,7 @@ def test_box_is_the_tightest_that_holds_the_mask(shape, camera):
         assert np.abs(np.array(found) - mask_box).max() <= 2
 
 
+@FULL
 def test_tile_shows_all_of_the_cylinder(shape, camera):
     cylinder = ij.Cylinder(*shape)
     tile = ij.outline_tile(cylinder, camera)
@@ -53,6 +55,7 @@ def test_tile_shows_all_of_the_cylinder(shape, camera):
     assert tile.height == camera.height or tile.height % 16 == 0
 
 
+@FULL
 @pytest.mark.parametrize("interpolation", ["bilinear", "bicubic"])
 def test_tile_around_a_heightfield_shows_all_of_it(interpolation):
     camera, hill = CAMERAS["distorted"](), [[0, 0.1, 0], [0.1, 0.4, 0.1], [0, 0.1, 0]]

@@ -12,7 +12,7 @@ from impostor_jax.rendering import paths
 from impostor_jax.rendering.trace import _traced
 from tests.cases import TURNED
 from tests.checks import all_finite
-from tests.groups import RELEASE
+from tests.groups import FULL, RELEASE
 
 UPRIGHT = ij.RigidTransform(np.diag([-1.0, -1.0, 1.0]), (0.0, 0.0, 0.0))
 """Of a camera in a world whose y is up."""
@@ -84,6 +84,7 @@ def errors(shapes, lights, materials):
     return apart[inner] / exact.color.max()
 
 
+@FULL
 def test_published_scene_is_that_of_the_formulas(dtype):
     found = errors(*known_scene())
     if dtype == np.float64:

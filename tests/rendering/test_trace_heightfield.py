@@ -2,10 +2,12 @@ import jax
 import numpy as np
 
 import impostor_jax as ij
+from tests.groups import FULL
 
 CAMERA = ij.PinholeCamera(24.0, 24.0, 11.5, 7.5, 24, 16)
 
 
+@FULL
 def test_a_heightfield_is_traced_where_it_is_rendered():
     # Once every ray took a heightfield of its own, which cannot be cast; and glass
     # beside it asks which side of it a ray is on.

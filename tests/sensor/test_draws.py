@@ -8,6 +8,7 @@ import pytest
 from scipy import stats
 
 from impostor_jax.sensor.draws import STRIP, chances, normal_draws
+from tests.groups import FULL
 
 DRAWS = {"chances": chances, "normals": normal_draws}
 
@@ -18,6 +19,7 @@ def drawn(name, shape=(1000, 401), seed=1, impl=None):
     return np.asarray(DRAWS[name](key, shape, np.float32), np.float64)
 
 
+@FULL
 @pytest.mark.parametrize("shape", [(300, 401), (5, 1), (STRIP, 2), (STRIP + 1, 3)])
 @pytest.mark.parametrize("name", list(DRAWS))
 def test_there_is_one_for_each_pixel(name, shape, dtype):

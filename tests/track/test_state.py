@@ -17,6 +17,7 @@ from impostor_jax.track.state import (
     Motion,
     State,
 )
+from tests.groups import FULL
 from tests.track.scenes import AXIS as UPRIGHT
 from tests.track.scenes import measured
 
@@ -50,6 +51,7 @@ def test_the_basis_is_that_of_a_fit():
         np.testing.assert_allclose(basis_of(axis), of_fits, atol=1e-6)
 
 
+@FULL
 @pytest.mark.parametrize("scale", [0.0, 0.02])
 def test_errors_are_as_large_as_the_covariance_says(scale):
     rng = np.random.default_rng(1)

@@ -7,7 +7,7 @@ import impostor_jax as ij
 from impostor_jax.track.measured import PART
 from tests.find.scenes import ORTHOGRAPHIC
 from tests.fit.scenes import CAMERA, SIGMA
-from tests.groups import SMALL_IMAGES
+from tests.groups import FULL, SMALL_IMAGES
 from tests.track.scenes import RATE, can, frame, moved
 
 pytestmark = SMALL_IMAGES
@@ -84,6 +84,7 @@ def bar(low, high):
     return ij.Box(middle, np.eye(3), (0.2, high - low, 0.02))
 
 
+@FULL
 def test_parts_of_one_wall_are_one_track():
     # Its upper part alone, then both beside what hides the middle.
     begin = 2 * [[can(), bar(-0.02, 0.2)]]
@@ -138,6 +139,7 @@ def test_what_leaves_the_image_is_lost_and_dropped():
     assert all(np.isfinite(tracks[0].velocity).all() for tracks in told if tracks)
 
 
+@FULL
 def test_a_box_in_the_place_of_a_can_is_not_the_can():
     box = ij.Box((0.0, 0.0, 0.5), np.eye(3), (0.07, 0.12, 0.07))
     told = played(ij.Tracker(CAMERA, SIGMA), 3 * [[can()]] + 3 * [[box]])
@@ -185,6 +187,7 @@ def test_a_radius_becomes_surer_with_the_root_of_the_number_of_images():
     assert abs(float(told[-1].cylinder.radius) - 0.04) < 4 * found[-1]
 
 
+@FULL
 def test_a_radius_is_no_surer_than_the_scale_of_the_sensor():
     scale, error = 0.01, 0.015
     noise = ij.ScaleError(ij.ConstantNoise(SIGMA, across=0.0, angle=0.0), scale)
@@ -236,6 +239,7 @@ def test_images_that_are_left_out_are_seen_in_their_times():
     assert track.velocity[0] == pytest.approx(speed, abs=0.1)
 
 
+@FULL
 def test_errors_of_a_video_are_as_large_as_said():
     # Cans that move and turn, each in ten images of its own noise.
     errors = []
@@ -264,6 +268,7 @@ def test_errors_of_a_video_are_as_large_as_said():
     assert squares.mean() > 0.2
 
 
+@FULL
 def test_without_sigma_it_is_measured():
     tracker = ij.Tracker(CAMERA)
     assert tracker.noise is None

@@ -18,7 +18,7 @@ from impostor_jax.viewer.figure import (
 from tests.fit.scenes import CAMERA, SIGMA, can, image, image_of
 from tests.fit.test_frustum import cup
 from tests.fit.test_sphere import ball
-from tests.groups import SMALL_IMAGES
+from tests.groups import FULL, SMALL_IMAGES
 
 
 @pytest.mark.parametrize(
@@ -48,6 +48,7 @@ def test_cylinder_around_the_camera_has_no_outline():
     assert fitted_outline(pipe, CAMERA) is None
 
 
+@FULL
 @SMALL_IMAGES
 @pytest.mark.parametrize(
     ("function", "shape"),
