@@ -13,25 +13,18 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool
 
 from impostor_jax.camera.ray_table import Sight
 from impostor_jax.effort import MIN_READINGS
-from impostor_jax.fit.regions import sigma_face_on
+from impostor_jax.fit.regions import jump_reach
 from impostor_jax.fit.request import DepthImage, Mask
 from impostor_jax.fit.surface import cropped
 from impostor_jax.sensor.base import AbstractDepthNoise
 from impostor_jax.sensor.bias import Reach, is_none
 
-NOISY, STEEP = 6.0, 10.0
-"""Standard deviations, and widths of a pixel (at an incidence of 84 degrees), by which
-neighboring readings of one surface may differ."""
-
 BESIDE = 4
 """Pixels beside the farthest ones that count, which tell whether there is a hole."""
-
-NODES = 256
-"""Depths at which the host asks for a standard deviation; it interpolates between."""
 
 Marks = Bool[np.ndarray, "_ _"] | Bool[Array, "_ _"]
 
@@ -155,10 +148,7 @@ def _at_jumps(
 ) -> Marks:
     """Pixels with a neighbor along a row or column on another surface, or in a hole."""
     has = depth > 0
-    away = xp.where(has, depth, 1)
-    sigma = _sigma_between(noise, away) if xp is np else sigma_face_on(noise, away)
-    width = depth * xp.asarray(camera.spacing, depth.dtype)
-    reach = xp.where(has, NOISY * sigma + STEEP * width, 0)
+    reach = jump_reach(depth, camera, noise, xp)
     # The hole of a pixel or two is a reading that is missing.
     is_hole = ~_closed(has, xp)
 
@@ -173,11 +163,3 @@ def _at_jumps(
         return xp.pad(is_jump, before) | xp.pad(is_jump, after)
 
     return jumps(0) | jumps(1)
-
-
-def _sigma_between(
-    noise: AbstractDepthNoise, depth: Float[np.ndarray, "h w"]
-) -> Float[np.ndarray, "h w"]:
-    """`sigma_face_on` of positive depths, in one program for any number of them."""
-    nodes = np.geomspace(depth.min(), depth.max(), NODES).astype(depth.dtype)
-    return np.interp(depth, nodes, np.asarray(sigma_face_on(noise, nodes)))

@@ -339,7 +339,8 @@ def crossing_terms(
     # own cap, too. And it may go on past it: then the object stops elsewhere.
     own = 5 * sigma_of(noise, pixels, read, seen.cos_incidence)
     is_own = has & (jnp.abs(pixels.depth - seen.depth) < own)
-    behind = has & (away > reach) & ~is_own
+    # What is mixed of both is not where the background begins.
+    behind = has & (away > reach) & ~is_own & ~edge.mixed
     occluder = has & (away < -jnp.sqrt(jnp.maximum(seen.square, r * r)) - reach)
     outside = pixels.exists & ~edge.inside
     shown = outside & jnp.where(is_outline, ~occluder, behind)

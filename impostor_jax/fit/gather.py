@@ -19,11 +19,13 @@ from jaxtyping import Array, Bool, Float
 from impostor_jax.camera.ray_table import RayTable, Sight, directions_of
 from impostor_jax.fit.per_pixel import law_of, spread_of
 from impostor_jax.fit.problem import BLOCK, Lattice, RayList, Table
+from impostor_jax.fit.regions import jump_reach
 from impostor_jax.fit.surface import cropped
 from impostor_jax.fit.uncertainty import MAX_LAG
 from impostor_jax.geometry.frames import RigidTransform
 from impostor_jax.opencv import cv2
 from impostor_jax.sensor.base import AbstractDepthNoise
+from impostor_jax.sensor.bias import is_none
 
 MOST_AT_EDGE = 512
 """Most pixels at the object's edge that are looked at, spread over all of it."""
@@ -41,6 +43,9 @@ of them may have been left out."""
 RING = 2
 """Those of the outermost pixels of a mask, of which more are taken where readings are
 thinned."""
+
+CROSS = np.array([[0, 0, 0, -1, 1], [0, -1, 1, 0, 0]])[..., None]
+"""Rows down and columns right to a pixel itself, left, right, above and below."""
 
 Image = Float[Array, "h w"] | Float[np.ndarray, "h w"]
 Mask = Bool[Array, "h w"] | Bool[np.ndarray, "h w"]
@@ -79,15 +84,15 @@ def table_of(
     all_rows = xp.concatenate([row, edge_row.ravel(), rows])
     all_cols = xp.concatenate([col, edge_col.ravel(), cols])
     rays = ray_list(depth, camera, all_rows, all_cols, noise, xp)
-    is_object = xp.concatenate(
-        [np.zeros(len(row) + edge_row.size, bool), mask[rows, cols]]
-    )
-    rays = rays._replace(depth=xp.where(is_object, 0, rays.depth))
+    wrong, mixed = _off(depth, camera, noise, edge_row, edge_col, xp)
+    left_out = [np.zeros(len(row), bool), wrong.ravel(), mask[rows, cols]]
+    rays = rays._replace(depth=xp.where(xp.concatenate(left_out), 0, rays.depth))
     dtype = rays.x.dtype
     is_image = not isinstance(camera, RayTable) or camera.is_image
     return Table(
         rays=rays,
         inside=_of_pixels(mask, edge_row, edge_col, xp),
+        mixed=mixed,
         row=row,
         col=col,
         beside=xp.where(own & is_image, beside, 0).astype(dtype),
@@ -199,9 +204,53 @@ def _around_some(
         priority = jnp.where(at_edge, _shuffle(len(row)), 0)
         priority, chosen = jax.lax.top_k(priority, count)
         is_some = priority > 0
-    down, right = np.array([[0, 0, 0, -1, 1], [0, -1, 1, 0, 0]])[..., None]
+    down, right = CROSS
     row, col = row[chosen][None] + down, col[chosen][None] + right
     return xp.where(is_some[None], row, -1), col
+
+
+def _off(
+    depth: Image,
+    camera: Sight,
+    noise: AbstractDepthNoise,
+    row: Indices,
+    col: Indices,
+    xp: ModuleType,
+) -> tuple[Indices, Indices]:
+    """Which readings beside the object are neither its own nor of what lies beyond.
+
+    Of a sensor that is said to mix readings at edges none: that counts as it says.
+
+    Args:
+        depth: In meters; 0 where there is no reading.
+        camera: That took the image.
+        noise: Of its readings.
+        row: Of pixels as `_around_some` has them.
+        col: Of the same.
+        xp: As of `table_of`.
+
+    Returns:
+        Those beyond which the object goes on, which are wrong; and the others, the
+        `mixed` of `Table`.
+    """
+    bias = noise.bias
+    if not (is_none(bias.edge_reach) and is_none(bias.window_reach)):
+        return (xp.zeros(row.shape, bool),) * 2
+
+    def read(row: Indices, col: Indices) -> Any:
+        exists = (row >= 0) & (row < depth.shape[0])
+        exists &= (col >= 0) & (col < depth.shape[1])
+        return xp.where(exists, _of_pixels(depth, row, col, xp), 0)
+
+    here = read(row, col)
+    down, right = CROSS
+    own, beyond = here[:1], read(row + down, col + right)
+    reach = jump_reach(here, camera, law_of(noise), xp)
+    # Where the object has no reading the other side alone tells.
+    is_alone = (xp.abs(here - own) > reach) | (own == 0)
+    is_off = is_alone & (here > 0) & (beyond > 0) & (xp.abs(here - beyond) > reach)
+    goes_on = xp.abs(beyond - own) <= reach
+    return is_off & goes_on, is_off & ~goes_on
 
 
 @functools.cache

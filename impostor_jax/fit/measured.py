@@ -40,6 +40,7 @@ from impostor_jax.fit.request import (
     checked_noise,
 )
 from impostor_jax.fit.surface import at_most, cropped
+from impostor_jax.opencv import cv2
 from impostor_jax.sensor.base import AbstractDepthNoise
 from impostor_jax.sensor.correlated import CorrelatedNoise
 from impostor_jax.sensor.gaussian import ConstantNoise
@@ -64,12 +65,28 @@ CLIPPED = 0.9950
 MEDIAN_SQUARE = 0.4549
 """Of normal numbers."""
 
+WINDOW, SPIKE = 5, 9.0
+"""Pixels across which the median tells where a reading ought to be, and how many times
+as far as the middle one there an outlier lies from it: 6 standard deviations."""
+
+MOST_SPIKES = 0.2
+"""Share of outliers beyond which noise comes out too large: of a quarter, 1.4 times."""
+
+STEPS = 3.0
+"""Steps of rounding by which an outlier lies off, at least."""
+
 WEIGHTS = {3: (-1, 3, -3, 1), 4: (1, -4, 6, -4, 1)}
 """Of the third difference and the fourth, which bends leave less of."""
 
-NEAR, FAR = 3, 8
-"""Pixels between readings that tell white noise from filtered, and that tell all of
-what is filtered: real cameras' grain is of 3 to 6 pixels."""
+NEXT, NEAR, FAR = 2, 3, 8
+"""Pixels between readings that tell a filter of a pixel from a window, that tell white
+noise from filtered, and that tell all of what is filtered: real cameras' grain is of 3
+to 6 pixels."""
+
+FINE, FINE_WINDOW = 1.25, 2.0
+"""Variance of differences between pixels so near over that between those `NEXT` to each
+other up to which the grain is fine, and half of the window that is taken for it: what
+smooths by half a pixel leans by less than the noise from there on."""
 
 SHARED = 1.5
 """Variance of differences over that of neighbors from which errors are shared: of six
@@ -168,6 +185,44 @@ def measured_noise(
         region: Pixels of the object, or of all that is seen.
         camera: That took it.
     """
+    image = _despiked(image)
+    return None if image is None else _measured(image, region, camera)
+
+
+def _despiked(image: Float[np.ndarray, "h w"]) -> Float[np.ndarray, "h w"] | None:
+    """An image without readings that lie far from what is around them.
+
+    Differences of the fourth order hold five readings each: of a tenth of outliers two
+    fifths are wrong, more than clipping takes away. None where they are so many that
+    they hide each other.
+    """
+    seen = image[image > 0]
+    if not len(seen):
+        return None
+    single = np.ascontiguousarray(image, np.float32)
+    middle = cv2.medianBlur(single, WINDOW)
+    off = np.abs(single - middle)
+    # On a slanted plane the median is often the very reading, and of rounded ones most
+    # are it: there what is usual elsewhere counts. Noise and steps may grow by z^2.
+    some_off = off.ravel()[at_most(off.size, SAMPLE)]
+    some_off = some_off[some_off > 0]
+    least = float(np.median(some_off)) if len(some_off) else 0.0
+    growth = np.maximum(1, middle / np.median(seen[at_most(len(seen), SAMPLE)])) ** 2
+    usual = np.maximum(cv2.medianBlur(off, WINDOW), least * growth)
+    least_off = np.maximum(SPIKE * usual, STEPS * _step(seen) * growth)
+    # Where most has no reading nothing tells.
+    is_spike = (off > least_off) & (middle > 0) & (image > 0)
+    if np.count_nonzero(is_spike) > MOST_SPIKES * len(seen):
+        return None
+    return np.where(is_spike, 0, image)
+
+
+def _measured(
+    image: Float[np.ndarray, "h w"],
+    region: Bool[np.ndarray, "h w"],
+    camera: AbstractRays,
+) -> MeasuredNoise | None:
+    """The same of an image without outliers."""
     some = region & (image > 0)
     if np.count_nonzero(some) < FEWEST:
         return None
@@ -190,13 +245,14 @@ def measured_noise(
     beside = seen & ~region
     around = _around(image, beside if beside.any() else seen)
     if around is None:
-        around = Around(_is_filtered(own_levels, step), 0.0)
+        is_fine = _is_fine(_variances(inverse, own, NEXT, 4), own_levels[NEAR])
+        around = Around(_is_filtered(own_levels, step), 0.0, is_fine)
     if not (around.is_filtered or around.smooth > 0):
         return _white(white * middle**2)
     far = _variances(inverse, own, FAR, 3) or _variances(inverse, own, NEAR, 3)
     total = max(white, math.sqrt(_least(far))) if far else white
     bands = around.smooth or max(BANDS, total)
-    noise = _matching(total, bands, camera)
+    noise = _matching(total, bands, camera, around.is_filtered and around.is_fine)
     reach = noise.bias.window_reach
     text = (
         f"Measured in the image: noise of {1e3 * total * middle**2:.2g} mm that "
@@ -216,19 +272,20 @@ def law_of_noise(
         image: Depths in meters; 0 where there is no reading.
         camera: That took it.
     """
-    seen = image > 0
-    whole = measured_noise(image, seen, camera)
-    if whole is None:
+    image = _despiked(image)
+    whole = None if image is None else _measured(image, image > 0, camera)
+    if image is None or whole is None:
         return MeasuredNoise(checked_noise(None), NOT_MEASURED)
     if whole.noise.bias.fields:
         # What neighbors share is of the inverse depth.
         return whole
+    seen = image > 0
     # What stands before a wall may have few readings, and little of the wall's noise.
     ends = np.geomspace(image[seen].min(), image[seen].max(), NUM_DEPTHS + 1)
     middles, levels = [], []
     for low, high in itertools.pairwise(ends):
         own = seen & (image >= low) & (image <= high)
-        known = own.any() and measured_noise(image, own, camera)
+        known = own.any() and _measured(image, own, camera)
         if known and isinstance(known.noise, ConstantNoise):
             middles.append(float(np.median(image[own])))
             levels.append(float(known.noise.deviation))
@@ -272,13 +329,15 @@ def _white(level: float) -> MeasuredNoise:
 
 
 def _matching(
-    deviation: float, bands: float, camera: PinholeCamera
+    deviation: float, bands: float, camera: PinholeCamera, is_fine: bool
 ) -> AbstractDepthNoise:
     """A camera that matches windows; its deviations are of inverse depth."""
     enlarged = 2 if float(camera.fx) > NARROW * camera.width else 1
     # Static numbers take few values, so that other images do not compile a fit anew.
     law = StereoDisparity(float(camera.fx), 1.0, deviation * float(camera.fx), step=0.0)
     windowed = MatchingWindow(law, native_scale=enlarged)
+    if is_fine:
+        windowed = MatchingWindow(law, FINE_WINDOW)
     banded = CorrelatedNoise(windowed, bands, BAND_LENGTH * enlarged)
     return ScaleError(banded, OFFSET, law="disparity")
 
@@ -348,16 +407,33 @@ def _is_filtered(levels: dict[int, list[float]], step: float) -> bool:
     return all(far > CURVED * max(one, least) for one, far in pairs)
 
 
+def _shared_by(near: float, apart: float) -> float:
+    """Variance of means over that of white noise where neighbors share errors.
+
+    Third differences of neighbors tell their correlation; of others, it is none.
+    """
+    correlation = min(max((1 - near / apart) / 1.5, 0.0), 0.5)
+    return apart / near * (1 + 2 * correlation) ** 2
+
+
+def _is_fine(next_but_one: Sequence[float], apart: Sequence[float]) -> bool:
+    """Whether neighbors but one share little, along rows and along columns."""
+    pairs = zip(next_but_one, apart, strict=False)
+    return all(far < FINE * near for near, far in pairs)
+
+
 class Around(NamedTuple):
     """What planes around an object tell of noise.
 
     Attributes:
         is_filtered: Whether neighbors share errors.
         smooth: Deviation of a smooth error of inverse depth; 0 if there is none.
+        is_fine: Whether only neighbors do, and those but one share little.
     """
 
     is_filtered: bool
     smooth: float
+    is_fine: bool
 
 
 def _around(
@@ -383,29 +459,38 @@ def _around(
     side = TILE // CELL
     places = np.indices((side, side)).reshape(2, -1)
     basis = np.linalg.qr(np.stack([*places, np.ones(side * side)], axis=1))[0]
-    shared, scattered, excess = [], [], []
+    pixels = np.stack([*np.indices((TILE, TILE)), np.ones((TILE, TILE))])
+
+    def blocks(field: np.ndarray) -> np.ndarray:
+        return field.reshape(side, CELL, side, CELL).sum(axis=(1, 3)).ravel()
+
+    shared, fine, scattered, excess = [], [], [], []
     for row, col in zip(rows[pick], cols[pick], strict=True):
         use, depth = uses[row, col], depths[row, col].astype(float)
         inverse = np.where(use, 1 / np.where(use, depth, 1), 0)
         near, apart = (_variances(inverse, use, lag, 3) for lag in (1, NEAR))
-        sums, counts = (
-            part.reshape(side, CELL, side, CELL).sum(axis=(1, 3)).ravel()
-            for part in (inverse, use)
-        )
+        counts = blocks(use)
         if not near or not apart or counts.min() < CELL * CELL / 2:
             continue
         white = max(float(np.mean(near)), (LEAST / float(np.median(depth[use]))) ** 2)
-        means = sums / counts
+        # Where readings lack on one side of a block their mean lies to the other.
+        plane = np.linalg.lstsq(pixels[:, use].T, inverse[use], rcond=None)[0]
+        beside = np.where(use, inverse - np.tensordot(plane, pixels, 1), 0)
+        means = blocks(beside) / counts
         left = means - basis @ (basis.T @ means)
         scatter = float(left @ left) / (side * side - 3)
         if scatter > MOST_SMOOTH**2:
             # Of two surfaces, or one that bends.
             continue
         shared.append(float(np.mean(apart)) / white)
-        scattered.append(scatter / (white * float(np.mean(1 / counts))))
+        if shared[-1] > SHARED:
+            fine.append(_is_fine(_variances(inverse, use, NEXT, 3), apart))
+        grain = white * _shared_by(white, float(np.mean(apart)))
+        scattered.append(scatter / (grain * float(np.mean(1 / counts))))
         excess.append(scatter)
     if not shared:
         return None
     is_smooth = np.median(scattered) > 1 + SCATTER / math.sqrt(len(scattered))
     smooth = LOST * math.sqrt(float(np.median(excess))) if is_smooth else 0.0
-    return Around(bool(np.median(shared) > SHARED), smooth)
+    is_filtered = bool(np.median(shared) > SHARED)
+    return Around(is_filtered, smooth, is_filtered and bool(np.median(fine) > 0.5))

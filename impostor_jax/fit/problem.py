@@ -72,10 +72,12 @@ class Edge(eqx.Module):
     Attributes:
         pixels: What the image holds there.
         inside: Which of them belong to the object.
+        mixed: As of `Table`.
     """
 
     pixels: Pixels
     inside: Bool[Array, "5 m"]
+    mixed: Bool[Array, "5 m"]
 
 
 class Settings(eqx.Module):
@@ -171,9 +173,11 @@ class Table(NamedTuple):
 
     Attributes:
         rays: Of the object's pixels, those first that only fill up; then of pixels at
-            its edge: themselves, left, right, above and below; then of pixels all over
-            the image, with no reading on the object.
+            its edge: themselves, left, right, above and below, with no reading that
+            is wrong; then of pixels all over the image, with no reading on the object.
         inside: Which of those at the edge belong to the object.
+        mixed: Which of them may be of two surfaces: their readings are neither the
+            object's nor of what lies beyond them.
         row: Rows of the object's pixels, as `pixel_indices` orders them; one beyond the
             image only fills up.
         col: Columns of the object's pixels.
@@ -191,6 +195,7 @@ class Table(NamedTuple):
 
     rays: RayList
     inside: Bool[Array, "5 e"] | Bool[np.ndarray, "5 e"]
+    mixed: Bool[Array, "5 e"] | Bool[np.ndarray, "5 e"]
     row: Int[Array, " n"] | Int[np.ndarray, " n"]
     col: Int[Array, " n"] | Int[np.ndarray, " n"]
     beside: Values
@@ -362,7 +367,11 @@ def _view_of(table: Table, first: RigidTransform | None) -> View:
     row, col, beside, num_blocks, each = map(jnp.asarray, told)
     return View(
         pixels=rays.pixels(0, (num_pixels,)),
-        edge=Edge(rays.pixels(num_pixels, at_edge), jnp.asarray(table.inside)),
+        edge=Edge(
+            rays.pixels(num_pixels, at_edge),
+            jnp.asarray(table.inside),
+            jnp.asarray(table.mixed),
+        ),
         around=rays.pixels(num_pixels + num_edge),
         row=row,
         col=col,

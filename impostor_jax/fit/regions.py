@@ -5,6 +5,7 @@ __all__ = [
     "SQUARE",
     "DepthUnitsWarning",
     "chosen_pixels",
+    "jump_reach",
     "most_readings",
     "pixel_indices",
     "sigma_face_on",
@@ -15,6 +16,7 @@ __all__ = [
 ]
 
 import warnings
+from types import ModuleType
 
 import jax
 import jax.numpy as jnp
@@ -22,6 +24,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from impostor_jax.arguments import users_level
+from impostor_jax.camera.ray_table import Sight
 from impostor_jax.fit.per_pixel import law_of
 from impostor_jax.fit.problem import BLOCK
 from impostor_jax.fit.surface import at_most, cropped, thinned, upper_median
@@ -49,6 +52,15 @@ of tins of 17000 pixels the interval of a radius stays as it is, and of a tunnel
 
 BUCKETS = tuple(BLOCK << k for k in range(3, 20, 2))
 """Readings are filled up to one of these numbers, so that few sizes are compiled."""
+
+NOISY, STEEP = 6.0, 10.0
+"""Standard deviations, and widths of a pixel (at an incidence of 84 degrees), by which
+neighboring readings of one surface may differ."""
+
+NODES = 256
+"""Depths at which the host asks for a standard deviation; it interpolates between."""
+
+Image = Float[Array, "*shape"] | Float[np.ndarray, "*shape"]
 
 SQUARE = np.ones((3, 3), np.uint8)
 """A pixel and its eight neighbors."""
@@ -85,6 +97,32 @@ def sigma_face_on(
 ) -> Float[Array, "*batch"]:
     """Standard deviation of readings of a surface that rays meet at a right angle."""
     return noise.sigma(depth, jnp.ones_like(depth))
+
+
+def jump_reach(
+    depth: Image, camera: Sight, noise: AbstractDepthNoise, xp: ModuleType
+) -> Image:
+    """By how much neighbors of readings may differ that show the same surface.
+
+    Args:
+        depth: Of the readings, in meters; 0 where there is none, as of the result.
+        camera: That took them.
+        noise: Of them.
+        xp: NumPy, or `jax.numpy` of what is traced.
+    """
+    has = depth > 0
+    away = xp.where(has, depth, 1)
+    sigma = _sigma_between(noise, away) if xp is np else sigma_face_on(noise, away)
+    width = depth * xp.asarray(camera.spacing, depth.dtype)
+    return xp.where(has, NOISY * sigma + STEEP * width, 0)
+
+
+def _sigma_between(
+    noise: AbstractDepthNoise, depth: Float[np.ndarray, "h w"]
+) -> Float[np.ndarray, "h w"]:
+    """`sigma_face_on` of positive depths, in one program for any number of them."""
+    nodes = np.geomspace(depth.min(), depth.max(), NODES).astype(depth.dtype)
+    return np.interp(depth, nodes, np.asarray(sigma_face_on(noise, nodes)))
 
 
 class DepthUnitsWarning(UserWarning):

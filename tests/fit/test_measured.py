@@ -1,12 +1,13 @@
 """Noise that is measured in the image, where nothing is told of the sensor."""
 
+import cv2
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 import impostor_jax as ij
-from impostor_jax.fit.measured import law_of_noise, measured_noise
+from impostor_jax.fit.measured import NOT_MEASURED, law_of_noise, measured_noise
 from tests.fit.scenes import CAMERA, SIGMA, can, image
 from tests.groups import FULL
 
@@ -57,6 +58,50 @@ def test_filtered_noise_is_told_without_anything_around():
     readings = grain.sample(jax.random.key(1), flat, normal, CAMERA)
     found = measured_noise(np.where(mask, readings, 0), mask, CAMERA)
     assert int(found.noise.bias.window_reach) > 0
+
+
+def with_outliers(depth, share, seed=0):
+    """Of which some readings are anywhere within 20 cm of where they were."""
+    rng = np.random.default_rng(seed)
+    is_wrong = rng.random(depth.shape) < share
+    off = rng.uniform(-0.2, 0.2, depth.shape)
+    return np.where(is_wrong, np.maximum(depth + off, 0.05), depth).astype(np.float32)
+
+
+@pytest.mark.parametrize("share", [0.05, 0.1, 0.2])
+def test_outliers_are_no_noise(share):
+    # A twentieth of them made 4 mm that neighbors share of 1 mm of white noise, and
+    # fits of what little was left 50 mm of a radius of 41, with success.
+    depth, mask = drawn(ij.ConstantNoise(0.001))
+    found = measured_noise(with_outliers(depth, share), mask, CAMERA)
+    assert isinstance(found.noise, ij.ConstantNoise)
+    assert 0.0009 < float(found.noise.deviation) < 0.001 * (1 + 3 * share)
+
+
+def test_more_outliers_than_can_be_told_apart_leave_the_noise_open():
+    depth, mask = drawn(ij.ConstantNoise(0.001))
+    depth = with_outliers(depth, 0.4)
+    assert measured_noise(depth, mask, CAMERA) is None
+    assert law_of_noise(depth, CAMERA).text == NOT_MEASURED
+
+
+def test_rounded_readings_are_no_outliers():
+    depth, mask = drawn(ij.ConstantNoise(0.0005))
+    noise = measured_noise(np.round(depth, 3), mask, CAMERA).noise
+    assert isinstance(noise, ij.ConstantNoise)
+    rounded = np.hypot(0.0005, 0.001 / 12**0.5)
+    assert float(noise.deviation) == pytest.approx(rounded, rel=0.15)
+
+
+@pytest.mark.parametrize("width", [0.45, 0.6])
+def test_a_filter_of_half_a_pixel_is_no_window(width):
+    # Five pixels beside jumps were left out: all but 48 pixels of a can of 269, whose
+    # radius came out a third, with success.
+    depth, mask = drawn(ij.ConstantNoise(1e-9))
+    grain = np.random.default_rng(0).normal(size=depth.shape)
+    grain = cv2.GaussianBlur(grain, (0, 0), width)
+    found = measured_noise(depth + 0.001 * grain / grain.std(), mask, CAMERA)
+    assert int(found.noise.bias.window_reach) <= 2
 
 
 def test_nothing_told_is_as_white_noise_told():
