@@ -20,7 +20,7 @@ from impostor_jax.find.found import Found
 from impostor_jax.find.planes import PlaneRegions, primitives_of
 from impostor_jax.find.search import Detection, Request, search
 from impostor_jax.find.sectors import sectors_of, view_of_sector
-from impostor_jax.find.view import View, view_of
+from impostor_jax.find.view import View, dense_stride, view_of
 from impostor_jax.fit.far import near_prior, told_in_world
 from impostor_jax.fit.fittable import CYLINDER
 from impostor_jax.fit.measured import law_of_noise, law_of_pixels
@@ -206,6 +206,7 @@ def _parts(
     """What is searched one after the other: an image, or the sectors of a scan."""
     asked, stride = (noise, sigma, options), options.effort.stride
     if not isinstance(camera, SphericalCamera):
+        stride = dense_stride(image, stride)
         view = view_of(image, camera, noise, MOST_PIXELS, stride)
         return [(view, Fitter.of(image, camera, *asked))]
     return [

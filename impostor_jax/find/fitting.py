@@ -139,7 +139,7 @@ class Fitter:
     ) -> Bool[np.ndarray, "H W"]:
         """A mask of what is searched, as one of the image."""
         if self.sector is None:
-            return view.enlarged(mask, self.depth.shape)
+            return view.enlarged(mask, self.depth.shape) & view.agrees(self.depth)
         shape = self.depth.shape[0], len(self.sector.cols)
         return self.sector.of_scan(view.enlarged(mask, shape))
 

@@ -6,9 +6,10 @@ depth of a plane is linear in the rays, of an orthographic one the depth: `linea
 the one that is.
 """
 
-__all__ = ["Box", "View", "sigmas_of", "stride_of", "view_of"]
+__all__ = ["Box", "View", "dense_stride", "sigmas_of", "stride_of", "view_of"]
 
 import dataclasses
+import itertools
 import math
 from functools import cached_property
 from typing import Any
@@ -19,10 +20,19 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Shaped
 
 from impostor_jax.camera.base import AbstractCamera
+from impostor_jax.fit.regions import NOISY, STEEP
+from impostor_jax.opencv import cv2
 from impostor_jax.sensor.base import AbstractDepthNoise
 
 INCIDENCES = np.radians(np.arange(0, 90, 10)).astype(np.float32)
 """Angles at which `View.grazing` is known, in radians."""
+
+DENSE = 0.7
+"""Share of readings within their closed outline from which their neighbors tell
+normals."""
+
+MOST_SPARSE = 4
+"""Stride up to which an image with holes is searched more coarsely."""
 
 Box = tuple[slice, slice]
 """Rows and columns of a block of pixels."""
@@ -42,7 +52,8 @@ class View:
         grazing: Factor of `sigma` at each of `INCIDENCES`.
         footprint: Distance of neighboring rays over the depth; in meters where rays are
             parallel.
-        stride: Every n-th row and column of the image is here.
+        stride: Every n-th row and column of the image is here; of a block without a
+            reading in its first pixel another one.
     """
 
     depth: Float[np.ndarray, "h w"]
@@ -103,6 +114,19 @@ class View:
         whole = field.repeat(self.stride, axis=0).repeat(self.stride, axis=1)
         return whole[: shape[0], : shape[1]]
 
+    def agrees(
+        self, depth: Float[np.ndarray, "H W"]
+    ) -> Bool[np.ndarray, "H W"] | np.bool_:
+        """Pixels of the image that show what their pixel of the view does, or nothing.
+
+        Of a block at an edge some may be of what lies beside.
+        """
+        if self.stride == 1:
+            return np.True_
+        reach = NOISY * self.sigma + STEEP * self.width(self.depth)
+        own, reach = (self.enlarged(part, depth.shape) for part in (self.depth, reach))
+        return (depth == 0) | (np.abs(depth - own) <= reach)
+
     def width(self, depth: Any) -> Any:
         """Of a pixel at a depth, in meters."""
         return self.footprint * depth if self.is_central else self.footprint + 0 * depth
@@ -161,7 +185,7 @@ def view_of(
         stride: Of rows and columns; larger where there would be more pixels.
     """
     stride = stride_of(depth.shape, most_pixels, stride)
-    pick = slice(None, None, stride), slice(None, None, stride)
+    pick = _pick(depth, stride)
     x, y, sees = (part[pick] for part in _rays(camera))
     picked = np.where(sees, depth[pick], 0).astype(np.float32)
     sigma, grazing = sigmas_of(noise, picked)
@@ -175,6 +199,42 @@ def view_of(
         footprint=stride / min(_focal(camera)),
         stride=stride,
     )
+
+
+def dense_stride(depth: Float[np.ndarray, "h w"], stride: int) -> int:
+    """Stride from which on an image has few holes between readings; at least as given.
+
+    One that was warped to the rays of a camera of a longer focal length has readings
+    with holes around each of them.
+
+    Args:
+        depth: In meters; 0 where there is no reading.
+        stride: At least.
+    """
+    for coarser in range(stride, max(stride, MOST_SPARSE) + 1):
+        valid = (depth[_pick(depth, coarser)] > 0).astype(np.uint8)
+        closed = cv2.morphologyEx(valid, cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8))
+        if np.count_nonzero(valid) >= DENSE * np.count_nonzero(closed):
+            return coarser
+    return stride
+
+
+def _pick(depth: Float[np.ndarray, "h w"], stride: int) -> tuple[Any, Any]:
+    """Index of a pixel of each block, with a reading where one has any."""
+    height, width = depth.shape
+    rows, cols = slice(None, None, stride), slice(None, None, stride)
+    if stride == 1 or depth[rows, cols].all():
+        return rows, cols
+    first = np.ix_(np.arange(0, height, stride), np.arange(0, width, stride))
+    row, col = (np.array(part) for part in np.broadcast_arrays(*first))
+    for down, right in sorted(itertools.product(range(stride), repeat=2), key=sum):
+        other = (
+            np.minimum(first[0] + down, height - 1),
+            np.minimum(first[1] + right, width - 1),
+        )
+        better = (depth[row, col] == 0) & (depth[other] > 0)
+        row, col = np.where(better, other[0], row), np.where(better, other[1], col)
+    return row, col
 
 
 def stride_of(shape: tuple[int, int], most_pixels: int, stride: int) -> int:

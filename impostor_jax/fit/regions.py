@@ -2,7 +2,9 @@
 
 __all__ = [
     "BUCKETS",
+    "NOISY",
     "SQUARE",
+    "STEEP",
     "DepthUnitsWarning",
     "chosen_pixels",
     "jump_reach",

@@ -23,7 +23,7 @@ from impostor_jax.find.cylinders import MOST_PIXELS, find_cylinders
 from impostor_jax.find.normals import stray
 from impostor_jax.find.objects import objects_of
 from impostor_jax.find.planes import planes_of
-from impostor_jax.find.view import view_of
+from impostor_jax.find.view import dense_stride, view_of
 from impostor_jax.fit.far import fitted_near
 from impostor_jax.fit.fittable import CYLINDER, Fittable, no_guess
 from impostor_jax.fit.options import Options
@@ -226,7 +226,7 @@ def _objects(
     image: Float[np.ndarray, "h w"], camera: AbstractCamera, noise: AbstractDepthNoise
 ) -> list[Bool[np.ndarray, "h w"]]:
     """Pixels of the largest objects that are no planes, as a search sees them."""
-    view = view_of(image, camera, noise, MOST_PIXELS)
+    view = view_of(image, camera, noise, MOST_PIXELS, dense_stride(image, 1))
     usable = view.valid & ~stray(view)
     planes = planes_of(view, usable)
     fewest = -(-MIN_READINGS // view.stride**2)

@@ -106,3 +106,35 @@ def test_masks_are_of_the_image(stride):
     assert (found.masks[0] & mask).sum() > (0.97 if stride == 1 else 0.85) * union.sum()
     fit = found.fits[0]
     assert fit.cylinder.radius == pytest.approx(0.04, abs=4 * float(fit.std.radius))
+
+
+def warped(depth, camera, longer, aside):
+    """Readings as a camera of a longer focal length beside the other sees them.
+
+    Each is rounded to a pixel, as programs that register depth to color do it: around
+    most of them are pixels without a reading.
+    """
+    row, col = np.indices(depth.shape)
+    x = (col - camera.cx) / camera.fx * depth + aside
+    y = (row - camera.cy) / camera.fy * depth
+    col = np.rint(longer.fx * x / depth + longer.cx).astype(int)
+    row = np.rint(longer.fy * y / depth + longer.cy).astype(int)
+    seen = (col >= 0) & (col < longer.width) & (row >= 0) & (row < longer.height)
+    image = np.full((longer.height, longer.width), np.inf, np.float32)
+    np.minimum.at(image, (row[seen], col[seen]), depth[seen])
+    return np.where(np.isfinite(image), image, 0)
+
+
+def test_a_can_is_found_in_depth_that_was_warped_to_a_color_camera():
+    # Two thirds of the pixels have no reading, so that no reading had a neighbor, and
+    # nothing was found.
+    longer = ij.PinholeCamera(442.0, 442.0, 160.0, 120.0, 321, 241)
+    truth = can_on_table(0.0, 0.1, 0.04, 0.12)
+    image = image_of([TABLE, truth], CAMERA)
+    depth = warped(image.depth, CAMERA, longer, aside=0.025)
+    assert 0.3 < np.mean(depth > 0) < 0.5
+    found = ij.find_cylinders(depth, longer, SIGMA)
+    assert len(found.fits) == 1
+    fit = found.fits[0]
+    assert abs(float(fit.cylinder.radius) - 0.04) < 4 * float(fit.std.radius)
+    assert abs(float(np.dot(fit.cylinder.axis, DOWN))) > np.cos(np.radians(1))

@@ -4,6 +4,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+import impostor_jax as ij
+from impostor_jax.find.view import dense_stride, view_of
 from tests.find.scenes import CAMERA, CAMERAS, seen
 
 ROW, COL = np.mgrid[:120, :160]
@@ -76,3 +78,25 @@ def test_of_a_large_image_every_nth_pixel_is_searched(most, stride):
     np.testing.assert_array_equal(view.depth, depth[pick])
     np.testing.assert_array_equal(view.points, whole.points[pick])
     assert view.width(2.0) == pytest.approx(2.0 * stride / CAMERA.fx)
+
+
+@pytest.mark.parametrize(("holes", "stride"), [(0.0, 1), (0.25, 1), (0.6, 2)])
+def test_an_image_with_holes_is_searched_more_coarsely(holes, stride):
+    rng = np.random.default_rng(0)
+    depth = np.where(rng.random((90, 121)) < holes, 0, 1.0).astype(np.float32)
+    depth[:, :40] = 0
+    assert dense_stride(depth, 1) == stride
+
+
+def test_of_a_block_another_pixel_shows_what_the_first_does_not():
+    depth = np.zeros((5, 6), np.float32)
+    depth[1, 2], depth[4, 5] = 2.0, 3.0
+    camera = ij.PinholeCamera(100.0, 100.0, 0.0, 0.0, 6, 5)
+    view = view_of(depth, camera, ij.ConstantNoise(0.001), 100, 2)
+    expected = np.zeros((3, 3))
+    expected[0, 1], expected[2, 2] = 2.0, 3.0
+    np.testing.assert_array_equal(view.depth, expected)
+    # The ray is that pixel's own.
+    np.testing.assert_allclose([view.x[0, 1], view.y[0, 1]], [0.02, 0.01])
+    agrees = view.agrees(np.where(depth == 0, 0.5, depth))
+    assert agrees.sum() == 2
