@@ -185,8 +185,8 @@ def measured_noise(
         region: Pixels of the object, or of all that is seen.
         camera: That took it.
     """
-    image = _despiked(image)
-    return None if image is None else _measured(image, region, camera)
+    usual = _despiked(image)
+    return None if usual is None else _measured(usual, region, camera)
 
 
 def _despiked(image: Float[np.ndarray, "h w"]) -> Float[np.ndarray, "h w"] | None:
@@ -272,22 +272,22 @@ def law_of_noise(
         image: Depths in meters; 0 where there is no reading.
         camera: That took it.
     """
-    image = _despiked(image)
-    whole = None if image is None else _measured(image, image > 0, camera)
-    if image is None or whole is None:
+    usual = _despiked(image)
+    whole = None if usual is None else _measured(usual, usual > 0, camera)
+    if usual is None or whole is None:
         return MeasuredNoise(checked_noise(None), NOT_MEASURED)
     if whole.noise.bias.fields:
         # What neighbors share is of the inverse depth.
         return whole
-    seen = image > 0
+    seen = usual > 0
     # What stands before a wall may have few readings, and little of the wall's noise.
-    ends = np.geomspace(image[seen].min(), image[seen].max(), NUM_DEPTHS + 1)
+    ends = np.geomspace(usual[seen].min(), usual[seen].max(), NUM_DEPTHS + 1)
     middles, levels = [], []
     for low, high in itertools.pairwise(ends):
-        own = seen & (image >= low) & (image <= high)
-        known = own.any() and _measured(image, own, camera)
+        own = seen & (usual >= low) & (usual <= high)
+        known = own.any() and _measured(usual, own, camera)
         if known and isinstance(known.noise, ConstantNoise):
-            middles.append(float(np.median(image[own])))
+            middles.append(float(np.median(usual[own])))
             levels.append(float(known.noise.deviation))
     if not levels:
         return whole
