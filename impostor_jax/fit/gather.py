@@ -19,7 +19,7 @@ from jaxtyping import Array, Bool, Float
 from impostor_jax.camera.ray_table import RayTable, Sight, directions_of
 from impostor_jax.fit.per_pixel import law_of, spread_of
 from impostor_jax.fit.problem import BLOCK, Lattice, RayList, Table
-from impostor_jax.fit.regions import jump_reach
+from impostor_jax.fit.regions import STEEP, jump_parts
 from impostor_jax.fit.surface import cropped
 from impostor_jax.fit.uncertainty import MAX_LAG
 from impostor_jax.geometry.frames import RigidTransform
@@ -46,6 +46,10 @@ thinned."""
 
 CROSS = np.array([[0, 0, 0, -1, 1], [0, -1, 1, 0, 0]])[..., None]
 """Rows down and columns right to a pixel itself, left, right, above and below."""
+
+GENTLE = 2.0
+"""Widths of a pixel by which readings of a surface may differ per pixel of which no two
+show how steep it is: at an incidence of 63 degrees."""
 
 Image = Float[Array, "h w"] | Float[np.ndarray, "h w"]
 Mask = Bool[Array, "h w"] | Bool[np.ndarray, "h w"]
@@ -217,7 +221,7 @@ def _off(
     col: Indices,
     xp: ModuleType,
 ) -> tuple[Indices, Indices]:
-    """Which readings beside the object are neither its own nor of what lies beyond.
+    """Which readings beside the object are neither its own nor of the next beyond.
 
     Of a sensor that is said to mix readings at edges none: that counts as it says.
 
@@ -242,14 +246,21 @@ def _off(
         exists &= (col >= 0) & (col < depth.shape[1])
         return xp.where(exists, _of_pixels(depth, row, col, xp), 0)
 
-    here = read(row, col)
-    down, right = CROSS
-    own, beyond = here[:1], read(row + down, col + right)
-    reach = jump_reach(here, camera, law_of(noise), xp)
+    here, (down, right) = read(row, col), CROSS
+    own = here[:1]
+    # Two, of which one may be an outlier. What is steep goes on as steeply.
+    beyond = [read(row + k * down, col + k * right) for k in (1, 2)]
+    noisy, width = jump_parts(here, camera, law_of(noise), xp)
+    step = xp.abs(beyond[0] - beyond[1])
+    is_surface = (beyond[0] > 0) & (beyond[1] > 0) & (step <= noisy + STEEP * width)
+    slope = GENTLE * width + xp.where(is_surface, 2 * step, 0)
     # Where the object has no reading the other side alone tells.
-    is_alone = (xp.abs(here - own) > reach) | (own == 0)
-    is_off = is_alone & (here > 0) & (beyond > 0) & (xp.abs(here - beyond) > reach)
-    goes_on = xp.abs(beyond - own) <= reach
+    is_off = (xp.abs(here - own) > noisy + STEEP * width) | (own == 0)
+    is_off &= (here > 0) & ((beyond[0] > 0) | (beyond[1] > 0))
+    goes_on = xp.zeros(row.shape, bool)
+    for k, other in enumerate(beyond, 1):
+        is_off &= (xp.abs(here - other) > noisy + k * slope) | (other == 0)
+        goes_on |= xp.abs(own - other) <= noisy + STEEP * width
     return is_off & goes_on, is_off & ~goes_on
 
 

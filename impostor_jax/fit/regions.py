@@ -7,6 +7,7 @@ __all__ = [
     "STEEP",
     "DepthUnitsWarning",
     "chosen_pixels",
+    "jump_parts",
     "jump_reach",
     "most_readings",
     "pixel_indices",
@@ -106,8 +107,19 @@ def jump_reach(
 ) -> Image:
     """By how much neighbors of readings may differ that show the same surface.
 
+    The arguments are of the next.
+    """
+    noisy, width = jump_parts(depth, camera, noise, xp)
+    return noisy + STEEP * width
+
+
+def jump_parts(
+    depth: Image, camera: Sight, noise: AbstractDepthNoise, xp: ModuleType
+) -> tuple[Image, Image]:
+    """By how much noise alone lets neighbors of readings differ, and a pixel's width.
+
     Args:
-        depth: Of the readings, in meters; 0 where there is none, as of the result.
+        depth: Of the readings, in meters; 0 where there is none, as of the results.
         camera: That took them.
         noise: Of them.
         xp: NumPy, or `jax.numpy` of what is traced.
@@ -116,7 +128,7 @@ def jump_reach(
     away = xp.where(has, depth, 1)
     sigma = _sigma_between(noise, away) if xp is np else sigma_face_on(noise, away)
     width = depth * xp.asarray(camera.spacing, depth.dtype)
-    return xp.where(has, NOISY * sigma + STEEP * width, 0)
+    return xp.where(has, NOISY * sigma, 0), width
 
 
 def _sigma_between(
