@@ -28,6 +28,8 @@ from tests.fit.test_frustum import cup
 from tests.fit.test_sphere import ball
 from tests.groups import FULL, SMALL_IMAGES
 
+pytestmark = FULL
+
 COUNT = 12
 # Of the size that other tests fit, whose compiled fits it shares.
 CANS = Preset(
@@ -60,7 +62,6 @@ def outcomes(cans):
     return [o for some in evaluate(read_dataset(cans), sensor) for o in some]
 
 
-@FULL
 @SMALL_IMAGES
 def test_every_visible_cylinder_is_fitted(outcomes):
     assert len(outcomes) == 2 * COUNT
@@ -70,7 +71,6 @@ def test_every_visible_cylinder_is_fitted(outcomes):
     assert all(outcome.success for outcome in outcomes)
 
 
-@FULL
 @SMALL_IMAGES
 def test_errors_are_as_large_as_their_deviations_say(outcomes):
     scaled = standardized(outcomes)

@@ -407,13 +407,16 @@ def _is_filtered(levels: dict[int, list[float]], step: float) -> bool:
     return all(far > CURVED * max(one, least) for one, far in pairs)
 
 
-def _shared_by(near: float, apart: float) -> float:
-    """Variance of means over that of white noise where neighbors share errors.
+def _in_means(near: float, apart: float) -> float:
+    """Variance of a mean of n readings, times n, where neighbors alone share errors.
 
-    Third differences of neighbors tell their correlation; of others, it is none.
+    Args:
+        near: Variance that third differences of neighbors tell, 1 - 1.5 times their
+            correlation of that of one reading.
+        apart: The same of others, which is all of it.
     """
     correlation = min(max((1 - near / apart) / 1.5, 0.0), 0.5)
-    return apart / near * (1 + 2 * correlation) ** 2
+    return apart * (1 + 2 * correlation) ** 2
 
 
 def _is_fine(next_but_one: Sequence[float], apart: Sequence[float]) -> bool:
@@ -485,7 +488,7 @@ def _around(
         shared.append(float(np.mean(apart)) / white)
         if shared[-1] > SHARED:
             fine.append(_is_fine(_variances(inverse, use, NEXT, 3), apart))
-        grain = white * _shared_by(white, float(np.mean(apart)))
+        grain = _in_means(white, float(np.mean(apart)))
         scattered.append(scatter / (grain * float(np.mean(1 / counts))))
         excess.append(scatter)
     if not shared:

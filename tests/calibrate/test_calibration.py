@@ -17,7 +17,7 @@ from tests.calibrate.scenes import (
 )
 from tests.groups import FULL, RELEASE, SMALL_IMAGES
 
-pytestmark = SMALL_IMAGES
+pytestmark = [SMALL_IMAGES, FULL]
 
 
 @pytest.fixture(scope="module")
@@ -26,7 +26,6 @@ def twenty():
     return calibration_of(images_of(SENSOR), CAMERA, native_scale=NATIVE_SCALE)
 
 
-@FULL
 def test_noise_grain_and_warp_are_recovered_within_10_percent(twenty):
     warp, grain = twenty.sensor, twenty.sensor.sensor
     assert isinstance(grain.sensor, ij.MatchingWindow)
@@ -39,7 +38,6 @@ def test_noise_grain_and_warp_are_recovered_within_10_percent(twenty):
     assert warp.length == pytest.approx(14, rel=0.1)
 
 
-@FULL
 def test_what_it_says_of_its_own_errors_holds(twenty):
     deviation, length, errors = twenty.warp
     off = np.log([deviation / 0.0012, length / 14])
@@ -117,7 +115,6 @@ def test_a_warp_larger_than_the_noise_tears_no_planes():
     assert np.all(np.abs(off) < 4 * np.array(errors))
 
 
-@FULL
 def test_noise_at_one_distance_grows_as_is_usual():
     wall = [image_of(ij.StructuredLight(0.0036, 0.0057), 0.8, 0.0, 0.5, seed=4)[0]]
     mask = np.zeros((120, 160), bool)
@@ -129,7 +126,6 @@ def test_noise_at_one_distance_grows_as_is_usual():
     assert law.floor == pytest.approx(0.0036, rel=0.1)
 
 
-@FULL
 def test_readings_that_were_smoothed_keep_their_scatter_in_the_law():
     """Of a law without the grain a fit would call a good can a poor fit."""
     smooth = ij.CorrelatedNoise(ij.ConstantNoise(0.0005), 0.003, 3.0, power=0)

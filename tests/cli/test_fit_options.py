@@ -201,6 +201,7 @@ def test_what_is_fixed_keeps_its_value_in_the_start(fit, folder):
     assert record["std"]["height_m"] == 0
 
 
+@FULL
 @pytest.mark.parametrize(
     "sensor",
     [
@@ -305,6 +306,7 @@ def test_views_of_one_object_have_one_fit(fit, folder):
     assert "must hold a list of 2 matrices" in err
 
 
+@FULL
 def test_a_cloud_is_fitted(fit, folder):
     depth, mask = image()
     rows, cols = np.nonzero(mask)

@@ -27,7 +27,7 @@ from impostor_jax.primitives import PRIMITIVES
 from tests.data_synth.small import HEIGHT, SMALL, WIDTH, checksums, small_dataset
 from tests.groups import DATASETS, FULL, RELEASE
 
-pytestmark = DATASETS
+pytestmark = [DATASETS, FULL]
 COLORED = dataclasses.replace(
     SMALL,
     scenery=(
@@ -94,7 +94,6 @@ def test_a_picture_is_that_of_the_labels(colored):
     assert seen == {"color", "exponent", "reflect", "transmit", "ior"}
 
 
-@FULL
 def test_depth_is_that_of_the_same_dataset_without_color(colored, tmp_path):
     small_dataset(tmp_path / "plain", PLAIN)
     plain, both = checksums(tmp_path / "plain"), checksums(colored)
@@ -104,7 +103,6 @@ def test_depth_is_that_of_the_same_dataset_without_color(colored, tmp_path):
     assert all(name.endswith("/scene_appearance.json") for name in added)
 
 
-@FULL
 def test_color_is_read_from_folders_and_archives(colored, tmp_path):
     small_dataset(tmp_path / "archives", COLORED, layout="webdataset")
     assert validate(colored) == validate(tmp_path / "archives") == []
@@ -144,7 +142,6 @@ COLORABLE = [
 ]
 
 
-@FULL
 @pytest.mark.parametrize("name", COLORABLE)
 def test_lamps_are_before_planes_and_in_no_thing(name):
     preset = dataclasses.replace(PRESETS[name], appearance=Appearance(lamps=3))

@@ -145,6 +145,7 @@ def test_killed_and_resumed_gives_equal_bytes(tmp_path, bop, preset_file):
     assert not list(train.glob(".*"))
 
 
+@FULL
 @pytest.mark.parametrize("seconds", [0.0, pytest.param(0.5, marks=RELEASE)])
 def test_an_interrupt_is_one_line_and_the_rest_can_be_made(
     tmp_path, preset_file, seconds

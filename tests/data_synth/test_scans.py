@@ -18,7 +18,7 @@ from data_synth.validate import validate
 from tests.data_synth.small import small_dataset
 from tests.groups import DATASETS, FULL
 
-pytestmark = DATASETS
+pytestmark = [DATASETS, FULL]
 PRESET = PRESETS["tree_scan"]
 SMALL = dataclasses.replace(
     PRESET,
@@ -38,7 +38,6 @@ def scans(tmp_path_factory):
     return folder
 
 
-@FULL
 def test_a_scan_is_read_as_it_was_drawn(scans):
     for image in ij.read_dataset(scans):
         assert isinstance(image.camera, ij.SphericalCamera)
@@ -57,7 +56,6 @@ def test_a_scan_is_read_as_it_was_drawn(scans):
     assert len({np.sign(z) for z in center[:, 2]}) == 2, "before and behind"
 
 
-@FULL
 def test_labels_hold_the_scanner_and_the_mounds(scans):
     scene = scans / "train" / "000000"
     camera = json.loads((scene / "scene_camera.json").read_text())["0"]

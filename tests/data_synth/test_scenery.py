@@ -35,7 +35,7 @@ from impostor_jax.primitives import PRIMITIVES
 from tests.data_synth.small import HEIGHT, SMALL, WIDTH, small_dataset
 from tests.groups import DATASETS, FULL, RELEASE
 
-pytestmark = DATASETS
+pytestmark = [DATASETS, FULL]
 MIXED = ("mixed_table", "no_cylinders")
 
 EMPTY = dataclasses.replace(
@@ -147,7 +147,6 @@ def inside(thing, points):
     return (share > 0) & (share < 1) & (away < radius)
 
 
-@FULL
 @pytest.mark.parametrize("name", MIXED)
 def test_things_do_not_meet_and_rest_on_the_table(scenes, name):
     rng = np.random.default_rng(5)
@@ -184,7 +183,6 @@ def stands_on(scene, pose, other):
     return abs(low - top) < 1e-9 and aside < other.item.radius
 
 
-@FULL
 def test_stacked_cans_stand_on_another_that_stands(scenes):
     found = 0
     for scene in scenes["mixed_table"]:

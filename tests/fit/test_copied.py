@@ -11,6 +11,8 @@ from impostor_jax.fit.copied import copies_along
 from tests.fit.scenes import CAMERA, SIGMA, can, image
 from tests.groups import FULL, RELEASE, SMALL_IMAGES
 
+pytestmark = FULL
+
 NOISE = ij.ConstantNoise(SIGMA)
 
 
@@ -69,7 +71,6 @@ def test_steps_of_a_disparity_are_not_taken_for_copies():
     assert copies_along(depth, mask) is None
 
 
-@FULL
 @SMALL_IMAGES
 def test_what_walls_lean_by_is_counted_where_it_is_recognized():
     fit = fitted(NOISE)

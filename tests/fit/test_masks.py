@@ -189,6 +189,7 @@ def test_any_part_of_the_object_will_do(part):
     assert errors(fit, STANDING).max() < 3.5
 
 
+@FULL
 def test_a_held_radius_that_is_wrong_is_no_success():
     depth, mask = image()
     truth = can()

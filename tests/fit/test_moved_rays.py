@@ -14,7 +14,7 @@ from impostor_jax.geometry.vec3 import Vec3
 from tests.fit.scenes import CAMERA, SIGMA, can, image
 from tests.groups import FULL, OF_POINTS, RELEASE
 
-pytestmark = OF_POINTS
+pytestmark = [OF_POINTS, FULL]
 ALONG, ACROSS = 0.001, 0.0007
 BESIDE = 0.0015
 COUNT = 100_000
@@ -94,7 +94,6 @@ def scores(kind, shape, direction, depth, is_image, noise):
     return terms, np.sum(each[told], axis=1) / spread[told]
 
 
-@FULL
 @pytest.mark.usefixtures("double")
 @pytest.mark.parametrize("name", SOLIDS)
 @pytest.mark.parametrize("inside", [40.0, 3.0, 1.0, 0.0, -1.0])
@@ -121,7 +120,6 @@ def brink(shape):
     return low
 
 
-@FULL
 @pytest.mark.usefixtures("double")
 @pytest.mark.parametrize("name", SOLIDS)
 def test_points_have_no_bias_however_they_are_spread(name):

@@ -17,7 +17,7 @@ from tests.fit.scenes import CAMERA, can
 from tests.groups import FULL, RELEASE, SMALL_IMAGES
 from tests.schemas import validator
 
-pytestmark = SMALL_IMAGES
+pytestmark = [SMALL_IMAGES, FULL]
 
 RADIUS = {"radius": (0.04, 0.0001)}
 NOISE = 0.05
@@ -49,7 +49,6 @@ def assert_close(fit, truth, most=4.0):
     assert abs(float(fit.cylinder.height - truth.height)) < most * fit.std.height
 
 
-@FULL
 @pytest.mark.parametrize("degrees", [40, 60, 88])
 def test_a_matte_tells_the_pose_as_far_as_it_says(degrees):
     truth = can(degrees)
@@ -74,7 +73,6 @@ def test_a_mask_tells_it_to_parts_of_a_pixel(degrees):
     assert float(fit.chi2) < 1.2
 
 
-@FULL
 def test_an_edge_along_the_grid_is_known_to_a_pixel():
     upright = ij.Cylinder((0.0, 0.0, 0.35), (0.0, 1.0, 0.0), 0.04, 0.12)
     fit = fit_to(mask_of(upright), prior={"radius": (0.04, 1e-6)})
@@ -101,7 +99,6 @@ def test_without_a_length_all_but_the_scale_is_told():
     assert slender == pytest.approx(3, rel=0.02)
 
 
-@FULL
 @pytest.mark.parametrize(
     "known",
     [
@@ -140,7 +137,6 @@ def star():
     return cv2.fillPoly(blank, [points.T.round().astype(np.int32)], 1) > 0
 
 
-@FULL
 @pytest.mark.parametrize("make", [disc, corner, star])
 def test_what_is_no_silhouette_of_a_cylinder_is_no_success(make):
     fit = fit_to(make())
@@ -148,7 +144,6 @@ def test_what_is_no_silhouette_of_a_cylinder_is_no_success(make):
     assert fit.status in (ij.FitStatus.POOR_FIT, ij.FitStatus.UNDETERMINED)
 
 
-@FULL
 def test_a_fit_says_that_it_is_of_an_outline():
     posed = ij.PinholeCamera(
         150.0, 150.0, 79.5, 59.5, 160, 120, camera_from_world=pose()
@@ -168,21 +163,18 @@ def test_a_fit_says_that_it_is_of_an_outline():
             use(fit)
 
 
-@FULL
 def test_labels_are_fitted_one_by_one():
     labels = np.where(mask_of(can()), 7, 0)
     fits = ij.fit_labels(None, CAMERA, labels, prior=RADIUS, mask_meaning="outline")
     assert_close(fits[7], can())
 
 
-@FULL
 def test_a_sigma_that_is_too_small_is_a_poor_fit():
     fit = fit_to(matte_of(can()), sigma=0.01)
     assert fit.status is ij.FitStatus.POOR_FIT
     assert "times the noise given" in fit.reason
 
 
-@FULL
 def test_a_matte_that_is_blurred_needs_a_sigma_of_that_size():
     truth = can()
     blurred = cv2.GaussianBlur(np.array(ij.coverage(truth, CAMERA)), (0, 0), 1.0)
@@ -200,7 +192,6 @@ def test_a_mask_of_booleans_is_one_when_it_is_stored_as_floats():
     np.testing.assert_array_equal(of_floats.cylinder.center, fit.cylinder.center)
 
 
-@FULL
 def test_a_bite_out_of_a_mask_changes_little():
     truth = can()
     mask = mask_of(truth)

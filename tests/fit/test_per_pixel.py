@@ -9,7 +9,7 @@ import impostor_jax as ij
 from tests.fit.scenes import CAMERA, SIGMA, can, image_of
 from tests.groups import FULL, SMALL_IMAGES
 
-pytestmark = SMALL_IMAGES
+pytestmark = [SMALL_IMAGES, FULL]
 
 CALM, ROUGH = 0.0005, 0.003
 
@@ -24,7 +24,6 @@ def told(seed: int = 0):
     return (truth + rng.normal(0, sigma)).astype(np.float32), mask, sigma
 
 
-@FULL
 def test_deviations_weigh_each_reading():
     scores = []
     for seed in range(6):
@@ -36,7 +35,6 @@ def test_deviations_weigh_each_reading():
     assert np.max(np.abs(scores)) < 4
 
 
-@FULL
 def test_rough_readings_count_for_less_and_unknown_ones_for_nothing():
     depth, mask, sigma = told()
     fit = ij.fit_cylinder(depth, CAMERA, mask, sigma)
@@ -73,7 +71,6 @@ def test_each_image_of_a_batch_has_its_own():
         ij.fit_cylinders(depths, CAMERA, masks, np.ones((3, 120, 160)))
 
 
-@FULL
 def test_what_is_searched_for_is_weighed_alike():
     depth, _, sigma = told()
     fit = ij.fit_cylinder(depth, CAMERA, sigma=sigma)
@@ -81,7 +78,6 @@ def test_what_is_searched_for_is_weighed_alike():
     assert abs(float(fit.cylinder.radius) - 0.04) < 4 * float(fit.std.radius)
 
 
-@FULL
 def test_a_traced_fit_takes_them():
     depth, mask, sigma = told()
     start = ij.Cylinder((0.01, 0.005, 0.352), can().axis, 0.041, 0.121)

@@ -10,7 +10,7 @@ import impostor_jax as ij
 from impostor_jax.fit.fittable import CYLINDER, no_guess
 from tests.cases import PRIMITIVES
 from tests.fit.scenes import CAMERA, SIGMA, can, image, image_of
-from tests.groups import SMALL_IMAGES
+from tests.groups import FULL, SMALL_IMAGES
 
 
 def test_a_shape_shows_its_values_with_units():
@@ -68,6 +68,7 @@ def test_a_fit_prints_as_its_summary():
     assert str(fit.std).startswith("Deviations: center (")
 
 
+@FULL
 @SMALL_IMAGES
 def test_fits_of_other_shapes_print_their_values():
     depth, mask = image_of(ij.Sphere((0.02, 0.01, 0.35), 0.05))

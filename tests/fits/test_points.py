@@ -8,7 +8,7 @@ import impostor_jax as ij
 from impostor_jax.geometry.rays import Ray
 from impostor_jax.geometry.vec3 import Vec3
 from tests.fit.scenes import CAMERA, SIGMA, can, image
-from tests.groups import OF_POINTS, RELEASE
+from tests.groups import FULL, OF_POINTS, RELEASE
 from tests.schemas import validator
 
 pytestmark = OF_POINTS
@@ -151,6 +151,7 @@ def scanned(starts, seed=0):
     return np.concatenate([ends, starts[mask]], axis=1)
 
 
+@FULL
 @pytest.mark.parametrize(
     "turn",
     [pytest.param(1.0, id="an arc"), pytest.param(6.28, id="all", marks=RELEASE)],

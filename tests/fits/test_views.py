@@ -13,7 +13,7 @@ from tests.groups import FULL, RELEASE, SMALL_IMAGES
 from tests.page.scenes import scene_of
 from tests.schemas import validator
 
-pytestmark = SMALL_IMAGES
+pytestmark = [SMALL_IMAGES, FULL]
 
 
 def turned_about(shape, degrees: float, camera=CAMERA) -> ij.PinholeCamera:
@@ -59,7 +59,6 @@ def both(two):
     return fitted(*two)
 
 
-@FULL
 def test_the_pose_is_told_in_the_frame_of_each_view(two, both):
     validator("fit").validate(both.to_dict())
     first, second = both.pose_in_camera
@@ -94,7 +93,6 @@ def test_it_does_not_matter_which_view_is_first(two, both):
     np.testing.assert_array_equal(other.region[1], both.region[0])
 
 
-@FULL
 def test_an_image_given_twice_tells_it_twice(two):
     depth, _, mask = (part[0] for part in two)
     once = ij.fit_cylinder(depth, CAMERA, mask=mask, sigma=SIGMA)
@@ -118,7 +116,6 @@ def test_views_without_a_mask_are_found_by_those_that_have_one(two, both):
     assert int(np.sum(fit.region[1])) > 0.9 * masks[1].sum()
 
 
-@FULL
 def test_views_without_any_mask_are_searched(two):
     fit = fitted(*two[:2], None)
     assert fit.success
@@ -164,7 +161,6 @@ def test_an_error_of_scale_is_of_one_sensor_or_of_each(two):
     np.testing.assert_allclose(of_scale, [abs(both), np.hypot(*each)], rtol=0.15)
 
 
-@FULL
 def test_views_are_fitted_in_a_trace(two, both):
     depths, cameras, masks = two
 

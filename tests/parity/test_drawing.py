@@ -231,6 +231,7 @@ def test_page_needs_nothing_from_the_network():
     assert "href=" not in text
 
 
+@FULL
 def test_page_shows_the_primitives_where_they_are(tmp_path):
     pytest.importorskip("playwright")
     try:

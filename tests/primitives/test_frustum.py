@@ -163,6 +163,7 @@ def test_sector_is_answered_as_the_oracle_does(kind):
     assert seen == {0, *((1, 2) if caps else ()), *((3, 4) if cut_faces else ())}
 
 
+@FULL
 def test_cylinder_is_the_smooth_limit_of_equal_radii():
     # In single precision, the harder one.
     dtype = np.dtype("float32")

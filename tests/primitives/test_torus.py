@@ -13,7 +13,7 @@ from impostor_jax.geometry.vec3 import Vec3
 from impostor_jax.numerics import eps
 from impostor_jax.primitives.torus import Torus
 from tests.checks import AS_USERS_RUN, all_finite, in_chunks
-from tests.groups import RELEASE
+from tests.groups import FULL, RELEASE
 
 FIELDS = tuple(field.name for field in dataclasses.fields(TorusRays))
 EVERY = tuple(range(len(FIELDS)))
@@ -88,6 +88,7 @@ def check_against_oracle(row, found, dtype):
     return True
 
 
+@FULL
 @pytest.mark.parametrize("count", [100, pytest.param(400, marks=RELEASE)])
 def test_depth_keeps_its_promise_over_all_extremes(count, dtype):
     rays = extreme_tori(count, 8, dtype)

@@ -122,6 +122,7 @@ def test_ray_along_the_sheet_is_as_deep_as_a_point_of_it_or_misses(dtype):
         assert all_finite(found[1:])
 
 
+@FULL
 def test_derivative_is_shared_by_the_parts_of_the_corners(dtype):
     # The hit is at (1, 0.5, 4), half a corner and a quarter of the two others.
     _, (_, _, slopes, _) = cast_one((0, 0, 0), (1, 0.5, 4), RIGHT, dtype=dtype)

@@ -10,6 +10,8 @@ from impostor_jax.geometry.vec3 import Vec3
 from impostor_jax.rendering.sampling import Sampling, picture_of
 from tests.groups import FULL, RELEASE
 
+pytestmark = FULL
+
 HEIGHT, WIDTH = 21, 30
 EDGE = 12.3
 """Column beyond which a picture is brighter by 100."""
@@ -46,7 +48,6 @@ def test_only_pixels_beside_another_trail_take_several_rays():
     np.testing.assert_array_equal(one[..., 1], row)
 
 
-@FULL
 @pytest.mark.parametrize("spacing", [2, 3, 4, 50])
 def test_pixels_between_rays_of_one_trail_take_their_mean(spacing):
     found, (one, _, col) = drawn(spacing=spacing)[0], drawn()
@@ -81,7 +82,6 @@ def test_a_tile_is_a_block_of_the_picture(edges):
         np.testing.assert_allclose(found, block, atol=1e-5)
 
 
-@FULL
 def test_several_rays_are_a_picture_of_more_pixels():
     ball, light = ij.Sphere((0.1, 0.0, 2.0), 0.5), [ij.PointLight((0.5, -2, 0.5), 1.0)]
     fine = ij.PinholeCamera(90.0, 90.0, 59.5, 44.5, 120, 90)

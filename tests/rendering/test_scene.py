@@ -118,6 +118,7 @@ def test_heightfields_of_a_batch_are_each_cast_alone():
     np.testing.assert_allclose(maps.normal, normal, atol=1e-4)
 
 
+@FULL
 def test_more_pairs_than_a_list_holds_take_more_rounds():
     # A sphere that reaches behind the camera is listed by all 24 cells; lists hold 4096
     # pairs. The last ones are seen, too.

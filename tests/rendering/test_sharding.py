@@ -7,7 +7,7 @@ import sys
 
 import pytest
 
-from tests.groups import RELEASE
+from tests.groups import FULL, RELEASE
 
 # Arguments: number of processes, which of them, and where they meet.
 PROGRAM = """
@@ -73,6 +73,7 @@ for function in (depth, loss, jax.grad(loss)):
 """
 
 
+@FULL
 @pytest.mark.parametrize("count", [pytest.param(1, marks=RELEASE), 2])
 def test_renders_and_gradients_stay_on_four_devices_and_exchange_no_image(count):
     flags = f"--xla_force_host_platform_device_count={4 // count}"

@@ -98,6 +98,7 @@ def test_published_scene_is_that_of_the_formulas(dtype):
     assert np.mean(found < 1e-3) > 0.98
 
 
+@FULL
 @pytest.mark.parametrize(
     "dtype", [pytest.param("float32", marks=RELEASE), "float64"], indirect=True
 )

@@ -9,7 +9,7 @@ from tests.fit.scenes import CAMERA, SIGMA
 from tests.groups import FULL, SMALL_IMAGES
 from tests.track.scenes import can, frame
 
-pytestmark = SMALL_IMAGES
+pytestmark = [SMALL_IMAGES, FULL]
 
 PIXEL = 1 / 150
 
@@ -26,7 +26,6 @@ def fit():
     )
 
 
-@FULL
 def test_both_parts_are_those_of_the_fit(fit):
     seen = Measured.of(fit, np.zeros(3), PIXEL)
     assert seen.is_known.all()
@@ -42,7 +41,6 @@ def test_both_parts_are_those_of_the_fit(fit):
     assert np.linalg.eigvalsh(seen.own)[0] > 0
 
 
-@FULL
 def test_the_scale_is_one_error_of_all_lengths(fit):
     scale = Measured.of(fit, np.zeros(3), PIXEL).shared[:, 0]
     center = np.asarray(fit.cylinder.center, float)
