@@ -135,6 +135,9 @@ def _sigma_between(
     noise: AbstractDepthNoise, depth: Float[np.ndarray, "h w"]
 ) -> Float[np.ndarray, "h w"]:
     """`sigma_face_on` of positive depths, in one program for any number of them."""
+    if isinstance(noise, ConstantNoise):
+        # JAX is not asked, as in `typical_sigma`.
+        return np.full_like(depth, float(noise.deviation))
     nodes = np.geomspace(depth.min(), depth.max(), NODES).astype(depth.dtype)
     return np.interp(depth, nodes, np.asarray(sigma_face_on(noise, nodes)))
 
