@@ -20,7 +20,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Shaped
 
 from impostor_jax.camera.base import AbstractCamera
-from impostor_jax.fit.regions import NOISY, STEEP
+from impostor_jax.fit.regions import NOISY, SQUARE, STEEP
 from impostor_jax.opencv import cv2
 from impostor_jax.sensor.base import AbstractDepthNoise
 
@@ -213,7 +213,7 @@ def dense_stride(depth: Float[np.ndarray, "h w"], stride: int) -> int:
     """
     for coarser in range(stride, max(stride, MOST_SPARSE) + 1):
         valid = (depth[_pick(depth, coarser)] > 0).astype(np.uint8)
-        closed = cv2.morphologyEx(valid, cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8))
+        closed = cv2.morphologyEx(valid, cv2.MORPH_CLOSE, SQUARE)
         if np.count_nonzero(valid) >= DENSE * np.count_nonzero(closed):
             return coarser
     return stride

@@ -143,7 +143,7 @@ def ray_list(
         noise: Of its readings.
         xp: As of `table_of`.
     """
-    exists = (row >= 0) & (row < depth.shape[0]) & (col >= 0) & (col < depth.shape[1])
+    exists = _exists(depth, row, col)
     row, col = xp.where(exists, row, 0), xp.where(exists, col, 0)
     dtype = jax.dtypes.canonicalize_dtype(float)
     start, length = None, xp.ones(row.shape, dtype)
@@ -242,25 +242,24 @@ def _off(
         return (xp.zeros(row.shape, bool),) * 2
 
     def read(row: Indices, col: Indices) -> Any:
-        exists = (row >= 0) & (row < depth.shape[0])
-        exists &= (col >= 0) & (col < depth.shape[1])
-        return xp.where(exists, _of_pixels(depth, row, col, xp), 0)
+        there = _exists(depth, row, col)
+        return xp.where(there, _of_pixels(depth, row, col, xp), 0)
 
     here, (down, right) = read(row, col), CROSS
     own = here[:1]
     # Two, of which one may be an outlier. What is steep goes on as steeply.
     beyond = [read(row + k * down, col + k * right) for k in (1, 2)]
     noisy, width = jump_parts(here, camera, law_of(noise), xp)
-    step = xp.abs(beyond[0] - beyond[1])
-    is_surface = (beyond[0] > 0) & (beyond[1] > 0) & (step <= noisy + STEEP * width)
+    jump, step = noisy + STEEP * width, xp.abs(beyond[0] - beyond[1])
+    is_surface = (beyond[0] > 0) & (beyond[1] > 0) & (step <= jump)
     slope = GENTLE * width + xp.where(is_surface, 2 * step, 0)
     # Where the object has no reading the other side alone tells.
-    is_off = (xp.abs(here - own) > noisy + STEEP * width) | (own == 0)
+    is_off = (xp.abs(here - own) > jump) | (own == 0)
     is_off &= (here > 0) & ((beyond[0] > 0) | (beyond[1] > 0))
     goes_on = xp.zeros(row.shape, bool)
     for k, other in enumerate(beyond, 1):
         is_off &= (xp.abs(here - other) > noisy + k * slope) | (other == 0)
-        goes_on |= xp.abs(own - other) <= noisy + STEEP * width
+        goes_on |= xp.abs(own - other) <= jump
     return is_off & goes_on, is_off & ~goes_on
 
 
@@ -268,6 +267,12 @@ def _off(
 def _shuffle(size: int) -> Float[np.ndarray, " n"]:
     """Fixed priorities, so that the pixels that are kept lie all around the object."""
     return np.random.default_rng(0).uniform(0.5, 1, size).astype(np.float32)
+
+
+def _exists(image: Image, row: Indices, col: Indices) -> Indices:
+    """Which pixels lie within an image."""
+    height, width = image.shape
+    return (row >= 0) & (row < height) & (col >= 0) & (col < width)
 
 
 def _of_pixels(values: Any, row: Indices, col: Indices, xp: ModuleType) -> Any:

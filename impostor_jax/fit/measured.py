@@ -245,14 +245,17 @@ def _measured(
     beside = seen & ~region
     around = _around(image, beside if beside.any() else seen)
     if around is None:
-        is_fine = _is_fine(_variances(inverse, own, NEXT, 4), own_levels[NEAR])
-        around = Around(_is_filtered(own_levels, step), 0.0, is_fine)
+        is_filtered = _is_filtered(own_levels, step)
+        is_fine = is_filtered and _is_fine(
+            _variances(inverse, own, NEXT, 4), own_levels[NEAR]
+        )
+        around = Around(is_filtered, 0.0, is_fine)
     if not (around.is_filtered or around.smooth > 0):
         return _white(white * middle**2)
     far = _variances(inverse, own, FAR, 3) or _variances(inverse, own, NEAR, 3)
     total = max(white, math.sqrt(_least(far))) if far else white
     bands = around.smooth or max(BANDS, total)
-    noise = _matching(total, bands, camera, around.is_filtered and around.is_fine)
+    noise = _matching(total, bands, camera, around.is_fine)
     reach = noise.bias.window_reach
     text = (
         f"Measured in the image: noise of {1e3 * total * middle**2:.2g} mm that "
@@ -335,9 +338,8 @@ def _matching(
     enlarged = 2 if float(camera.fx) > NARROW * camera.width else 1
     # Static numbers take few values, so that other images do not compile a fit anew.
     law = StereoDisparity(float(camera.fx), 1.0, deviation * float(camera.fx), step=0.0)
-    windowed = MatchingWindow(law, native_scale=enlarged)
-    if is_fine:
-        windowed = MatchingWindow(law, FINE_WINDOW)
+    window = {"half_window": FINE_WINDOW} if is_fine else {"native_scale": enlarged}
+    windowed = MatchingWindow(law, **window)
     banded = CorrelatedNoise(windowed, bands, BAND_LENGTH * enlarged)
     return ScaleError(banded, OFFSET, law="disparity")
 

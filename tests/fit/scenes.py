@@ -34,3 +34,11 @@ def image_of(shape, wall: float | None = 0.6, seed: int = 0):
     depth = np.minimum(np.asarray(maps.depth), behind)
     noise = np.random.default_rng(seed).normal(0, SIGMA, depth.shape)
     return (depth + noise).astype(np.float32), mask
+
+
+def with_outliers(depth, share, seed=0):
+    """Of which some readings are anywhere within 20 cm of where they were."""
+    rng = np.random.default_rng(seed)
+    is_wrong = rng.random(depth.shape) < share
+    off = rng.uniform(-0.2, 0.2, depth.shape)
+    return np.where(is_wrong, np.maximum(depth + off, 0.05), depth).astype(np.float32)

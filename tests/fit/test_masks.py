@@ -11,7 +11,7 @@ import impostor_jax as ij
 from impostor_jax.fit import border
 from impostor_jax.fit.edges import without_edges
 from tests.checks import angle_between
-from tests.fit.scenes import CAMERA, SIGMA, can, image, image_of
+from tests.fit.scenes import CAMERA, SIGMA, can, image, image_of, with_outliers
 from tests.groups import FULL, RELEASE, SMALL_IMAGES
 
 pytestmark = SMALL_IMAGES
@@ -376,10 +376,7 @@ def test_mixed_readings_are_not_where_the_background_begins(share):
 def test_an_outlier_before_an_end_is_not_where_the_object_stops():
     truth = can(80)
     depth, _ = image_of(truth)
-    rng = np.random.default_rng(1)
-    is_wrong = rng.random(depth.shape) < 0.05
-    off = rng.uniform(-0.2, 0.2, depth.shape).astype(np.float32)
-    fit = ij.fit_cylinder(np.where(is_wrong, depth + off, depth), CAMERA, sigma=SIGMA)
+    fit = ij.fit_cylinder(with_outliers(depth, 0.05, seed=1), CAMERA, sigma=SIGMA)
     assert fit.success
     assert bool(fit.height_observed)
     assert errors(fit, truth).max() < 4

@@ -8,7 +8,7 @@ import pytest
 
 import impostor_jax as ij
 from impostor_jax.fit.measured import NOT_MEASURED, law_of_noise, measured_noise
-from tests.fit.scenes import CAMERA, SIGMA, can, image
+from tests.fit.scenes import CAMERA, SIGMA, can, image, with_outliers
 from tests.groups import FULL
 
 SHAPE = can()
@@ -58,14 +58,6 @@ def test_filtered_noise_is_told_without_anything_around():
     readings = grain.sample(jax.random.key(1), flat, normal, CAMERA)
     found = measured_noise(np.where(mask, readings, 0), mask, CAMERA)
     assert int(found.noise.bias.window_reach) > 0
-
-
-def with_outliers(depth, share, seed=0):
-    """Of which some readings are anywhere within 20 cm of where they were."""
-    rng = np.random.default_rng(seed)
-    is_wrong = rng.random(depth.shape) < share
-    off = rng.uniform(-0.2, 0.2, depth.shape)
-    return np.where(is_wrong, np.maximum(depth + off, 0.05), depth).astype(np.float32)
 
 
 @pytest.mark.parametrize("share", [0.05, 0.1, 0.2])
