@@ -5,6 +5,7 @@ from .camera.opengl import NearFar, near_far_of
 from .camera.orthographic import OrthographicCamera
 from .camera.pinhole import PinholeCamera
 from .camera.pixels import Tile
+from .camera.ray_table import depth_of_ranges
 from .camera.spherical import SphericalCamera
 from .effort import Effort
 from .find.cylinders import find_cylinders
@@ -157,6 +158,7 @@ __all__ = [
     "camera_from",
     "coverage",
     "depth_loss",
+    "depth_of_ranges",
     "difference",
     "find_cylinders",
     "find_cylinders_in_points",

@@ -5,7 +5,16 @@ what it sees of one object is the image of these rays in a frame that looks ther
 what it measures along them is a depth of that frame.
 """
 
-__all__ = ["RayTable", "Sight", "directions_of", "turned_to"]
+__all__ = [
+    "RayTable",
+    "Sight",
+    "depth_of_ranges",
+    "directions_of",
+    "has_rays",
+    "turned_to",
+]
+
+from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -14,7 +23,7 @@ from jax.typing import DTypeLike
 from jaxtyping import Array, Bool, Float, Int
 from typing_extensions import override
 
-from impostor_jax.camera.base import AbstractRays
+from impostor_jax.camera.base import AbstractRays, not_accepted
 from impostor_jax.camera.pinhole import PinholeCamera
 from impostor_jax.camera.pixels import Pixels
 from impostor_jax.geometry.frames import RigidTransform
@@ -115,17 +124,6 @@ class RayTable(AbstractRays):
     def sees(self, row: Pixels, col: Pixels) -> Bool[Array, "*batch"] | None:
         return jnp.isfinite(jnp.asarray(self.x)[row, col])
 
-    def depth_of(self, reach: Table) -> Float[np.ndarray, "h w"]:
-        """Depths in this frame of ranges along the rays; 0 where there is no ray.
-
-        Args:
-            reach: Ranges in meters.
-        """
-        x, y = np.asarray(self.x), np.asarray(self.y)
-        seen = np.isfinite(x)
-        length = np.sqrt(1 + np.where(seen, x * x + y * y, 0))
-        return np.where(seen, np.asarray(reach) / length, 0).astype(x.dtype)
-
 
 Sight = PinholeCamera | RayTable
 """What a fit sees an object by: rays whose direction has z = 1."""
@@ -152,6 +150,45 @@ def directions_of(
         fx, fy, cx, cy = (np.asarray(number, dtype) for number in numbers)
         x, y = (col.astype(dtype) - cx) / fx, (row.astype(dtype) - cy) / fy
     return x.astype(dtype), y.astype(dtype)
+
+
+def has_rays(camera: Sight) -> Bool[np.ndarray, "#h #w"]:
+    """Which pixels of a concrete camera have a ray, without a device."""
+    solved = camera if isinstance(camera, RayTable) else camera.ray_field
+    if solved is None:
+        return np.ones((1, 1), bool)
+    return np.isfinite(np.asarray(solved.x))
+
+
+def depth_of_ranges(ranges: Any, camera: Any) -> Float[np.ndarray, "h w"]:
+    """Planar depth of distances along the rays, as some simulators write them.
+
+        depth = ij.depth_of_ranges(distances, camera)
+
+    Args:
+        ranges: (H, W), from the camera's center, in meters; 0 and what is not finite
+            mean no reading.
+        camera: Pinhole, with or without a lens.
+
+    Returns:
+        (H, W), in meters; 0 where there is no reading or no ray.
+
+    Raises:
+        ValueError: The camera is another, or the image has another shape than its own.
+    """
+    if not isinstance(camera, Sight):
+        raise ValueError(f"camera must be a PinholeCamera, got {not_accepted(camera)}")
+    given = np.asarray(ranges)
+    if given.shape != (camera.height, camera.width):
+        raise ValueError(
+            f"ranges must have shape {(camera.height, camera.width)}, the camera's, "
+            f"got {given.shape}"
+        )
+    dtype = given.dtype if np.issubdtype(given.dtype, np.floating) else np.float64
+    row, col = np.indices(given.shape)
+    x, y = directions_of(camera, row, col, np.dtype(dtype))
+    read = np.isfinite(given) & has_rays(camera)
+    return np.where(read, given, 0) / np.sqrt(1 + x * x + y * y)
 
 
 def turned_to(direction: Float[np.ndarray, "*batch 3"]) -> np.ndarray:

@@ -26,6 +26,7 @@ from impostor_jax.fit.fittable import CYLINDER
 from impostor_jax.fit.measured import law_of_noise, law_of_pixels
 from impostor_jax.fit.options import Options
 from impostor_jax.fit.per_pixel import PerPixelNoise
+from impostor_jax.fit.ranges import warn_of_ranges
 from impostor_jax.fit.request import checked_prior, checked_readings
 from impostor_jax.primitives.local_world import LocalWorld
 from impostor_jax.primitives.plane import Plane
@@ -129,6 +130,7 @@ def find_cylinders(
             f"camera must have two rows and columns at least, got {image.shape}"
         )
     options = dataclasses.replace(options, effort=_of_fits(options.effort))
+    warn_of_ranges(image, camera)
     parts = _parts(image, camera, noise, sigma, options)
     for _, fitter in parts[:1]:
         fitter.prepare()

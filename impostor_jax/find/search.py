@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from impostor_jax.find.caps import Caps, caps_of, doming, inner_of
+from impostor_jax.find.caps import NO_CAPS, Caps, caps_of, doming, inner_of
 from impostor_jax.find.confidence import Observed, confidence, facts_of
 from impostor_jax.find.continuation import continuation
 from impostor_jax.find.deformation import (
@@ -27,7 +27,8 @@ from impostor_jax.find.patches import Part, proposed
 from impostor_jax.find.planes import PlaneRegions, planes_of
 from impostor_jax.find.rivals import rivals
 from impostor_jax.find.view import View
-from impostor_jax.fit.result import Fit
+from impostor_jax.fit.result import DISAGREEING, Fit
+from impostor_jax.fit.status import FitStatus
 from impostor_jax.opencv import cv2
 
 MOST_TURNS = 3
@@ -258,6 +259,9 @@ class _Search:
         if evidence is None:
             return None
         caps = caps_of(scene, evidence)
+        if caps.misfit > MOST_MISFIT:
+            # It is no disc: the wall goes on as a neck or a dome.
+            caps = NO_CAPS
         seen = evidence.explained + caps.size
         if seen < self.fewest / 2 or max(evidence.arc, caps.rim) < self.request.min_arc:
             return None
@@ -326,6 +330,10 @@ class _Search:
         is_quick = np.count_nonzero(mask) > FEW
         fitted = self.fitter.tried if is_quick else self.fitter.fit
         fit = fitted(self._of_image(mask), entry.evidence)
+        if is_quick and _is_refuted_by_border(fit):
+            # A neck, or another thing beside it: what has doubts leaves it out.
+            fit = self.fitter.fit(self._of_image(mask), entry.evidence)
+            is_quick = False
         final = self._led_to(scene, fit, entry)
         if final is None or self._found(final.evidence.wall):
             return False, []
@@ -365,8 +373,21 @@ class _Search:
         self, scene: Scene, entry: Entry, fit: Fit
     ) -> Float[np.ndarray, " f"]:
         """All facts of a candidate that was fitted."""
-        noise = self.planes.noise if self.fitter.is_trusted else None
+        wall = entry.evidence.wall
+        noise = self.planes.noise if self.fitter.is_trusted else self._noise_at(wall)
         return facts_of(_observed(scene, entry), fit, noise)
+
+    def _noise_at(self, wall: Candidate) -> float | None:
+        """Factor of a sigma that nobody told, where a cylinder about the same axis is.
+
+        What its lid or its neck is read by is read by the same errors. None elsewhere.
+        """
+        about = [
+            float(one.fit.chi2)
+            for one in self.detections
+            if is_coaxial(wall, one.entry.evidence.wall)
+        ]
+        return max(about[0], 1.0) ** 0.5 if about else None
 
     def _of_image(self, mask: Bool[np.ndarray, "h w"]) -> Bool[np.ndarray, "H W"]:
         return self.fitter.of_image(self.view, mask)
@@ -393,6 +414,13 @@ def _observed(scene: Scene, entry: Entry) -> Observed:
     )
 
 
+def _is_refuted_by_border(fit: Fit) -> bool:
+    """Whether a fit fails though all but the border of its region agrees with it."""
+    if fit.status is not FitStatus.POOR_FIT:
+        return False
+    return bool(fit.border_chi2 >= DISAGREEING) and bool(fit.chi2 < MOST_MISFIT)
+
+
 def alike(one: Candidate, other: Candidate) -> bool:
     """Whether two walls are so near that they lead to the same fit.
 
@@ -404,11 +432,18 @@ def alike(one: Candidate, other: Candidate) -> bool:
         return False
     if abs(np.log(one.radius / other.radius)) > (0.15 if loose else 0.03):
         return False
-    if abs(one.axis @ other.axis) < np.cos(np.radians(8.0 if loose else 2.0)):
+    return is_coaxial(one, other, *((8.0, 0.2) if loose else (2.0, 0.08)))
+
+
+def is_coaxial(
+    one: Candidate, other: Candidate, degrees: float = 8.0, aside: float = 0.2
+) -> bool:
+    """Whether two walls have the same axis, but for an angle and a part of a radius."""
+    if abs(one.axis @ other.axis) < np.cos(np.radians(degrees)):
         return False
     off = other.center - one.center
     off = off - (off @ one.axis) * one.axis
-    return bool(np.linalg.norm(off) < (0.2 if loose else 0.08) * one.radius)
+    return bool(np.linalg.norm(off) < aside * one.radius)
 
 
 def _pixels_of(labels: Int[np.ndarray, "h w"]) -> list[Int[np.ndarray, " n"]]:

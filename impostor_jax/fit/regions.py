@@ -143,7 +143,7 @@ def _sigma_between(
 
 
 class DepthUnitsWarning(UserWarning):
-    """The depth looks as if it were not in meters."""
+    """The depth looks as if it were not in meters, or not planar."""
 
 
 def warn_of_units(

@@ -7,7 +7,13 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float
 
-from impostor_jax.camera.ray_table import RayTable, Sight, turned_to
+from impostor_jax.camera.ray_table import (
+    RayTable,
+    Sight,
+    depth_of_ranges,
+    has_rays,
+    turned_to,
+)
 from impostor_jax.camera.spherical import SphericalCamera
 from impostor_jax.fit.edges import without_edges
 from impostor_jax.fit.gather import table_of
@@ -74,12 +80,8 @@ def seen_by(
             _spacing(direction, mask),
             camera.camera_from_world and camera.camera_from_world.inverse(),
         )
-        image, camera = sight.depth_of(image), sight
-    if isinstance(camera, RayTable):
-        mask = mask & np.isfinite(np.asarray(camera.x))
-    elif camera.ray_field is not None:
-        mask = mask & np.isfinite(np.asarray(camera.ray_field.x))
-    return Seen(image, mask, camera, noise)
+        image, camera = depth_of_ranges(image, sight), sight
+    return Seen(image, mask & has_rays(camera), camera, noise)
 
 
 def _directions(camera: SphericalCamera) -> Float[np.ndarray, "h w 3"]:

@@ -28,6 +28,7 @@ from impostor_jax.fit.far import fitted_near
 from impostor_jax.fit.fittable import CYLINDER, Fittable, no_guess
 from impostor_jax.fit.options import Options
 from impostor_jax.fit.outline import fit_outline
+from impostor_jax.fit.ranges import refuted_as_ranges
 from impostor_jax.fit.regions import warn_of_units
 from impostor_jax.fit.request import (
     Given,
@@ -74,10 +75,22 @@ def fit_shown(
             "mask must be given where mask_meaning is 'outline', got None: the edge of "
             "what is found is no silhouette"
         )
-    given = (depth, camera, sigma, initial, options.prior)
-    is_masked = all(view.mask is not None for view in views)
-    if is_masked or not is_concrete(given):
+    if not is_concrete((depth, camera, sigma, initial, options.prior)):
         return fit_shape(kind, depth, camera, mask, sigma, initial, options)
+    if all(view.mask is not None for view in views):
+        fit = fit_shape(kind, depth, camera, mask, sigma, initial, options)
+    else:
+        fit = _fit_looked_for(kind, views, initial, options)
+    return refuted_as_ranges(fit, views)
+
+
+def _fit_looked_for(
+    kind: Fittable,
+    views: Sequence[Given],
+    initial: AbstractPrimitive | None,
+    options: Options,
+) -> Fit:
+    """Fit what is found in images of which some have no mask."""
     # What is found goes on to what lies beside: it is cut down with any effort.
     options = replace(options, effort=replace(options.effort, doubts=True))
     if len(views) == 1:
@@ -87,7 +100,8 @@ def fit_shown(
         images = [np.asarray(checked_depth(v.depth, v.camera)) for v in views]
         with working_precision(options.effort.precision, ()):
             return no_guess(kind, *(np.zeros(image.shape, bool) for image in images))
-    return fit_shape(kind, depth, camera, masks, sigma, initial, options)
+    depths, cameras, _, sigmas = map(list, zip(*views, strict=True))
+    return fit_shape(kind, depths, cameras, masks, sigmas, initial, options)
 
 
 def _masks_of(
