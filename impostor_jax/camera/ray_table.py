@@ -185,7 +185,7 @@ def depth_of_ranges(ranges: Any, camera: Any) -> Float[np.ndarray, "h w"]:
             f"got {given.shape}"
         )
     dtype = given.dtype if np.issubdtype(given.dtype, np.floating) else np.float64
-    row, col = np.indices(given.shape)
+    row, col = np.meshgrid(*map(np.arange, given.shape), indexing="ij")
     x, y = directions_of(camera, row, col, np.dtype(dtype))
     read = np.isfinite(given) & has_rays(camera)
     return np.where(read, given, 0) / np.sqrt(1 + x * x + y * y)

@@ -18,7 +18,7 @@ from jaxtyping import Array, Float
 from impostor_jax.fit.body import AbstractBody
 from impostor_jax.fit.evidence import Readings
 from impostor_jax.fit.moved_rays import parts_of_variance
-from impostor_jax.fit.problem import View, sigma_of
+from impostor_jax.fit.problem import Problem, View, sigma_of
 from impostor_jax.numerics import product, safe_divide, safe_sqrt
 
 WITHIN = 4.0
@@ -59,7 +59,7 @@ def exact_rays(dtype: DTypeLike) -> AcrossRays:
 
 
 def across_found(
-    views: Sequence[View],
+    problem: Problem,
     bodies: Sequence[AbstractBody],
     readings: Sequence[Readings],
     repeats: Float[Array, ""],
@@ -67,14 +67,13 @@ def across_found(
     """What the readings of some views say at an estimate.
 
     Args:
-        views: The views.
+        problem: Of the views.
         bodies: The estimate, in the frame of each.
         readings: What each says, as it is compared with the estimate.
         repeats: Readings that tell as much as one whose error is its own.
     """
-    found, outliers = [], []
-    taken = weight = jnp.zeros_like(repeats)
-    for view, body, told in zip(views, bodies, readings, strict=True):
+
+    def told_by(view: View, body: AbstractBody, told: Readings) -> tuple[Array, ...]:
         seen, pixels, bias = told.passing, view.pixels, view.noise.bias
         d = seen.local.direction
         length = d.dot(d)
@@ -92,18 +91,23 @@ def across_found(
         counts = is_wall & (z < WITHIN)
         rows = jnp.stack([own, other, z * z * variance]) / assumed[None]
         rows = jnp.where(counts[None], rows, 0)
-        found.append(product(rows, rows.T))
         # Of rays that are taken for exact, and are not, many are beyond that are none.
         outlies = is_wall & (z >= WITHIN) & (z < 2 * WITHIN) & (across > 0)
         square = jnp.where(outlies, WITHIN**2 / 3 * variance, 0)
         parts = jnp.stack([own, other]) / assumed[None]
-        outliers.append(product(parts, square / assumed))
         ones = jnp.where(counts, 1, 0).astype(repeats.dtype)
-        taken += jnp.sum(ones * jnp.sqrt(across))
-        weight += jnp.sum(ones)
+        return (
+            product(rows, rows.T),
+            product(parts, square / assumed),
+            jnp.sum(ones * jnp.sqrt(across)),
+            jnp.sum(ones),
+        )
+
+    told = problem.of_each(told_by, bodies, readings)
+    moments, outliers, taken, weight = map(jnp.stack, zip(*told, strict=True))
+    taken, weight = jnp.sum(taken), jnp.sum(weight)
     # Normal equations whose first unknown, the scale along the rays, is of each view: a
     # view whose noise is told too large would else leave more to the second, of all.
-    moments = jnp.stack(found)
     first, mixed, second = moments[:, 0, 0], moments[:, 0, 1], moments[:, 1, 1]
     share = safe_divide(mixed, first)
     left = jnp.sum(second - share * mixed)
@@ -112,7 +116,7 @@ def across_found(
     inverse = jnp.where(is_told, 1 / jnp.where(is_told, left, 1), 0)
     other = jnp.sum(moments[:, 1, 2] - share * moments[:, 0, 2]) * inverse
     own = safe_divide(jnp.sum(moments[:, 0, 2] - mixed * other), jnp.sum(first))
-    of_first, of_second = jnp.stack(outliers).T
+    of_first, of_second = outliers.T
     sure = other - jnp.sum(of_second - share * of_first) * inverse
     # Squares of normal residuals vary by twice their square.
     deviation = safe_sqrt(2 * inverse * repeats)

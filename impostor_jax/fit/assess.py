@@ -13,6 +13,7 @@ from jaxtyping import Array, Bool, Float, Int, Int8
 from impostor_jax.compiling import computed_once
 from impostor_jax.fit.across import across_found
 from impostor_jax.fit.agreement import (
+    between_views,
     contradiction,
     reduced_chi2,
     strays,
@@ -55,6 +56,9 @@ radius that is held does not."""
 ROUGH_CHI2, ROUGH = 4.0, 0.1
 """Reduced chi-squared from which on residuals must be a small part of the radius: no
 bands are as rough as a shape that readings of another one lie about."""
+
+MOST_DEPARTED = 0.5
+"""Departure from the shape, over its radius, from which on a wall is of another one."""
 
 MOST_UNMET = 0.02
 """Share of the inliers whose rays may miss the shape."""
@@ -136,15 +140,17 @@ def assess(problem: Problem, solution: Solution, correlated: bool) -> Assessment
     body = solution.body.reversed(jnp.where(settings.keep_ends, 1, sign))
     bodies = [view.own(body) for view in views]
     of_views = computed_once(
-        lambda: readings_of(views, bodies, [view.noise for view in views])
+        lambda: readings_of(problem, bodies, [view.noise for view in views])
     )
     readings = joined_readings(of_views, views, body)
     terms, seen = readings.terms, readings.passing
     last = STAGES[-1]
-    edges = [
-        crossing_terms(view.edge, own, view.noise, settings.is_outline, last.place)
-        for view, own in zip(views, bodies, strict=True)
-    ]
+    edges = problem.of_each(
+        lambda view, own: crossing_terms(
+            view.edge, own, view.noise, settings.is_outline, last.place
+        ),
+        bodies,
+    )
     edges = joined_terms(edges, views, body)
     used, depth = readings.used, _of_all([view.pixels.depth for view in views])
     count = jnp.sum(used)
@@ -231,7 +237,8 @@ def assess(problem: Problem, solution: Solution, correlated: bool) -> Assessment
     }
     root, directions, free = covariance_root(_sum_of(parts.values()))
     independent = product(root, root.T)
-    pull = product(known.T, prior_residuals(prior, body, bias))
+    beliefs = prior_residuals(prior, body, bias)
+    pull = product(known.T, beliefs)
     pull += (of_all[:-1, -1] + of_edges[:-1, -1]) / widening
     statistic = contradiction(of_border / widening, pull, independent)
     swelling, departures = estimate.swelling(terms.gradient), None
@@ -247,6 +254,8 @@ def assess(problem: Problem, solution: Solution, correlated: bool) -> Assessment
             widening,
         )
         rests = jnp.stack([whitened, jnp.where(inlier, departures.residual, 0)])
+    # A wall that departs is seen otherwise from each side.
+    unexplained = rests[-1:]
     biases = [view.noise.bias for view in views]
     leans = any(b.lean is not None for b in biases)
     shares_errors = bool(
@@ -285,7 +294,7 @@ def assess(problem: Problem, solution: Solution, correlated: bool) -> Assessment
             view.noise.doubted() if isinstance(view.noise, AcrossRay) else view.noise
             for view in views
         ]
-        of_doubted = computed_once(lambda: readings_of(views, bodies, noises))
+        of_doubted = computed_once(lambda: readings_of(problem, bodies, noises))
         doubted = joined_readings(of_doubted, views, body).terms
         pulls = doubted.gradient * doubted.residual[None]
         pulls -= terms.gradient * terms.residual[None]
@@ -313,6 +322,17 @@ def assess(problem: Problem, solution: Solution, correlated: bool) -> Assessment
         world, change, whole, shares, directions, free
     )
     statistic = jnp.where(strays(inlier, used, beside), jnp.inf, statistic)
+    between = jnp.zeros_like(statistic)
+    if not problem.is_single:
+        augmented = jnp.concatenate([terms.gradient, unexplained])
+        augmented = jnp.where(tells[None], augmented, 0)
+        between = between_views(
+            [in_coordinates(product(x, x.T), into) for x in problem.apart(augmented)],
+            of_edges[:-1, -1] / widening + product(known.T, beliefs),
+            widening,
+            independent,
+        )
+        between = between / shared
     chi2 = reduced_chi2(squares, num_inliers)
     num_missed = jnp.sum(inlier & seen.is_missed, dtype=meters.dtype)
     finest = jnp.max(terms.weight)
@@ -324,6 +344,8 @@ def assess(problem: Problem, solution: Solution, correlated: bool) -> Assessment
     is_rough = (chi2 > ROUGH_CHI2) & (rms > ROUGH * body.radius)
     agrees &= ~(settings.trusts_sigma & is_rough)
     agrees &= ~_is_filled(readings, depth, spread)
+    agrees &= between < DISAGREEING
+    agrees &= jnp.all(jnp.abs(form.value) < MOST_DEPARTED + 3 * form.deviation)
     # A fit that is not traced goes on with what agrees, and takes errors that do not
     # for correlated.
     agrees &= (statistic < (DISAGREEING if correlated else np.inf)) | ~jnp.asarray(
@@ -368,7 +390,7 @@ def assess(problem: Problem, solution: Solution, correlated: bool) -> Assessment
         tail=jnp.where(settings.trusts_sigma, p_value, -1),
         border_chi2=statistic,
         alternatives=no_alternatives(world.shape),
-        across=across_found(views, bodies, of_views, repeats),
+        across=across_found(problem, bodies, of_views, repeats),
         form=form,
     )
     hides = hidden_pixels(problem, estimate)

@@ -45,7 +45,7 @@ from impostor_jax.fit.request import (
     views_given,
 )
 from impostor_jax.fit.result import Fit
-from impostor_jax.fit.seen import seen_by, shown_by
+from impostor_jax.fit.seen import all_shown_by, seen_by
 from impostor_jax.fit.shapes import fit_shape
 from impostor_jax.fit.text import millimeters
 from impostor_jax.numerics import nan_where
@@ -196,9 +196,8 @@ def _costs(held: dict[str, Any]) -> Any:
                 )
                 for view, camera in zip(views, cameras, strict=True)
             ]
-            shown = tuple(
-                shown_by(one.without_edges(), effort.readings) for one in seen
-            )
+            clear = [one.without_edges() for one in seen]
+            shown = all_shown_by(clear, effort.readings)
             settings = checked_settings(kind, plain, None, sigma)
             known = checked_prior(None, kind.expectable, None)
             compiled = quickly_compiled(_cost, static_argnames="kernel")
@@ -219,5 +218,5 @@ def _cost(
     body = body.transformed(shown[0].camera_from_world)
     views = problem.views
     bodies = [view.own(body) for view in views]
-    readings = readings_of(views, bodies, [view.noise for view in views])
+    readings = readings_of(problem, bodies, [view.noise for view in views])
     return cost_of(problem, body, readings, hidden_pixels(problem, body))

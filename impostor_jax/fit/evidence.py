@@ -45,7 +45,7 @@ from jaxtyping import Array, Bool, Float
 from impostor_jax.compiling import computed_once
 from impostor_jax.fit.body import AbstractBody, Passing
 from impostor_jax.fit.moved_rays import GRAZING, OUTLIER, moved_rays
-from impostor_jax.fit.problem import Edge, Pixels, View, sigma_of
+from impostor_jax.fit.problem import Edge, Pixels, Problem, View, sigma_of
 from impostor_jax.geometry.vec3 import Vec3
 from impostor_jax.numerics import Numbers, safe_divide, safe_sqrt
 from impostor_jax.sensor.base import AbstractDepthNoise
@@ -216,21 +216,24 @@ def reading_terms(
 
 
 def readings_of(
-    views: Sequence[View],
+    problem: Problem,
     bodies: Sequence[AbstractBody],
     noises: Sequence[AbstractDepthNoise],
 ) -> list[Readings]:
     """What each view's readings say of an estimate, given its noise.
 
     Args:
-        views: The views.
+        problem: Of the views.
         bodies: The estimate, in the frame of each.
         noises: Of each view.
     """
-    return [
-        reading_terms(view.pixels, own, noise, pixel=view.pixel, is_image=view.is_image)
-        for view, own, noise in zip(views, bodies, noises, strict=True)
-    ]
+
+    def told(view: View, own: AbstractBody, noise: AbstractDepthNoise) -> Readings:
+        return reading_terms(
+            view.pixels, own, noise, pixel=view.pixel, is_image=view.is_image
+        )
+
+    return problem.of_each(told, bodies, noises)
 
 
 def _is_clear(

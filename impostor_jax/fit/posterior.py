@@ -59,9 +59,11 @@ def cost_of(
         readings: Of each view, as they are compared with it.
         hidden: Pixels off the object that see what it would hide.
     """
-    cost = MISSED_LOSS * hidden
-    for view, told in zip(problem.views, readings, strict=True):
-        cost += _loss_of(problem, view, view.own(body), told)
+
+    def loss(view: View, told: Readings) -> Float[Array, ""]:
+        return _loss_of(problem, view, view.own(body), told)
+
+    cost = MISSED_LOSS * hidden + sum(problem.of_each(loss, readings))
     known = prior_residuals(problem.prior, body, problem.bias)
     cost += jnp.sum(known**2) / 2
     # Readings without weight would let a body pass that is made of no numbers.
@@ -128,7 +130,7 @@ def hidden_pixels(problem: Problem, body: AbstractBody) -> Float[Array, ""]:
     Not those beside its outline, which are the object's where a mask is too small or
     the radius a little too large: one of the few that are looked at stands for many.
     """
-    hidden = [_hidden_in(problem, view, view.own(body)) for view in problem.views]
+    hidden = problem.of_each(lambda view: _hidden_in(problem, view, view.own(body)))
     return sum(hidden[1:], hidden[0])
 
 

@@ -128,7 +128,7 @@ def _run_all(
         body = solve(problem, start).body
         views = problem.views
         bodies = [view.own(body) for view in views]
-        told = readings_of(views, bodies, [view.noise for view in views])
+        told = readings_of(problem, bodies, [view.noise for view in views])
         cost = cost_of(problem, body, told, hidden_pixels(problem, body))
         joined = joined_readings(told, views, body)
         residual = jnp.where(joined.used, joined.terms.residual, 0)

@@ -241,7 +241,7 @@ def chosen_pixels(
 
 
 def pixel_indices(
-    region: Bool[np.ndarray, "h w"], most: int | None = None
+    region: Bool[np.ndarray, "h w"], most: int | None = None, least: int = 0
 ) -> tuple[Int[np.ndarray, " n"], Int[np.ndarray, " n"]]:
     """Rows and columns of a region's pixels, filled up to one of a few sizes.
 
@@ -251,12 +251,13 @@ def pixel_indices(
     Args:
         region: Pixels of the object.
         most: How many there are at most, as of `chosen_pixels`; any number if None.
+        least: How many places there are at least, as for those of another view.
     """
     box = cropped(region)
     # On a whole image a tenth of the time of `np.nonzero`.
     index = np.flatnonzero(region[box])
     count = len(index)
-    size = next(size for size in BUCKETS if size >= count)
+    size = next(size for size in BUCKETS if size >= max(count, least))
     if most is not None:
         size = min(size, -(-most // BLOCK) * BLOCK)
     is_some = np.zeros(count, bool)

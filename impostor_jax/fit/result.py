@@ -471,6 +471,11 @@ class Fit(eqx.Module):
                 "Readings beside the region's border contradict the others: the mask "
                 "is too large, or errors are correlated."
             )
+        if len(self.pixelwise) > 1:
+            return (
+                "The views contradict each other: a pose is wrong, or they show "
+                "different things."
+            )
         return "Part of the region lies off the shape: it, or the mask, is wrong."
 
     @property

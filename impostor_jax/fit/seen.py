@@ -1,7 +1,8 @@
 """An object as an image shows it, on the host: all that a fit is told of one view."""
 
-__all__ = ["Seen", "seen_by", "shown_by"]
+__all__ = ["Seen", "all_shown_by", "seen_by", "shown_by"]
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -114,7 +115,10 @@ def _spacing(
 
 
 def shown_by(
-    seen: Seen, readings: int | None = None, correlated: bool = False
+    seen: Seen,
+    readings: int | None = None,
+    correlated: bool = False,
+    least: int = 0,
 ) -> Table:
     """What `fit_from` is given of an object whose edges are left out already.
 
@@ -122,10 +126,25 @@ def shown_by(
         seen: The object.
         readings: Of an `Effort`.
         correlated: Whether the covariance allows for correlated residuals.
+        least: For how many pixels there are places at least.
     """
     most = most_readings(readings, seen.noise)
     chosen = chosen_pixels(seen.image, seen.region, most)
-    row, col = pixel_indices(chosen, most)
+    row, col = pixel_indices(chosen, most, least)
     return table_of(
         seen.image, seen.region, row, col, seen.camera, seen.noise, correlated
     )
+
+
+def all_shown_by(
+    seen: Sequence[Seen], readings: int | None = None, correlated: bool = False
+) -> tuple[Table, ...]:
+    """The same of an object in several images.
+
+    All have as many places for pixels as the one with the most needs: what is compiled
+    knows the number of images, and not the size of each.
+    """
+    least = 0
+    if len(seen) > 1:
+        least = max(int(np.count_nonzero(one.region)) for one in seen)
+    return tuple(shown_by(one, readings, correlated, least) for one in seen)

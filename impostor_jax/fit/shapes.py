@@ -56,7 +56,7 @@ from impostor_jax.fit.request import (
     views_given,
 )
 from impostor_jax.fit.result import Fit, each_of
-from impostor_jax.fit.seen import Seen, seen_by, shown_by
+from impostor_jax.fit.seen import Seen, all_shown_by, seen_by, shown_by
 from impostor_jax.fit.solve import solve
 from impostor_jax.fit.starts import Search, found_by, guesses_of
 from impostor_jax.fit.stated import tested_by_readings
@@ -287,7 +287,7 @@ def _fit_pixels(
         correlated: Whether the covariance allows for correlated residuals.
     """
     guesses = guesses_of(kind, seen) if initial is None else []
-    shown = tuple(shown_by(one, effort.readings, correlated) for one in seen)
+    shown = all_shown_by(seen, effort.readings, correlated)
     compiled = _compiled_fit()
     asked = {"kernel": effort.kernel, "correlated": correlated}
     if any(one.is_new for one in guesses):

@@ -294,8 +294,8 @@ def _followed_jvp(given, changes):
 
     def pull_at(moved: Float[Array, " c"], problem: Problem) -> Float[Array, " c"]:
         at = body_at(moved)
-        total = _of_beliefs(problem, at)
-        for view in problem.views:
+
+        def told_by(view: View) -> Float[Array, "k k"]:
             own = view.own(at)
             pixels = view.pixels
             readings = reading_terms(
@@ -308,7 +308,9 @@ def _followed_jvp(given, changes):
             told += scatter_products(
                 view, problem.nominal, pixels, own, readings, scale
             )
-            total += view.products_told(told, at)
+            return view.products_told(told, at)
+
+        total = sum(problem.of_each(told_by), _of_beliefs(problem, at))
         return product(basis.T, total[:-1, -1])
 
     still = jnp.zeros(free.shape[0], problem.unit.dtype)
@@ -366,14 +368,16 @@ def _stage_at(number: int | Int[Array, ""], dtype: DTypeLike) -> Stage:
 def _told(problem: Problem, body: AbstractBody, stage: Stage) -> _Pass:
     """Read the images at an estimate."""
     basis = _free_basis(problem, body)
-    total = _of_beliefs(problem, body)
-    loss = jnp.zeros_like(problem.unit)
-    for view in problem.views:
+
+    def told_by(view: View) -> tuple[Float[Array, "k k"], Float[Array, ""]]:
         own = view.own(body)
         of_readings, scale = _of_readings(problem, view, own, stage)
         told = of_readings + _of_edge(problem, view, own, stage, scale)
-        total += view.products_told(told, body)
-        loss += of_readings[-1, -1]
+        return view.products_told(told, body), of_readings[-1, -1]
+
+    products, losses = zip(*problem.of_each(told_by), strict=True)
+    total = sum(products, _of_beliefs(problem, body))
+    loss = sum(losses, jnp.zeros_like(problem.unit))
     total = in_coordinates(total, basis.T)
     return _Pass(total[:-1, :-1], total[:-1, -1], basis, loss)
 

@@ -15,7 +15,7 @@ from impostor_jax.fit.regions import (
     pixel_indices,
     traced_indices,
 )
-from impostor_jax.fit.seen import Seen, shown_by
+from impostor_jax.fit.seen import Seen, all_shown_by, shown_by
 from impostor_jax.sensor.gaussian import ConstantNoise
 
 NOISE, SENSOR = ConstantNoise(0.001), ij.StructuredLight.sensor()
@@ -95,6 +95,19 @@ def test_of_readings_that_share_errors_fewer_are_taken():
     assert not seen.is_taken(None)
     assert seen.is_taken(1 << 20)
     assert len(shown_by(seen).row) == 16384
+
+
+def test_all_images_of_an_object_have_places_for_as_many_pixels():
+    # Each pair of sizes was compiled anew.
+    regions = np.zeros((2, CAMERA.height, CAMERA.width), bool)
+    regions[0, :10, :10], regions[1, :80, :80] = True, True
+    seen = [Seen(np.ones(one.shape), one, CAMERA, NOISE) for one in regions]
+    for order in (1, -1):
+        tables = all_shown_by(seen[::order])
+        assert [len(one.row) for one in tables] == [16384] * 2
+        read = [np.count_nonzero(one.rays.exists[:16384]) for one in tables]
+        assert read == [100, 6400][::order]
+        assert len({one.inside.shape for one in tables}) == 1
 
 
 @pytest.mark.parametrize("most", [None, 1000])

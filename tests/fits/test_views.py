@@ -2,6 +2,7 @@
 
 import base64
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -66,6 +67,18 @@ def test_the_pose_is_told_in_the_frame_of_each_view(two, both):
     turned = both.cylinder.transformed(two[1][1].camera_from_world)
     np.testing.assert_allclose(second[:3, 2], turned.axis, atol=1e-6)
     np.testing.assert_allclose(second[:3, 3], turned.center, atol=1e-6)
+
+
+def test_a_wrong_pose_makes_views_contradict_each_other(two):
+    # What the views then leave may be taken for rays that err.
+    depths, cameras, masks = two
+    moved = np.eye(4)
+    moved[:3, 3] = (0.006, 0.002, 0.003)
+    off = ij.RigidTransform.from_matrix(moved) @ cameras[1].camera_from_world
+    wrong = eqx.tree_at(lambda camera: camera.camera_from_world, cameras[1], off)
+    fit = fitted(depths, [cameras[0], wrong], masks)
+    assert fit.status == "poor_fit"
+    assert "a pose is wrong" in fit.reason
 
 
 def test_two_views_are_surer_than_each_and_as_right(two, both):
