@@ -153,7 +153,10 @@ def directions_of(
 
 
 def has_rays(camera: Sight) -> Bool[np.ndarray, "#h #w"]:
-    """Which pixels of a concrete camera have a ray, without a device."""
+    """Which pixels of a concrete camera have a ray, without a device.
+
+    Of one place where all of them have.
+    """
     solved = camera if isinstance(camera, RayTable) else camera.ray_field
     if solved is None:
         return np.ones((1, 1), bool)

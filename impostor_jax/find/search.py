@@ -259,7 +259,7 @@ class _Search:
         if evidence is None:
             return None
         caps = caps_of(scene, evidence)
-        if caps.misfit > MOST_MISFIT:
+        if caps.rim and caps.misfit > MOST_MISFIT:
             # It is no disc: the wall goes on as a neck or a dome.
             caps = NO_CAPS
         seen = evidence.explained + caps.size

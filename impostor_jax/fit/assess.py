@@ -345,7 +345,8 @@ def assess(problem: Problem, solution: Solution, correlated: bool) -> Assessment
     agrees &= ~(settings.trusts_sigma & is_rough)
     agrees &= ~_is_filled(readings, depth, spread)
     agrees &= between < DISAGREEING
-    agrees &= jnp.all(jnp.abs(form.value) < MOST_DEPARTED + 3 * form.deviation)
+    # Of what bends in no way a departure is no number, and no fault.
+    agrees &= ~jnp.any(jnp.abs(form.value) > MOST_DEPARTED + 3 * form.deviation)
     # A fit that is not traced goes on with what agrees, and takes errors that do not
     # for correlated.
     agrees &= (statistic < (DISAGREEING if correlated else np.inf)) | ~jnp.asarray(
