@@ -237,9 +237,9 @@ def assess(problem: Problem, solution: Solution, correlated: bool) -> Assessment
     }
     root, directions, free = covariance_root(_sum_of(parts.values()))
     independent = product(root, root.T)
-    beliefs = prior_residuals(prior, body, bias)
-    pull = product(known.T, beliefs)
-    pull += (of_all[:-1, -1] + of_edges[:-1, -1]) / widening
+    pull_of_others = product(known.T, prior_residuals(prior, body, bias))
+    pull_of_others += of_edges[:-1, -1] / widening
+    pull = pull_of_others + of_all[:-1, -1] / widening
     statistic = contradiction(of_border / widening, pull, independent)
     swelling, departures = estimate.swelling(terms.gradient), None
     rests = whitened[None]
@@ -328,7 +328,7 @@ def assess(problem: Problem, solution: Solution, correlated: bool) -> Assessment
         augmented = jnp.where(tells[None], augmented, 0)
         between = between_views(
             [in_coordinates(product(x, x.T), into) for x in problem.apart(augmented)],
-            of_edges[:-1, -1] / widening + product(known.T, beliefs),
+            pull_of_others,
             widening,
             independent,
         )

@@ -18,6 +18,7 @@ from jaxtyping import Bool, Float, Int
 
 from impostor_jax.arguments import real_number, unmasked
 from impostor_jax.camera.pinhole import PinholeCamera
+from impostor_jax.camera.ray_table import has_rays
 from impostor_jax.fit.request import TooFewReadingsError, checked_mask
 from impostor_jax.opencv import cv2
 
@@ -136,8 +137,7 @@ def checked_matte(mask: Any, camera: PinholeCamera, sigma: Any) -> Matte:
         deviation = real_number("sigma", sigma, positive=True, unit="parts of a pixel")
     sees = np.ones(values.shape, np.uint8)
     if camera.ray_field is not None:
-        seen = np.isfinite(np.asarray(camera.ray_field.x)).astype(np.uint8)
-        sees = cv2.erode(seen, SQUARE)
+        sees = cv2.erode(has_rays(camera).astype(np.uint8), SQUARE)
     matte = Matte(
         covered=values.astype(jax.dtypes.canonicalize_dtype(float)),
         is_hard=is_hard,

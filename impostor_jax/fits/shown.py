@@ -80,17 +80,23 @@ def fit_shown(
     if all(view.mask is not None for view in views):
         fit = fit_shape(kind, depth, camera, mask, sigma, initial, options)
     else:
-        fit = _fit_looked_for(kind, views, initial, options)
+        fit = _fit_looked_for(kind, depth, camera, sigma, views, initial, options)
     return refuted_as_ranges(fit, views)
 
 
 def _fit_looked_for(
     kind: Fittable,
+    depth: Any,
+    camera: Any,
+    sigma: Any,
     views: Sequence[Given],
     initial: AbstractPrimitive | None,
     options: Options,
 ) -> Fit:
-    """Fit what is found in images of which some have no mask."""
+    """Fit what is found in images of which some have no mask.
+
+    One noise of several images is of one sensor, so it is passed on as it was given.
+    """
     # What is found goes on to what lies beside: it is cut down with any effort.
     options = replace(options, effort=replace(options.effort, doubts=True))
     if len(views) == 1:
@@ -100,8 +106,7 @@ def _fit_looked_for(
         images = [np.asarray(checked_depth(v.depth, v.camera)) for v in views]
         with working_precision(options.effort.precision, ()):
             return no_guess(kind, *(np.zeros(image.shape, bool) for image in images))
-    depths, cameras, _, sigmas = map(list, zip(*views, strict=True))
-    return fit_shape(kind, depths, cameras, masks, sigmas, initial, options)
+    return fit_shape(kind, depth, camera, masks, sigma, initial, options)
 
 
 def _masks_of(

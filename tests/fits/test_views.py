@@ -133,6 +133,8 @@ def test_views_without_any_mask_are_searched(two):
     fit = fitted(*two[:2], None)
     assert fit.success
     assert abs(float(fit.cylinder.radius) - 0.04) < 4 * float(fit.std.radius)
+    # One noise is of one sensor, whose images share the error of its scale.
+    assert not isinstance(fit.asked.arguments["sigma"], list)
     empty = [np.full_like(depth, 0.7) for depth in two[0]]
     fit = fitted(empty, two[1], None)
     assert fit.status == "no_first_guess"
