@@ -8,17 +8,17 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from impostor_jax.find.deformation import solved
 from impostor_jax.find.evidence import (
     AGREEING,
     LIMIT,
     UNSURE,
     Evidence,
     Scene,
-    directions_across,
     ring,
     turned,
 )
+from impostor_jax.fit.seam import solved
+from impostor_jax.geometry.so3 import directions_across
 
 RIM_BINS = 36
 """Bins of the angle around a cap."""

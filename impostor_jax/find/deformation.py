@@ -10,31 +10,24 @@ __all__ = [
     "Wall",
     "bending",
     "deformation",
-    "solved",
     "wall_readings",
 ]
 
-import itertools
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
 
-from impostor_jax.find.evidence import LIMIT, Evidence, Scene, directions_across
+from impostor_jax.find.evidence import LIMIT, Evidence, Scene
+from impostor_jax.fit.seam import FEWEST, best_split, departures, solved
 from impostor_jax.opencv import cv2
 
 PRICE = 30.0
 """Of a second cylinder, in chi-squared: five numbers more, at many places."""
 
-SEAM_BINS = 32
-"""Places where two cylinders may meet."""
-
 ALL_AROUND = 0.5
 """Length of the mean of the directions out of a wall, below which these go all around:
 of those over half a turn it is 0.64."""
-
-FEWEST = 20
-"""Readings that it takes."""
 
 
 class Deformation(NamedTuple):
@@ -80,9 +73,7 @@ class Wall(NamedTuple):
 
     def terms(self, axis: Float[np.ndarray, "3"]) -> Float[np.ndarray, "n 5"]:
         """How distances change with the radius, and with the axis at either end."""
-        first, second = directions_across(axis)
-        c, s = self.out @ first, self.out @ second
-        return np.stack([np.ones_like(c), c, s, self.place * c, self.place * s], axis=1)
+        return departures(self.place, self.out, axis)[:, :5]
 
 
 def wall_readings(scene: Scene, evidence: Evidence) -> Wall | None:
@@ -148,109 +139,21 @@ def deformation(axis: Float[np.ndarray, "3"], wall: Wall, shared: float) -> Defo
         wall: Its readings.
         shared: How many of them share an error.
     """
-    place, own = wall.place, wall.terms(axis)
-    c, s = own[:, 1], own[:, 2]
-    others = [place, place**2, c * c - s * s, 2 * c * s, place**2 * c, place**2 * s]
-    terms = np.column_stack([own, *others])
+    terms = departures(wall.place, wall.out, axis)
     found = solved(terms, wall.miss, wall.deviation)
-    price = PRICE * shared
-    seam = _seam(place, terms, wall.miss, wall.deviation * found.scatter, price)
+    deviation = wall.deviation * found.scatter
+    kept = np.abs(wall.miss) < 2 * LIMIT * deviation
+    rows = np.column_stack([terms, wall.miss])[kept] / deviation[kept, None]
+    split, price = best_split(wall.place[kept], rows), PRICE * shared
+    is_split = (
+        split is not None
+        and min(split.alone - 2 * price, split.smooth) - split.halves >= price
+    )
     return Deformation(
         found.value[5:],
         np.sqrt(shared) * found.deviation[5:],
-        None if seam is None else wall.middle + wall.half * seam,
+        wall.middle + wall.half * split.place if split and is_split else None,
     )
-
-
-class Solution(NamedTuple):
-    """Of linear equations, most of whose rows are right.
-
-    Attributes:
-        value: The unknowns.
-        deviation: Of these.
-        rest: What is left of each row, in deviations.
-        scatter: Of that; 1 where it is less.
-    """
-
-    value: Float[np.ndarray, " m"]
-    deviation: Float[np.ndarray, " m"]
-    rest: Float[np.ndarray, " n"]
-    scatter: float
-
-
-def solved(
-    terms: Float[np.ndarray, "n m"],
-    miss: Float[np.ndarray, " n"],
-    deviation: Float[np.ndarray, " n"],
-) -> Solution:
-    """Solve terms @ value = miss, with little weight for rows that are far off.
-
-    With a prior of deviation 1, for what the rows leave open.
-    """
-    weight, rest = 1 / deviation, miss
-    inverse, value = np.eye(terms.shape[1]), np.zeros(terms.shape[1])
-    for _ in range(3):
-        rows = terms * weight[:, None]
-        inverse = np.linalg.inv(rows.T @ rows + np.eye(terms.shape[1]))
-        value = inverse @ (rows.T @ (miss * weight))
-        rest = (miss - terms @ value) / deviation
-        weight = 1 / deviation / (1 + (rest / LIMIT) ** 2)
-    scatter = max(1.4826 * float(np.median(np.abs(rest))), 1.0)
-    return Solution(value, scatter * np.sqrt(np.diag(inverse)), rest, scatter)
-
-
-def _seam(
-    place: Float[np.ndarray, " n"],
-    terms: Float[np.ndarray, "n 11"],
-    miss: Float[np.ndarray, " n"],
-    deviation: Float[np.ndarray, " n"],
-    price: float,
-) -> float | None:
-    """Where two cylinders meet that explain the readings better than one; None if none.
-
-    Each half gets five numbers of its own, by the normal equations of bins added up
-    from either end. A cone, a ball or a bend is no two cylinders: a smooth departure
-    must explain less.
-
-    Args:
-        place: Along the axis, from -1 to 1.
-        terms: The five of a wall and six of smooth departures.
-        miss: Distances from the wall.
-        deviation: Of these.
-        price: Of a second cylinder, in chi-squared.
-    """
-    rows = np.column_stack([terms, miss]) / deviation[:, None]
-    kept = np.abs(rows[:, -1]) < 2 * LIMIT
-    rows, place = rows[kept], place[kept]
-    bins = ((place + 1) / 2 * SEAM_BINS).astype(int).clip(0, SEAM_BINS - 1)
-    order = np.argsort(bins, kind="stable")
-    rows, edges = rows[order], np.searchsorted(bins[order], np.arange(SEAM_BINS + 1))
-    products = np.array([rows[a:b].T @ rows[a:b] for a, b in itertools.pairwise(edges)])
-    total = products.sum(axis=0)
-    wall = [*range(5), 11]
-
-    before = np.cumsum(products[:, wall][:, :, wall], axis=0)[2:-3]
-    after = total[np.ix_(wall, wall)] - before
-    halves = _left_over(before) + _left_over(after)
-    # Some of either side must be seen.
-    counts = np.cumsum(np.diff(edges))[2:-3]
-    few = np.minimum(counts, len(rows) - counts) < max(FEWEST, 0.1 * len(rows))
-    halves = np.where(few, np.inf, halves)
-    best = int(np.argmin(halves))
-    smooth = float(_left_over(total))
-    alone = float(_left_over(total[np.ix_(wall, wall)]))
-    if min(alone - 2 * price, smooth) - halves[best] < price:
-        return None
-    return 2 * (best + 3) / SEAM_BINS - 1
-
-
-def _left_over(products: Float[np.ndarray, "*b m m"]) -> Float[np.ndarray, "*b"]:
-    """Chi-squared of the best solution of normal equations, whose last row is data."""
-    size = products.shape[-1] - 1
-    equations = products[..., :size, :size] + 1e-6 * np.eye(size)
-    right = products[..., :size, size]
-    solution = np.linalg.solve(equations, right[..., None])[..., 0]
-    return np.asarray(products[..., size, size] - (right * solution).sum(axis=-1))
 
 
 def _within(scene: Scene, evidence: Evidence) -> np.ndarray:

@@ -9,7 +9,6 @@ to where it is refuted.
 __all__ = ["LIMIT", "Candidate", "Evidence", "Scene", "shown", "weighed"]
 
 import dataclasses
-import math
 from typing import NamedTuple
 
 import numpy as np
@@ -18,6 +17,7 @@ from jaxtyping import Bool, Float, Int
 from impostor_jax.find.normals import Normals
 from impostor_jax.find.view import Box, View
 from impostor_jax.fit.surface import spread
+from impostor_jax.geometry.so3 import directions_across
 
 LIMIT = 3.5
 """Deviations within which a reading is explained."""
@@ -266,24 +266,6 @@ def ring(
     around = scale * wall.radius * (CIRCLE @ directions_across(wall.axis))
     place = np.linspace(*ends, 8)[:, None, None]
     return (wall.center + place * wall.axis + around).reshape(-1, 3)
-
-
-def directions_across(axis: Float[np.ndarray, "3"]) -> Float[np.ndarray, "2 3"]:
-    """Two unit vectors across an axis, and across each other."""
-    x, y, z = axis.tolist()
-    least = min(abs(x), abs(y), abs(z))
-    # np.cross takes a tenth of a millisecond, and each wall asks several times.
-    if abs(x) == least:
-        length = math.hypot(y, z)
-        first = (0.0, z / length, -y / length)
-    elif abs(y) == least:
-        length = math.hypot(x, z)
-        first = (-z / length, 0.0, x / length)
-    else:
-        length = math.hypot(x, y)
-        first = (y / length, -x / length, 0.0)
-    u, v, w = first
-    return np.array([first, (y * w - z * v, z * u - x * w, x * v - y * u)])
 
 
 def weighed(scene: Scene, wall: Candidate) -> Evidence | None:

@@ -12,8 +12,9 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from impostor_jax.find.caps import Inner
-from impostor_jax.find.deformation import Wall, solved
+from impostor_jax.find.deformation import Wall
 from impostor_jax.find.evidence import LIMIT, Evidence, Scene
+from impostor_jax.fit.seam import solved
 
 LEAST_FACING = 0.1
 """Cosine of the incidence on a ball, at least: at its outline it tells nothing."""

@@ -20,7 +20,7 @@ from impostor_jax.camera.pinhole import PinholeCamera
 from impostor_jax.camera.ray_table import directions_of
 from impostor_jax.fit.regions import DepthUnitsWarning
 from impostor_jax.fit.request import Given, checked_depth
-from impostor_jax.fit.result import Fit
+from impostor_jax.fit.result import Fit, is_sure
 
 SIDE = 40
 """Rows and columns of an image that are looked at, at most."""
@@ -45,9 +45,6 @@ TIMES = 1.25
 many do; of 60 drawn rooms that were given so 1.3 for a field of view of 40 degrees, and
 2 to 4 for 60."""
 
-SURE = 1e-3
-"""P-value of a fit from which on nothing is doubted."""
-
 ADVICE = (
     "depth must be measured along the camera's axis, and looks measured along the "
     "rays: {ranges:.0f} % of the image is flat if it was, {depths:.0f} % as it is; "
@@ -62,18 +59,13 @@ def refuted_as_ranges(fit: Fit, views: Sequence[Given]) -> Fit:
     """
     if not is_concrete((fit, views)):
         return fit
-    if _is_sure(fit) and all(view.sigma is not None for view in views):
+    if is_sure(fit) and all(view.sigma is not None for view in views):
         return fit
     for view in views:
         said = _ranges_said(view.depth, view.camera)
         if said:
             return fit.contradicted(said + ".")
     return fit
-
-
-def _is_sure(fit: Fit) -> bool:
-    is_round = not bool(fit.form.departs)
-    return bool(fit.success) and is_round and float(fit.p_value) > SURE
 
 
 def warn_of_ranges(depth: Float[np.ndarray, "h w"], camera: object) -> None:

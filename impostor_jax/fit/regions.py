@@ -132,8 +132,8 @@ def jump_parts(
 
 
 def _sigma_between(
-    noise: AbstractDepthNoise, depth: Float[np.ndarray, "h w"]
-) -> Float[np.ndarray, "h w"]:
+    noise: AbstractDepthNoise, depth: Float[np.ndarray, "*shape"]
+) -> Float[np.ndarray, "*shape"]:
     """`sigma_face_on` of positive depths, in one program for any number of them."""
     if isinstance(noise, ConstantNoise):
         # JAX is not asked, as in `typical_sigma`.

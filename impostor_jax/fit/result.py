@@ -12,6 +12,7 @@ __all__ = [
     "SphereDeviations",
     "SphereFit",
     "each_of",
+    "is_sure",
     "name_of",
     "named_values",
     "of_images",
@@ -102,6 +103,9 @@ AGREEING = 20.0
 """Contradiction between border and rest below which nothing else lies there, once it
 has been found to: by chance one in 200 is larger, and costs no more than some readings.
 """
+
+SURE = 1e-3
+"""P-value of a fit from which on nothing is doubted."""
 
 
 def each_of(values: Any) -> Sequence[Any]:
@@ -664,6 +668,12 @@ class Fit(eqx.Module):
         count = Counter(str(STATUSES[int(code)]) for code in codes.ravel())
         found = ", ".join(f"{number} {status}" for status, number in count.items())
         return f"{codes.size} fits: {found}"
+
+
+def is_sure(fit: Fit) -> bool:
+    """Whether nothing about a single, concrete fit is doubted."""
+    is_round = not bool(fit.form.departs)
+    return bool(fit.success) and is_round and float(fit.p_value) > SURE
 
 
 def _made_of(parts: dict[str, Values]) -> str:

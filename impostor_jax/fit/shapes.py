@@ -56,6 +56,7 @@ from impostor_jax.fit.request import (
     views_given,
 )
 from impostor_jax.fit.result import Fit, each_of
+from impostor_jax.fit.seam import refuted_by_seam
 from impostor_jax.fit.seen import Seen, all_shown_by, seen_by, shown_by
 from impostor_jax.fit.solve import solve
 from impostor_jax.fit.starts import Search, found_by, guesses_of
@@ -138,6 +139,8 @@ def fit_shape(
         if places is None:
             is_outline = options.mask_meaning == "outline"
             fit = compared_with_outline(fit, seen, is_outline)
+        if effort.doubts:
+            fit = refuted_by_seam(fit, seen)
         # A caller may write other pixels to a mask, and the depth is a copy.
         regions = [np.array(one) for one in masks]
         known = {"depth": images, "sigma": [v.sigma for v in checked], "mask": regions}

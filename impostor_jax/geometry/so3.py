@@ -1,8 +1,11 @@
 """Rotations and directions."""
 
-__all__ = ["rotation_by", "tangent_basis", "turn_of"]
+__all__ = ["directions_across", "rotation_by", "tangent_basis", "turn_of"]
+
+import math
 
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 
@@ -49,3 +52,21 @@ def turn_of(rotation: Float[Array, "3 3"]) -> Float[Array, "3"]:
     r = rotation
     twice = jnp.stack([r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1]])
     return 2 * twice / (1 + r[0, 0] + r[1, 1] + r[2, 2])
+
+
+def directions_across(axis: Float[np.ndarray, "3"]) -> Float[np.ndarray, "2 3"]:
+    """Two unit vectors across an axis, and across each other, without a device."""
+    x, y, z = axis.tolist()
+    least = min(abs(x), abs(y), abs(z))
+    # np.cross takes a tenth of a millisecond, and each wall asks several times.
+    if abs(x) == least:
+        length = math.hypot(y, z)
+        first = (0.0, z / length, -y / length)
+    elif abs(y) == least:
+        length = math.hypot(x, z)
+        first = (-z / length, 0.0, x / length)
+    else:
+        length = math.hypot(x, y)
+        first = (y / length, -x / length, 0.0)
+    u, v, w = first
+    return np.array([first, (y * w - z * v, z * u - x * w, x * v - y * u)])
