@@ -43,6 +43,8 @@ class AcrossRays(eqx.Module):
         score: Standard deviations by which its square is found larger than 0.
         doubt: Standard deviation of that square, in square meters.
         scale: Standard deviation along the rays that is found, over what was given.
+        misfit: Minus twice the logarithm of the readings' likelihood, each, but for a
+            constant, at the scale at which it is largest.
     """
 
     deviation: Float[Array, "*batch"]
@@ -50,12 +52,13 @@ class AcrossRays(eqx.Module):
     score: Float[Array, "*batch"]
     doubt: Float[Array, "*batch"]
     scale: Float[Array, "*batch"]
+    misfit: Float[Array, "*batch"]
 
 
 def exact_rays(dtype: DTypeLike) -> AcrossRays:
     """Of a fit that says nothing of them."""
     zero = jnp.zeros((), dtype)
-    return AcrossRays(zero, zero, zero, zero, jnp.ones((), dtype))
+    return AcrossRays(zero, zero, zero, zero, jnp.ones((), dtype), zero)
 
 
 def across_found(
@@ -96,15 +99,24 @@ def across_found(
         square = jnp.where(outlies, WITHIN**2 / 3 * variance, 0)
         parts = jnp.stack([own, other]) / assumed[None]
         ones = jnp.where(counts, 1, 0).astype(repeats.dtype)
+        weight = jnp.where(is_wall, told.terms.weight, 1)
+        likelihood = [
+            jnp.where(is_wall, 1, 0).astype(repeats.dtype),
+            jnp.where(is_wall, jnp.minimum(z, WITHIN) ** 2, 0),
+            -2 * jnp.log(weight),
+        ]
         return (
             product(rows, rows.T),
             product(parts, square / assumed),
             jnp.sum(ones * jnp.sqrt(across)),
             jnp.sum(ones),
+            jnp.stack([jnp.sum(part) for part in likelihood]),
         )
 
     told = problem.of_each(told_by, bodies, readings)
-    moments, outliers, taken, weight = map(jnp.stack, zip(*told, strict=True))
+    moments, outliers, taken, weight, likelihood = map(
+        jnp.stack, zip(*told, strict=True)
+    )
     taken, weight = jnp.sum(taken), jnp.sum(weight)
     # Normal equations whose first unknown, the scale along the rays, is of each view: a
     # view whose noise is told too large would else leave more to the second, of all.
@@ -121,10 +133,15 @@ def across_found(
     # Squares of normal residuals vary by twice their square.
     deviation = safe_sqrt(2 * inverse * repeats)
     scale = jnp.where(is_told & (own > 0), safe_sqrt(own), 1)
+    count, squares, logarithms = jnp.sum(likelihood, axis=0)
+    count = jnp.maximum(count, 1)
+    tiny = jnp.finfo(squares.dtype).tiny
+    misfit = jnp.log(jnp.maximum(squares / count, tiny)) + logarithms / count
     return AcrossRays(
         deviation=safe_divide(taken, weight),
         found=safe_sqrt(other) / scale,
         score=safe_divide(sure, deviation * scale**2),
         doubt=deviation,
         scale=scale,
+        misfit=misfit,
     )

@@ -2,7 +2,8 @@
 
 Readings are fitted as if rays were exact, or erred by a guess. The residuals tell by
 how much they do, and the fit goes on from its estimate with that, until the two agree.
-Then it is made anew, from all starts.
+Then it is made anew, from all starts. Where they do not speak clearly, the likelier of
+that fit and the one of exact rays is taken.
 """
 
 __all__ = ["fit_with_learned_rays"]
@@ -33,6 +34,15 @@ MOST_ROUNDS = 8
 
 SETTLED = 0.03
 """Change of that error, over itself, with which it is known."""
+
+SURE = 10.0
+"""Standard deviations up to which readings that speak for errors across the rays may do
+so for what these errors let the wall become. Of an arc of 30 degrees they make a wall
+of a smaller radius, of which they are found to be larger, and so on, to 4.5."""
+
+AS_MANY = 0.99
+"""Part of the readings on one of two fits that are on the other, where the two are
+compared: what leaves out those that graze is likelier for that."""
 
 
 def fit_with_learned_rays(
@@ -75,11 +85,16 @@ def fit_with_learned_rays(
         if settled:
             break
     # Only now: of a guess that is too large nothing speaks for what is small.
-    if not fit.across.score.item() > SPEAKS:
-        if exact is not None:
-            return exact
-        across = _Error(known)
-    return fitted(_erring(seen, across, known))
+    score = fit.across.score.item()
+    if not score > SPEAKS:
+        return exact or fitted(_erring(seen, _Error(known), known))
+    fit = fitted(_erring(seen, across, known))
+    if score > SURE:
+        return fit
+    exact = exact or fitted(_erring(seen, _Error(known), known))
+    explains = exact.is_shape and exact.num_inliers >= AS_MANY * fit.num_inliers
+    is_likelier = exact.across.misfit.item() <= fit.across.misfit.item()
+    return exact if explains and is_likelier else fit
 
 
 class _Error(NamedTuple):

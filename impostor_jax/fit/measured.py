@@ -475,7 +475,8 @@ def _around(
         inverse = np.where(use, 1 / np.where(use, depth, 1), 0)
         near, apart = (_variances(inverse, use, lag, 3) for lag in (1, NEAR))
         counts = blocks(use)
-        if not near or not apart or counts.min() < CELL * CELL / 2:
+        # Coarse steps leave tiles of equal readings, which tell nothing.
+        if not near or not any(apart) or counts.min() < CELL * CELL / 2:
             continue
         white = max(float(np.mean(near)), (LEAST / float(np.median(depth[use]))) ** 2)
         # Where readings lack on one side of a block their mean lies to the other.

@@ -53,6 +53,9 @@ def points_given(points: Any, origin: Any) -> GivenPoints:
     """
     ends, starts = _checked_points(points, origin)
     dtype = _type_of(points)
+    if np.array_equal(ends, ends.astype(np.float32)):
+        # What reads a file may widen what that holds.
+        dtype = min(dtype, np.dtype(np.float32), key=lambda one: one.itemsize)
     counts = np.ones(len(ends), bool)
     return GivenPoints(ends, starts, dtype, rounding_of(ends, dtype), counts)
 

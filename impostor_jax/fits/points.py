@@ -45,7 +45,6 @@ from impostor_jax.numerics import eps
 from impostor_jax.opencv import cv2
 from impostor_jax.primitives.cylinder import Cylinder
 from impostor_jax.primitives.local_world import LocalWorld
-from impostor_jax.sensor.base import AbstractDepthNoise
 
 WIDEST = 55.0
 """Angle in degrees, from the middle of all rays, up to which one frame holds them;
@@ -68,6 +67,9 @@ looked for. So may be those that face away from their origin."""
 
 MOST_ROUNDED = 0.1
 """Part of the noise that the rounding of coordinates may be."""
+
+COARSEST = 0.1
+"""Noise over the extent of the points, at most, where nobody tells it."""
 
 
 @on_processor
@@ -184,7 +186,10 @@ def _fit_cloud(
         is_far = LocalWorld.of(view.camera for view in views) is not None
         own = np.dtype(np.float64 if is_far else jnp.result_type(float))
         dtype = min(own, dtype, key=lambda dtype: dtype.itemsize)
-        _check_rounding(dtype, ends, starts, single_noise(sigma))
+        largest = max(np.abs(ends).max(), np.abs(starts).max())
+        reach = np.median(np.linalg.norm(ends - starts, axis=1))
+        noise, one = single_noise(sigma), jnp.ones((), jnp.result_type(float))
+        _check_rounding(dtype, largest, reach, float(noise.sigma(reach * one, one)))
     for view in views:
         check_types(Cylinder, view.camera, initial)
         view.mask[0, : len(view.places)] &= counts[view.places]
@@ -206,6 +211,9 @@ def _fit_viewless(
     wall: Wall | None,
 ) -> Fit:
     """The same where nobody tells from where they were seen."""
+    extent = np.linalg.norm(np.ptp(cloud.ends, axis=0))
+    level = COARSEST * extent if sigma is None else level_of(sigma, cloud)
+    _check_rounding(cloud.dtype, np.abs(cloud.ends).max(), extent, level)
     wall = wall or wall_of(cloud.ends)
     if wall is None or not wall.is_known:
         nothing = no_guess(CYLINDER, np.ones(len(cloud.ends), bool))
@@ -278,16 +286,16 @@ class _View(NamedTuple):
 
 
 def _check_rounding(
-    dtype: np.dtype,
-    ends: Float[np.ndarray, "n 3"],
-    starts: Float[np.ndarray, "n 3"],
-    noise: AbstractDepthNoise,
+    dtype: np.dtype, largest: float, reach: float, sigma: float
 ) -> None:
-    """Raise where coordinates, rounded, would err as much as the sensor."""
-    largest = max(np.abs(ends).max(), np.abs(starts).max())
-    reach = np.median(np.linalg.norm(ends - starts, axis=1))
-    own = jnp.result_type(float)
-    sigma = float(noise.sigma(jnp.asarray(reach, own), jnp.ones((), own)))
+    """Raise where coordinates, rounded, would err as much as the sensor.
+
+    Args:
+        dtype: That rounds them.
+        largest: Of them, in meters.
+        reach: From where the points were seen, or across all of them, in meters.
+        sigma: Of the sensor.
+    """
     if largest * eps(dtype) > max(MOST_ROUNDED * sigma, eps(dtype, 16) * reach):
         raise ValueError(
             f"points must lie near the origin of the world, got coordinates up to "

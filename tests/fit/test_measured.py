@@ -96,6 +96,15 @@ def test_a_filter_of_half_a_pixel_is_no_window(width):
     assert int(found.noise.bias.window_reach) <= 2
 
 
+def test_disparities_of_whole_pixels_are_read():
+    # Most tiles of planes hold equal readings, by whose noise of 0 was divided.
+    depth, mask = drawn(ij.ConstantNoise(1e-6))
+    coarse = (8 / np.round(8 / depth)).astype(np.float32)
+    fit = ij.fit_cylinder(coarse, CAMERA, mask)
+    assert fit.success
+    assert abs(float(fit.cylinder.radius) - 0.04) < 3 * float(fit.std.radius)
+
+
 def test_nothing_told_is_as_white_noise_told():
     depth, mask = image()
     told = ij.fit_cylinder(depth, CAMERA, mask=mask, sigma=SIGMA)

@@ -255,3 +255,19 @@ def test_a_start_that_fails_is_no_reference_for_where_others_lead(seed):
     fit = ij.fit_cylinder_to_points(points, origin, sigma=0.003)
     assert fit.success
     assert abs(fit.cylinder.radius - 0.18) < 4 * fit.std.radius
+
+
+@pytest.mark.parametrize("seed", [0, 10])
+def test_an_arc_learns_no_errors_across_its_rays_that_are_none(seed):
+    # What makes a wall smaller makes its rays graze more, which speaks for more: a
+    # radius came out 9 deviations small.
+    random = np.random.default_rng(seed)
+    angle = random.uniform(-np.pi / 12, np.pi / 12, 2000)
+    z = random.uniform(-0.6, 0.6, 2000)
+    points = np.stack([8 - 0.2 * np.cos(angle), 0.2 * np.sin(angle), z], axis=1)
+    ray = points / np.linalg.norm(points, axis=1, keepdims=True)
+    points += 0.003 * random.normal(size=(2000, 1)) * ray
+    fit = ij.fit_cylinder_to_points(points, (0, 0, 0), sigma=0.003)
+    assert fit.success
+    assert float(fit.across.deviation) < 1e-4
+    assert abs(float(fit.cylinder.radius) - 0.2) < 3 * float(fit.std.radius)
