@@ -22,10 +22,12 @@ from impostor_jax.fit.per_pixel import law_of
 from impostor_jax.fit.problem import RayList, sigma_of
 from impostor_jax.fit.regions import SQUARE, pixel_indices
 from impostor_jax.fit.result import AGREEING, DISAGREEING, Fit
+from impostor_jax.fit.seam import departs_beyond
 from impostor_jax.fit.seen import Seen
 from impostor_jax.fit.status import FitStatus
 from impostor_jax.opencv import cv2
 from impostor_jax.primitives.base import in_camera_frame
+from impostor_jax.primitives.cylinder import Cylinder
 from impostor_jax.sensor.base import AbstractDepthNoise
 
 NARROWER = (2, 4, 6)
@@ -51,6 +53,9 @@ MOST_NEAR = 0.05
 
 LEAST_P_VALUE = 1e-6
 """Of their scatter; NaN where the noise is not known, which refutes nothing."""
+
+EDGE = 1
+"""Pixels beside a border whose readings may be of two surfaces."""
 
 MARGIN = 3
 """Pixels beside a surface that does, whose readings may be of that and look like the
@@ -88,7 +93,7 @@ def fit_of_one_surface(
     if not correlated and np.isfinite(contradiction):
         # No more of the border's readings lie elsewhere than of the others.
         return fit_of_one_surface(fitted, kind, seen, True, whole)
-    core = whole
+    core, narrow = whole, seen
     for width in NARROWER:
         # Without the pixels beside its border, but for the image's.
         narrow = [one._replace(region=_narrower(one.region, width)) for one in seen]
@@ -106,7 +111,7 @@ def fit_of_one_surface(
     wider = np.sqrt(max(float(core.chi2), 1.0))
     body = kind.of(core.shape)
     away = [_off(one, body) / wider for one in seen]
-    best = core
+    best, kept = core, narrow
     own = [
         one._replace(region=_own_pixels(far, one.region))
         for one, far in zip(seen, away, strict=True)
@@ -114,7 +119,7 @@ def fit_of_one_surface(
     if _num_readings(own) >= FEWEST_READINGS:
         larger = fitted(own, correlated, core)
         if bool(larger.success) and larger.border_chi2 < AGREEING:
-            best = larger
+            best, kept = larger, own
     # Beside a mask's object are its surroundings. Of another shape a part looks like
     # this one, but not to the noise, and leaves the rest.
     near = on_body = 0
@@ -123,7 +128,23 @@ def fit_of_one_surface(
         on_body += np.count_nonzero(one.region & (one.image > 0) & (far <= OFF))
     share = near / max(on_body, 1)
     is_part = share > MOST_NEAR and best.p_value < LEAST_P_VALUE
-    return _refuted(best) if is_part or share > MOST_LEFT else best
+    is_part |= share > MOST_LEFT
+    return _refuted(best) if is_part or _departs(best, seen, kept) else best
+
+
+def _departs(fit: Fit, seen: Sequence[Seen], kept: Sequence[Seen]) -> bool:
+    """Whether a wall seems to be a cylinder's for what was left out of its readings.
+
+    A sensor whose readings share smooth errors bends a wall where it has none.
+    """
+    if not isinstance(fit.shape, Cylinder) or bool(fit.form.departs):
+        return False
+    biases = [one.noise.bias for one in seen]
+    if any(bias.fields or bias.lean is not None for bias in biases):
+        return False
+    # Readings that mix two surfaces, beside the border, bend a wall as well.
+    inner = [one._replace(region=_narrower(one.region, EDGE)) for one in seen]
+    return departs_beyond(fit.shape, inner, [one.region for one in kept])
 
 
 def _num_readings(seen: Sequence[Seen]) -> int:

@@ -213,7 +213,8 @@ def _fit_viewless(
     """The same where nobody tells from where they were seen."""
     extent = np.linalg.norm(np.ptp(cloud.ends, axis=0))
     level = COARSEST * extent if sigma is None else level_of(sigma, cloud)
-    _check_rounding(cloud.dtype, np.abs(cloud.ends).max(), extent, level)
+    if extent > 0:
+        _check_rounding(cloud.dtype, np.abs(cloud.ends).max(), extent, level)
     wall = wall or wall_of(cloud.ends)
     if wall is None or not wall.is_known:
         nothing = no_guess(CYLINDER, np.ones(len(cloud.ends), bool))

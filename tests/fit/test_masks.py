@@ -410,7 +410,8 @@ def test_a_window_that_leans_at_edges_is_not_believed_there(pixels):
     truth, sensor = can(50.0), ij.MatchingWindow(SIGMA_NOISE, half_window=3)
     depth, mask = read_by(sensor, truth, CAMERA, 0.6, seed=2)
     believed = ij.fit_cylinder(depth, CAMERA, mask, SIGMA_NOISE)
-    assert errors(believed, truth).max() > 4
+    # Its walls seem to bend at the edges.
+    assert not believed.success or errors(believed, truth).max() > 4
     part = grown(mask, pixels) if pixels else mask
     fit = ij.fit_cylinder(depth, CAMERA, part, sensor)
     assert fit.success
