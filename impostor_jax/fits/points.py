@@ -211,8 +211,9 @@ def _fit_viewless(
     wall: Wall | None,
 ) -> Fit:
     """The same where nobody tells from where they were seen."""
-    extent = np.linalg.norm(np.ptp(cloud.ends, axis=0))
-    level = COARSEST * extent if sigma is None else level_of(sigma, cloud)
+    extent = float(np.linalg.norm(np.ptp(cloud.ends, axis=0)))
+    level = level_of(sigma, cloud)
+    level = COARSEST * extent if level is None else level
     if extent > 0:
         _check_rounding(cloud.dtype, np.abs(cloud.ends).max(), extent, level)
     wall = wall or wall_of(cloud.ends)
