@@ -18,6 +18,7 @@ from jaxtyping import Array, Bool, Float
 
 from impostor_jax.fit.body import AbstractBody
 from impostor_jax.fit.gather import ray_list
+from impostor_jax.fit.learned import SPEAKS
 from impostor_jax.fit.per_pixel import law_of
 from impostor_jax.fit.problem import RayList, sigma_of
 from impostor_jax.fit.regions import SQUARE, pixel_indices
@@ -135,9 +136,12 @@ def fit_of_one_surface(
 def _departs(fit: Fit, seen: Sequence[Seen], kept: Sequence[Seen]) -> bool:
     """Whether a wall seems to be a cylinder's for what was left out of its readings.
 
-    A sensor whose readings share smooth errors bends a wall where it has none.
+    A sensor whose readings share smooth errors bends a wall where it has none, and so
+    do rays that err, of which is to be learned yet.
     """
     if not isinstance(fit.shape, Cylinder) or bool(fit.form.departs):
+        return False
+    if fit.across.score.item() > SPEAKS:
         return False
     biases = [one.noise.bias for one in seen]
     if any(bias.fields or bias.lean is not None for bias in biases):

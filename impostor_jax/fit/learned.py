@@ -6,7 +6,7 @@ Then it is made anew, from all starts. Where they do not speak clearly, the like
 that fit and the one of exact rays is taken.
 """
 
-__all__ = ["fit_with_learned_rays"]
+__all__ = ["SPEAKS", "fit_with_learned_rays"]
 
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
