@@ -138,6 +138,8 @@ def _sigma_between(
     if isinstance(noise, ConstantNoise):
         # JAX is not asked, as in `typical_sigma`.
         return np.full_like(depth, float(noise.deviation))
+    if not depth.size:
+        return depth
     nodes = np.geomspace(depth.min(), depth.max(), NODES).astype(depth.dtype)
     return np.interp(depth, nodes, np.asarray(sigma_face_on(noise, nodes)))
 

@@ -149,3 +149,11 @@ def test_what_is_left_out_of_a_cup_is_of_its_wall():
     assert not departs_beyond(body, [whole], [middle & mask])
     body = ij.Cylinder(CENTER, AXIS, RADIUS, HEIGHT)
     assert not departs_beyond(body, [whole], [mask])
+
+
+def test_nothing_left_out_by_noise_that_grows_with_depth_is_no_departure():
+    # Of no readings no least depth is known, from which on the noise is asked.
+    depth, mask = seen(ij.Cylinder(CENTER, AXIS, RADIUS, HEIGHT))
+    whole = Seen(depth.astype(np.float32), mask, CAMERA, ij.StructuredLight())
+    body = ij.Cylinder(CENTER, AXIS, RADIUS, HEIGHT)
+    assert not departs_beyond(body, [whole], [mask])
