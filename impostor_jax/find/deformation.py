@@ -19,7 +19,17 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from impostor_jax.find.evidence import LIMIT, Evidence, Scene
-from impostor_jax.fit.seam import FEWEST, best_split, departures, solved
+from impostor_jax.fit.seam import (
+    ALONG,
+    FACING,
+    FEWEST,
+    WITHIN,
+    about_axis,
+    best_split,
+    departures,
+    solved,
+    wall_terms,
+)
 from impostor_jax.opencv import cv2
 
 PRICE = 30.0
@@ -73,25 +83,21 @@ class Wall(NamedTuple):
 
     def terms(self, axis: Float[np.ndarray, "3"]) -> Float[np.ndarray, "n 5"]:
         """How distances change with the radius, and with the axis at either end."""
-        return departures(self.place, self.out, axis)[:, :5]
+        return wall_terms(self.place, self.out, axis)
 
 
 def wall_readings(scene: Scene, evidence: Evidence) -> Wall | None:
     """The readings that tell of a wall's shape; None where they are too few."""
     view, (center, axis, radius, side, _) = scene.view, evidence.wall
     index = _within(scene, evidence)
-    off = view.points.reshape(-1, 3)[index] - center
-    along = off @ axis
-    across = off - along[:, None] * axis
-    distance = np.sqrt((across**2).sum(axis=1))
-    out = across / np.maximum(distance, 1e-9)[:, None]
+    points = view.points.reshape(-1, 3)[index]
+    along, distance, out = about_axis(points, center, axis)
     cosine = -(out * view.views.reshape(-1, 3)[index]).sum(axis=1)
     middle = (evidence.ends[0] + evidence.ends[1]) / 2
     half = max((evidence.ends[1] - evidence.ends[0]) / 2, 1e-9)
     place = (along - middle) / half
-    # Near the ends and the outline readings are of more than one surface.
-    told = (side * cosine > 0.2) & (np.abs(place) < 0.95)
-    told &= np.abs(distance - radius) < 0.3 * radius
+    told = (side * cosine > FACING) & (np.abs(place) < ALONG)
+    told &= np.abs(distance - radius) < WITHIN * radius
     if np.count_nonzero(told) < FEWEST:
         return None
     index, cosine = index[told], cosine[told]

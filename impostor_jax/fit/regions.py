@@ -11,6 +11,7 @@ __all__ = [
     "jump_reach",
     "most_readings",
     "pixel_indices",
+    "sigma_between",
     "sigma_face_on",
     "takes_all",
     "traced_indices",
@@ -126,12 +127,12 @@ def jump_parts(
     """
     has = depth > 0
     away = xp.where(has, depth, 1)
-    sigma = _sigma_between(noise, away) if xp is np else sigma_face_on(noise, away)
+    sigma = sigma_between(noise, away) if xp is np else sigma_face_on(noise, away)
     width = depth * xp.asarray(camera.spacing, depth.dtype)
     return xp.where(has, NOISY * sigma, 0), width
 
 
-def _sigma_between(
+def sigma_between(
     noise: AbstractDepthNoise, depth: Float[np.ndarray, "*shape"]
 ) -> Float[np.ndarray, "*shape"]:
     """`sigma_face_on` of positive depths, in one program for any number of them."""

@@ -10,14 +10,19 @@ to be what a mask holds beside an object; but a wall that departs explains it.
 """
 
 __all__ = [
+    "ALONG",
+    "FACING",
     "FEWEST",
+    "WITHIN",
     "Solution",
     "Split",
+    "about_axis",
     "best_split",
     "departs_beyond",
     "departures",
     "refuted_by_seam",
     "solved",
+    "wall_terms",
 ]
 
 import itertools
@@ -28,7 +33,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from impostor_jax.fit.gather import ray_list
-from impostor_jax.fit.regions import NOISY, jump_parts
+from impostor_jax.fit.regions import sigma_between
 from impostor_jax.fit.result import Fit, each_of, is_sure
 from impostor_jax.fit.seen import Seen
 from impostor_jax.geometry.so3 import directions_across
@@ -57,6 +62,13 @@ of the body of a can whose neck has less."""
 
 WITHIN = 0.3
 """Part of the radius by which readings of a wall are off it at most."""
+
+ALONG = 0.95
+"""Half heights from the middle up to which readings are of the wall alone."""
+
+FACING = 0.2
+"""Cosine of the incidence from which on they are: nearer to the outline they are of
+more than one surface."""
 
 BEYOND = 3.0
 """Half heights from the middle within which what was left out may be of the wall."""
@@ -112,15 +124,25 @@ class Split(NamedTuple):
     smaller: float
 
 
-def departures(
+def about_axis(
+    points: Float[np.ndarray, "n 3"],
+    center: Float[np.ndarray, "3"],
+    axis: Float[np.ndarray, "3"],
+) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"], Float[np.ndarray, "n 3"]]:
+    """Places along an axis, distances from it, and unit vectors away from it."""
+    off = points - center
+    along = off @ axis
+    across = off - along[:, None] * axis
+    distance = np.sqrt((across**2).sum(axis=1))
+    return along, distance, across / np.maximum(distance, 1e-9)[:, None]
+
+
+def wall_terms(
     place: Float[np.ndarray, " n"],
     out: Float[np.ndarray, "n 3"],
     axis: Float[np.ndarray, "3"],
-) -> Float[np.ndarray, "n 11"]:
-    """How distances from a wall change with its radius and axis, and as it departs.
-
-    The first five are those of the radius, and of the axis at either end; the others
-    of taper, barrel, two of an ellipse and two of a bend.
+) -> Float[np.ndarray, "n 5"]:
+    """How distances from a wall change with its radius, and with the axis at both ends.
 
     Args:
         place: Of the readings along the axis, from -1 to 1.
@@ -129,10 +151,22 @@ def departures(
     """
     first, second = directions_across(axis)
     c, s = out @ first, out @ second
-    ends = place**2
-    own = [np.ones_like(c), c, s, place * c, place * s]
+    return np.stack([np.ones_like(c), c, s, place * c, place * s], axis=1)
+
+
+def departures(
+    place: Float[np.ndarray, " n"],
+    out: Float[np.ndarray, "n 3"],
+    axis: Float[np.ndarray, "3"],
+) -> Float[np.ndarray, "n 11"]:
+    """The same, and how they change as the wall departs; the arguments are the same.
+
+    By taper, barrel, two of an ellipse and two of a bend.
+    """
+    own = wall_terms(place, out, axis)
+    c, s, ends = own[:, 1], own[:, 2], place**2
     others = [place, ends, c * c - s * s, 2 * c * s, ends * c, ends * s]
-    return np.stack([*own, *others], axis=1)
+    return np.column_stack([own, *others])
 
 
 def solved(
@@ -270,16 +304,20 @@ def departs_beyond(
         seen: The object in each of its images.
         kept: Pixels of each that it was fitted to.
     """
-    inner, outer, count, num_cut = [], [], 0, 0
-    for one, own in zip(seen, kept, strict=True):
-        read = one.region & (one.image > 0)
-        cut = read & ~own
-        count, num_cut = count + np.count_nonzero(read), num_cut + np.count_nonzero(cut)
-        inner.append(_wall_readings(body, one, read & own))
-        outer.append(_wall_readings(body, one, cut, BEYOND))
-    if num_cut < LEAST_CUT * count:
+    read = [one.region & (one.image > 0) for one in seen]
+    cut = [there & ~own for there, own in zip(read, kept, strict=True)]
+    num_cut = sum(map(np.count_nonzero, cut))
+    if num_cut < LEAST_CUT * sum(map(np.count_nonzero, read)):
         return False
-    parts = zip(*[*inner, *outer], strict=True)
+    inner = [
+        _wall_readings(body, one, there & own)
+        for one, there, own in zip(seen, read, kept, strict=True)
+    ]
+    outer = [
+        _wall_readings(body, one, left, BEYOND)
+        for one, left in zip(seen, cut, strict=True)
+    ]
+    parts = zip(*inner, *outer, strict=True)
     place, out, miss, deviation = map(np.concatenate, parts)
     if len(place) < FEWEST:
         return False
@@ -298,7 +336,7 @@ def _wall_readings(
     body: Cylinder,
     seen: Seen,
     region: Bool[np.ndarray, "h w"],
-    reach: float = 0.95,
+    reach: float = ALONG,
 ) -> _WallReadings:
     """Readings of a wall, without those near its outline.
 
@@ -321,16 +359,12 @@ def _wall_readings(
         points = (points - np.asarray(pose.translation, float)) @ rotation
         view = view @ rotation
     radius, half = float(body.radius), float(body.height) / 2
-    axis = np.asarray(body.axis, float)
-    off = points - np.asarray(body.center, float)
-    along = off @ axis
-    across = off - along[:, None] * axis
-    distance = np.sqrt((across**2).sum(axis=1))
-    out = across / np.maximum(distance, 1e-9)[:, None]
+    center = np.asarray(body.center, float)
+    along, distance, out = about_axis(points, center, np.asarray(body.axis, float))
     # Of the depth; the ray is as long as it is steep.
     cosine = np.abs((out * view).sum(axis=1))
-    sigma = jump_parts(depth, seen.camera, seen.noise, np)[0] / NOISY
-    told = (cosine > 0.2 * np.sqrt((view**2).sum(axis=1))) & (sigma > 0)
+    sigma = sigma_between(seen.noise, depth)
+    told = (cosine > FACING * np.sqrt((view**2).sum(axis=1))) & (sigma > 0)
     place, miss = along / half, distance / radius - 1
     told &= (np.abs(place) < reach) & (np.abs(miss) < WITHIN)
     deviation = sigma * cosine / radius

@@ -52,10 +52,7 @@ def points_given(points: Any, origin: Any) -> GivenPoints:
         ValueError: They have a wrong shape or value, or are fewer than 50.
     """
     ends, starts = _checked_points(points, origin)
-    dtype = _type_of(points)
-    if np.array_equal(ends, ends.astype(np.float32)):
-        # What reads a file may widen what that holds.
-        dtype = min(dtype, np.dtype(np.float32), key=lambda one: one.itemsize)
+    dtype = _type_of(points, ends)
     counts = np.ones(len(ends), bool)
     return GivenPoints(ends, starts, dtype, rounding_of(ends, dtype), counts)
 
@@ -161,7 +158,16 @@ def as_numbers(name: str, value: Any) -> Float[np.ndarray, "..."]:
     return values
 
 
-def _type_of(points: Any) -> np.dtype:
-    """Floating-point type that points came in."""
+def _type_of(points: Any, ends: Float[np.ndarray, "n 3"]) -> np.dtype:
+    """Floating-point type that points came in, or that the file did they are from.
+
+    Args:
+        points: As they were given.
+        ends: The same in double precision.
+    """
     given = np.asarray(points).dtype
-    return given if np.issubdtype(given, np.floating) else np.dtype(np.float64)
+    if not np.issubdtype(given, np.floating):
+        given = np.dtype(np.float64)
+    # What reads a file may widen what that holds.
+    is_single = given.itemsize > 4 and np.array_equal(ends, ends.astype(np.float32))
+    return np.dtype(np.float32) if is_single else given
