@@ -11,25 +11,19 @@ __all__ = ["fit_of_one_surface"]
 
 from collections.abc import Callable, Sequence
 
-import jax
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Bool, Float
 
 from impostor_jax.fit.body import AbstractBody
-from impostor_jax.fit.gather import ray_list
 from impostor_jax.fit.learned import SPEAKS
-from impostor_jax.fit.per_pixel import law_of
-from impostor_jax.fit.problem import RayList, sigma_of
-from impostor_jax.fit.regions import SQUARE, pixel_indices
+from impostor_jax.fit.regions import SQUARE
 from impostor_jax.fit.result import AGREEING, DISAGREEING, Fit
 from impostor_jax.fit.seam import departs_beyond
 from impostor_jax.fit.seen import Seen
 from impostor_jax.fit.status import FitStatus
+from impostor_jax.fit.touching import OFF, going_on, sigmas_off, with_unsure
 from impostor_jax.opencv import cv2
-from impostor_jax.primitives.base import in_camera_frame
 from impostor_jax.primitives.cylinder import Cylinder
-from impostor_jax.sensor.base import AbstractDepthNoise
 
 NARROWER = (2, 4, 6)
 """Pixels by which a region is made narrower, one after the other, until the readings
@@ -37,9 +31,6 @@ beside its border agree with the others."""
 
 FEWEST_READINGS = 100
 """Readings that a core has at least."""
-
-OFF = 5.0
-"""Standard deviations from which a reading is not the body's."""
 
 FAR = 50.0
 """Standard deviations from which one is of a surface that does not touch the body's
@@ -72,7 +63,7 @@ def fit_of_one_surface(
     kind: type[AbstractBody],
     seen: Sequence[Seen],
     correlated: bool,
-    known: Fit | None = None,
+    is_exact: bool = False,
 ) -> Fit:
     """Fit to a region, or to what of it is of one surface.
 
@@ -83,9 +74,31 @@ def fit_of_one_surface(
         correlated: Whether errors are taken for correlated. They are in any case where
             border and rest disagree and no mask is to blame: so they do by a sensor's
             bias, and independent errors do not.
-        known: A fit of the same with errors that are not.
+        is_exact: Whether no pixel of the region is of what the object touches.
     """
-    whole = fitted(seen, correlated, known)
+    whole = fitted(seen, correlated, None)
+    if not is_exact and _has_numbers(whole):
+        body = going_on(kind.of(whole.shape), whole.ends_seen)
+        told = [with_unsure(one, body, _wider(whole)) for one in seen]
+        if any(one.unsure is not None for one in told):
+            fit = fitted(told, correlated, whole)
+            if _has_numbers(fit):
+                whole, seen = fit, told
+    return _of_one_surface(fitted, kind, seen, correlated, whole)
+
+
+def _has_numbers(fit: Fit) -> bool:
+    return fit.status not in (FitStatus.NO_FIRST_GUESS, FitStatus.NOT_FINITE)
+
+
+def _of_one_surface(
+    fitted: Fitted,
+    kind: type[AbstractBody],
+    seen: Sequence[Seen],
+    correlated: bool,
+    whole: Fit,
+) -> Fit:
+    """The same, of which the `whole` region is fitted."""
     # As Python's number: JAX takes 0.2 ms to compare its own.
     contradiction = whole.border_chi2.item()
     # Without a guess, or without numbers, nothing disagrees.
@@ -93,7 +106,8 @@ def fit_of_one_surface(
         return whole
     if not correlated and np.isfinite(contradiction):
         # No more of the border's readings lie elsewhere than of the others.
-        return fit_of_one_surface(fitted, kind, seen, True, whole)
+        whole = fitted(seen, True, whole)
+        return _of_one_surface(fitted, kind, seen, True, whole)
     core, narrow = whole, seen
     for width in NARROWER:
         # Without the pixels beside its border, but for the image's.
@@ -106,12 +120,12 @@ def fit_of_one_surface(
     if not core.border_chi2 < AGREEING:
         if correlated:
             return _refuted(core)
-        return fit_of_one_surface(fitted, kind, seen, True, whole)
+        whole = fitted(seen, True, whole)
+        return _of_one_surface(fitted, kind, seen, True, whole)
     if not bool(core.success):
         return _refuted(whole)
-    wider = np.sqrt(max(float(core.chi2), 1.0))
     body = kind.of(core.shape)
-    away = [_off(one, body) / wider for one in seen]
+    away = [np.abs(sigmas_off(one, body)) / _wider(core) for one in seen]
     best, kept = core, narrow
     own = [
         one._replace(region=_own_pixels(far, one.region))
@@ -131,6 +145,11 @@ def fit_of_one_surface(
     is_part = share > MOST_NEAR and best.p_value < LEAST_P_VALUE
     is_part |= share > MOST_LEFT
     return _refuted(best) if is_part or _departs(best, seen, kept) else best
+
+
+def _wider(fit: Fit) -> float:
+    """Factor on deviations of readings that scatter more than their noise says."""
+    return max(float(fit.chi2), 1.0) ** 0.5
 
 
 def _departs(fit: Fit, seen: Sequence[Seen], kept: Sequence[Seen]) -> bool:
@@ -159,21 +178,6 @@ def _narrower(region: Bool[np.ndarray, "h w"], width: int) -> Bool[np.ndarray, "
     return cv2.erode(region.astype(np.uint8), SQUARE, iterations=width) > 0
 
 
-def _off(seen: Seen, body: AbstractBody) -> Float[np.ndarray, "h w"]:
-    """How far readings lie off a body, in standard deviations; 0 where there is none.
-
-    Args:
-        seen: The readings.
-        body: In the world frame.
-    """
-    row, col = pixel_indices(seen.region)
-    rays = ray_list(seen.image, seen.camera, row, col, seen.noise)
-    off = _sigmas_off(rays, in_camera_frame(body, seen.camera), law_of(seen.noise))
-    away = np.zeros(seen.image.shape)
-    away[row[rays.exists], col[rays.exists]] = np.asarray(off)[rays.exists]
-    return away
-
-
 def _refuted(fit: Fit) -> Fit:
     """A fit as a failure; the status of one stays."""
     return fit.failed(FitStatus.POOR_FIT) if bool(fit.success) else fit
@@ -195,21 +199,3 @@ def _own_pixels(
     touching = (beside & off & (away < FAR)).astype(np.uint8)
     doubtful = cv2.dilate(touching, SQUARE, iterations=MARGIN) > 0
     return region & ~beside & ~doubtful
-
-
-@jax.jit
-def _sigmas_off(
-    rays: RayList, body: AbstractBody, noise: AbstractDepthNoise
-) -> Float[Array, " n"]:
-    """A reading near a body that its ray misses is not the body's.
-
-    The core tells radius and place to a small part of a pixel.
-    """
-    pixels = rays.pixels()
-    seen = body.passing(pixels.direction, body.radius / 100, pixels.start)
-    read = pixels.depth > 0
-    near = jnp.where(read, pixels.depth, 1)
-    sigma = sigma_of(noise, pixels, near, seen.cos_incidence)
-    away = jnp.abs(pixels.depth - seen.depth) / sigma
-    away = jnp.where(seen.is_missed, jnp.maximum(away, 2 * OFF), away)
-    return jnp.where(read, away, 0)

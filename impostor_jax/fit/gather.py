@@ -19,7 +19,7 @@ from jaxtyping import Array, Bool, Float
 from impostor_jax.camera.ray_table import RayTable, Sight, directions_of
 from impostor_jax.fit.per_pixel import law_of, spread_of
 from impostor_jax.fit.problem import BLOCK, Lattice, RayList, Table
-from impostor_jax.fit.regions import STEEP, jump_parts
+from impostor_jax.fit.regions import GENTLE, STEEP, jump_parts
 from impostor_jax.fit.surface import cropped
 from impostor_jax.fit.uncertainty import MAX_LAG
 from impostor_jax.geometry.frames import RigidTransform
@@ -47,10 +47,6 @@ thinned."""
 CROSS = np.array([[0, 0, 0, -1, 1], [0, -1, 1, 0, 0]])[..., None]
 """Rows down and columns right to a pixel itself, left, right, above and below."""
 
-GENTLE = 2.0
-"""Widths of a pixel by which readings of a surface may differ per pixel of which no two
-show how steep it is: at an incidence of 63 degrees."""
-
 Image = Float[Array, "h w"] | Float[np.ndarray, "h w"]
 Mask = Bool[Array, "h w"] | Bool[np.ndarray, "h w"]
 Indices = Any
@@ -65,6 +61,7 @@ def table_of(
     camera: Sight,
     noise: AbstractDepthNoise,
     correlated: bool = False,
+    unsure: Mask | None = None,
     xp: ModuleType = np,
 ) -> Table:
     """What an image shows of an object.
@@ -78,6 +75,7 @@ def table_of(
         camera: That took the image.
         noise: Of its readings.
         correlated: Whether the covariance allows for correlated residuals.
+        unsure: Pixels of the object whose readings tell where it ends alone.
         xp: NumPy, or `jax.numpy` of what is traced.
     """
     height, width = depth.shape
@@ -89,7 +87,10 @@ def table_of(
     all_cols = xp.concatenate([col, edge_col.ravel(), cols])
     rays = ray_list(depth, camera, all_rows, all_cols, noise, xp)
     wrong, mixed = _off(depth, camera, noise, edge_row, edge_col, xp)
-    left_out = [np.zeros(len(row), bool), wrong.ravel(), mask[rows, cols]]
+    doubted = np.zeros(len(row), bool)
+    if unsure is not None:
+        doubted = _of_pixels(unsure, row, col, xp)
+    left_out = [doubted, wrong.ravel(), mask[rows, cols]]
     rays = rays._replace(depth=xp.where(xp.concatenate(left_out), 0, rays.depth))
     dtype = rays.x.dtype
     is_image = not isinstance(camera, RayTable) or camera.is_image

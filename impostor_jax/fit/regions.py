@@ -2,6 +2,7 @@
 
 __all__ = [
     "BUCKETS",
+    "GENTLE",
     "NOISY",
     "SQUARE",
     "STEEP",
@@ -60,6 +61,10 @@ BUCKETS = tuple(BLOCK << k for k in range(3, 20, 2))
 NOISY, STEEP = 6.0, 10.0
 """Standard deviations, and widths of a pixel (at an incidence of 84 degrees), by which
 neighboring readings of one surface may differ."""
+
+GENTLE = 2.0
+"""Widths by which they may per pixel, where no two show how steep the surface is: at an
+incidence of 63 degrees."""
 
 NODES = 256
 """Depths at which the host asks for a standard deviation; it interpolates between."""

@@ -36,12 +36,15 @@ class Seen(NamedTuple):
         region: Pixels of the object, those that miss a reading included.
         camera: That took it.
         noise: Of its readings.
+        unsure: Pixels of the object whose readings may be of what it touches: they
+            tell where it ends, and not how deep it is; None where all are its own.
     """
 
     image: Float[np.ndarray, "h w"]
     region: Bool[np.ndarray, "h w"]
     camera: Sight
     noise: AbstractDepthNoise
+    unsure: Bool[np.ndarray, "h w"] | None = None
 
     @property
     def num_readings(self) -> int:
@@ -54,7 +57,8 @@ class Seen(NamedTuple):
 
     def without_edges(self) -> "Seen":
         """The same without readings that its noise model does not speak for."""
-        return self._replace(image=without_edges(*self))
+        seen = self.image, self.region, self.camera, self.noise
+        return self._replace(image=without_edges(*seen))
 
 
 def seen_by(
@@ -129,10 +133,17 @@ def shown_by(
         least: For how many pixels there are places at least.
     """
     most = most_readings(readings, seen.noise)
-    chosen = chosen_pixels(seen.image, seen.region, most)
-    row, col = pixel_indices(chosen, most, least)
+    image = seen.image if seen.unsure is None else np.where(seen.unsure, 0, seen.image)
+    row, col = pixel_indices(chosen_pixels(image, seen.region, most), most, least)
     return table_of(
-        seen.image, seen.region, row, col, seen.camera, seen.noise, correlated
+        seen.image,
+        seen.region,
+        row,
+        col,
+        seen.camera,
+        seen.noise,
+        correlated,
+        seen.unsure,
     )
 
 

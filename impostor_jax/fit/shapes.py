@@ -197,7 +197,9 @@ def _fit_seen(
         return _fit_pixels(kind, clear, start, known, prior, asked, effort, correlated)
 
     def to_surface(parts: Any) -> Fit:
-        return fit_of_one_surface(fitted, kind.body, parts, correlated)
+        # An outline is as exact as its caller says.
+        is_exact = bool(settings.is_outline)
+        return fit_of_one_surface(fitted, kind.body, parts, correlated, is_exact)
 
     def resumed(parts: Any, before: Fit) -> Fit:
         used = [
@@ -451,4 +453,4 @@ def _shown_traced(
     else:
         row, col = traced_indices(region, readings)
     depth, region = map(jnp.asarray, (depth, region))
-    return table_of(depth, region, row, col, camera, noise, correlated, jnp)
+    return table_of(depth, region, row, col, camera, noise, correlated, xp=jnp)

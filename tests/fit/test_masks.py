@@ -10,6 +10,9 @@ import pytest
 import impostor_jax as ij
 from impostor_jax.fit import border
 from impostor_jax.fit.edges import without_edges
+from impostor_jax.fit.round_body import RoundBody
+from impostor_jax.fit.seen import Seen
+from impostor_jax.fit.touching import with_unsure
 from tests.checks import angle_between
 from tests.fit.scenes import CAMERA, SIGMA, can, image, image_of, with_outliers
 from tests.groups import FULL, RELEASE, SMALL_IMAGES
@@ -129,10 +132,58 @@ def test_where_no_pixel_is_beyond_doubt_the_inner_ones_are_fitted(monkeypatch):
 
     monkeypatch.setattr(border, "_own_pixels", none_is)
     depth, mask = on_table()
-    fit = ij.fit_cylinder(depth, CAMERA, mask=grown(mask, 2), sigma=SIGMA)
+    fit = ij.fit_cylinder(depth, CAMERA, mask=grown(mask, 12), sigma=SIGMA)
     assert asked
     assert fit.success
     assert errors(fit, STANDING).max() < 3.5
+
+
+@pytest.mark.parametrize("pixels", [1, 2, 4])
+def test_a_mask_that_is_too_large_on_a_table_costs_nothing(pixels):
+    # Half of those of 2 pixels were refused, and of others a radius was known four
+    # times worse.
+    depth, mask = on_table()
+    exact = ij.fit_cylinder(depth, CAMERA, mask=mask, sigma=SIGMA)
+    fit = ij.fit_cylinder(depth, CAMERA, mask=grown(mask, pixels), sigma=SIGMA)
+    assert fit.success
+    assert errors(fit, STANDING).max() < 3.5
+    assert float(fit.std.radius) < 1.5 * float(exact.std.radius)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_floor_that_a_mask_takes_with_it_turns_no_wall(seed):
+    # Seen from above the wall grazes all rays: a row of pixels along its foot turned it
+    # by up to 8 deviations, and none of them was an outlier.
+    up = np.array([0.0, -np.cos(1.3), -np.sin(1.3)])
+    can = ij.Cylinder((0.05, 0.06, 0.4), up, radius=0.04, height=0.12)
+    floor = ij.Plane(np.asarray(can.center) - 0.06 * up, up)
+    maps = ij.render(ij.Scene([can, floor]), CAMERA, outputs=("depth", "index"))
+    mask = np.asarray(maps.index) == 0
+    noise = np.random.default_rng(seed).normal(0, SIGMA, mask.shape)
+    depth = (maps.depth + noise).astype(np.float32)
+    jump = cv2.morphologyEx(np.asarray(maps.depth), cv2.MORPH_GRADIENT, np.ones((3, 3)))
+    fit = ij.fit_cylinder(
+        depth, CAMERA, mask=mask | grown(mask, 1) & (jump < 0.01), sigma=SIGMA
+    )
+    assert fit.success
+    off = np.radians(angle_between(fit.cylinder.axis, up))
+    assert off < 3.5 * fit.std.axis.max()
+
+
+def test_a_mask_that_ends_on_the_object_leaves_out_nothing():
+    depth, mask = on_table()
+    seen = Seen(depth, mask, CAMERA, ij.ConstantNoise(SIGMA))
+    body = RoundBody.of(STANDING)
+    part = seen._replace(region=grown(mask, -3))
+    assert with_unsure(part, body, 1.0) is part
+    found = with_unsure(seen, body, 1.0)
+    # Of the can its foot alone touches the table.
+    rows, cols = np.nonzero(found.unsure)
+    foot = np.asarray(STANDING.center) - 0.06 * UP
+    assert len(rows) > 20
+    x, y = (cols - CAMERA.cx) / CAMERA.fx, (rows - CAMERA.cy) / CAMERA.fy
+    points = np.stack([x, y, np.ones_like(x)], axis=-1) * depth[rows, cols][:, None]
+    assert ((points - foot) @ UP).max() < 0.02
 
 
 def test_a_mask_that_is_too_large_before_a_wall_costs_nothing():
