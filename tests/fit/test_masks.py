@@ -131,8 +131,9 @@ def test_where_no_pixel_is_beyond_doubt_the_inner_ones_are_fitted(monkeypatch):
         return np.zeros_like(region)
 
     monkeypatch.setattr(border, "_own_pixels", none_is)
+    monkeypatch.setattr(border, "with_unsure", lambda seen, *_: seen)
     depth, mask = on_table()
-    fit = ij.fit_cylinder(depth, CAMERA, mask=grown(mask, 12), sigma=SIGMA)
+    fit = ij.fit_cylinder(depth, CAMERA, mask=grown(mask, 2), sigma=SIGMA)
     assert asked
     assert fit.success
     assert errors(fit, STANDING).max() < 3.5
@@ -177,13 +178,13 @@ def test_a_mask_that_ends_on_the_object_leaves_out_nothing():
     part = seen._replace(region=grown(mask, -3))
     assert with_unsure(part, body, 1.0) is part
     found = with_unsure(seen, body, 1.0)
-    # Of the can its foot alone touches the table.
+    # Of the can its foot touches the table, and what is seen of its sides beside that.
     rows, cols = np.nonzero(found.unsure)
     foot = np.asarray(STANDING.center) - 0.06 * UP
     assert len(rows) > 20
     x, y = (cols - CAMERA.cx) / CAMERA.fx, (rows - CAMERA.cy) / CAMERA.fy
     points = np.stack([x, y, np.ones_like(x)], axis=-1) * depth[rows, cols][:, None]
-    assert ((points - foot) @ UP).max() < 0.02
+    assert ((points - foot) @ UP).max() < 0.04
 
 
 def test_a_mask_that_is_too_large_before_a_wall_costs_nothing():
