@@ -58,6 +58,9 @@ CHANGED = 0.03
 MOST_MISFIT = 3.0
 """Mean square of the deviations of what a cylinder explains, at most."""
 
+MOST_OPEN = 0.1
+"""Standard deviation of the radius of a wall that departs, over the radius, at most."""
+
 FEW = 2000
 """Pixels up to which no quick fit tries a candidate: it would know too little."""
 
@@ -365,7 +368,7 @@ class _Search:
 
     def _led_to(self, scene: Scene, fit: Fit, entry: Entry) -> Entry | None:
         """What is known of the wall that a fit of a candidate found; None for none."""
-        if not bool(fit.success):
+        if not bool(fit.success) or _is_no_cylinder(fit):
             return None
         return self._entry(scene, self.fitter.wall_of(fit, entry.evidence.wall))
 
@@ -412,6 +415,12 @@ def _observed(scene: Scene, entry: Entry) -> Observed:
         doming(evidence, inner, scene.shared),
         scene.shared,
     )
+
+
+def _is_no_cylinder(fit: Fit) -> bool:
+    """Whether a wall departs so far that it has no radius, as part of a neck does."""
+    is_open = fit.std.radius > MOST_OPEN * fit.cylinder.radius
+    return bool(fit.form.departs & is_open)
 
 
 def _is_refuted_by_border(fit: Fit) -> bool:

@@ -133,7 +133,9 @@ def shown_by(
         least: For how many pixels there are places at least.
     """
     most = most_readings(readings, seen.noise)
-    image = seen.image if seen.unsure is None else np.where(seen.unsure, 0, seen.image)
+    image = seen.image
+    if seen.unsure is not None:
+        image = np.where(seen.unsure, 0, image)
     row, col = pixel_indices(chosen_pixels(image, seen.region, most), most, least)
     return table_of(
         seen.image,
