@@ -53,9 +53,9 @@ MARGIN = 3
 """Pixels beside a surface that does, whose readings may be of that and look like the
 body's."""
 
-Fitted = Callable[[Sequence[Seen], bool, Fit | None], Fit]
+Fitted = Callable[..., Fit]
 """Fit of an object's pixels, with errors that are correlated or not, and given a fit of
-the same and perhaps more pixels."""
+the same and perhaps more pixels, or what it starts from."""
 
 
 def fit_of_one_surface(
@@ -81,7 +81,10 @@ def fit_of_one_surface(
         body = going_on(kind.of(whole.shape), whole.ends_seen)
         told = [with_unsure(one, body, _wider(whole)) for one in seen]
         if any(one.unsure is not None for one in told):
-            fit = fitted(told, correlated, whole)
+            # What is of nothing else is fitted from the whole: no program is compiled.
+            is_near = bool(whole.success) and whole.border_chi2 < DISAGREEING
+            begin = (None, whole.shape) if is_near else (whole,)
+            fit = fitted(told, correlated, *begin)
             if _has_numbers(fit):
                 whole, seen = fit, told
     return _of_one_surface(fitted, kind, seen, correlated, whole)

@@ -10,7 +10,6 @@ a pixel does no harm.
 
 __all__ = ["going_on", "sigmas_off", "with_unsure"]
 
-
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -62,7 +61,11 @@ def going_on(body: AbstractBody, ends_seen: Bool[Array, " e"]) -> AbstractBody:
 
 
 def with_unsure(seen: Seen, body: AbstractBody, wider: float) -> Seen:
-    """An object, and which of its readings may be of what it touches.
+    """An object without what its region has of what it touches.
+
+    From the ring around the region inward, what lies off the body is of another surface
+    as far as depth goes on from there. Two more pixels than that may be, too: whether
+    they are left out does not depend on what they read.
 
     Args:
         seen: The object.
