@@ -20,6 +20,7 @@ from impostor_jax.fit.regions import SQUARE
 from impostor_jax.fit.result import AGREEING, DISAGREEING, Fit
 from impostor_jax.fit.seam import departs_beyond
 from impostor_jax.fit.seen import Seen
+from impostor_jax.fit.starts import leaves_no_doubt
 from impostor_jax.fit.status import FitStatus
 from impostor_jax.fit.touching import OFF, going_on, sigmas_off, with_unsure
 from impostor_jax.opencv import cv2
@@ -81,8 +82,8 @@ def fit_of_one_surface(
         body = going_on(kind.of(whole.shape), whole.ends_seen)
         told = [with_unsure(one, body, _wider(whole)) for one in seen]
         if any(one.unsure is not None for one in told):
-            # What is of nothing else is fitted from the whole: no program is compiled.
-            is_near = bool(whole.success) and whole.border_chi2 < DISAGREEING
+            # From the whole if that is near, for which no other program is compiled.
+            is_near = leaves_no_doubt(whole) and whole.border_chi2 < DISAGREEING
             begin = (None, whole.shape) if is_near else (whole,)
             fit = fitted(told, correlated, *begin)
             if _has_numbers(fit):

@@ -5,7 +5,7 @@ few readings that speak for all, and those that may lead to a better end, or ano
 are fitted to all readings.
 """
 
-__all__ = ["Search", "found_by", "guesses_of"]
+__all__ = ["Search", "found_by", "guesses_of", "leaves_no_doubt"]
 
 import dataclasses
 import itertools
@@ -143,7 +143,7 @@ def found_by(
     starts = _in_order(guesses, moves, search.counts)[: effort.starts]
     if not starts:
         return
-    if known is not None and _leaves_no_doubt(known):
+    if known is not None and leaves_no_doubt(known):
         # Of other pixels beside these, it may be off; the best guess is not.
         search.race([_placed(kind.body, known.shape, move), starts[0]])
         search.closed()
@@ -183,7 +183,7 @@ def _doubt(search: Search) -> None:
         search.fit(likeliest(found).body)
 
 
-def _leaves_no_doubt(fit: Fit) -> bool:
+def leaves_no_doubt(fit: Fit) -> bool:
     """Whether a fit knows of no other solution."""
     return bool(fit.success) and not np.any(np.asarray(fit.alternatives.weight))
 
