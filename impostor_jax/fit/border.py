@@ -78,7 +78,7 @@ def fit_of_one_surface(
         is_exact: Whether no pixel of the region is of what the object touches.
     """
     whole = fitted(seen, correlated, None)
-    if not is_exact and _has_numbers(whole):
+    if not is_exact and whole.status.has_numbers:
         body = going_on(kind.of(whole.shape), whole.ends_seen)
         told = [with_unsure(one, body, _wider(whole)) for one in seen]
         if any(one.unsure is not None for one in told):
@@ -86,13 +86,9 @@ def fit_of_one_surface(
             is_near = leaves_no_doubt(whole) and whole.border_chi2 < DISAGREEING
             begin = (None, whole.shape) if is_near else (whole,)
             fit = fitted(told, correlated, *begin)
-            if _has_numbers(fit):
+            if fit.status.has_numbers:
                 whole, seen = fit, told
     return _of_one_surface(fitted, kind, seen, correlated, whole)
-
-
-def _has_numbers(fit: Fit) -> bool:
-    return fit.status not in (FitStatus.NO_FIRST_GUESS, FitStatus.NOT_FINITE)
 
 
 def _of_one_surface(

@@ -61,7 +61,6 @@ from impostor_jax.fit.seen import Seen, all_shown_by, seen_by, shown_by
 from impostor_jax.fit.solve import solve
 from impostor_jax.fit.starts import Search, found_by, guesses_of
 from impostor_jax.fit.stated import tested_by_readings
-from impostor_jax.fit.status import FitStatus
 from impostor_jax.fit.weighing import best_of, likeliest
 from impostor_jax.primitives.base import AbstractPrimitive, in_camera_frame
 from impostor_jax.sensor.base import AbstractDepthNoise
@@ -248,7 +247,7 @@ def _without_foreign(
     places = [pixel_indices(one.region) for one in seen]
     left_out = [np.zeros_like(one.region) for one in seen]
     for _ in range(MOST_LOOKS):
-        if fit.status in (FitStatus.NO_FIRST_GUESS, FitStatus.NOT_FINITE):
+        if not fit.status.has_numbers:
             break
         body = kind.body.of(fit.shape)
         foreign = [

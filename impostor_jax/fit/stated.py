@@ -122,7 +122,7 @@ def _fit_without(
         fixed=tuple(name for name in options.fixed if name not in names),
         prior=prior or None,
     )
-    if fit.status not in (FitStatus.NO_FIRST_GUESS, FitStatus.NOT_FINITE):
+    if fit.status.has_numbers:
         found = fitted(others, fit.shape)
         if found.is_shape or found.status is FitStatus.UNDETERMINED:
             return found

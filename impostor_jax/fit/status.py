@@ -30,6 +30,11 @@ class FitStatus(enum.StrEnum):
         """One sentence for a reader."""
         return _MEANINGS[self]
 
+    @property
+    def has_numbers(self) -> bool:
+        """Whether the fit ended with numbers, right or wrong, for its shape."""
+        return self not in (FitStatus.NO_FIRST_GUESS, FitStatus.NOT_FINITE)
+
 
 _MEANINGS = {
     FitStatus.CONVERGED: "The fit converged.",

@@ -94,6 +94,9 @@ def with_unsure(seen: Seen, body: AbstractBody, wider: float) -> Seen:
         return is_far | near & (np.abs(total) > most)
 
     last = (cv2.dilate(marks, CROSS) > closed) & (image > 0)
+    if not _beside(last, image, region, seen).any():
+        # Before a background that is far away no program is run, or compiled.
+        return seen
     left, own, unsure = region, region, np.zeros_like(region)
     for _ in range(MOST):
         other = off(last)
