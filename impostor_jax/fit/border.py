@@ -14,6 +14,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from jaxtyping import Bool, Float
 
+from impostor_jax.fit.averaged import without_averaged
 from impostor_jax.fit.body import AbstractBody
 from impostor_jax.fit.learned import SPEAKS
 from impostor_jax.fit.regions import SQUARE
@@ -78,9 +79,10 @@ def fit_of_one_surface(
         is_exact: Whether no pixel of the region is of what the object touches.
     """
     whole = fitted(seen, correlated, None)
-    if not is_exact and whole.status.has_numbers:
-        body = going_on(kind.of(whole.shape), whole.ends_seen)
-        told = [with_unsure(one, body, _wider(whole)) for one in seen]
+    if whole.status.has_numbers:
+        body, wider = going_on(kind.of(whole.shape), whole.ends_seen), _wider(whole)
+        told = seen if is_exact else [with_unsure(one, body, wider) for one in seen]
+        told = [without_averaged(one, body, wider) for one in told]
         if any(one.unsure is not None for one in told):
             # From the whole if that is near, for which no other program is compiled.
             is_near = leaves_no_doubt(whole) and whole.border_chi2 < DISAGREEING
