@@ -151,7 +151,7 @@ def sigma_between(
 
 
 class DepthUnitsWarning(UserWarning):
-    """The depth looks as if it were not in meters, or not planar."""
+    """Depth, or points, look as if they were not in meters, or depth not planar."""
 
 
 def warn_of_units(

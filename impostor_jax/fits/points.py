@@ -8,6 +8,7 @@ end, outlines, and errors that neighbors share.
 
 __all__ = ["fit_cylinder_to_points", "fit_points", "in_one_frame"]
 
+import warnings
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
@@ -15,7 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, Int
 
-from impostor_jax.arguments import is_concrete, working_precision
+from impostor_jax.arguments import is_concrete, users_level, working_precision
 from impostor_jax.camera.ray_table import RayTable, turned_to
 from impostor_jax.clouds.wall import Wall, wall_of
 from impostor_jax.device import on_processor
@@ -23,7 +24,7 @@ from impostor_jax.effort import Effort
 from impostor_jax.fit.fittable import CYLINDER, no_guess
 from impostor_jax.fit.measured import NOT_MEASURED
 from impostor_jax.fit.options import Errors, MaskMeaning, Options, Scale
-from impostor_jax.fit.regions import BUCKETS
+from impostor_jax.fit.regions import BUCKETS, DepthUnitsWarning
 from impostor_jax.fit.request import check_types
 from impostor_jax.fit.result import Fit
 from impostor_jax.fit.shapes import fit_shape
@@ -67,6 +68,9 @@ looked for. So may be those that face away from their origin."""
 
 MOST_ROUNDED = 0.1
 """Part of the noise that the rounding of coordinates may be."""
+
+COARSEST_LEVEL = 0.3
+"""Noise in meters that no scanner has, from which points look as if in other units."""
 
 COARSEST = 0.1
 """Noise over the extent of the points, at most, where nobody tells it."""
@@ -260,6 +264,13 @@ def _fit_from_level(
 
 def _with_told_level(fit: Fit, cloud: GivenPoints, level: float) -> Fit:
     """A fit whose noise was measured, that says so."""
+    if fit.success and level > COARSEST_LEVEL:
+        warnings.warn(
+            f"points must be in meters, and their noise was measured as {level:.2g}: "
+            "are they in millimeters?",
+            DepthUnitsWarning,
+            stacklevel=users_level(),
+        )
     told = f"Measured in the points: noise of {1e3 * level:.3g} mm."
     return with_shared_errors(fit, cloud.ends, level).noting(measured=told)
 

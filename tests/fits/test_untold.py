@@ -5,6 +5,7 @@ import pytest
 
 import impostor_jax as ij
 from impostor_jax.clouds.wall import wall_of
+from impostor_jax.fit.regions import DepthUnitsWarning
 from tests.groups import FULL, OF_POINTS
 
 pytestmark = OF_POINTS
@@ -42,6 +43,11 @@ def test_a_merged_cloud_needs_neither_a_viewpoint_nor_a_noise():
     assert float(fit.across.deviation) == pytest.approx(NOISE, rel=0.1)
     assert float(fit.chi2) == pytest.approx(1, abs=0.2)
     assert float(fit.std_budget["correlation"].radius) == 0
+
+
+def test_points_in_millimeters_get_a_hint():
+    with pytest.warns(DepthUnitsWarning, match=r"noise was measured as 3.* in milli"):
+        ij.fit_cylinder_to_points(1000 * stem())
 
 
 @FULL
