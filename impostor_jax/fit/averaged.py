@@ -1,12 +1,14 @@
-"""Readings beside the edges of an image that averages over its pixels.
+"""Readings at the edges of an image that averages over its pixels.
 
 An image that was made smaller by averaging, smoothed, or taken by a sensor whose pixel
-sees an area, mixes what lies on both sides of an edge. There its own surface bends
-most, and the mean over a bend lies behind its middle: of cans of 10 to 40 pixels across
-that were averaged by two the radius came out 3 to 8 standard deviations too small,
-though of the mixed readings, all of them outliers, none was used. Whether an image
-averages shows between an object and what lies far behind it: depth goes from one to the
-other by way of readings that are of neither.
+sees an area, mixes what lies on both sides of an edge. A mixed reading is an outlier.
+Beside it the object's own surface bends most, and the mean over a bend lies behind its
+middle: of cans of 10 to 40 pixels across that were averaged by two the radius came out
+3 to 8 standard deviations too small. And where all readings beyond an end are mixed no
+background showed it, though each tells by how much it is mixed on which side it lies.
+
+Whether an image averages shows between an object and what lies far behind it: depth
+goes from one to the other by way of readings that are of neither.
 """
 
 __all__ = ["without_averaged"]
@@ -50,18 +52,24 @@ USUAL = 0.4
 wide what is averaged is: along an edge, and not across, there are more."""
 
 
+HALF = 0.5
+"""Share of the background from which a mixed reading is taken for one of it."""
+
+
 class _Places(NamedTuple):
     """Where depth falls from an object to its background, in an image.
 
     Attributes:
         last: Pixels where the object is seen last.
         between: Readings of neither that follow each of them, in each direction.
-        mixed: Pixels of these.
+        share: Of the background in each of these readings; 0 elsewhere.
+        background: Its depth beside them, in meters.
     """
 
     last: Bool[np.ndarray, "h w"]
     between: Int[np.ndarray, " n"]
-    mixed: Bool[np.ndarray, "h w"]
+    share: Float[np.ndarray, "h w"]
+    background: Float[np.ndarray, "h w"]
 
     @property
     def is_averaged(self) -> bool:
@@ -76,7 +84,9 @@ class _Places(NamedTuple):
         return int(found[int(USUAL * len(found))])
 
 
-def without_averaged(seen: Seen, body: AbstractBody, wider: float) -> Seen:
+def without_averaged(
+    seen: Seen, body: AbstractBody, wider: float, is_exact: bool = False
+) -> Seen:
     """An object without readings beside edges, if its image averages there.
 
     Which are left out depends on where they lie, and not on what they read.
@@ -85,6 +95,7 @@ def without_averaged(seen: Seen, body: AbstractBody, wider: float) -> Seen:
         seen: The object.
         body: About what it is, in the world frame.
         wider: Factor on the deviations of the readings.
+        is_exact: Whether the region's edge is the object's.
     """
     bias = seen.noise.bias
     if not (is_none(bias.edge_reach) and is_none(bias.window_reach)):
@@ -106,20 +117,31 @@ def without_averaged(seen: Seen, body: AbstractBody, wider: float) -> Seen:
         return seen
     # The far side of a cap may lie between, too.
     asked = np.zeros_like(seen.region)
-    asked[box] = places.mixed
+    asked[box] = mixed = places.share > 0
     away = np.abs(sigmas_off(seen._replace(region=asked), body)[box])
-    places = _places(image, own, places.mixed & (away < OFF * wider), steepest)
+    places = _places(image, own, mixed & (away < OFF * wider), steepest)
     if not places.is_averaged:
         return seen
-    before = np.zeros_like(seen.region) if seen.unsure is None else seen.unsure
     # Of what is small, as many as leave enough.
+    unsure = np.zeros_like(seen.region) if seen.unsure is None else seen.unsure
     for reach in range(2 * places.width, 0, -1):
         near = cv2.dilate(places.last.astype(np.uint8), SQUARE, iterations=reach - 1)
-        unsure = before.copy()
-        unsure[box] |= region & (near > 0)
-        if np.sum(seen.region & ~unsure & (seen.image > 0)) >= MIN_READINGS:
-            return seen._replace(unsure=unsure)
-    return seen
+        left_out = unsure.copy()
+        left_out[box] |= region & (near > 0)
+        if np.sum(seen.region & ~left_out & (seen.image > 0)) >= MIN_READINGS:
+            break
+    else:
+        return seen
+    if is_exact:
+        return seen._replace(unsure=left_out)
+    # A mixed reading tells by its share alone: what it is mostly of ends beside it.
+    mostly_own = (places.share > 0) & (places.share <= HALF)
+    mostly_other = places.share > HALF
+    told, inside = seen.image.copy(), seen.region.copy()
+    told[box] = np.where(mostly_other, places.background, image)
+    told[box][mostly_own] = 0
+    inside[box] = (region | mostly_own) & ~mostly_other
+    return seen._replace(image=told, region=inside, unsure=left_out)
 
 
 def _places(
@@ -146,8 +168,8 @@ def _places(
     at = at + np.flatnonzero(np.pad(falls, margin))[:, None]
     read = depth.ravel()[at]
     off = read - read[0] > most
-    last, mixed = np.zeros((2, depth.size), bool)
-    counts = []
+    last, counts = np.zeros(depth.size, bool), []
+    share, behind = np.zeros((2, depth.size), depth.dtype)
     for between in range(WIDEST + 1):
         first, *inner, background, beyond = read[: between + 3]
         fall = background - first
@@ -156,8 +178,12 @@ def _places(
         for k, one in enumerate(inner, start=1):
             found &= off[k] & (background - one > level) & ~known[at[k]]
         last[at[0][found]] = True
-        mixed[at[1 : between + 1, found]] = True
+        for k, one in enumerate(inner, start=1):
+            share[at[k][found]] = ((one - first)[found]) / fall[found]
+            behind[at[k][found]] = background[found]
         counts.append(np.full(np.count_nonzero(found), between))
     inside = slice(margin, -margin), slice(margin, -margin)
-    last, mixed = (marks.reshape(depth.shape)[inside] for marks in (last, mixed))
-    return _Places(last, np.concatenate(counts), mixed)
+    last, share, behind = (
+        values.reshape(depth.shape)[inside] for values in (last, share, behind)
+    )
+    return _Places(last, np.concatenate(counts), share, behind)

@@ -82,7 +82,7 @@ def fit_of_one_surface(
     if whole.status.has_numbers:
         body, wider = going_on(kind.of(whole.shape), whole.ends_seen), _wider(whole)
         told = seen if is_exact else [with_unsure(one, body, wider) for one in seen]
-        told = [without_averaged(one, body, wider) for one in told]
+        told = [without_averaged(one, body, wider, is_exact) for one in told]
         if any(one.unsure is not None for one in told):
             # From the whole if that is near, for which no other program is compiled.
             is_near = leaves_no_doubt(whole) and whole.border_chi2 < DISAGREEING

@@ -8,6 +8,7 @@ import pytest
 
 import impostor_jax as ij
 from impostor_jax.fit.averaged import without_averaged
+from impostor_jax.fit.regions import SQUARE
 from impostor_jax.fit.round_body import RoundBody
 from impostor_jax.fit.seen import Seen
 from impostor_jax.sensor.flying_pixels import FlyingPixels
@@ -54,19 +55,23 @@ def seen(depth, mask, noise=None, camera=CAMERA):
     return Seen(depth, mask, camera, noise or ConstantNoise(SIGMA))
 
 
-def left_of(seen, can):
+def left_of(seen, can, is_exact=False):
     """What is left of a can."""
-    return without_averaged(seen, RoundBody.of(CANS[can]), 1.0)
+    return without_averaged(seen, RoundBody.of(CANS[can]), 1.0, is_exact)
 
 
 @pytest.mark.parametrize("can", CANS)
 @pytest.mark.parametrize(("wall", "seed"), [(0.8, 0), (1.5, 1)])
-def test_an_image_made_smaller_by_averaging_takes_nothing_off_a_radius(can, wall, seed):
+def test_an_image_made_smaller_by_averaging_tells_both_sizes(can, wall, seed):
     depth, mask = halved(can, wall, seed)
     fit = ij.fit_cylinder(depth, CAMERA, mask, SIGMA)
     assert fit.success, fit.reason
     radius = CANS[can].radius
     assert abs(fit.cylinder.radius - radius) < 3 * fit.std.radius
+    height = CANS[can].height
+    # Of a cap that is seen edge on most lies beside an edge.
+    assert fit.height_observed or can == "across"
+    assert abs(fit.cylinder.height - height) < 3 * fit.std.height
     # What is left of it still tells more than a part in a hundred.
     assert fit.std.radius < 0.01 * radius
 
@@ -74,11 +79,36 @@ def test_an_image_made_smaller_by_averaging_takes_nothing_off_a_radius(can, wall
 def test_what_is_left_out_lies_along_edges():
     depth, mask = halved("across", 0.8)
     left = left_of(seen(depth, mask), "across")
+    marks = mask.astype(np.uint8)
+    inner, core = (cv2.erode(marks, SQUARE, iterations=n) > 0 for n in (2, 3))
+    assert not np.any(left.unsure & core)
+    assert np.sum(left.unsure & mask) > 0.8 * np.sum(mask & ~inner)
+
+
+def test_mixed_readings_belong_to_what_they_are_mostly_of():
+    depth, mask = fine("across", 0.8)
+    # Exact shares of each pixel, and a background that is level.
+    clear = np.where(mask, depth, 0.8).astype(np.float32)
+    size = CAMERA.width, CAMERA.height
+    small = cv2.resize(clear, size, interpolation=cv2.INTER_AREA)
+    share = cv2.resize(mask.astype(np.float32), size, interpolation=cv2.INTER_AREA)
+    for given in (share > 0, share == 1, share >= 0.5):
+        left = left_of(seen(small, given), "across")
+        mixed = (share > 0) & (share < 1) & (left.image != small)
+        assert np.sum(mixed) > 0.8 * np.sum((share > 0) & (share < 1))
+        assert np.all(left.region[mixed & (share > 0.5)])
+        assert not np.any(left.region[mixed & (share < 0.5)])
+        np.testing.assert_allclose(left.image[mixed & (share < 0.5)], 0.8, rtol=1e-6)
+        assert not np.any(left.image[mixed & (share > 0.5)])
+        assert np.array_equal(left.image[share == 1], small[share == 1])
+
+
+def test_of_an_outline_that_is_exact_the_mask_stays():
+    depth, mask = halved("across", 0.8)
+    left = left_of(seen(depth, mask), "across", is_exact=True)
     assert left.region is mask
-    inner = cv2.erode(mask.astype(np.uint8), np.ones((3, 3), np.uint8), iterations=2)
-    unsure = left.unsure & mask
-    assert not np.any(unsure & (cv2.erode(inner, np.ones((3, 3), np.uint8)) > 0))
-    assert np.sum(unsure) > 0.8 * np.sum(mask & ~(inner > 0))
+    assert left.image is depth
+    assert np.any(left.unsure)
 
 
 @pytest.mark.parametrize("wall", [0.5, 0.8, 3.0])
@@ -107,7 +137,7 @@ def test_the_wider_readings_are_mixed_the_more_are_left_out():
 
 def test_of_a_small_object_enough_is_left():
     depth, mask = halved("across", 0.8)
-    inner = cv2.erode(mask.astype(np.uint8), np.ones((3, 3), np.uint8))
+    inner = cv2.erode(mask.astype(np.uint8), SQUARE)
     rows, cols = np.nonzero(mask & ~(inner > 0))
     rim = np.zeros_like(mask)
     rim[rows[:120], cols[:120]] = True
