@@ -1,11 +1,10 @@
 """Readings at the edges of an image that averages over its pixels.
 
 An image that was made smaller by averaging, smoothed, or taken by a sensor whose pixel
-sees an area, mixes what lies on both sides of an edge. A mixed reading is an outlier.
-Beside it the object's own surface bends most, and the mean over a bend lies behind its
-middle: of cans of 10 to 40 pixels across that were averaged by two the radius came out
-3 to 8 standard deviations too small. And where all readings beyond an end are mixed no
-background showed it, though each tells by how much it is mixed on which side it lies.
+sees an area, mixes what lies on both sides of an edge. A mixed reading is an outlier,
+and tells no end. Beside it the object's own surface bends most, and the mean over a
+bend lies behind its middle: of cans of 10 to 40 pixels across that were averaged by two
+the radius came out 3 to 8 standard deviations too small.
 
 Whether an image averages shows between an object and what lies far behind it: depth
 goes from one to the other by way of readings that are of neither.
@@ -52,24 +51,18 @@ USUAL = 0.4
 wide what is averaged is: along an edge, and not across, there are more."""
 
 
-HALF = 0.5
-"""Share of the background from which a mixed reading is taken for one of it."""
-
-
 class _Places(NamedTuple):
     """Where depth falls from an object to its background, in an image.
 
     Attributes:
         last: Pixels where the object is seen last.
         between: Readings of neither that follow each of them, in each direction.
-        share: Of the background in each of these readings; 0 elsewhere.
-        background: Its depth beside them, in meters.
+        mixed: Pixels of these.
     """
 
     last: Bool[np.ndarray, "h w"]
     between: Int[np.ndarray, " n"]
-    share: Float[np.ndarray, "h w"]
-    background: Float[np.ndarray, "h w"]
+    mixed: Bool[np.ndarray, "h w"]
 
     @property
     def is_averaged(self) -> bool:
@@ -87,9 +80,10 @@ class _Places(NamedTuple):
 def without_averaged(
     seen: Seen, body: AbstractBody, wider: float, is_exact: bool = False
 ) -> Seen:
-    """An object without readings beside edges, if its image averages there.
+    """An object without what its image spoils by averaging, if it does.
 
-    Which are left out depends on where they lie, and not on what they read.
+    Mixed readings are left out. The object's own beside them tell where it ends, and
+    not how deep it is: which do depends on where they lie, and not on what they read.
 
     Args:
         seen: The object.
@@ -117,9 +111,9 @@ def without_averaged(
         return seen
     # The far side of a cap may lie between, too.
     asked = np.zeros_like(seen.region)
-    asked[box] = mixed = places.share > 0
+    asked[box] = places.mixed
     away = np.abs(sigmas_off(seen._replace(region=asked), body)[box])
-    places = _places(image, own, mixed & (away < OFF * wider), steepest)
+    places = _places(image, own, places.mixed & (away < OFF * wider), steepest)
     if not places.is_averaged:
         return seen
     # Of what is small, as many as leave enough.
@@ -134,14 +128,10 @@ def without_averaged(
         return seen
     if is_exact:
         return seen._replace(unsure=left_out)
-    # A mixed reading tells by its share alone: what it is mostly of ends beside it.
-    mostly_own = (places.share > 0) & (places.share <= HALF)
-    mostly_other = places.share > HALF
-    told, inside = seen.image.copy(), seen.region.copy()
-    told[box] = np.where(mostly_other, places.background, image)
-    told[box][mostly_own] = 0
-    inside[box] = (region | mostly_own) & ~mostly_other
-    return seen._replace(image=told, region=inside, unsure=left_out)
+    mixed = np.zeros_like(seen.region)
+    mixed[box] = places.mixed
+    image = np.where(mixed, 0, seen.image)
+    return seen._replace(image=image, region=seen.region & ~mixed, unsure=left_out)
 
 
 def _places(
@@ -168,8 +158,8 @@ def _places(
     at = at + np.flatnonzero(np.pad(falls, margin))[:, None]
     read = depth.ravel()[at]
     off = read - read[0] > most
-    last, counts = np.zeros(depth.size, bool), []
-    share, behind = np.zeros((2, depth.size), depth.dtype)
+    last, mixed = np.zeros((2, depth.size), bool)
+    counts = []
     for between in range(WIDEST + 1):
         first, *inner, background, beyond = read[: between + 3]
         fall = background - first
@@ -178,12 +168,8 @@ def _places(
         for k, one in enumerate(inner, start=1):
             found &= off[k] & (background - one > level) & ~known[at[k]]
         last[at[0][found]] = True
-        for k, one in enumerate(inner, start=1):
-            share[at[k][found]] = ((one - first)[found]) / fall[found]
-            behind[at[k][found]] = background[found]
+        mixed[at[1 : between + 1, found]] = True
         counts.append(np.full(np.count_nonzero(found), between))
     inside = slice(margin, -margin), slice(margin, -margin)
-    last, share, behind = (
-        values.reshape(depth.shape)[inside] for values in (last, share, behind)
-    )
-    return _Places(last, np.concatenate(counts), share, behind)
+    last, mixed = (marks.reshape(depth.shape)[inside] for marks in (last, mixed))
+    return _Places(last, np.concatenate(counts), mixed)

@@ -37,6 +37,9 @@ SMALLEST_SIDE = 16
 WIDEST_WINDOW = 7
 """Readings across the windows of normals where an object is seen densely."""
 
+FEWEST_SMOOTH = 64
+"""Blocks that are left where an object is no thinner than a few of them."""
+
 MOST_RESAMPLED = 1024
 """Pixels along the longer side of the image that scattered rays are resampled to."""
 
@@ -212,24 +215,28 @@ def samples_of(
     matrix[:2, 2] -= box[1].start, box[0].start
     some = _looked_at(seen, thinned(index))
     step = _reduction(seen.shape, some[2], matrix, sigma)
-    reduced = _block_median(seen, step)
+    padded, smooth, valid = _smoothed(seen, step)
+    while np.count_nonzero(valid) < FEWEST_SMOOTH and step > 1:
+        # Of a rod that is as thin as a block little is left; of sparse readings less.
+        finer = _smoothed(seen, step // 2)
+        if np.count_nonzero(finer[2]) <= np.count_nonzero(valid):
+            break
+        step, (padded, smooth, valid) = step // 2, finer
     # A block's center is the mean of its pixels' centers.
     some[:2] = (some[:2] - (step - 1) / 2) / step + 4
     matrix[:2, 2] -= (step - 1) / 2
     matrix[:2] /= step
-    padded = cv2.copyMakeBorder(reduced, 4, 4, 4, 4, cv2.BORDER_CONSTANT, value=0)
     matrix[:2, 2] += 4
     known = padded > 0
-    smooth = cv2.medianBlur(padded, 5)
-    valid = known & (smooth > 0)
     inner, window = _interior(valid)
     spacing = spacing_of(known) if window < WIDEST_WINDOW else 0.0
     if spacing > 0:
         # The median of a window with more holes than readings is a hole.
         smooth, valid = padded, known
     index = np.flatnonzero(valid)
-    if not len(index):
-        return None
+    if len(index) < FEWEST_POINTS:
+        # Two pixels wide.
+        smooth, index = padded, np.flatnonzero(known)
     points = _looked_at(smooth, thinned(index))
     inverse = 1 / np.where(valid, smooth, np.nan)
     if spacing > 0:
@@ -245,6 +252,18 @@ def samples_of(
     given = (some, points, copies, normal_at, slopes, num_normals, deepest, matrix)
     single: list[Any] = [np.asarray(part, np.float32) for part in given]
     return Samples(*single)
+
+
+def _smoothed(
+    seen: Float[np.ndarray, "h w"], step: int
+) -> tuple[
+    Float[np.ndarray, "h2 w2"], Float[np.ndarray, "h2 w2"], Bool[np.ndarray, "h2 w2"]
+]:
+    """An image of blocks within a margin of 4, the same smoothed, and where it is."""
+    reduced = _block_median(seen, step)
+    padded = cv2.copyMakeBorder(reduced, 4, 4, 4, 4, cv2.BORDER_CONSTANT, value=0)
+    smooth = cv2.medianBlur(padded, 5)
+    return padded, smooth, (padded > 0) & (smooth > 0)
 
 
 def _looked_at(

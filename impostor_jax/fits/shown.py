@@ -23,6 +23,7 @@ from impostor_jax.find.cylinders import MOST_PIXELS, find_cylinders
 from impostor_jax.find.normals import stray
 from impostor_jax.find.objects import objects_of
 from impostor_jax.find.planes import planes_of
+from impostor_jax.find.search import Request
 from impostor_jax.find.view import dense_stride, view_of
 from impostor_jax.fit.far import fitted_near
 from impostor_jax.fit.fittable import CYLINDER, Fittable, no_guess
@@ -44,9 +45,13 @@ from impostor_jax.fit.request import (
 )
 from impostor_jax.fit.result import Fit
 from impostor_jax.fit.shapes import fit_shape
+from impostor_jax.fit.surface import upper_median
 from impostor_jax.primitives.base import AbstractPrimitive
 from impostor_jax.rendering.render import render
 from impostor_jax.sensor.base import AbstractDepthNoise
+
+LARGEST = 0.5
+"""Radius over the middle depth of an image, up to which a cylinder is looked for."""
 
 MOST_OBJECTS = 5
 """How many objects are fitted, the largest first."""
@@ -207,8 +212,17 @@ def _surest(
 ) -> list[Bool[np.ndarray, "h w"]]:
     """Pixels of the surest cylinder, if one is found."""
     prior = {name: x for name, x in (options.prior or {}).items() if name == "radius"}
+    low, high = Request.radius_range
+    # The caller says that there is one: before a camera that stands far off, a silo.
+    some = image[image > 0]
+    high = max(high, LARGEST * float(upper_median(some)) if len(some) else 0)
     found = find_cylinders(
-        image, camera, sigma, prior=prior or None, effort=options.effort
+        image,
+        camera,
+        sigma,
+        radius_range=(low, high),
+        prior=prior or None,
+        effort=options.effort,
     )
     return list(found.masks[:1])
 

@@ -62,16 +62,15 @@ def left_of(seen, can, is_exact=False):
 
 @pytest.mark.parametrize("can", CANS)
 @pytest.mark.parametrize(("wall", "seed"), [(0.8, 0), (1.5, 1)])
-def test_an_image_made_smaller_by_averaging_tells_both_sizes(can, wall, seed):
+def test_an_image_made_smaller_by_averaging_takes_nothing_off_sizes(can, wall, seed):
     depth, mask = halved(can, wall, seed)
     fit = ij.fit_cylinder(depth, CAMERA, mask, SIGMA)
     assert fit.success, fit.reason
     radius = CANS[can].radius
     assert abs(fit.cylinder.radius - radius) < 3 * fit.std.radius
-    height = CANS[can].height
-    # Of a cap that is seen edge on most lies beside an edge.
-    assert fit.height_observed or can == "across"
-    assert abs(fit.cylinder.height - height) < 3 * fit.std.height
+    if fit.height_observed:
+        height = CANS[can].height
+        assert abs(fit.cylinder.height - height) < 3 * fit.std.height
     # What is left of it still tells more than a part in a hundred.
     assert fit.std.radius < 0.01 * radius
 
@@ -85,21 +84,18 @@ def test_what_is_left_out_lies_along_edges():
     assert np.sum(left.unsure & mask) > 0.8 * np.sum(mask & ~inner)
 
 
-def test_mixed_readings_belong_to_what_they_are_mostly_of():
+def test_mixed_readings_are_left_out_whatever_the_mask_says():
     depth, mask = fine("across", 0.8)
     # Exact shares of each pixel, and a background that is level.
     clear = np.where(mask, depth, 0.8).astype(np.float32)
     size = CAMERA.width, CAMERA.height
     small = cv2.resize(clear, size, interpolation=cv2.INTER_AREA)
     share = cv2.resize(mask.astype(np.float32), size, interpolation=cv2.INTER_AREA)
+    is_mixed = (share > 0) & (share < 1)
     for given in (share > 0, share == 1, share >= 0.5):
         left = left_of(seen(small, given), "across")
-        mixed = (share > 0) & (share < 1) & (left.image != small)
-        assert np.sum(mixed) > 0.8 * np.sum((share > 0) & (share < 1))
-        assert np.all(left.region[mixed & (share > 0.5)])
-        assert not np.any(left.region[mixed & (share < 0.5)])
-        np.testing.assert_allclose(left.image[mixed & (share < 0.5)], 0.8, rtol=1e-6)
-        assert not np.any(left.image[mixed & (share > 0.5)])
+        assert np.sum(is_mixed & (left.image == 0)) > 0.8 * np.sum(is_mixed)
+        assert not np.any(left.region & (left.image == 0))
         assert np.array_equal(left.image[share == 1], small[share == 1])
 
 

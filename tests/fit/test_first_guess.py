@@ -6,7 +6,7 @@ import impostor_jax as ij
 from impostor_jax.fit.fittable import CYLINDER
 from impostor_jax.fit.rounds import round_through
 from tests.checks import angle_between
-from tests.fit.scenes import CAMERA, SIGMA, can, image
+from tests.fit.scenes import CAMERA, SIGMA, can, image, image_of
 
 
 @pytest.mark.parametrize("degrees", [90.0, 60.0, 30.0])
@@ -36,6 +36,16 @@ def test_image_shows_an_axis_that_noise_hides_from_the_normals(radius, height):
     depth = np.where(maps.mask, maps.depth + noise, 0)
     guesses = CYLINDER.guesses(depth, np.asarray(maps.mask), CAMERA, 0.005)
     assert min(angle_between(g.axis, truth.axis) for g in guesses) < 10
+
+
+@pytest.mark.parametrize("axis", [(1.0, 0.7, 0.1), (0.1, 1.0, 0.1)])
+@pytest.mark.parametrize("radius", [0.004, 0.006])
+def test_a_rod_may_be_as_thin_as_what_a_region_is_reduced_by(radius, axis):
+    truth = ij.Cylinder((0.0, 0.0, 0.5), axis, radius, 0.6)
+    depth, mask = image_of(truth)
+    guess = CYLINDER.guesses(depth, mask, CAMERA, SIGMA)[0]
+    assert angle_between(guess.axis, truth.axis) < 1
+    assert guess.radius == pytest.approx(radius, rel=0.5)
 
 
 def test_longest_direction_of_a_rod_comes_before_its_noisy_normals():

@@ -44,6 +44,13 @@ def test_the_surest_cylinder_is_fitted():
     assert not np.asarray(several.region[1:]).any()
 
 
+def test_a_silo_is_looked_for_where_the_camera_stands_far_off():
+    depth, _ = image()
+    fit = ij.fit_cylinder(100 * depth, CAMERA, sigma=100 * SIGMA)
+    assert fit.success
+    assert abs(float(fit.cylinder.radius) - 4) < 4 * float(fit.std.radius)
+
+
 def test_a_quick_fit_cuts_down_what_it_has_found():
     depth, _ = image()
     fit = ij.fit_cylinder(depth, CAMERA, sigma=SIGMA, effort="fast")
