@@ -20,6 +20,7 @@ SMALL = ("fit_speed", "synthetic_benchmark")
 """Those whose quick runs fit images of 160x120."""
 
 LONG = (
+    "averaged_images",
     "cross_ray_noise",
     "extremes",
     "find_accuracy",

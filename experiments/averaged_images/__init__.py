@@ -1,0 +1,1 @@
+"""Fits to depth images that were made smaller, enlarged or smoothed."""
