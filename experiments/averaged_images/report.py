@@ -28,9 +28,7 @@ def tables(results: Results) -> str:
                 case,
                 success,
                 wrong,
-                number(
-                    values.get(f"{case}.bias"), ".1f", results.spreads[f"{case}.bias"]
-                ),
+                number(bias, ".1f", spread),
                 number(most, ".1f"),
                 number(None if relative is None else 100 * relative, ".3f"),
                 heights,

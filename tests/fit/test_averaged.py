@@ -80,6 +80,7 @@ def test_what_is_left_out_lies_along_edges():
     left = left_of(seen(depth, mask), "across")
     marks = mask.astype(np.uint8)
     inner, core = (cv2.erode(marks, SQUARE, iterations=n) > 0 for n in (2, 3))
+    assert left.unsure is not None
     assert not np.any(left.unsure & core)
     assert np.sum(left.unsure & mask) > 0.8 * np.sum(mask & ~inner)
 
