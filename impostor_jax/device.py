@@ -4,7 +4,8 @@ A fit is some hundred small loops that wait for one another, and a card takes lo
 start each than to run it: on an NVIDIA H200 a can takes 1.3 times as long as beside it,
 and its first call 17 s for 4.7 (`experiments/graphics_card`). So what is fitted, found
 or tracked is done on the processor where JAX would take a card, unless
-`jax_default_device` says otherwise; what is given may lie on either. Traced calls, as a
+`jax_default_device` says otherwise; what is given may lie on either, and what is tied
+to a card is copied. Traced calls, as a
 `jax.vmap` of many fits, are JAX's to place: there a card gains.
 """
 
@@ -16,6 +17,8 @@ from collections.abc import Callable
 from typing import Any, ParamSpec, TypeAlias, TypeVar
 
 import jax
+import jax.numpy as jnp
+import numpy as np
 from jax.core import Tracer
 
 Given = ParamSpec("Given")
@@ -58,9 +61,28 @@ def on_processor(function: Callable[Given, Values]) -> Callable[Given, Values]:
         if processor is None or any(isinstance(leaf, Tracer) for leaf in leaves):
             return function(*args, **kwargs)
         with jax.default_device(processor):
+            if any(_is_tied(leaf, processor) for leaf in leaves):
+                # Where any array is tied to a card JAX works there.
+                args, kwargs = jax.tree.map(
+                    lambda leaf: _untied(leaf, processor), (args, kwargs)
+                )
             return function(*args, **kwargs)
 
     return placed
+
+
+def _is_tied(value: Any, processor: Device) -> bool:
+    """Whether an array is tied to another device."""
+    return (
+        isinstance(value, jax.Array)
+        and value.committed
+        and value.devices() != {processor}
+    )
+
+
+def _untied(value: Any, processor: Device) -> Any:
+    """A copy of what is tied, where JAX places arrays now."""
+    return jnp.asarray(np.asarray(value)) if _is_tied(value, processor) else value
 
 
 def _processor() -> Device | None:

@@ -77,8 +77,11 @@ card, processor = jax.devices()
 device.is_processor = lambda: device.where() == processor
 device._processor = lambda: processor
 
-camera = ij.PinholeCamera(131.25, 131.25, 79.5, 59.5, 160, 120)
+numbers = 131.25, 131.25, 79.5, 59.5, 160, 120
+camera = ij.PinholeCamera(*numbers)
 can = ij.Cylinder((0.0, 0.0, 0.8), (0.3, 0.8, 0.52), 0.04, 0.12)
+still = ij.RigidTransform(jnp.eye(3), jnp.zeros(3))
+posed = ij.PinholeCamera(*numbers, camera_from_world=still)
 scene = ij.Scene([can, ij.Plane((0.0, 0.0, 1.2), (0.0, 0.0, -1.0))])
 maps = ij.render(scene, camera, ("depth", "index"))
 assert maps.depth.devices() == {card}
@@ -102,6 +105,14 @@ check(
     fit,
     ij.fit_cylinder(depth, camera, mask, 0.001, initial=can),
     ij.fit_cylinder(next(tied), camera, next(tied), 0.001),
+    ij.fit_cylinder(
+        depth,
+        jax.device_put(posed, card),
+        mask,
+        jax.device_put(ij.StructuredLight(), card),
+        initial=jax.device_put(can, card),
+        prior={"height": (jax.device_put(jnp.array(0.12), card), 0.01)},
+    ),
     fits,
     fits[1],
 )
@@ -118,7 +129,7 @@ def test_all_of_a_fit_and_of_a_track_stays_on_the_processor():
     flags = f"{os.environ['XLA_FLAGS']} --xla_force_host_platform_device_count=2"
     done = subprocess.run(
         [sys.executable, "-c", PROGRAM],
-        env=os.environ | {"XLA_FLAGS": flags},
+        env=os.environ | {"XLA_FLAGS": flags, "JAX_PLATFORMS": "cpu"},
         stderr=subprocess.PIPE,
         text=True,
     )

@@ -99,7 +99,9 @@ def propose(
             its incidence.
         log_limits: Logarithms of the smallest and largest radius.
     """
-    return jax.vmap(_of_patch, in_axes=(0, None, None))(patches, grazing, log_limits)
+    each = jax.vmap(_of_patch, in_axes=(0, None, None))
+    with jax.default_matmul_precision("highest"):
+        return each(patches, grazing, log_limits)
 
 
 def _of_patch(

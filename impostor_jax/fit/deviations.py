@@ -12,7 +12,7 @@ from impostor_jax.fit.body import AbstractBody, Readout
 from impostor_jax.fit.budget import ANGLES, BUDGET, Budget, Deviations
 from impostor_jax.fit.result import Directions
 from impostor_jax.fit.uncertainty import propagated
-from impostor_jax.numerics import all_finite
+from impostor_jax.numerics import all_finite, product
 
 MOST_TILT = 0.5
 """Standard deviation of an axis, in radians, up to which a shape is known."""
@@ -58,7 +58,7 @@ def deviations_of(
 
     # Correlation may take from a variance, too.
     own = jnp.stack([shares.get(name, jnp.zeros_like(root)) for name in BUDGET])
-    squares = jnp.sum(jnp.matmul(slopes[None], own) * slopes[None], axis=2)
+    squares = jnp.sum(product(slopes[None], own) * slopes[None], axis=2)
     budget = jnp.where(is_observed[None], jnp.sqrt(jnp.maximum(squares, 0)), jnp.inf)
     # Of a scene with another scale all that is seen is known as well; and a wall that
     # departs from its shape is known, if not well.
