@@ -104,7 +104,8 @@ def without_averaged(
     # The mask may be a pixel too small.
     own = (cv2.dilate(region.astype(np.uint8), SQUARE) > 0) & (image > 0)
     noisy, width = jump_parts(image, seen.camera, law_of(seen.noise), np)
-    bend = STEEPEST * np.sqrt(2 * float(body.radius) * width)
+    # That of a cone which goes on past its tip may be negative.
+    bend = STEEPEST * np.sqrt(2 * abs(float(body.radius)) * width)
     steepest = np.maximum(bend, STEEP * width) + noisy
     places = _places(image, own, np.zeros_like(own), steepest)
     if not places.is_averaged:

@@ -234,9 +234,9 @@ def samples_of(
         # The median of a window with more holes than readings is a hole.
         smooth, valid = padded, known
     index = np.flatnonzero(valid)
-    if len(index) < FEWEST_POINTS:
-        # Two pixels wide.
-        smooth, index = padded, np.flatnonzero(known)
+    if not len(index):
+        # A row of pixels tells no axis, and two hardly do.
+        return None
     points = _looked_at(smooth, thinned(index))
     inverse = 1 / np.where(valid, smooth, np.nan)
     if spacing > 0:

@@ -216,6 +216,10 @@ def _surest(
     # The caller says that there is one: before a camera that stands far off, a silo.
     some = image[image > 0]
     high = max(high, LARGEST * float(upper_median(some)) if len(some) else 0)
+    if prior:
+        # Of what is known the search itself takes what is likely.
+        value = float(prior["radius"][0])
+        low, high = min(low, value / 2), max(high, 2 * value)
     found = find_cylinders(
         image,
         camera,

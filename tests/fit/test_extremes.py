@@ -133,7 +133,8 @@ def upright(**changes):
         pytest.param({"axis": (0, 0, 1)}, None, False, id="end on"),
         pytest.param({"axis": (1e-7, 0, 1)}, None, False, id="almost end on"),
         pytest.param({"axis": (0.3, 0.2, 1), "height": 4e-5}, None, False, id="a foil"),
-        pytest.param({"radius": 4e-3, "height": 4}, None, False, id="a wire"),
+        pytest.param({"radius": 4e-3, "height": 4}, None, True, id="a thin rod"),
+        pytest.param({"radius": 1.5e-3, "height": 4}, None, False, id="a wire"),
         pytest.param(
             {"center": (0, 0, 0), "axis": (0, 1, 0.1), "radius": 2, "height": 2000},
             np.abs(ROW - 60) < 6,
