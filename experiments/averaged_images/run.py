@@ -15,10 +15,7 @@ import impostor_jax as ij
 from experiments.averaged_images.report import draw, tables
 from experiments.recording import Metric
 from experiments.running import RunConfig, main
-from experiments.scenes import CAMERA
-
-SIGMA = 1e-3
-"""Of a reading before anything is done to it, in meters."""
+from experiments.scenes import CAMERA, SIGMA
 
 WRONG = 5.0
 """Deviations beyond which a success is wrong."""

@@ -11,6 +11,7 @@ __all__ = [
     "depth_of_ranges",
     "directions_of",
     "has_rays",
+    "shows_image",
     "turned_to",
 ]
 
@@ -150,6 +151,11 @@ def directions_of(
         fx, fy, cx, cy = (np.asarray(number, dtype) for number in numbers)
         x, y = (col.astype(dtype) - cx) / fx, (row.astype(dtype) - cy) / fy
     return x.astype(dtype), y.astype(dtype)
+
+
+def shows_image(camera: Sight) -> bool:
+    """Whether readings were chosen by their rays; points in any order were not."""
+    return not isinstance(camera, RayTable) or camera.is_image
 
 
 def has_rays(camera: Sight) -> Bool[np.ndarray, "#h #w"]:

@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from impostor_jax.camera.ray_table import RayTable
+from impostor_jax.camera.ray_table import shows_image
 from impostor_jax.effort import MIN_READINGS
 from impostor_jax.fit.body import AbstractBody
 from impostor_jax.fit.per_pixel import law_of
@@ -26,7 +26,6 @@ from impostor_jax.fit.seen import Seen
 from impostor_jax.fit.surface import cropped
 from impostor_jax.fit.touching import OFF, sigmas_off
 from impostor_jax.opencv import cv2
-from impostor_jax.sensor.bias import is_none
 
 WIDEST = 3
 """Pixels between an object and its background that may be of neither."""
@@ -91,15 +90,10 @@ def without_averaged(
         wider: Factor on the deviations of the readings.
         is_exact: Whether the region's edge is the object's.
     """
-    bias = seen.noise.bias
-    if not (is_none(bias.edge_reach) and is_none(bias.window_reach)):
-        # What the sensor does at edges is told.
+    if seen.noise.bias.errs_at_edges or not shows_image(seen.camera):
+        # What the sensor does at edges is told; points have none.
         return seen
-    if isinstance(seen.camera, RayTable) and not seen.camera.is_image:
-        return seen
-    margin = WIDEST + 2
-    sides = cropped(seen.region)
-    box = tuple(slice(max(s.start - margin, 0), s.stop + margin) for s in sides)
+    box = cropped(seen.region, margin=WIDEST + 2)
     image, region = seen.image[box], seen.region[box]
     # The mask may be a pixel too small.
     own = (cv2.dilate(region.astype(np.uint8), SQUARE) > 0) & (image > 0)

@@ -16,7 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float
 
-from impostor_jax.camera.ray_table import RayTable
+from impostor_jax.camera.ray_table import shows_image
 from impostor_jax.fit.seen import Seen
 from impostor_jax.fit.surface import cropped
 from impostor_jax.sensor.aligned import AlignedDepth
@@ -60,7 +60,7 @@ def _counted(seen: Seen) -> Seen:
     if seen.noise.bias.lean is not None:
         # The caller says so.
         return seen
-    if isinstance(seen.camera, RayTable) and not seen.camera.is_image:
+    if not shows_image(seen.camera):
         return seen
     scale = copies_along(seen.image, seen.region)
     if scale is None:

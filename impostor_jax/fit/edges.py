@@ -46,17 +46,13 @@ def without_edges(
         noise: Of the readings.
     """
     bias = noise.bias
-    mixed, leaning = bias.edge_reach, bias.window_reach
-    if is_none(mixed) and is_none(leaning):
+    if not bias.errs_at_edges:
         return depth
+    mixed, leaning = bias.edge_reach, bias.window_reach
     if not (isinstance(depth, np.ndarray) and isinstance(region, np.ndarray)):
         return _left(depth, jnp.asarray(region), camera, noise, mixed, leaning, jnp)
     mixed, leaning = int(mixed), int(leaning)
-    margin = mixed + leaning + BESIDE
-    box = tuple(
-        slice(max(side.start - margin, 0), side.stop + margin)
-        for side in cropped(region)
-    )
+    box = cropped(region, margin=mixed + leaning + BESIDE)
     left = depth.copy()
     left[box] = _left(depth[box], region[box], camera, noise, mixed, leaning, np)
     return left

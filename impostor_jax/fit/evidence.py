@@ -248,7 +248,7 @@ def _is_clear(
     Of a thin body, of which few would, those do that pass `CLEAR` of the radius off.
     """
     bias = noise.bias
-    if is_none(bias.edge_reach) and is_none(bias.window_reach):
+    if not bias.errs_at_edges:
         return True
     r, inverse = body.radius, jnp.abs(seen.inverse)
     width = pixel * (seen.nearest + seen.foot)

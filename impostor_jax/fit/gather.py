@@ -16,7 +16,7 @@ import numpy as np
 from jax.typing import DTypeLike
 from jaxtyping import Array, Bool, Float
 
-from impostor_jax.camera.ray_table import RayTable, Sight, directions_of
+from impostor_jax.camera.ray_table import RayTable, Sight, directions_of, shows_image
 from impostor_jax.fit.per_pixel import law_of, spread_of
 from impostor_jax.fit.problem import BLOCK, Lattice, RayList, Table
 from impostor_jax.fit.regions import GENTLE, STEEP, jump_parts
@@ -25,7 +25,6 @@ from impostor_jax.fit.uncertainty import MAX_LAG
 from impostor_jax.geometry.frames import RigidTransform
 from impostor_jax.opencv import cv2
 from impostor_jax.sensor.base import AbstractDepthNoise
-from impostor_jax.sensor.bias import is_none
 
 MOST_AT_EDGE = 512
 """Most pixels at the object's edge that are looked at, spread over all of it."""
@@ -93,7 +92,7 @@ def table_of(
     left_out = [doubted, wrong.ravel(), mask[rows, cols]]
     rays = rays._replace(depth=xp.where(xp.concatenate(left_out), 0, rays.depth))
     dtype = rays.x.dtype
-    is_image = not isinstance(camera, RayTable) or camera.is_image
+    is_image = shows_image(camera)
     return Table(
         rays=rays,
         inside=_of_pixels(mask, edge_row, edge_col, xp),
@@ -167,11 +166,8 @@ def _at_border(
     """Which pixels of a mask are at its edge, and the `beside` of `Table`."""
     if xp is np:
         # In a part of the time of the whole image.
-        box = [
-            slice(max(side.start - BORDER, 0), side.stop + BORDER)
-            for side in cropped(mask)
-        ]
-        mask, row, col = mask[*box], row - box[0].start, col - box[1].start
+        box = cropped(mask, margin=BORDER)
+        mask, row, col = mask[box], row - box[0].start, col - box[1].start
     inside, inner, core = (_eroded(mask, reach, xp) for reach in (1, RING, BORDER))
     parts = [~inside, mask & ~inner, inner & ~core]
     # All in one image of bits: each lookup takes as long as all of them.
@@ -238,8 +234,7 @@ def _off(
         Those beyond which the object goes on, which are wrong; and the others, the
         `mixed` of `Table`.
     """
-    bias = noise.bias
-    if not (is_none(bias.edge_reach) and is_none(bias.window_reach)):
+    if noise.bias.errs_at_edges:
         return (xp.zeros(row.shape, bool),) * 2
 
     def read(row: Indices, col: Indices) -> Any:

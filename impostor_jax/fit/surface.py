@@ -120,14 +120,22 @@ class Samples(NamedTuple):
         return _unit(jnp.stack([lengthwise, across]))
 
 
-def cropped(region: Bool[np.ndarray, "h w"]) -> tuple[slice, slice]:
-    """Index of the smallest block that holds a region's pixels; empty if it does."""
+def cropped(region: Bool[np.ndarray, "h w"], margin: int = 0) -> tuple[slice, slice]:
+    """Index of the smallest block that holds a region's pixels; of none the margin.
+
+    Args:
+        region: Some pixels of an image.
+        margin: Pixels around them that it holds, too, as far as there are any.
+    """
     rows = np.any(region, axis=1)
     top, bottom = int(rows.argmax()), len(rows) - int(rows[::-1].argmax())
     if not rows[top]:
-        return np.s_[0:0, 0:0]
+        return np.s_[0:margin, 0:margin]
     cols = np.any(region[top:bottom], axis=0)
-    return np.s_[top:bottom, int(cols.argmax()) : len(cols) - int(cols[::-1].argmax())]
+    left, right = int(cols.argmax()), len(cols) - int(cols[::-1].argmax())
+    return np.s_[
+        max(top - margin, 0) : bottom + margin, max(left - margin, 0) : right + margin
+    ]
 
 
 class _Straight(NamedTuple):

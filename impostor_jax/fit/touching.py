@@ -15,7 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from impostor_jax.camera.ray_table import RayTable
+from impostor_jax.camera.ray_table import shows_image
 from impostor_jax.effort import MIN_READINGS
 from impostor_jax.fit.body import AbstractBody
 from impostor_jax.fit.gather import ray_list
@@ -72,9 +72,9 @@ def with_unsure(seen: Seen, body: AbstractBody, wider: float) -> Seen:
         body: About what it is, in the world frame.
         wider: Factor on the deviations of the readings.
     """
-    if isinstance(seen.camera, RayTable) and not seen.camera.is_image:
+    if not shows_image(seen.camera):
         return seen
-    box = tuple(slice(max(s.start - 1, 0), s.stop + 1) for s in cropped(seen.region))
+    box = cropped(seen.region, margin=1)
     # A margin that holds nothing, as wide as is looked inward.
     image, region = np.pad(seen.image[box], 2), np.pad(seen.region[box], 2)
     marks = region.astype(np.uint8)

@@ -23,7 +23,6 @@ from impostor_jax.fit.options import Options
 from impostor_jax.fit.request import checked_noise
 from impostor_jax.fits.grid import rounding_of
 from impostor_jax.sensor.base import AbstractDepthNoise
-from impostor_jax.sensor.bias import is_none
 from impostor_jax.sensor.gaussian import ConstantNoise
 
 
@@ -76,7 +75,7 @@ def single_noise(sigma: Any) -> AbstractDepthNoise:
     noise = checked_noise(sigma)
     bias = noise.bias
     shares = bias.fields or bias.lean is not None
-    if shares or not (is_none(bias.edge_reach) and is_none(bias.window_reach)):
+    if shares or bias.errs_at_edges:
         raise ValueError(
             "sigma must be a number or a noise model of single readings for points, "
             f"got {noise!r}, which says how pixels of an image err together"

@@ -202,6 +202,11 @@ class Bias(eqx.Module):
         """Whether readings err along their rays alone; known before anything runs."""
         return self.across is None and self.angle is None
 
+    @property
+    def errs_at_edges(self) -> bool:
+        """Whether it says how readings err at edges; known before anything runs."""
+        return not (is_none(self.edge_reach) and is_none(self.window_reach))
+
     def across_at(self, reach: Numbers) -> Numbers:
         """Standard deviation across the ray at a distance along it, in meters."""
         across, angle = (
