@@ -13,7 +13,7 @@ the wall moves outward by the cosine of the direction, and tilted by that times 
 place along the axis.
 """
 
-__all__ = ["DEPARTURES", "Form", "departures_of", "no_form"]
+__all__ = ["BY_CHANCE", "DEPARTURES", "Form", "departures_of", "no_form"]
 
 from typing import NamedTuple
 

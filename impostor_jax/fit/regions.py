@@ -55,7 +55,7 @@ MOST_SHARED = BLOCK << 5
 of tins of 17000 pixels the interval of a radius stays as it is, and of a tunnel of
 148000 it is a twentieth wider."""
 
-BUCKETS = tuple(BLOCK << k for k in range(3, 20, 2))
+BUCKETS = tuple(BLOCK << k for k in range(3, 20))
 """Readings are filled up to one of these numbers, so that few sizes are compiled."""
 
 NOISY, STEEP = 6.0, 10.0

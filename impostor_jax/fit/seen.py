@@ -124,7 +124,7 @@ def shown_by(
     correlated: bool = False,
     least: int = 0,
 ) -> Table:
-    """What `fit_from` is given of an object whose edges are left out already.
+    """What a fit is given of an object whose edges are left out already.
 
     Args:
         seen: The object.

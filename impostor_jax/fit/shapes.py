@@ -1,12 +1,12 @@
 """Fit a shape to depth images: the way that is the same for all of them.
 
 Four steps: take the object's readings, guess shapes outside JAX, go to the fixed point
-of a step, and say how sure the result is. The last two are one compiled function of
+of a step, and say how sure the result is. The last two are compiled functions of
 arrays that come in few sizes. Most images are explained by the first guess; where one
 is not, or where the caller asks for it, the others are tried, too.
 """
 
-__all__ = ["fit_from", "fit_shape", "prepare_fit"]
+__all__ = ["fit_shape", "prepare_fit"]
 
 import dataclasses
 from collections.abc import Callable, Sequence
@@ -17,9 +17,8 @@ import numpy as np
 
 from impostor_jax.arguments import is_concrete, working_precision
 from impostor_jax.camera.pinhole import PinholeCamera
-from impostor_jax.compiling import quickly_compiled
 from impostor_jax.effort import MIN_READINGS, Effort
-from impostor_jax.fit.assess import Assessment, assess
+from impostor_jax.fit.assess import Assessment
 from impostor_jax.fit.body import AbstractBody
 from impostor_jax.fit.border import fit_of_one_surface
 from impostor_jax.fit.copied import counted_copies
@@ -33,8 +32,8 @@ from impostor_jax.fit.options import Options
 from impostor_jax.fit.outline_gap import compared_with_outline
 from impostor_jax.fit.pixelwise import Pixelwise
 from impostor_jax.fit.prior import Prior
-from impostor_jax.fit.problem import Settings, Table, posed
-from impostor_jax.fit.race import Ends, coarse, ends_of
+from impostor_jax.fit.problem import Settings, Table
+from impostor_jax.fit.program import Program, fit_from
 from impostor_jax.fit.regions import (
     chosen_pixels,
     most_readings,
@@ -58,7 +57,6 @@ from impostor_jax.fit.request import (
 from impostor_jax.fit.result import Fit, each_of
 from impostor_jax.fit.seam import refuted_by_seam
 from impostor_jax.fit.seen import Seen, all_shown_by, seen_by, shown_by
-from impostor_jax.fit.solve import solve
 from impostor_jax.fit.starts import Search, found_by, guesses_of
 from impostor_jax.fit.stated import tested_by_readings
 from impostor_jax.fit.weighing import best_of, likeliest
@@ -292,21 +290,12 @@ def _fit_pixels(
     """
     guesses = guesses_of(kind, seen) if initial is None else []
     shown = all_shown_by(seen, effort.readings, correlated)
-    compiled = _compiled_fit()
-    asked = {"kernel": effort.kernel, "correlated": correlated}
+    program = Program(shown, prior, settings, effort.kernel, correlated)
     if any(one.is_new for one in guesses):
         # While that for the guesses is.
-        compiled.prepare(shown, prior, settings, kind.blank, **asked)
-
-    def fitted(start: AbstractBody) -> Assessment:
-        return compiled(shown, prior, settings, start, **asked)
-
-    def led(starts: Sequence[AbstractBody]) -> Ends:
-        few = [coarse(table) for table in shown]
-        return ends_of(few, prior, settings, starts, effort.kernel)
-
+        program.prepare(kind.blank)
     counts = [one.num_readings for one in seen]
-    search = Search(kind, effort, fitted, led, counts)
+    search = Search(kind, effort, program.fit, program.race, counts)
     moves = [table.camera_from_world for table in shown]
     found_by(search, moves, guesses, initial, known)
     found, num_starts = search.found, search.num_starts
@@ -315,10 +304,6 @@ def _fit_pixels(
     sizes = [one.image.shape for one in seen]
     fit = best_of(found, num_starts) if num_starts > 1 else found[0].fit
     return _told_by_pixel(fit, likeliest(found), shown, sizes)
-
-
-def _compiled_fit() -> Any:
-    return quickly_compiled(fit_from, static_argnames=("kernel", "correlated"))
 
 
 def prepare_fit(
@@ -346,8 +331,8 @@ def prepare_fit(
         known = converted(checked_prior(options.prior, kind.expectable, None))
         own = seen_by(np.asarray(depth), np.asarray(mask), *converted((camera, noise)))
         shown = (shown_by(own.without_edges(), effort.readings, correlated),)
-        asked = {"kernel": effort.kernel, "correlated": correlated}
-        _compiled_fit().prepare(shown, known, settings, kind.blank, **asked)
+        program = Program(shown, known, settings, effort.kernel, correlated)
+        program.prepare(kind.blank)
 
 
 def _told_by_pixel(
@@ -373,19 +358,6 @@ def _told_by_pixel(
         place = xp.where(table.row < height, place, height * width).astype(xp.int32)
         parts.append(Pixelwise(residual, marks, place, (height, width)))
     return fit.having(pixelwise=tuple(parts))
-
-
-def fit_from(
-    shown: tuple[Table, ...],
-    prior: Prior,
-    settings: Settings,
-    start: AbstractBody,
-    kernel: str,
-    correlated: bool,
-) -> Assessment:
-    """All of a fit that is compiled, in one program; the arguments are of its parts."""
-    problem = posed(shown, prior, settings, kernel)
-    return assess(problem, solve(problem, start), correlated)
 
 
 def _fit_traced(

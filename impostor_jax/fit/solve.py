@@ -352,7 +352,7 @@ def _through_stages(problem: Problem, start: AbstractBody) -> Solution:
         body=jax.tree.map(partial(jnp.where, finite), found.value, start),
         finite=finite,
         converged=finite & (found.state.left < UNSETTLED),
-        num_steps=found.stats["num_steps"],
+        num_steps=jnp.asarray(found.stats["num_steps"], jnp.int32),
     )
 
 

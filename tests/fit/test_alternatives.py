@@ -11,9 +11,9 @@ import impostor_jax as ij
 from impostor_jax.compiling import quickly_compiled
 from impostor_jax.fit.fittable import CYLINDER
 from impostor_jax.fit.options import Options
+from impostor_jax.fit.program import fit_from
 from impostor_jax.fit.request import checked_noise, checked_prior, checked_settings
 from impostor_jax.fit.seen import Seen, shown_by
-from impostor_jax.fit.shapes import fit_from
 from impostor_jax.fit.weighing import best_of
 from tests.fit.bodies import body_of
 from tests.fit.scenes import CAMERA, SIGMA, can, image

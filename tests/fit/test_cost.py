@@ -12,15 +12,14 @@ import numpy as np
 import pytest
 
 import impostor_jax as ij
-from impostor_jax.compiling import quickly_compiled
-from impostor_jax.fit import evidence, request
+from impostor_jax.fit import evidence, program, request
 from impostor_jax.fit.evidence import reading_terms
 from impostor_jax.fit.fittable import CYLINDER
 from impostor_jax.fit.options import Options
 from impostor_jax.fit.problem import Pixels
+from impostor_jax.fit.program import fit_from
 from impostor_jax.fit.request import checked_noise, checked_prior, checked_settings
 from impostor_jax.fit.seen import Seen, shown_by
-from impostor_jax.fit.shapes import fit_from
 from impostor_jax.numerics import product
 from tests.checks import AS_USERS_RUN, compiled_cost
 from tests.fit.bodies import body_of, rays
@@ -66,7 +65,7 @@ def test_the_terms_of_readings_are_computed_once(monkeypatch):
     assert operations() > 1.3 * once
 
 
-def test_a_fit_is_one_program_that_asks_the_host_nothing():
+def test_what_is_compiled_asks_the_host_nothing():
     depth, mask = image()
     shown = shown_by(Seen(depth, mask, CAMERA, checked_noise(SIGMA)))
     settings = checked_settings(CYLINDER, Options(), None, SIGMA)
@@ -81,13 +80,18 @@ def test_a_fit_is_one_program_that_asks_the_host_nothing():
     assert "stablehlo.outfeed" not in text
 
 
+def num_programs() -> tuple[int, int]:
+    """Of solvers and of assessments."""
+    parts = program._solved(), program._assessed()
+    return len(parts[0].programs), len(parts[1].programs)
+
+
 @SMALL_IMAGES
 def test_another_question_of_the_same_image_compiles_nothing():
     depth, mask = image()
-    compiled = quickly_compiled(fit_from, static_argnames=("kernel", "correlated"))
     ij.fit_cylinder(depth, CAMERA, mask, SIGMA)
-    before = len(compiled.programs)
-    assert before > 0
+    before = num_programs()
+    assert min(before) > 0
     for options in (
         {"fixed": ("radius", "axis")},
         {"prior": {"radius": (0.04, 1e-4), "center": (can().center, 0.01)}},
@@ -97,7 +101,21 @@ def test_another_question_of_the_same_image_compiles_nothing():
     ):
         ij.fit_cylinder(depth, CAMERA, mask, 2 * SIGMA, initial=can(), **options)
         ij.fit_cylinder(depth, CAMERA, mask, sigma=SIGMA)
-    assert len(compiled.programs) == before
+    assert num_programs() == before
+
+
+@SMALL_IMAGES
+def test_one_solver_serves_correlated_errors_and_few_readings():
+    depth, mask = image()
+    few = mask & (np.arange(mask.shape[1]) < 80)
+    ij.fit_cylinder(depth, CAMERA, mask, SIGMA)
+    solvers, assessments = num_programs()
+    for region, effort in ((mask, "balanced"), (few, ij.Effort(readings=5000))):
+        for errors in ("independent", "correlated"):
+            options = {"effort": effort, "errors": errors}
+            ij.fit_cylinder(depth, CAMERA, region, SIGMA, initial=can(), **options)
+    assert num_programs()[0] == solvers
+    assert num_programs()[1] > assessments
 
 
 def pinhole(width, height, focal, **lens):
@@ -137,7 +155,8 @@ def test_no_program_knows_an_image_or_a_camera(kept, caplog):
         assert fit.success
         # What is small may be new: a second start, or a lens, has programs of its own.
         for line in (x for x in caplog.text.splitlines() if "Compiling" in x):
-            assert "fit_from" not in line
+            assert "_solution_of" not in line
+            assert "_assessment_of" not in line
             assert "guess" not in line
             assert f"[{camera.height},{camera.width}" not in line
 

@@ -1,0 +1,143 @@
+"""The compiled parts of a fit: from a start to the estimate, and what is said of that.
+
+They are two programs, which the system compiles one beside the other. The first does
+not know whether errors are correlated, nor where readings lie to each other, and serves
+fits of both kinds.
+"""
+
+__all__ = ["Program", "fit_from"]
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from impostor_jax.compiling import quickly_compiled
+from impostor_jax.fit.assess import Assessment, assess
+from impostor_jax.fit.body import AbstractBody
+from impostor_jax.fit.prior import Prior
+from impostor_jax.fit.problem import Settings, Table, posed
+from impostor_jax.fit.race import Ends, coarse, ends_of
+from impostor_jax.fit.regions import BUCKETS
+from impostor_jax.fit.solve import Solution, solve
+from impostor_jax.fit.threads import in_background
+
+SOLVED = BUCKETS[2::2]
+"""Readings that a table is filled up to for the solver, which passes over blocks that
+only fill up: so it is compiled in fewer sizes."""
+
+
+@dataclass(frozen=True)
+class Program:
+    """How to fit what some images show of an object, from any start.
+
+    Attributes:
+        shown: What each of them shows.
+        prior: In the world frame.
+        settings: What is asked for.
+        kernel: Name of the robust loss.
+        correlated: Whether the covariance allows for correlated residuals.
+    """
+
+    shown: tuple[Table, ...]
+    prior: Prior
+    settings: Settings
+    kernel: str
+    correlated: bool
+
+    def prepare(self, body: AbstractBody) -> None:
+        """Load or compile both parts at a time.
+
+        Args:
+            body: Any of the kind that is fitted.
+        """
+        no = jnp.zeros((), bool)
+        ended = Solution(body, no, no, jnp.zeros((), jnp.int32))
+        waited_for = in_background(
+            lambda: _assessed().prepare(*self._for_assessment(ended))
+        )
+        _solved().prepare(*self._for_solver(body))
+        waited_for()
+
+    def fit(self, start: AbstractBody) -> Assessment:
+        """Where a start in the first view's frame leads, and what is said of that."""
+        asked = self._for_solver(start)
+        solved = _solved().ready(*asked)
+        if solved is None:
+            self.prepare(start)
+        found = _solved()(*asked) if solved is None else solved()
+        return _assessed()(*self._for_assessment(found))
+
+    def race(self, starts: Sequence[AbstractBody]) -> Ends:
+        """Where starts lead on a few readings."""
+        few = [coarse(table) for table in self.shown]
+        return ends_of(few, self.prior, self.settings, starts, self.kernel)
+
+    def _for_solver(self, start: AbstractBody) -> tuple[Any, ...]:
+        bare = tuple(_filled(table)._replace(lattice=None) for table in self.shown)
+        return bare, self.prior, self.settings, start, self.kernel
+
+    def _for_assessment(self, found: Solution) -> tuple[Any, ...]:
+        given = self.shown, self.prior, self.settings, found
+        return *given, self.kernel, self.correlated
+
+
+def _filled(table: Table) -> Table:
+    """With places for as many readings as of `SOLVED`."""
+    count = len(table.row)
+    more = next((size for size in SOLVED if size >= count), count) - count
+    if count < BUCKETS[0] or not more:
+        return table
+
+    def filled(values: Any) -> Any:
+        return np.concatenate([np.repeat(values[:1], more, axis=0), values])
+
+    rays = jax.tree.map(filled, table.rays)
+    rays.depth[:more], rays.exists[:more] = 0, False
+    row, col, beside = map(filled, (table.row, table.col, table.beside))
+    return table._replace(rays=rays, row=row, col=col, beside=beside)
+
+
+def fit_from(
+    shown: tuple[Table, ...],
+    prior: Prior,
+    settings: Settings,
+    start: AbstractBody,
+    kernel: str,
+    correlated: bool,
+) -> Assessment:
+    """Both parts, for a caller's program; the arguments are those of `Program`."""
+    problem = posed(shown, prior, settings, kernel)
+    return assess(problem, solve(problem, start), correlated)
+
+
+def _solution_of(
+    shown: tuple[Table, ...],
+    prior: Prior,
+    settings: Settings,
+    start: AbstractBody,
+    kernel: str,
+) -> Solution:
+    return solve(posed(shown, prior, settings, kernel), start)
+
+
+def _assessment_of(
+    shown: tuple[Table, ...],
+    prior: Prior,
+    settings: Settings,
+    found: Solution,
+    kernel: str,
+    correlated: bool,
+) -> Assessment:
+    return assess(posed(shown, prior, settings, kernel), found, correlated)
+
+
+def _solved() -> Any:
+    return quickly_compiled(_solution_of, static_argnames="kernel")
+
+
+def _assessed() -> Any:
+    return quickly_compiled(_assessment_of, static_argnames=("kernel", "correlated"))
