@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 import impostor_jax as ij
+from impostor_jax.compiling import _Kept
 from impostor_jax.find import fitting
 from impostor_jax.fit.options import Options
-from impostor_jax.fit.shapes import _compiled_fit
 from tests.find.scenes import ORTHOGRAPHIC
 from tests.fit.scenes import CAMERA, SIGMA, image
 from tests.groups import SMALL_IMAGES
@@ -31,18 +31,18 @@ def test_a_fit_of_parallel_rays_forgets_the_camera_that_stood_in(monkeypatch):
 def test_what_is_prepared_is_what_fits_take(monkeypatch, sigma):
     depth, mask = image()
     ij.fit_cylinder(depth, CAMERA, mask, sigma)
-    programs = _compiled_fit()
     asked = []
     monkeypatch.setattr(fitting, "_PREPARED", set())
     monkeypatch.setattr(fitting, "in_background", lambda function: function())
     monkeypatch.setattr(
-        type(programs),
+        _Kept,
         "prepare",
-        lambda self, *given, **named: asked.append(self._asked(given, named)[2]),
+        lambda self, *given: asked.append((self, self._asked(given, {})[2])),
     )
     noise, options = ij.ConstantNoise(SIGMA), Options()
     fitter = fitting.Fitter.of(depth, CAMERA, noise, sigma, options)
     fitter.prepare()
     fitter.prepare()
-    assert len(asked) == 1
-    assert asked[0] in programs.programs
+    # Solver and assessment.
+    assert len(asked) == 2
+    assert all(key in part.programs for part, key in asked)
