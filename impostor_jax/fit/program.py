@@ -1,8 +1,9 @@
-"""The compiled parts of a fit: from a start to the estimate, and what is said of that.
+"""The two compiled programs of a fit: the solver and the assessment.
 
-They are two programs, which the system compiles one beside the other. The first does
-not know whether errors are correlated, nor where readings lie to each other, and serves
-fits of both kinds.
+The solver leads from a start to the estimate; the assessment says how sure that is.
+Two threads compile them at the same time. The solver needs neither the model of
+correlated errors nor the places of neighboring pixels, so one program serves fits with
+and without.
 """
 
 __all__ = ["Program", "fit_from"]
@@ -25,14 +26,14 @@ from impostor_jax.fit.regions import BUCKETS
 from impostor_jax.fit.solve import Solution, solve
 from impostor_jax.fit.threads import in_background
 
-SOLVED = BUCKETS[2::2]
-"""Readings that a table is filled up to for the solver, which passes over blocks that
-only fill up: so it is compiled in fewer sizes."""
+SOLVER_SIZES = BUCKETS[2::2]
+"""Numbers of readings to which tables are padded for the solver. It skips blocks of
+padding, so that larger tables cost nothing, and fewer sizes are compiled."""
 
 
 @dataclass(frozen=True)
 class Program:
-    """How to fit what some images show of an object, from any start.
+    """A fit of one object in some images, from any start.
 
     Attributes:
         shown: What each of them shows.
@@ -49,7 +50,7 @@ class Program:
     correlated: bool
 
     def prepare(self, body: AbstractBody) -> None:
-        """Load or compile both parts at a time.
+        """Load or compile both programs at the same time.
 
         Args:
             body: Any of the kind that is fitted.
@@ -63,7 +64,7 @@ class Program:
         waited_for()
 
     def fit(self, start: AbstractBody) -> Assessment:
-        """Where a start in the first view's frame leads, and what is said of that."""
+        """The assessed estimate from a start in the first view's frame."""
         asked = self._for_solver(start)
         solved = _solved().ready(*asked)
         if solved is None:
@@ -72,12 +73,12 @@ class Program:
         return _assessed()(*self._for_assessment(found))
 
     def race(self, starts: Sequence[AbstractBody]) -> Ends:
-        """Where starts lead on a few readings."""
+        """The estimates from several starts, on a few readings."""
         few = [coarse(table) for table in self.shown]
         return ends_of(few, self.prior, self.settings, starts, self.kernel)
 
     def _for_solver(self, start: AbstractBody) -> tuple[Any, ...]:
-        bare = tuple(_filled(table)._replace(lattice=None) for table in self.shown)
+        bare = tuple(_padded(table)._replace(lattice=None) for table in self.shown)
         return bare, self.prior, self.settings, start, self.kernel
 
     def _for_assessment(self, found: Solution) -> tuple[Any, ...]:
@@ -85,19 +86,19 @@ class Program:
         return *given, self.kernel, self.correlated
 
 
-def _filled(table: Table) -> Table:
-    """With places for as many readings as of `SOLVED`."""
+def _padded(table: Table) -> Table:
+    """The table with one of `SOLVER_SIZES`; as it is where it has fewer edge pixels."""
     count = len(table.row)
-    more = next((size for size in SOLVED if size >= count), count) - count
-    if count < BUCKETS[0] or not more:
+    size = next((size for size in SOLVER_SIZES if size >= count), count)
+    if count < BUCKETS[0] or size == count:
         return table
 
-    def filled(values: Any) -> Any:
-        return np.concatenate([np.repeat(values[:1], more, axis=0), values])
+    def padded(values: Any) -> Any:
+        return np.concatenate([np.repeat(values[:1], size - count, axis=0), values])
 
-    rays = jax.tree.map(filled, table.rays)
-    rays.depth[:more], rays.exists[:more] = 0, False
-    row, col, beside = map(filled, (table.row, table.col, table.beside))
+    rays = jax.tree.map(padded, table.rays)
+    rays.depth[: size - count], rays.exists[: size - count] = 0, False
+    row, col, beside = map(padded, (table.row, table.col, table.beside))
     return table._replace(rays=rays, row=row, col=col, beside=beside)
 
 
@@ -109,7 +110,7 @@ def fit_from(
     kernel: str,
     correlated: bool,
 ) -> Assessment:
-    """Both parts, for a caller's program; the arguments are those of `Program`."""
+    """Solver and assessment inside a caller's program; arguments as of `Program`."""
     problem = posed(shown, prior, settings, kernel)
     return assess(problem, solve(problem, start), correlated)
 
