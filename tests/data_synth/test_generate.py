@@ -226,8 +226,12 @@ def test_a_limit_on_files_is_an_error_of_the_command(tmp_path, preset_file):
         f"ulimit -f 1; exec {sys.executable} -m data_synth generate --preset "
         f"{preset_file} --count 2 --output {tmp_path / 'out'} --workers 1"
     )
-    # XLA's cache may not grow, either.
-    environment = {**os.environ, "JAX_ENABLE_COMPILATION_CACHE": "false"}
+    # XLA's cache may not grow, either; and Python would keep bytecode that is cut off.
+    environment = {
+        **os.environ,
+        "JAX_ENABLE_COMPILATION_CACHE": "false",
+        "PYTHONDONTWRITEBYTECODE": "1",
+    }
     done = subprocess.run(
         ["bash", "-c", command], capture_output=True, text=True, env=environment
     )
