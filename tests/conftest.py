@@ -85,9 +85,9 @@ def pytest_sessionfinish():
     gc.freeze()
 
 
-@pytest.fixture(params=["float32", "float64"])
+@pytest.fixture(params=["float32", pytest.param("float64", marks=pytest.mark.full)])
 def dtype(request):
-    """Default floating-point type of the test."""
+    """Default floating-point type of the test; double precision with --full alone."""
     with jax.enable_x64(request.param == "float64"):
         yield np.dtype(request.param)
 

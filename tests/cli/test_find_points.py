@@ -10,7 +10,7 @@ import impostor_jax as ij
 from impostor_jax.__main__ import main
 from impostor_jax.many import tasks
 from tests.clouds.scenes import wall
-from tests.groups import OF_POINTS
+from tests.groups import FULL, OF_POINTS
 from tests.schemas import validator
 
 pytestmark = OF_POINTS
@@ -44,6 +44,7 @@ def find(folder, monkeypatch, capfd):
     return run
 
 
+@FULL
 def test_a_pipe_is_found_and_its_points_have_labels(find, folder):
     code, out, err = find("pipe.npy", "--origin", 0, 4, 0)
     assert (code, err) == (0, "")

@@ -19,15 +19,20 @@ from tests.cases import PRIMITIVES, is_decided, pose, rays_at
 from tests.checks import AS_USERS_RUN, all_finite, central_difference
 from tests.groups import FULL
 
-# Further cases of a class run in single precision only, which is the harder one.
+# Further cases of a class run in single precision only, which is the harder one; all
+# others in double precision with --full.
 MORE = ("disc", "rod", "cylinder along z", "sector", "sheet")
 
 
 @pytest.fixture(
-    params=[(name, p) for name in PRIMITIVES for p in ("float32", "float64")
-            if name not in MORE or p == "float32"],
+    params=[(name, "float32") for name in PRIMITIVES]
+    + [
+        pytest.param((name, "float64"), marks=FULL)
+        for name in PRIMITIVES
+        if name not in MORE
+    ],
     ids="-".join,
-)  # fmt: skip
+)
 def case(request):
     """Name and default floating-point type."""
     with jax.enable_x64(request.param[1] == "float64"):

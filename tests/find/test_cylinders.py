@@ -146,6 +146,7 @@ def warped(depth, camera, longer, aside):
     return np.where(np.isfinite(image), image, 0)
 
 
+@FULL
 def test_a_can_is_found_in_depth_that_was_warped_to_a_color_camera():
     # Two thirds of the pixels have no reading, so that no reading had a neighbor, and
     # nothing was found.

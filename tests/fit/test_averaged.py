@@ -14,7 +14,7 @@ from impostor_jax.fit.seen import Seen
 from impostor_jax.sensor.flying_pixels import FlyingPixels
 from impostor_jax.sensor.gaussian import ConstantNoise
 from tests.fit.scenes import CAMERA, SIGMA
-from tests.groups import SMALL_IMAGES
+from tests.groups import FULL, SMALL_IMAGES
 
 pytestmark = SMALL_IMAGES
 
@@ -61,7 +61,7 @@ def left_of(seen, can, is_exact=False):
 
 
 @pytest.mark.parametrize("can", CANS)
-@pytest.mark.parametrize(("wall", "seed"), [(0.8, 0), (1.5, 1)])
+@pytest.mark.parametrize(("wall", "seed"), [(0.8, 0), pytest.param(1.5, 1, marks=FULL)])
 def test_an_image_made_smaller_by_averaging_takes_nothing_off_sizes(can, wall, seed):
     depth, mask = halved(can, wall, seed)
     fit = ij.fit_cylinder(depth, CAMERA, mask, SIGMA)

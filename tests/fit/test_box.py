@@ -174,6 +174,7 @@ def test_errors_are_those_that_the_fit_says():
         assert 0.5 < np.sqrt(np.mean(known**2)) < 1.3
 
 
+@FULL
 def test_a_room_is_fitted_from_inside():
     some = np.zeros((120, 160), bool)
     some[::3, ::3] = True

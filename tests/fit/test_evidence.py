@@ -70,6 +70,7 @@ def test_gradient_of_a_reading_is_that_of_forward_mode(name, soft):
     np.testing.assert_allclose(found / size, plain / size, atol=1e-9, equal_nan=False)
 
 
+@FULL
 def test_square_of_a_grazing_reading_is_unbiased():
     # A ray whose half-chord is one deviation; the depth itself would be off by a third
     # of a deviation on the mean of many readings.

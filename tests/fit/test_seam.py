@@ -14,7 +14,7 @@ from impostor_jax.fit.seam import (
 )
 from impostor_jax.fit.seen import Seen
 from tests.fit.scenes import CAMERA, SIGMA
-from tests.groups import SMALL_IMAGES
+from tests.groups import FULL, SMALL_IMAGES
 
 pytestmark = SMALL_IMAGES
 
@@ -72,6 +72,7 @@ def test_what_departs_smoothly_is_one(shapes):
     assert abs(float(fit.cylinder.radius) - 0.05) < 0.0015
 
 
+@FULL
 def test_scans_of_two_walls_are_no_cylinder():
     random = np.random.default_rng(1)
     angle = random.uniform(0, 2 * np.pi, 3000)

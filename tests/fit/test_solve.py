@@ -60,6 +60,7 @@ def test_a_fit_ends_where_its_steps_lead_nowhere(meaning):
     assert float(off / problem.unit * 10) < 3 * 0.02
 
 
+@FULL
 @pytest.mark.usefixtures("double")
 def test_a_fit_does_not_hang_on_its_start():
     exact = quick_solve(problem_of(1e-5), start())

@@ -8,7 +8,7 @@ from impostor_jax.fit.fittable import CYLINDER
 from impostor_jax.fit.sparse import spacing_of, sparse_slopes
 from tests.checks import angle_between
 from tests.fit.scenes import CAMERA, SIGMA, can, image, image_of
-from tests.groups import SMALL_IMAGES
+from tests.groups import FULL, SMALL_IMAGES
 
 BALL = ij.Sphere((0.02, 0.01, 0.35), 0.05)
 
@@ -22,7 +22,7 @@ def kept(which, shape):
 
 @SMALL_IMAGES
 @pytest.mark.parametrize("which", ["rows", 0.2, 0.05])
-@pytest.mark.parametrize("shape", ["cylinder", "sphere"])
+@pytest.mark.parametrize("shape", ["cylinder", pytest.param("sphere", marks=FULL)])
 def test_a_few_readings_in_a_mask_are_fitted(shape, which):
     depth, mask = image() if shape == "cylinder" else image_of(BALL)
     depth = np.where(kept(which, depth.shape), depth, 0)

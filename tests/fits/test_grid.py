@@ -53,6 +53,7 @@ def stem(random, count=3000):
     return points + ray * random.normal(0, 0.003, (len(points), 1)), ray, origin
 
 
+@FULL
 @pytest.mark.parametrize(
     "kind", ["grid", "all directions", pytest.param("beam", marks=RELEASE)]
 )

@@ -8,7 +8,7 @@ from impostor_jax.fit.ranges import refuted_as_ranges, warn_of_ranges
 from impostor_jax.fit.regions import DepthUnitsWarning
 from impostor_jax.fit.request import Given
 from tests.fit.scenes import CAMERA, SIGMA
-from tests.groups import SMALL_IMAGES
+from tests.groups import FULL, SMALL_IMAGES
 
 pytestmark = SMALL_IMAGES
 
@@ -31,7 +31,7 @@ def room(seed=0):
     return ranges, ij.depth_of_ranges(ranges, CAMERA), owner == 0
 
 
-@pytest.mark.parametrize("sigma", [SIGMA, None])
+@pytest.mark.parametrize("sigma", [SIGMA, pytest.param(None, marks=FULL)])
 def test_distances_given_as_depth_contradict_themselves(sigma):
     # The radius was wrong by a tenth and more, and a third of such fits said success.
     ranges, depth, mask = room()

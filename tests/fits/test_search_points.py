@@ -90,6 +90,7 @@ def test_far_coordinates_and_an_origin_for_each_point_change_nothing(cloud, foun
     np.testing.assert_allclose(*radii, atol=1e-5)
 
 
+@FULL
 def test_a_viewpoint_need_not_be_known(cloud):
     points, owner = cloud
     check(ij.find_cylinders_in_points(points, sigma=NOISE), owner)
@@ -181,6 +182,7 @@ def test_points_that_are_there_twice_change_nothing(cloud, found):
     assert np.mean(twice.labels[:14000] == found.labels) > 0.99
 
 
+@FULL
 def test_points_without_noise_may_lie_far_off():
     rng = np.random.default_rng(6)
     shift = np.array([5e5, 5e6, 0.0])

@@ -6,6 +6,7 @@ import pytest
 import impostor_jax as ij
 from impostor_jax.glsl.offscreen import OffscreenRenderer
 from impostor_jax.parity.traced_cases import traced
+from tests.groups import FULL
 
 pytest.importorskip("moderngl")
 
@@ -47,6 +48,7 @@ def test_flat_heightfield_is_seen_as_two_triangles_are(renderer, material):
     assert np.ptp(seen[-8:]) > 0.05
 
 
+@FULL
 def test_all_shapes_together_are_one_shader(renderer):
     case = traced("perspective")[-1]
     ground = ij.Heightfield(np.full((4, 5), 0.5), ((-2.0, 2.0), (2.5, 4.0)))

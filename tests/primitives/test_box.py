@@ -135,6 +135,7 @@ def test_derivatives_of_a_slanted_hit(dtype):
     np.testing.assert_array_equal(in_rotation, [(1, 0, 0), (1.5, 0, 0), (0, 0, 0)])
 
 
+@FULL
 def test_depth_keeps_its_promise_over_all_extremes(dtype):
     rays = extreme_boxes(400, 8, dtype)
     fields = [getattr(rays, name) for name in FIELDS]

@@ -103,6 +103,7 @@ def test_depth_keeps_its_promise_over_all_extremes(count, dtype):
     assert told > 0.375 * count
 
 
+@FULL
 def test_derivatives_are_numbers_with_lengths_from_1e_minus_12_to_1e12(dtype):
     rays, rng = extreme_tori(4000, 9, dtype), np.random.default_rng(10)
     near = [getattr(rays, name) for name in FIELDS]

@@ -134,6 +134,7 @@ def test_derivative_is_shared_by_the_parts_of_the_corners(dtype):
     np.testing.assert_allclose(in_direction, (0, 0, -0.25), atol=eps(dtype, 4))
 
 
+@FULL
 def test_depth_keeps_its_promise_over_all_extremes(dtype):
     rays = extreme_triangles(600, 8, dtype)
     kept = ~is_thin(rays.vertices, dtype)

@@ -137,6 +137,7 @@ def test_textbook_formulas_find_the_same(double):
     np.testing.assert_allclose(normal_at(scene, ray, hit), facing, atol=1e-9)
 
 
+@FULL
 @pytest.mark.parametrize(
     "shape", [(), (0,), pytest.param((1,), marks=RELEASE), (3, 4, 5)]
 )

@@ -184,6 +184,7 @@ def tangents_of(tree, seed):
     return jax.tree_util.tree_map_with_path(tangent, tree)
 
 
+@FULL
 @pytest.mark.parametrize(
     "make",
     [
