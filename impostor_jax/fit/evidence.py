@@ -66,6 +66,9 @@ FIRST_END_WIDTH = 20.0
 SETTLED_PLACE = 0.05
 """Softness, in pixels, up to which an estimate tells which readings are the body's."""
 
+LEAST_COSINE = 0.1
+"""Of the incidence, down to which a pixel's footprint on a face grows."""
+
 OWN_VOTES = 4.0
 """Neighbors with background that one on the body itself outweighs at an end."""
 
@@ -158,6 +161,16 @@ def reading_terms(
     seen = computed_once(
         lambda: body.passing(pixels.direction, body.radius / 100, pixels.start)
     )
+    if body.bends == 1:
+        # Readings less than a pixel beyond a face's edge do not pull at it. Otherwise
+        # the noise of one column of pixels placed edges that run along it, and an
+        # edge was 11 standard deviations off.
+        far = jnp.maximum(seen.nearest + seen.foot, 0)
+        width = pixel * far / jnp.maximum(seen.cos_incidence, LEAST_COSINE)
+        slack = jnp.where(is_image, width, 0)
+        seen = eqx.tree_at(
+            lambda s: s.overshoot, seen, jnp.maximum(seen.overshoot - slack, 0)
+        )
     # An estimate that is far off must not have its terms weighed as if it were right.
     used = (pixels.depth > 0) & _is_clear(seen, body, pixels, noise, pixel)
     near = jnp.clip(seen.depth, pixels.depth / 2, 2 * pixels.depth)
@@ -300,8 +313,10 @@ def crossing_terms(
     pixel of the region and its neighbor outside have between them. They are compared
     along the image direction that crosses it more steeply.
 
-    An end's place is uniform between the two pixels and independent from one row of
-    pixels to the next: its standard deviation is 1/sqrt(12) px. A region's edge is no
+    An end's place is uniform between the two pixels: its standard deviation is
+    1/sqrt(12) px. It is independent from one row of pixels to the next where an end
+    runs across them, and the same in all where it runs along the grid, as of a box
+    before a level camera. A region's edge is no
     more exact than the sensor: readings that mix both sides of a jump are left out of
     one that was made from readings, all along. So there its place is uniform within
     `edge_reach` and `window_reach` pixels of that, too, and off by as much in all rows;
@@ -400,14 +415,33 @@ def crossing_terms(
     counts = crosses & (shows > 0)
     counts &= jnp.where(is_wall, is_straight & is_outline, of_all(votes) > 0)
     # What all rows share does not average out: it counts as often as there are rows.
-    alike = of_all(jnp.where(counts, 1, 0).astype(r.dtype))
+    ones = jnp.where(counts, 1, 0).astype(r.dtype)
+    alike = of_all(ones)
+    # An end along rows or columns has the same place in the grid in all of them. The
+    # resultant of these places, as angles, tells: 1 of equal ones, 0 of a whole period.
+    in_row = best % 4 < 2
+
+    def in_step(values: Float[Array, " m"]) -> Float[Array, " m"]:
+        return jnp.where(
+            in_row,
+            of_all(jnp.where(in_row, values, 0)),
+            of_all(jnp.where(in_row, 0, values)),
+        )
+
+    angle = 2 * np.pi * jnp.where(counts, pick(off), 0)
+    of_cos, of_sin = (in_step(ones * part) for part in (jnp.cos(angle), jnp.sin(angle)))
+    number = in_step(ones)
+    # Of n independent places the square is 1 / n.
+    in_phase = (of_cos**2 + of_sin**2) / jnp.maximum(number, 1) - 1
+    in_phase = jnp.maximum(in_phase, 0)
     bias = noise.bias
     shared = bias.edge_reach + bias.window_reach
     shared = jnp.where(is_outline, bias.outline, shared).astype(r.dtype)
     if bias.lean is not None:
         # All within are as likely, with that standard deviation.
         shared += 3**0.5 * jnp.asarray(bias.lean, r.dtype)
-    variance = jnp.where(is_wall, alike * place**2, (1 + alike * 4 * shared**2) / 12)
+    of_ends = (1 + in_phase + alike * 4 * shared**2) / 12
+    variance = jnp.where(is_wall, alike * place**2, of_ends)
     weight = jnp.where(counts, jax.lax.rsqrt(jnp.where(counts, variance, 1)) / step, 0)
 
     between, start = jax.tree.map(
