@@ -20,6 +20,7 @@ from impostor_jax.fit.evidence import Readings
 from impostor_jax.fit.moved_rays import parts_of_variance
 from impostor_jax.fit.problem import Problem, View, sigma_of
 from impostor_jax.numerics import product, safe_divide, safe_sqrt
+from impostor_jax.text import described, text_or_repr
 
 WITHIN = 4.0
 """Standard deviations within which readings tell; others may be outliers. Of these some
@@ -53,6 +54,10 @@ class AcrossRays(eqx.Module):
     doubt: Float[Array, "*batch"]
     scale: Float[Array, "*batch"]
     misfit: Float[Array, "*batch"]
+
+    def __str__(self) -> str:
+        units = {"score": "", "doubt": "m^2", "scale": "", "misfit": ""}
+        return text_or_repr(self, lambda: described(self, units))
 
 
 def exact_rays(dtype: DTypeLike) -> AcrossRays:

@@ -104,6 +104,12 @@ AGREEING = 20.0
 has been found to: by chance one in 200 is larger, and costs no more than some readings.
 """
 
+POSES = (
+    "Poses may be wrong: each camera_from_world maps points of the world to the "
+    "camera's frame, in meters."
+)
+"""What is added of several views where the solver got lost."""
+
 SURE = 1e-3
 """P-value of a fit from which on nothing is doubted."""
 
@@ -459,23 +465,28 @@ class Fit(eqx.Module):
         if self.status is FitStatus.CONTRADICTED and self.asked.contradiction:
             return self.asked.contradiction
         aligned = f" {ALIGNED}" if self._counts_alignment else ""
+        several = len(self.pixelwise) > 1
         if self.status is not FitStatus.POOR_FIT:
-            return self.status.meaning + aligned
+            got_lost = self.status in (FitStatus.STEP_LIMIT, FitStatus.NOT_FINITE)
+            posed = f" {POSES}" if several and got_lost else ""
+            return self.status.meaning + aligned + posed
+        or_pose = ", or a pose is" if several else ""
         times = float(np.sqrt(self.chi2))
         if times >= NOTED_TIMES and not np.isnan(self.p_value):
             known = "measured" if self.asked.measured else "given"
             return (
                 f"The residuals are {times:.1f} times the noise {known}: the shape or "
-                "sigma is wrong."
+                f"sigma is wrong{or_pose}."
             )
         if 2 * self.num_inliers < int(self.num_pixels):
             return "Most readings lie off the shape."
         if self.border_chi2 >= AGREEING:
             return (
                 "Readings beside the region's border contradict the others: the mask "
-                "is too large, or errors are correlated."
+                f"is too large{or_pose and ', a pose is wrong'}, or errors are "
+                "correlated."
             )
-        if len(self.pixelwise) > 1:
+        if several:
             return (
                 "The views contradict each other: a pose is wrong, or they show "
                 "different things."

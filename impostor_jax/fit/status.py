@@ -41,7 +41,7 @@ _MEANINGS = {
     FitStatus.STEP_LIMIT: "The solver reached its step limit before it converged.",
     FitStatus.NO_FIRST_GUESS: "No shape lies near the readings: no first guess.",
     FitStatus.POOR_FIT: "The readings do not lie on the fitted shape.",
-    FitStatus.UNDETERMINED: "The readings do not determine radius and place.",
+    FitStatus.UNDETERMINED: "The readings do not determine size and place.",
     FitStatus.AMBIGUOUS: "Two solutions explain the readings.",
     FitStatus.NOT_FINITE: "The solver met a number that is not finite.",
     FitStatus.CONTRADICTED: "The readings exclude what was stated, or the outline.",

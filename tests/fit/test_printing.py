@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import impostor_jax as ij
+from impostor_jax.fit.across import exact_rays
 from impostor_jax.fit.fittable import CYLINDER, no_guess
 from tests.cases import PRIMITIVES
 from tests.fit.scenes import CAMERA, SIGMA, can, image, image_of
@@ -50,6 +51,12 @@ def test_what_has_no_numbers_prints_without_an_error():
     )
     for other in others:
         assert str(other).startswith("Cylinder")
+
+
+def test_errors_across_rays_are_told_with_units():
+    assert str(exact_rays(np.float32)) == (
+        "AcrossRays: deviation 0 m, found 0 m, score 0, doubt 0 m^2, scale 1, misfit 0"
+    )
 
 
 @SMALL_IMAGES

@@ -104,6 +104,19 @@ def test_an_end_that_is_not_seen_has_the_radius_of_the_wall_beside_it():
 
 
 @SMALL_IMAGES
+def test_failures_of_several_views_name_their_poses():
+    depth, mask = image()
+    one = ij.fit_cylinder(depth, CAMERA, mask, SIGMA)
+    pair = one.having(pixelwise=one.pixelwise * 2)
+    for status in (ij.FitStatus.STEP_LIMIT, ij.FitStatus.NOT_FINITE):
+        assert one.failed(status).reason == status.meaning
+        assert "camera_from_world maps points" in pair.failed(status).reason
+    poor = pair.failed(ij.FitStatus.POOR_FIT)
+    assert "or a pose is." in poor.having(chi2=jnp.asarray(16.0)).reason
+    assert "a pose is wrong, or" in poor.having(border_chi2=jnp.asarray(99.0)).reason
+
+
+@SMALL_IMAGES
 def test_several_fits_are_counted_indexed_and_iterated():
     depth, mask = image()
     depths = np.stack([depth, depth, np.float32(2) * depth, depth])
