@@ -316,11 +316,11 @@ def crossing_terms(
     An end's place is uniform between the two pixels: its standard deviation is
     1/sqrt(12) px. It is independent from one row of pixels to the next where an end
     runs across them, and the same in all where it runs along the grid, as of a box
-    before a level camera. A region's edge is no
-    more exact than the sensor: readings that mix both sides of a jump are left out of
-    one that was made from readings, all along. So there its place is uniform within
-    `edge_reach` and `window_reach` pixels of that, too, and off by as much in all rows;
-    of an outline, within the sensor's `outline` pixels.
+    before a level camera. A region's edge is no more exact than the sensor: readings
+    that mix both sides of a jump are left out of one that was made from readings, all
+    along. So there its place is uniform within `edge_reach` and `window_reach` pixels
+    of that, too, and off by as much in all rows; of an outline, within the sensor's
+    `outline` pixels.
     The wall's edge is straight, so along an image direction it may have the same place
     in the grid in all of them: there the interval alone counts, and all within it are
     as likely. It counts where the region is an outline; that every pixel of a region
