@@ -8,6 +8,7 @@ and without.
 
 __all__ = ["Program", "fit_from"]
 
+import functools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -77,9 +78,13 @@ class Program:
         few = [coarse(table) for table in self.shown]
         return ends_of(few, self.prior, self.settings, starts, self.kernel)
 
+    @functools.cached_property
+    def _solver_tables(self) -> tuple[Table, ...]:
+        """What the solver is given of each image, from any start."""
+        return tuple(_padded(table)._replace(lattice=None) for table in self.shown)
+
     def _for_solver(self, start: AbstractBody) -> tuple[Any, ...]:
-        bare = tuple(_padded(table)._replace(lattice=None) for table in self.shown)
-        return bare, self.prior, self.settings, start, self.kernel
+        return self._solver_tables, self.prior, self.settings, start, self.kernel
 
     def _for_assessment(self, found: Solution) -> tuple[Any, ...]:
         given = self.shown, self.prior, self.settings, found

@@ -470,21 +470,21 @@ class Fit(eqx.Module):
             got_lost = self.status in (FitStatus.STEP_LIMIT, FitStatus.NOT_FINITE)
             posed = f" {POSES}" if several and got_lost else ""
             return self.status.meaning + aligned + posed
-        or_pose = ", or a pose is" if several else ""
         times = float(np.sqrt(self.chi2))
         if times >= NOTED_TIMES and not np.isnan(self.p_value):
             known = "measured" if self.asked.measured else "given"
+            posed = ", or a pose is" if several else ""
             return (
                 f"The residuals are {times:.1f} times the noise {known}: the shape or "
-                f"sigma is wrong{or_pose}."
+                f"sigma is wrong{posed}."
             )
         if 2 * self.num_inliers < int(self.num_pixels):
             return "Most readings lie off the shape."
         if self.border_chi2 >= AGREEING:
+            posed = ", a pose is wrong" if several else ""
             return (
                 "Readings beside the region's border contradict the others: the mask "
-                f"is too large{or_pose and ', a pose is wrong'}, or errors are "
-                "correlated."
+                f"is too large{posed}, or errors are correlated."
             )
         if several:
             return (

@@ -352,6 +352,7 @@ def _through_stages(problem: Problem, start: AbstractBody) -> Solution:
         body=jax.tree.map(partial(jnp.where, finite), found.value, start),
         finite=finite,
         converged=finite & (found.state.left < UNSETTLED),
+        # Weakly typed, it would be no argument of the assessment that was prepared.
         num_steps=jnp.asarray(found.stats["num_steps"], jnp.int32),
     )
 

@@ -8,6 +8,11 @@ import functools
 import numpy as np
 
 import impostor_jax as ij
+from impostor_jax.fit.fittable import CYLINDER
+from impostor_jax.fit.options import Options
+from impostor_jax.fit.program import Program
+from impostor_jax.fit.request import checked_noise, checked_prior, checked_settings
+from impostor_jax.fit.seen import Seen, shown_by
 
 CAMERA = ij.PinholeCamera(150.0, 150.0, 79.5, 59.5, width=160, height=120)
 SIGMA = 0.001
@@ -34,6 +39,16 @@ def image_of(shape, wall: float | None = 0.6, seed: int = 0):
     depth = np.minimum(np.asarray(maps.depth), behind)
     noise = np.random.default_rng(seed).normal(0, SIGMA, depth.shape)
     return (depth + noise).astype(np.float32), mask
+
+
+def program_of(start=None, readings=None, **options):
+    """The compiled fit of the can's image, of errors that are independent."""
+    depth, mask = image()
+    asked = Options(**options)
+    table = shown_by(Seen(depth, mask, CAMERA, checked_noise(SIGMA)), readings)
+    settings = checked_settings(CYLINDER, asked, start, SIGMA)
+    known = checked_prior(None, CYLINDER.parameters, None)
+    return Program((table,), known, settings, asked.effort.kernel, correlated=False)
 
 
 def with_outliers(depth, share, seed=0):

@@ -8,15 +8,9 @@ import numpy as np
 import pytest
 
 import impostor_jax as ij
-from impostor_jax.compiling import quickly_compiled
-from impostor_jax.fit.fittable import CYLINDER
-from impostor_jax.fit.options import Options
-from impostor_jax.fit.program import fit_from
-from impostor_jax.fit.request import checked_noise, checked_prior, checked_settings
-from impostor_jax.fit.seen import Seen, shown_by
 from impostor_jax.fit.weighing import best_of
 from tests.fit.bodies import body_of
-from tests.fit.scenes import CAMERA, SIGMA, can, image
+from tests.fit.scenes import CAMERA, SIGMA, can, image, program_of
 from tests.groups import SMALL_IMAGES
 
 MOVED = 0.004
@@ -25,14 +19,7 @@ MOVED = 0.004
 
 def assessed(start, **options):
     """What is said of the can from a start, as a fit does."""
-    depth, mask = image()
-    asked = Options(**options)
-    shown = shown_by(Seen(depth, mask, CAMERA, checked_noise(SIGMA)))
-    settings = checked_settings(CYLINDER, asked, start, SIGMA)
-    known = checked_prior(None, CYLINDER.parameters, None)
-    run = quickly_compiled(fit_from, static_argnames=("kernel", "correlated"))
-    given = (shown,), known, settings, body_of(start)
-    return run(*given, kernel=asked.effort.kernel, correlated=False)
+    return program_of(start, **options).fit(body_of(start))
 
 
 @pytest.fixture(scope="module")

@@ -19,11 +19,10 @@ from impostor_jax.fit.options import Options
 from impostor_jax.fit.problem import Pixels
 from impostor_jax.fit.program import fit_from
 from impostor_jax.fit.request import checked_noise, checked_prior, checked_settings
-from impostor_jax.fit.seen import Seen, shown_by
 from impostor_jax.numerics import product
 from tests.checks import AS_USERS_RUN, compiled_cost
 from tests.fit.bodies import body_of, rays
-from tests.fit.scenes import CAMERA, SIGMA, can, image
+from tests.fit.scenes import CAMERA, SIGMA, can, image, program_of
 from tests.groups import FULL, SMALL_IMAGES
 
 CUP = ij.Frustum((0, 0, 0.5), (0, 0.1, 0.5), 0.05, 0.04)
@@ -66,14 +65,10 @@ def test_the_terms_of_readings_are_computed_once(monkeypatch):
 
 
 def test_what_is_compiled_asks_the_host_nothing():
-    depth, mask = image()
-    shown = shown_by(Seen(depth, mask, CAMERA, checked_noise(SIGMA)))
-    settings = checked_settings(CYLINDER, Options(), None, SIGMA)
-    known = checked_prior(None, CYLINDER.parameters, None)
+    given = program_of(effort=ij.Effort(kernel="squares"))
+    shown = given.shown, given.prior, given.settings, body_of(can())
     run = jax.jit(fit_from, static_argnames=("kernel", "correlated"))
-    text = run.lower(
-        (shown,), known, settings, body_of(can()), kernel="squares", correlated=False
-    ).as_text()
+    text = run.lower(*shown, kernel=given.kernel, correlated=given.correlated).as_text()
     # The stages, and the blocks of readings in each of their steps.
     assert text.count("stablehlo.while") == 2
     assert "callback" not in text

@@ -3,22 +3,10 @@
 import numpy as np
 
 from impostor_jax.fit import program
-from impostor_jax.fit.fittable import CYLINDER
-from impostor_jax.fit.options import Options
-from impostor_jax.fit.program import Program, _padded
-from impostor_jax.fit.request import checked_noise, checked_prior, checked_settings
-from impostor_jax.fit.seen import Seen, shown_by
+from impostor_jax.fit.program import _padded
 from tests.fit.bodies import body_of
-from tests.fit.scenes import CAMERA, SIGMA, can, image
+from tests.fit.scenes import can, program_of
 from tests.groups import SMALL_IMAGES
-
-
-def program_of(readings=None):
-    depth, mask = image()
-    table = shown_by(Seen(depth, mask, CAMERA, checked_noise(SIGMA)), readings)
-    settings = checked_settings(CYLINDER, Options(), None, SIGMA)
-    known = checked_prior(None, CYLINDER.parameters, None)
-    return Program((table,), known, settings, "geman_mcclure", correlated=False)
 
 
 def test_padding_holds_no_reading():
@@ -36,7 +24,7 @@ def test_padding_holds_no_reading():
 
 
 def test_a_table_of_a_quick_fit_is_not_padded():
-    (table,) = program_of(1024).shown
+    (table,) = program_of(readings=1024).shown
     assert _padded(table) is table
 
 

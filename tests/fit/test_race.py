@@ -7,12 +7,12 @@ import impostor_jax as ij
 from impostor_jax.fit.fittable import CYLINDER
 from impostor_jax.fit.options import Options
 from impostor_jax.fit.problem import BLOCK, posed
-from impostor_jax.fit.race import Ends, coarse, ends_of, worth_a_fit
-from impostor_jax.fit.request import checked_noise, checked_prior, checked_settings
+from impostor_jax.fit.race import Ends, coarse, worth_a_fit
+from impostor_jax.fit.request import checked_prior, checked_settings
 from impostor_jax.fit.round_body import RoundBody
 from impostor_jax.fit.seen import Seen, shown_by
 from tests.fit.bodies import body_of
-from tests.fit.scenes import CAMERA, SIGMA, can, image
+from tests.fit.scenes import CAMERA, SIGMA, can, image, program_of
 
 
 def ends_with(cost, residual):
@@ -48,12 +48,8 @@ def test_an_end_that_is_no_number_is_dropped():
 
 
 def started_from(*starts):
-    depth, mask = image()
-    table = shown_by(Seen(depth, mask, CAMERA, checked_noise(SIGMA)))
-    settings = checked_settings(CYLINDER, Options(), None, SIGMA)
-    known = checked_prior(None, CYLINDER.parameters, None)
-    few = coarse(table)
-    return few, ends_of([few], known, settings, starts, "geman_mcclure")
+    program = program_of()
+    return coarse(program.shown[0]), program.race(starts)
 
 
 @pytest.mark.parametrize("readings", [None, 1024, 512])
