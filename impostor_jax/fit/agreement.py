@@ -2,13 +2,10 @@
 
 The noise that is given tells how readings scatter about the right shape. And readings
 beside the border of a region pull the estimate where the others do, unless they are of
-something else: of a table that touches the object, say, or mixed at its edge. So do
-those of a view whose pose is right.
+something else: of a table that touches the object, say, or mixed at its edge.
 """
 
-__all__ = ["between_views", "contradiction", "reduced_chi2", "strays", "tail"]
-
-from collections.abc import Sequence
+__all__ = ["contradiction", "reduced_chi2", "strays", "tail"]
 
 import jax
 import jax.numpy as jnp
@@ -87,39 +84,6 @@ def contradiction(
     along = product(vectors.T, pull * size)
     squares = along**2 / jnp.where(tested, values, 1)
     return jnp.sum(jnp.where(tested, squares, 0))
-
-
-def between_views(
-    parts: Sequence[Float[Array, "m m"]],
-    others: Float[Array, " c"],
-    widening: Float[Array, ""],
-    covariance: Float[Array, "c c"],
-) -> Float[Array, ""]:
-    """How far that view that does most moves an estimate away from the others.
-
-    Views whose poses are right agree on the object. A wrong one bends what all say, by
-    many deviations, and leaves residuals that look like those of rays that err. Of a
-    view with the part x of the information the squared move varies by x (1 - x), a
-    quarter at most.
-
-    Args:
-        parts: Products of each view's terms, as of `contradiction`.
-        others: Pull of all else.
-        widening: Variance of the whitened residuals.
-        covariance: Of the coordinates.
-
-    Returns:
-        Four times the squared move, in deviations: chi-squared with as many degrees of
-        freedom as there are coordinates, or less.
-    """
-    pull = others + sum(part[:-1, -1] for part in parts) / widening
-    found = []
-    for part in parts:
-        # What the estimate leaves of all pulls, within its tolerance, is taken to 0.
-        left = product(part[:-1, :-1], product(covariance, pull))
-        own = (part[:-1, -1] - left) / widening
-        found.append(jnp.sum(own * product(covariance, own)))
-    return 4 * jnp.max(jnp.stack(found))
 
 
 def strays(

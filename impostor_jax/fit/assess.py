@@ -12,14 +12,9 @@ from jaxtyping import Array, Bool, Float, Int, Int8
 
 from impostor_jax.compiling import computed_once
 from impostor_jax.fit.across import across_found
-from impostor_jax.fit.agreement import (
-    between_views,
-    contradiction,
-    reduced_chi2,
-    strays,
-    tail,
-)
+from impostor_jax.fit.agreement import contradiction, reduced_chi2, strays, tail
 from impostor_jax.fit.alternatives import no_alternatives
+from impostor_jax.fit.between_views import between_views
 from impostor_jax.fit.body import AbstractBody, Readout, coordinates_of
 from impostor_jax.fit.budget import Deviations
 from impostor_jax.fit.deviations import are_numbers, deviations_of
@@ -254,8 +249,14 @@ def assess(problem: Problem, solution: Solution, correlated: bool) -> Assessment
             widening,
         )
         rests = jnp.stack([whitened, jnp.where(inlier, departures.residual, 0)])
-    # A wall that departs is seen otherwise from each side.
-    unexplained = rests[-1:]
+    between = None
+    if not problem.is_single:
+        # A wall that departs is seen otherwise from each side.
+        told = terms.augmented, rests[-1], tells
+        given = into, root, pull_of_others, widening
+        between = between_views(problem, *told, *given)
+        alone = jnp.where(inlier, between.residual, 0)
+        rests = jnp.concatenate([rests, alone[None]])
     biases = [view.noise.bias for view in views]
     leans = any(b.lean is not None for b in biases)
     shares_errors = bool(
@@ -264,7 +265,7 @@ def assess(problem: Problem, solution: Solution, correlated: bool) -> Assessment
     # In coordinates in which independent errors have a variance of 1. So are the slopes
     # of readings: their sums would round away what an image hardly tells.
     parts = {name: product(root.T, part, root) for name, part in parts.items()}
-    taken = jnp.zeros_like(independent)
+    by_form = by_views = jnp.zeros_like(independent)
     if shares_errors:
         whitening = product(root.T, into)
         gradient = product(whitening, terms.gradient)
@@ -279,7 +280,9 @@ def assess(problem: Problem, solution: Solution, correlated: bool) -> Assessment
             ]
             of_each = _sum_of(of_readings)
             parts["correlation"] = of_each[0] - parts["noise"]
-            taken = of_each[0] - of_each[-1]
+            by_views = of_each[0] - of_each[-1]
+            if departures is not None:
+                by_form = of_each[0] - of_each[1]
         scores = problem.apart(score / length[None])
         smooth = _shared(problem, scores, problem.apart(seen.depth * length), body)
         parts["warp"], of_scales = smooth
@@ -309,30 +312,31 @@ def assess(problem: Problem, solution: Solution, correlated: bool) -> Assessment
         # the standard deviations.
         shared = _wider(whole, independent)
     statistic, repeats = statistic / shared, repeats * shared
+    if between is not None and shares_errors:
+        # Those within a view: where views disagree, neighbors seem to share an error.
+        left = sandwich_root(root, _sum_of(parts.values()) - by_views, LEAST_LEFT)
+        alone = _wider(left, independent)
+        between = between._replace(
+            chi2=between.chi2 / alone, chi2_of_form=between.chi2_of_form / alone
+        )
     form = no_form(repeats.dtype)
     if departures is not None:
         if correlated:
             # Not all that neighbors share is an error, where a wall departs.
-            left = sandwich_root(root, _sum_of(parts.values()) - taken, LEAST_LEFT)
+            left = sandwich_root(root, _sum_of(parts.values()) - by_form, LEAST_LEFT)
             shared = _wider(left, independent)
         form, parts["form"] = departures.told(shared)
+        if between is not None:
+            # What looks like another form may be poses that err.
+            may_err = form.departs & (between.chi2 >= DISAGREEING)
+            spread_of_views = product(between.moves.T, between.moves)
+            parts["form"] += jnp.where(may_err, spread_of_views, 0)
         whole = sandwich_root(root, _sum_of(parts.values()), LEAST_LEFT)
     shares = {name: product(root, part, root.T) for name, part in parts.items()}
     std, budget, covariance, observed, is_known = deviations_of(
         world, change, whole, shares, directions, free
     )
     statistic = jnp.where(strays(inlier, used, beside), jnp.inf, statistic)
-    between = jnp.zeros_like(statistic)
-    if not problem.is_single:
-        augmented = jnp.concatenate([terms.gradient, unexplained])
-        augmented = jnp.where(tells[None], augmented, 0)
-        between = between_views(
-            [in_coordinates(product(x, x.T), into) for x in problem.apart(augmented)],
-            pull_of_others,
-            widening,
-            independent,
-        )
-        between = between / shared
     chi2 = reduced_chi2(squares, num_inliers)
     num_missed = jnp.sum(inlier & seen.is_missed, dtype=meters.dtype)
     finest = jnp.max(terms.weight)
@@ -344,7 +348,8 @@ def assess(problem: Problem, solution: Solution, correlated: bool) -> Assessment
     is_rough = (chi2 > ROUGH_CHI2) & (rms > ROUGH * body.radius)
     agrees &= ~(settings.trusts_sigma & is_rough)
     agrees &= ~_is_filled(readings, depth, spread)
-    agrees &= between < DISAGREEING
+    if between is not None:
+        agrees &= between.chi2_of_form < DISAGREEING
     # Of what bends in no way a departure is no number, and no fault.
     agrees &= ~jnp.any(jnp.abs(form.value) > MOST_DEPARTED + 3 * form.deviation)
     # A fit that is not traced goes on with what agrees, and takes errors that do not

@@ -488,8 +488,8 @@ class Fit(eqx.Module):
             )
         if several:
             return (
-                "The views contradict each other: a pose is wrong, or they show "
-                "different things."
+                "The views contradict each other: a pose is wrong, they show "
+                "different things, or they err by more than sigma says."
             )
         return "Part of the region lies off the shape: it, or the mask, is wrong."
 

@@ -55,6 +55,18 @@ def fitted(depths, cameras, masks, sigma=SIGMA, **options):
     return ij.fit_cylinder(depths, cameras, mask=masks, sigma=sigma, **options)
 
 
+def posed_wrongly(degrees, move, errors="correlated"):
+    """The fit to a can from two sides, of which one is said to be elsewhere."""
+    cameras = [CAMERA, turned_about(can(), degrees)]
+    pairs = [seen(can(), camera, seed) for seed, camera in enumerate(cameras)]
+    moved = np.eye(4)
+    moved[:3, 3] = move
+    off = ij.RigidTransform.from_matrix(moved) @ cameras[1].camera_from_world
+    cameras[1] = eqx.tree_at(lambda camera: camera.camera_from_world, cameras[1], off)
+    depths, masks = zip(*pairs, strict=True)
+    return fitted(depths, cameras, masks, errors=errors)
+
+
 @pytest.fixture(scope="module")
 def both(two):
     return fitted(*two)
@@ -69,16 +81,28 @@ def test_the_pose_is_told_in_the_frame_of_each_view(two, both):
     np.testing.assert_allclose(second[:3, 3], turned.center, atol=1e-6)
 
 
-def test_a_wrong_pose_makes_views_contradict_each_other(two):
+def test_a_wrong_pose_makes_views_contradict_each_other():
     # What the views then leave may be taken for rays that err.
-    depths, cameras, masks = two
-    moved = np.eye(4)
-    moved[:3, 3] = (0.006, 0.002, 0.003)
-    off = ij.RigidTransform.from_matrix(moved) @ cameras[1].camera_from_world
-    wrong = eqx.tree_at(lambda camera: camera.camera_from_world, cameras[1], off)
-    fit = fitted(depths, [cameras[0], wrong], masks)
+    fit = posed_wrongly(150.0, (0.006, 0.002, 0.003), None)
     assert fit.status == "poor_fit"
     assert "a pose is wrong" in fit.reason
+
+
+def test_errors_of_neighbors_do_not_explain_a_wrong_pose():
+    # It leaves what neighbors share; alone no view does.
+    fit = posed_wrongly(60.0, (0.003, 0.001, 0.0015))
+    assert fit.status == "poor_fit"
+    assert "The views contradict each other: a pose is wrong" in fit.reason
+
+
+def test_a_wall_that_may_depart_because_a_pose_is_wrong_is_as_unsure():
+    # From opposite sides a can between views that are apart looks oval.
+    fit = posed_wrongly(150.0, (0.0015, 0.0005, 0.0007))
+    assert fit.success
+    assert fit.form.departs
+    of_form = np.asarray(fit.std_budget["form"].across_axis)
+    # Without what the views say of each other it is 0.25 mm.
+    assert np.linalg.norm(of_form) > 0.0005
 
 
 def test_two_views_are_surer_than_each_and_as_right(two, both):
