@@ -50,6 +50,7 @@ class Cloud(NamedTuple):
         origins: Where each point was seen from, about `middle`; None where nobody
             tells.
         gaps: Distance of each from its nearest neighbor, in meters.
+        spacing: The typical one.
         middle: Of the caller's points, in their frame.
         representative: Of each of the caller's points, the one that stands for it.
         chosen: Which of the caller's points these are.
@@ -62,6 +63,7 @@ class Cloud(NamedTuple):
     is_flat: Bool[np.ndarray, " n"]
     origins: Float[np.ndarray, "n 3"] | None
     gaps: Float[np.ndarray, " n"]
+    spacing: float
     middle: Float[np.ndarray, "3"]
     representative: Int[np.ndarray, " m"]
     chosen: Int[np.ndarray, " n"]
@@ -69,11 +71,6 @@ class Cloud(NamedTuple):
 
     def __len__(self) -> int:
         return len(self.points)
-
-    @property
-    def spacing(self) -> float:
-        """Typical distance of a point from its nearest neighbor, in meters."""
-        return float(np.median(self.gaps))
 
 
 def cloud_of(
@@ -104,13 +101,15 @@ def cloud_of(
     if seen_from is not None:
         away = np.sum(found * (seen_from - own), axis=1) < 0
         found = np.where(away[:, None], -found, found)
+    gaps = np.clip(distance[:, 1], least, None if len(own) > 1 else least)
     return Cloud(
         points=own,
         normals=found,
         rough=rough,
         is_flat=is_flat,
         origins=seen_from,
-        gaps=np.clip(distance[:, 1], least, None if len(own) > 1 else least),
+        gaps=gaps,
+        spacing=float(np.median(gaps)),
         middle=middle,
         representative=representative,
         chosen=chosen,

@@ -6,7 +6,7 @@ Then it is made anew, from all starts. Where they do not speak clearly, the like
 that fit and the one of exact rays is taken.
 """
 
-__all__ = ["SPEAKS", "fit_with_learned_rays"]
+__all__ = ["SPEAKS", "fit_with_learned_rays", "with_learned_rays"]
 
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
@@ -95,6 +95,12 @@ def fit_with_learned_rays(
     explains = exact.is_shape and exact.num_inliers >= AS_MANY * fit.num_inliers
     is_likelier = exact.across.misfit.item() <= fit.across.misfit.item()
     return exact if explains and is_likelier else fit
+
+
+def with_learned_rays(seen: Seen, known: float) -> Seen:
+    """What a fit is given first, in kind, of points rounded by so much."""
+    (erring,) = _erring([seen], _Error(known), known)
+    return erring
 
 
 class _Error(NamedTuple):

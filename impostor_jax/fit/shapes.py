@@ -26,7 +26,7 @@ from impostor_jax.fit.edges import without_edges
 from impostor_jax.fit.far import fitted_near
 from impostor_jax.fit.fittable import Fittable, no_guess
 from impostor_jax.fit.gather import table_of
-from impostor_jax.fit.learned import fit_with_learned_rays
+from impostor_jax.fit.learned import fit_with_learned_rays, with_learned_rays
 from impostor_jax.fit.measured import with_measured
 from impostor_jax.fit.options import Options
 from impostor_jax.fit.outline_gap import compared_with_outline
@@ -313,6 +313,7 @@ def prepare_fit(
     mask: Mask,
     sigma: Any,
     options: Options,
+    rounding: float | None = None,
 ) -> None:
     """Load or compile what a fit from a start takes.
 
@@ -323,6 +324,7 @@ def prepare_fit(
         mask: As many pixels as will be fitted.
         sigma: As a caller gives it; if None, as of white noise that was measured.
         options: Of the fit.
+        rounding: As of `fit_shape`.
     """
     noise = checked_noise(sigma, camera)
     effort, correlated = options.effort, options.correlated(noise)
@@ -330,6 +332,8 @@ def prepare_fit(
         settings = checked_settings(kind, options, None, sigma)
         known = converted(checked_prior(options.prior, kind.expectable, None))
         own = seen_by(np.asarray(depth), np.asarray(mask), *converted((camera, noise)))
+        if rounding is not None:
+            own = with_learned_rays(own, rounding)
         shown = (shown_by(own.without_edges(), effort.readings, correlated),)
         program = Program(shown, known, settings, effort.kernel, correlated)
         program.prepare(kind.blank)

@@ -6,7 +6,12 @@ distance of points is biased. What only an image shows is left out: background b
 end, outlines, and errors that neighbors share.
 """
 
-__all__ = ["fit_cylinder_to_points", "fit_points", "in_one_frame"]
+__all__ = [
+    "fit_cylinder_to_points",
+    "fit_points",
+    "in_one_frame",
+    "prepare_points",
+]
 
 import warnings
 from collections.abc import Mapping, Sequence
@@ -20,14 +25,14 @@ from impostor_jax.arguments import is_concrete, users_level, working_precision
 from impostor_jax.camera.ray_table import RayTable, turned_to
 from impostor_jax.clouds.wall import Wall, wall_of
 from impostor_jax.device import on_processor
-from impostor_jax.effort import Effort
+from impostor_jax.effort import MIN_READINGS, Effort
 from impostor_jax.fit.fittable import CYLINDER, no_guess
 from impostor_jax.fit.measured import NOT_MEASURED
 from impostor_jax.fit.options import Errors, MaskMeaning, Options, Scale
 from impostor_jax.fit.regions import BUCKETS, DepthUnitsWarning
 from impostor_jax.fit.request import check_types
 from impostor_jax.fit.result import Fit
-from impostor_jax.fit.shapes import fit_shape
+from impostor_jax.fit.shapes import fit_shape, prepare_fit
 from impostor_jax.fit.status import FitStatus
 from impostor_jax.fits.among import surest_among
 from impostor_jax.fits.facing import tested_by_facing
@@ -205,6 +210,29 @@ def _fit_cloud(
     places = [view.places for view in views]
     given = depths, cameras, masks, sigma
     return fit_shape(CYLINDER, *given, initial, asked, places, rounding)
+
+
+def prepare_points(cloud: GivenPoints, sigma: Any, asked: Options) -> None:
+    """Load or compile what `fit_points` takes from a start, for up to 4096 points.
+
+    Args:
+        cloud: The points, among which objects will be found.
+        sigma: As of `fit_points`.
+        asked: The options.
+    """
+    ends = cloud.ends - cloud.ends[0]
+    extent = max(float(np.abs(ends).max()), eps(np.float32))
+    # Parallel rays, which begin apart, where nobody tells of any.
+    starts = ends - (0.0, 0.0, extent)
+    if cloud.starts is not None:
+        starts = cloud.starts - cloud.ends[0]
+    unit = _directions(ends, starts)
+    some = np.flatnonzero(unit @ unit[0] > np.cos(np.radians(WIDEST)))[:MIN_READINGS]
+    level = extent if sigma is None else single_noise(sigma)
+    with working_precision(asked.effort.precision, ()):
+        view = _view_of(ends, starts, some, turned_to(unit[0]))
+    given = view.depth, view.camera, view.mask, level
+    prepare_fit(CYLINDER, *given, asked, cloud.rounding)
 
 
 def _fit_viewless(

@@ -29,6 +29,7 @@ from impostor_jax.fit.fittable import CYLINDER
 from impostor_jax.fit.options import Options
 from impostor_jax.fit.request import checked_prior
 from impostor_jax.fit.result import Fit
+from impostor_jax.fit.threads import in_background
 from impostor_jax.fits.given_points import (
     GivenPoints,
     as_numbers,
@@ -36,11 +37,14 @@ from impostor_jax.fits.given_points import (
     number_of,
     points_given,
 )
-from impostor_jax.fits.points import fit_points, in_one_frame
+from impostor_jax.fits.points import fit_points, in_one_frame, prepare_points
 from impostor_jax.primitives.plane import Plane
 
 MOST_LEVELS = 4
 """Of voxels, each smaller than the last."""
+
+LARGE = 20_000
+"""Points from which planes and proposals take as long as programs take to compile."""
 
 MOST_UNRESOLVED = 6.0
 """Largest radius, in spacings of a cloud, that is looked for by smaller voxels, too."""
@@ -152,6 +156,9 @@ def search_cloud(
         options: Of the fits.
         normals: At the points.
     """
+    options = options or Options()
+    if len(given.ends) >= LARGE:
+        in_background(lambda: prepare_points(given, sigma, options))
     which = np.arange(len(given.ends))
     levels: list[tuple[Cloud, Planes]] = []
     found: list[Detection] = []
@@ -166,7 +173,7 @@ def search_cloud(
         planes = planes_of(cloud)
         levels.append((cloud, planes))
         free = planes.label == 0
-        fits = _Fits(given, cloud, which, request, sigma, options or Options())
+        fits = _Fits(given, cloud, which, request, sigma, options)
         asked = dataclasses.replace(request, radius_range=(low, high))
         for candidate in searched(cloud, planes, asked):
             free[candidate.own] = False
