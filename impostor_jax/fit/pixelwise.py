@@ -43,7 +43,7 @@ class Pixelwise(eqx.Module):
 
     @staticmethod
     def of_points(
-        parts: Sequence["Pixelwise"], places: Sequence[Int[np.ndarray, " m"]]
+        parts: Sequence["Pixelwise"], places: Sequence[Int[np.ndarray, " _"]]
     ) -> "Pixelwise":
         """Of points that were fitted as images of one row.
 
@@ -55,9 +55,9 @@ class Pixelwise(eqx.Module):
         count = sum(map(len, places))
         found = []
         for part, own in zip(parts, places, strict=True):
-            at = np.asarray(part.place)
-            is_point = at < len(own)
-            found.append(np.where(is_point, own[np.where(is_point, at, 0)], count))
+            # All that only fills up lies behind the points.
+            at = np.minimum(np.asarray(part.place), len(own))
+            found.append(np.append(own, count)[at])
         residual, marks = (
             np.concatenate([np.asarray(getattr(part, name)) for part in parts])
             for name in ("residual", "marks")

@@ -230,7 +230,7 @@ def prepare_points(cloud: GivenPoints, sigma: Any, asked: Options) -> None:
     some = np.flatnonzero(unit @ unit[0] > np.cos(np.radians(WIDEST)))[:MIN_READINGS]
     level = extent if sigma is None else single_noise(sigma)
     with working_precision(asked.effort.precision, ()):
-        view = _view_of(ends, starts, some, turned_to(unit[0]))
+        view = _view_of(ends, starts, some, turned_to(unit[0]), BUCKETS[0])
     given = view.depth, view.camera, view.mask, level
     prepare_fit(CYLINDER, *given, asked, cloud.rounding)
 
@@ -365,21 +365,37 @@ def _directions(
 def _views_of(
     ends: Float[np.ndarray, "n 3"], starts: Float[np.ndarray, "n 3"]
 ) -> list[_View]:
-    """The rays in frames that look along them: one, or those of a cube's faces."""
+    """The rays in frames that look along them: one, or those of a cube's faces.
+
+    Of these six views of one form, some of which may be empty: a program serves all,
+    and no arrangement of scanners is compiled anew.
+    """
     unit = _directions(ends, starts)
     rotation = turned_to(unit.mean(axis=0))
     if in_one_frame(ends, starts):
-        return [_view_of(ends, starts, np.arange(len(ends)), rotation)]
+        every = np.arange(len(ends))
+        return [_view_of(ends, starts, every, rotation, _width_of(len(ends)))]
     around = unit @ rotation.T
     largest = np.argmax(np.abs(around), axis=1)
     negative = np.take_along_axis(around, largest[:, None], axis=1)[:, 0] < 0
     face = 2 * largest + negative
+    width = _width_of(int(np.bincount(face).max()))
     views = []
-    for number in np.unique(face):
+    for number in range(6):
         axis = rotation[number // 2] * (-1 if number % 2 else 1)
         places = np.flatnonzero(face == number)
-        views.append(_view_of(ends, starts, places, turned_to(axis)))
+        seen = places if len(places) else np.arange(1)
+        view = _view_of(ends, starts, seen, turned_to(axis), width, True)
+        if not len(places):
+            nothing = np.zeros_like(view.depth), np.zeros_like(view.mask)
+            view = view._replace(depth=nothing[0], mask=nothing[1], places=places)
+        views.append(view)
     return views
+
+
+def _width_of(count: int) -> int:
+    """Width of the image of one row that holds so many points: one of a few."""
+    return next(size for size in BUCKETS if size >= count)
 
 
 def _view_of(
@@ -387,12 +403,13 @@ def _view_of(
     starts: Float[np.ndarray, "n 3"],
     places: Int[np.ndarray, " m"],
     rotation: Float[np.ndarray, "3 3"],
+    width: int,
+    is_moving: bool = False,
 ) -> _View:
-    """Some of the rays, filled up to one of a few sizes."""
+    """Some of the rays, filled up to a width; told by where each begins if moving."""
     ends, starts = ends[places], starts[places]
     origin = _origin(ends, starts, rotation[2])
     count = len(places)
-    width = next(size for size in BUCKETS if size >= count)
     rays, begin = np.zeros((1, width, 3)), np.zeros((1, width, 3))
     rays[0, :count], begin[0, :count] = ends - starts, starts - origin
     flat = (ends - origin) @ rotation.T
@@ -404,7 +421,7 @@ def _view_of(
         rotation,
         float(spacing),
         RigidTransform(np.eye(3), origin),
-        begin if np.any(begin) else None,
+        begin if is_moving or np.any(begin) else None,
         is_image=False,
     )
     depth = (rays @ rotation.T)[..., 2].astype(camera.x.dtype)

@@ -8,7 +8,7 @@ import impostor_jax as ij
 from impostor_jax.compiling import _Kept
 from impostor_jax.fit.options import Options
 from impostor_jax.fits.given_points import points_given
-from impostor_jax.fits.points import prepare_points
+from impostor_jax.fits.points import _views_of, prepare_points
 from impostor_jax.geometry.rays import Ray
 from impostor_jax.geometry.vec3 import Vec3
 from tests.fit.scenes import CAMERA, SIGMA, can, image
@@ -192,6 +192,20 @@ def around(*degrees):
     angles = np.radians(np.repeat(degrees, 1500))
     ring = [np.cos(angles), 0 * angles + 0.1, np.sin(angles)]
     return np.asarray(can().center) + 0.5 * np.stack(ring, axis=1)
+
+
+@pytest.mark.parametrize("degrees", [(0, 120, 240), (0, 180), (0, 60, 90, 200)])
+def test_scanners_that_stand_around_are_six_views_of_one_form(degrees):
+    """No place of theirs is compiled anew."""
+    points = scanned(around(*degrees))
+    views = _views_of(points[:, :3], points[:, 3:])
+    assert len(views) == 6
+    places = np.concatenate([view.places for view in views])
+    np.testing.assert_array_equal(np.sort(places), np.arange(len(points)))
+    for view in views:
+        assert view.depth.shape == view.mask.shape == (1, 4096)
+        assert np.count_nonzero(view.mask) == len(view.places)
+        assert not view.camera.is_central
 
 
 @RELEASE
