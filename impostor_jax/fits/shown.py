@@ -14,7 +14,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool, Float, Int
 
 from impostor_jax.arguments import is_concrete, working_precision
 from impostor_jax.camera.base import AbstractCamera
@@ -26,7 +26,7 @@ from impostor_jax.find.planes import planes_of
 from impostor_jax.find.search import Request
 from impostor_jax.find.view import dense_stride, view_of
 from impostor_jax.fit.far import fitted_near
-from impostor_jax.fit.fittable import CYLINDER, Fittable, no_guess
+from impostor_jax.fit.fittable import BOX, CYLINDER, Fittable, no_guess
 from impostor_jax.fit.options import Options
 from impostor_jax.fit.outline import fit_outline
 from impostor_jax.fit.ranges import refuted_as_ranges
@@ -52,6 +52,13 @@ from impostor_jax.sensor.base import AbstractDepthNoise
 
 LARGEST = 0.5
 """Radius over the middle depth of an image, up to which a cylinder is looked for."""
+
+BORDER = 8
+"""Pixels along the border of an image of a plane that goes on beyond it: the cells that
+planes are made of."""
+
+LEAST_OF_BORDER = 0.1
+"""How many of these there are at least, over the image's width and height."""
 
 MOST_OBJECTS = 5
 """How many objects are fitted, the largest first."""
@@ -178,7 +185,7 @@ def _fit_found(
         elif kind is CYLINDER:
             masks = _surest(image, camera, sigma, options)
         else:
-            masks = _objects(image, camera, noise)
+            masks = _objects(kind, image, camera, noise)
     fits = [
         fit_shape(kind, image, camera, one, sigma, initial, options)
         for one in masks
@@ -260,17 +267,30 @@ def _reads_near(
 
 
 def _objects(
-    image: Float[np.ndarray, "h w"], camera: AbstractCamera, noise: AbstractDepthNoise
+    kind: Fittable,
+    image: Float[np.ndarray, "h w"],
+    camera: AbstractCamera,
+    noise: AbstractDepthNoise,
 ) -> list[Bool[np.ndarray, "h w"]]:
-    """Pixels of the largest objects that are no planes, as a search sees them."""
+    """Pixels of the largest objects that stand out of planes, as a search sees them."""
     view = view_of(image, camera, noise, MOST_PIXELS, dense_stride(image, 1))
     usable = view.valid & ~stray(view)
     planes = planes_of(view, usable)
+    on_plane = planes.labels > 0
+    if kind is BOX:
+        on_plane &= np.isin(planes.labels, _surroundings(planes.labels))
     fewest = -(-MIN_READINGS // view.stride**2)
-    labels = objects_of(view, usable & (planes.labels == 0), planes.noise, fewest)
+    labels = objects_of(view, usable & ~on_plane, planes.noise, fewest)
     labels = view.enlarged(labels, image.shape)
     count = min(int(labels.max(initial=0)), MOST_OBJECTS)
     return [(labels == number) & (image > 0) for number in range(1, count + 1)]
+
+
+def _surroundings(labels: Int[np.ndarray, "h w"]) -> Int[np.ndarray, " n"]:
+    """Planes that go on beyond the image; the faces of a box that is seen do not."""
+    sides = labels[:BORDER], labels[-BORDER:], labels[:, :BORDER], labels[:, -BORDER:]
+    counts = np.bincount(np.concatenate([side.ravel() for side in sides]))
+    return np.flatnonzero(counts >= LEAST_OF_BORDER * sum(labels.shape))
 
 
 @fitted_near

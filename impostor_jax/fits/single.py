@@ -218,7 +218,8 @@ def fit_box(
 
     The likelihood, the starts and the covariance are those of `fit_cylinder`, and so is
     what may be traced and differentiated. Without a mask a box is found as a frustum is
-    in `fit_frustum`.
+    in `fit_frustum`; the planes that it stands out of are those that go on beyond the
+    image.
 
     Of six faces an image shows three at most. Where another one is, the background
     beside the outline tells. What nothing tells is open: the size along such an edge is

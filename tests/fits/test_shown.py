@@ -9,6 +9,7 @@ import impostor_jax as ij
 from impostor_jax.fit.regions import DepthUnitsWarning
 from impostor_jax.fits import shown
 from tests.fit.scenes import CAMERA, SIGMA, can, image, image_of
+from tests.fit.test_box import CARTON
 from tests.fit.test_frustum import cup
 from tests.fit.test_sphere import ball
 from tests.groups import RELEASE, SMALL_IMAGES
@@ -49,6 +50,31 @@ def test_a_silo_is_looked_for_where_the_camera_stands_far_off():
     fit = ij.fit_cylinder(100 * depth, CAMERA, sigma=100 * SIGMA)
     assert fit.success
     assert abs(float(fit.cylinder.radius) - 4) < 4 * float(fit.std.radius)
+
+
+@pytest.mark.parametrize("on_table", [True, False], ids=["on a table", "in the air"])
+def test_a_box_stands_out_of_planes_that_go_on_beyond_the_image(on_table):
+    # Its own faces are planes, too.
+    depth, mask = image_of(CARTON)
+    normal = np.asarray(CARTON.rotation)[:, 1]
+    normal = normal if normal @ np.asarray(CARTON.center) < 0 else -normal
+    if on_table:
+        foot = np.asarray(CARTON.center) - normal * float(CARTON.size[1]) / 2
+        table = ij.render(ij.Plane(foot, normal), CAMERA, outputs=("depth",)).depth
+        noise = np.random.default_rng(1).normal(0, SIGMA, depth.shape)
+        depth = np.where(mask, depth, np.minimum(depth, np.asarray(table) + noise))
+    fit = ij.fit_box(depth.astype(np.float32), CAMERA, sigma=SIGMA)
+    assert fit.success
+    region = np.asarray(fit.region)
+    # All but some beside the table.
+    assert np.count_nonzero(region & mask) > 0.9 * np.count_nonzero(region | mask)
+    # Where it stands on a table is open.
+    size, std = (
+        np.asarray(x.size)[np.argsort(fit.box.size)] for x in (fit.box, fit.std)
+    )
+    known = np.isfinite(std)
+    assert np.count_nonzero(known) >= 2
+    assert np.all(np.abs(size - [0.04, 0.06, 0.1])[known] < 4 * std[known])
 
 
 def test_a_quick_fit_cuts_down_what_it_has_found():
