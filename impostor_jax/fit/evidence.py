@@ -32,7 +32,7 @@ __all__ = [
     "readings_of",
 ]
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import NamedTuple
 
@@ -417,23 +417,7 @@ def crossing_terms(
     # What all rows share does not average out: it counts as often as there are rows.
     ones = jnp.where(counts, 1, 0).astype(r.dtype)
     alike = of_all(ones)
-    # An end along rows or columns has the same place in the grid in all of them. The
-    # resultant of these places, as angles, tells: 1 of equal ones, 0 of a whole period.
-    in_row = best % 4 < 2
-
-    def in_step(values: Float[Array, " m"]) -> Float[Array, " m"]:
-        return jnp.where(
-            in_row,
-            of_all(jnp.where(in_row, values, 0)),
-            of_all(jnp.where(in_row, 0, values)),
-        )
-
-    angle = 2 * np.pi * jnp.where(counts, pick(off), 0)
-    of_cos, of_sin = (in_step(ones * part) for part in (jnp.cos(angle), jnp.sin(angle)))
-    number = in_step(ones)
-    # Of n independent places the square is 1 / n.
-    in_phase = (of_cos**2 + of_sin**2) / jnp.maximum(number, 1) - 1
-    in_phase = jnp.maximum(in_phase, 0)
+    in_phase = _in_phase(pick(off), ones, best % 4 < 2, of_all)
     bias = noise.bias
     shared = bias.edge_reach + bias.window_reach
     shared = jnp.where(is_outline, bias.outline, shared).astype(r.dtype)
@@ -467,6 +451,36 @@ def crossing_terms(
         widening=jnp.where(is_wall, 1.0, end_width).astype(r.dtype),
         end=end,
     )
+
+
+def _in_phase(
+    place: Float[Array, " m"],
+    counts: Float[Array, " m"],
+    in_row: Bool[Array, " m"],
+    of_all: Callable[[Float[Array, " m"]], Float[Array, " m"]],
+) -> Float[Array, " m"]:
+    """How many other crossings share the error of each, since a line is along the grid.
+
+    An end along rows or columns has the same place in the grid in all of them. The
+    resultant of these places, as angles, tells: 1 of equal ones, 0 of a whole period.
+
+    Args:
+        place: Where lines cross, from the middle between two pixels, over their
+            distance.
+        counts: 1 for those that count, 0 for the others.
+        in_row: Whether the two are side by side, and not one above the other.
+        of_all: Sum over all crossings of the same line.
+    """
+
+    def of_alike(values: Float[Array, " m"]) -> Float[Array, " m"]:
+        rows, cols = jnp.where(in_row, values, 0), jnp.where(in_row, 0, values)
+        return jnp.where(in_row, of_all(rows), of_all(cols))
+
+    angle = 2 * np.pi * jnp.where(counts > 0, place, 0)
+    of_cos, of_sin = (of_alike(counts * x) for x in (jnp.cos(angle), jnp.sin(angle)))
+    # Of n independent places the square is 1 / n.
+    square = (of_cos**2 + of_sin**2) / jnp.maximum(of_alike(counts), 1)
+    return jnp.maximum(square - 1, 0)
 
 
 def joined_terms(

@@ -26,7 +26,7 @@ from impostor_jax.find.planes import planes_of
 from impostor_jax.find.search import Request
 from impostor_jax.find.view import dense_stride, view_of
 from impostor_jax.fit.far import fitted_near
-from impostor_jax.fit.fittable import BOX, CYLINDER, Fittable, no_guess
+from impostor_jax.fit.fittable import CYLINDER, Fittable, no_guess
 from impostor_jax.fit.options import Options
 from impostor_jax.fit.outline import fit_outline
 from impostor_jax.fit.ranges import refuted_as_ranges
@@ -47,6 +47,9 @@ from impostor_jax.fit.result import Fit
 from impostor_jax.fit.shapes import fit_shape
 from impostor_jax.fit.surface import upper_median
 from impostor_jax.primitives.base import AbstractPrimitive
+from impostor_jax.primitives.box import Box
+from impostor_jax.primitives.frustum import Frustum
+from impostor_jax.primitives.solid import Solid
 from impostor_jax.rendering.render import render
 from impostor_jax.sensor.base import AbstractDepthNoise
 
@@ -59,6 +62,10 @@ planes are made of."""
 
 LEAST_OF_BORDER = 0.1
 """How many of these there are at least, over the image's width and height."""
+
+MOST_OF_FACE = {Box: 1.0, Frustum: 0.1, Solid: 0.1}
+"""Part of an image that a face of a box, or the end of a cup or a tube, takes: a table
+that is seen as a whole takes more. A ball has none."""
 
 MOST_OBJECTS = 5
 """How many objects are fitted, the largest first."""
@@ -276,9 +283,8 @@ def _objects(
     view = view_of(image, camera, noise, MOST_PIXELS, dense_stride(image, 1))
     usable = view.valid & ~stray(view)
     planes = planes_of(view, usable)
-    on_plane = planes.labels > 0
-    if kind is BOX:
-        on_plane &= np.isin(planes.labels, _surroundings(planes.labels))
+    around = _surroundings(planes.labels, MOST_OF_FACE.get(kind.shape, 0.0))
+    on_plane = np.isin(planes.labels, around)
     fewest = -(-MIN_READINGS // view.stride**2)
     labels = objects_of(view, usable & ~on_plane, planes.noise, fewest)
     labels = view.enlarged(labels, image.shape)
@@ -286,11 +292,20 @@ def _objects(
     return [(labels == number) & (image > 0) for number in range(1, count + 1)]
 
 
-def _surroundings(labels: Int[np.ndarray, "h w"]) -> Int[np.ndarray, " n"]:
-    """Planes that go on beyond the image; the faces of a box that is seen do not."""
+def _surroundings(labels: Int[np.ndarray, "h w"], most: float) -> Int[np.ndarray, " n"]:
+    """Planes that go on beyond the image, or are larger than an object's faces.
+
+    Args:
+        labels: Number of the plane of each pixel; 0 where there is none.
+        most: Part of the image that a face takes.
+    """
+    count = int(labels.max()) + 1
     sides = labels[:BORDER], labels[-BORDER:], labels[:, :BORDER], labels[:, -BORDER:]
-    counts = np.bincount(np.concatenate([side.ravel() for side in sides]))
-    return np.flatnonzero(counts >= LEAST_OF_BORDER * sum(labels.shape))
+    at_border = np.concatenate([side.ravel() for side in sides])
+    goes_on = np.bincount(at_border, minlength=count)
+    is_around = goes_on >= LEAST_OF_BORDER * sum(labels.shape)
+    is_around |= np.bincount(labels.ravel(), minlength=count) > most * labels.size
+    return np.flatnonzero(is_around[1:]) + 1
 
 
 @fitted_near
