@@ -26,7 +26,7 @@ from impostor_jax.find.planes import planes_of
 from impostor_jax.find.search import Request
 from impostor_jax.find.view import dense_stride, view_of
 from impostor_jax.fit.far import fitted_near
-from impostor_jax.fit.fittable import CYLINDER, Fittable, no_guess
+from impostor_jax.fit.fittable import CYLINDER, TUBE, Fittable, no_guess
 from impostor_jax.fit.options import Options
 from impostor_jax.fit.outline import fit_outline
 from impostor_jax.fit.ranges import refuted_as_ranges
@@ -46,6 +46,7 @@ from impostor_jax.fit.request import (
 from impostor_jax.fit.result import Fit
 from impostor_jax.fit.shapes import fit_shape
 from impostor_jax.fit.surface import upper_median
+from impostor_jax.opencv import cv2
 from impostor_jax.primitives.base import AbstractPrimitive
 from impostor_jax.primitives.box import Box
 from impostor_jax.primitives.frustum import Frustum
@@ -66,6 +67,10 @@ LEAST_OF_BORDER = 0.1
 MOST_OF_FACE = {Box: 1.0, Frustum: 0.1, Solid: 0.1}
 """Part of an image that a face of a box, or the end of a cup or a tube, takes: a table
 that is seen as a whole takes more. A ball has none."""
+
+WITHIN = 0.1
+"""Part of what is seen in a bore that lies within the convex hull of the rest of a
+tube, at least: a fifth of some pipes. What stands behind a tube lies outside."""
 
 MOST_OBJECTS = 5
 """How many objects are fitted, the largest first."""
@@ -287,9 +292,28 @@ def _objects(
     on_plane = np.isin(planes.labels, around)
     fewest = -(-MIN_READINGS // view.stride**2)
     labels = objects_of(view, usable & ~on_plane, planes.noise, fewest)
+    if kind is TUBE:
+        labels = _with_what_is_within(labels)
     labels = view.enlarged(labels, image.shape)
     count = min(int(labels.max(initial=0)), MOST_OBJECTS)
     return [(labels == number) & (image > 0) for number in range(1, count + 1)]
+
+
+def _with_what_is_within(labels: Int[np.ndarray, "h w"]) -> Int[np.ndarray, "h w"]:
+    """Objects together with those that are seen in their bores: a rim parts the two."""
+    told = labels.copy()
+    for number in range(1, int(labels.max(initial=0)) + 1):
+        own = told == number
+        if not own.any():
+            continue
+        hull = cv2.convexHull(np.argwhere(own)[:, ::-1].astype(np.int32))
+        inside = cv2.fillConvexPoly(own.astype(np.uint8), hull, 1) > 0
+        count = int(labels.max()) + 1
+        within = np.bincount(told[inside], minlength=count)
+        is_within = within > WITHIN * np.bincount(told.ravel(), minlength=count)
+        is_within[0] = False
+        told[is_within[told]] = number
+    return told
 
 
 def _surroundings(labels: Int[np.ndarray, "h w"], most: float) -> Int[np.ndarray, " n"]:

@@ -164,7 +164,8 @@ def fit_frustum(
     The likelihood, the starts and the covariance are those of `fit_cylinder`, and so is
     what may be traced and differentiated. Without a mask and a start, each of the
     largest objects in front of planes is fitted, and the fit that explains the most
-    readings is taken. A cylinder is fitted as a frustum whose radii
+    readings is taken; a plane of a tenth of the image or less that does not reach its
+    border is an object's end. A cylinder is fitted as a frustum whose radii
     agree to within their standard deviations; `test_taper` tells the two apart. The tip
     of a cone is an end that is not seen: the wall is reported as far as readings lie on
     it.
@@ -324,7 +325,8 @@ def fit_tube(
 
     The likelihood, the starts and the covariance are those of `fit_cylinder`, and so is
     what may be traced and differentiated. Without a mask a tube is found as a frustum
-    is in `fit_frustum`. `test_bore` tells whether a bore is there at all.
+    is in `fit_frustum`, with what is seen in its bore. `test_bore` tells whether a bore
+    is there at all.
 
     The bore goes through. Where at least 20 readings in it, and half of those that are
     not its wall's, lie at one place along the axis, they are taken for the floor of a

@@ -12,6 +12,7 @@ from tests.fit.scenes import CAMERA, SIGMA, can, image, image_of
 from tests.fit.test_box import CARTON
 from tests.fit.test_frustum import cup
 from tests.fit.test_sphere import ball
+from tests.fit.test_tube import INNER, pipe
 from tests.groups import RELEASE, SMALL_IMAGES
 
 pytestmark = SMALL_IMAGES
@@ -75,6 +76,38 @@ def test_a_box_stands_out_of_planes_that_go_on_beyond_the_image(on_table):
     known = np.isfinite(std)
     assert np.count_nonzero(known) >= 2
     assert np.all(np.abs(size - [0.04, 0.06, 0.1])[known] < 4 * std[known])
+
+
+def test_a_tube_is_found_with_what_is_seen_in_its_bore():
+    # Its rim parts the two.
+    depth, mask = image_of(pipe())
+    fit = ij.fit_tube(depth, CAMERA, sigma=SIGMA)
+    assert fit.success
+    assert abs(float(fit.tube.inner_radius) - INNER) < 4 * float(fit.std.inner_radius)
+    region = np.asarray(fit.region)
+    assert np.count_nonzero(region & mask) > 0.9 * np.count_nonzero(region | mask)
+
+
+def test_what_lies_in_the_hull_of_a_thing_is_seen_in_its_bore():
+    labels = np.zeros((40, 40), int)
+    # Like a horseshoe; what it holds, half of it outside; and what stands beside.
+    labels[5:20, 5:20] = 1
+    labels[10:25, 9:16] = 0
+    labels[12:30, 10:15] = 2
+    labels[21:30, 25:35] = 3
+    found = shown._with_what_is_within(labels)
+    np.testing.assert_array_equal(found == 1, (labels == 1) | (labels == 2))
+    np.testing.assert_array_equal(found == 3, labels == 3)
+
+
+def test_the_end_of_a_cup_is_no_plane_that_it_stands_out_of():
+    labels = np.full((80, 120), 1)
+    labels[20:40, 40:60] = 2
+    labels[44:68, 20:100] = 3
+    # The third is too large for an end, and for no face of a box.
+    assert shown._surroundings(labels, 0.1).tolist() == [1, 3]
+    assert shown._surroundings(labels, 1.0).tolist() == [1]
+    assert shown._surroundings(labels, 0.0).tolist() == [1, 2, 3]
 
 
 def test_a_quick_fit_cuts_down_what_it_has_found():
