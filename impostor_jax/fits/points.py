@@ -384,12 +384,14 @@ def _views_of(
     for number in range(6):
         axis = rotation[number // 2] * (-1 if number % 2 else 1)
         places = np.flatnonzero(face == number)
-        seen = places if len(places) else np.arange(1)
-        view = _view_of(ends, starts, seen, turned_to(axis), width, True)
-        if not len(places):
-            nothing = np.zeros_like(view.depth), np.zeros_like(view.mask)
-            view = view._replace(depth=nothing[0], mask=nothing[1], places=places)
-        views.append(view)
+        to_face = turned_to(axis), width, True
+        if len(places):
+            views.append(_view_of(ends, starts, places, *to_face))
+            continue
+        ahead = starts[:1] + axis
+        view = _view_of(ahead, starts[:1], np.arange(1), *to_face)
+        blank, no = np.zeros_like(view.depth), np.zeros_like(view.mask)
+        views.append(view._replace(depth=blank, mask=no, places=places))
     return views
 
 

@@ -302,7 +302,7 @@ def _objects(
 def _with_what_is_within(labels: Int[np.ndarray, "h w"]) -> Int[np.ndarray, "h w"]:
     """Objects together with those that are seen in their bores: a rim parts the two."""
     told = labels.copy()
-    for number in range(1, int(labels.max(initial=0)) + 1):
+    for number in range(1, min(int(labels.max(initial=0)), MOST_OBJECTS) + 1):
         own = told == number
         if not own.any():
             continue
