@@ -22,9 +22,9 @@ from impostor_jax.effort import MIN_READINGS
 from impostor_jax.find.cylinders import MOST_PIXELS, find_cylinders
 from impostor_jax.find.normals import stray
 from impostor_jax.find.objects import objects_of
-from impostor_jax.find.planes import planes_of
+from impostor_jax.find.planes import PlaneRegions, planes_of
 from impostor_jax.find.search import Request
-from impostor_jax.find.view import dense_stride, view_of
+from impostor_jax.find.view import View, dense_stride, view_of
 from impostor_jax.fit.far import fitted_near
 from impostor_jax.fit.fittable import CYLINDER, TUBE, Fittable, no_guess
 from impostor_jax.fit.options import Options
@@ -45,7 +45,7 @@ from impostor_jax.fit.request import (
 )
 from impostor_jax.fit.result import Fit
 from impostor_jax.fit.shapes import fit_shape
-from impostor_jax.fit.surface import upper_median
+from impostor_jax.fit.surface import cropped, upper_median
 from impostor_jax.opencv import cv2
 from impostor_jax.primitives.base import AbstractPrimitive
 from impostor_jax.primitives.box import Box
@@ -63,6 +63,16 @@ planes are made of."""
 
 LEAST_OF_BORDER = 0.1
 """How many of these there are at least, over the image's width and height."""
+
+BESIDE = 4
+"""Pixels beside a plane in which what stands on it begins."""
+
+IN_FRONT, LEAST_IN_FRONT = 5.0, 20
+"""Standard deviations from which readings there lie in front of it, and how many do."""
+
+STEEPEST = 4.0
+"""Widths of a pixel by which they rise in one pixel at most: what rises more hides the
+plane, and does not stand on it."""
 
 MOST_OF_FACE = {Box: 1.0, Frustum: 0.1, Solid: 0.1}
 """Part of an image that a face of a box, or the end of a cup or a tube, takes: a table
@@ -288,7 +298,7 @@ def _objects(
     view = view_of(image, camera, noise, MOST_PIXELS, dense_stride(image, 1))
     usable = view.valid & ~stray(view)
     planes = planes_of(view, usable)
-    around = _surroundings(planes.labels, MOST_OF_FACE.get(kind.shape, 0.0))
+    around = _surroundings(view, planes, MOST_OF_FACE.get(kind.shape, 0.0))
     on_plane = np.isin(planes.labels, around)
     fewest = -(-MIN_READINGS // view.stride**2)
     labels = objects_of(view, usable & ~on_plane, planes.noise, fewest)
@@ -316,20 +326,62 @@ def _with_what_is_within(labels: Int[np.ndarray, "h w"]) -> Int[np.ndarray, "h w
     return told
 
 
-def _surroundings(labels: Int[np.ndarray, "h w"], most: float) -> Int[np.ndarray, " n"]:
-    """Planes that go on beyond the image, or are larger than an object's faces.
+def _surroundings(view: View, planes: PlaneRegions, most: float) -> list[int]:
+    """Planes that an object stands out of, and that are no faces of one.
+
+    They go on beyond the image, are larger than a face, or something stands on them:
+    what is seen beside a face of a box or the end of a cup lies behind it.
 
     Args:
-        labels: Number of the plane of each pixel; 0 where there is none.
+        view: What is looked at.
+        planes: That it shows.
         most: Part of the image that a face takes.
     """
-    count = int(labels.max()) + 1
+    labels, found = planes.labels, []
+    counts = np.bincount(labels.ravel(), minlength=len(planes.planes) + 1)
     sides = labels[:BORDER], labels[-BORDER:], labels[:, :BORDER], labels[:, -BORDER:]
     at_border = np.concatenate([side.ravel() for side in sides])
-    goes_on = np.bincount(at_border, minlength=count)
-    is_around = goes_on >= LEAST_OF_BORDER * sum(labels.shape)
-    is_around |= np.bincount(labels.ravel(), minlength=count) > most * labels.size
-    return np.flatnonzero(is_around[1:]) + 1
+    goes_on = np.bincount(at_border, minlength=len(counts))
+    least = LEAST_OF_BORDER * sum(labels.shape)
+    # Of two that meet in a corner the larger is what the other stands on.
+    for number in 1 + np.argsort(-counts[1:], kind="stable"):
+        is_around = goes_on[number] >= least or counts[number] > most * labels.size
+        if is_around or _carries(view, planes, int(number), found):
+            found.append(int(number))
+    return found
+
+
+def _carries(
+    view: View, planes: PlaneRegions, number: int, around: Sequence[int]
+) -> bool:
+    """Whether beside a plane there is something in front that begins on it.
+
+    Args:
+        view: What is looked at.
+        planes: That it shows.
+        number: Of the plane.
+        around: Planes that are no object's.
+    """
+    own = planes.labels == number
+    rows, cols = cropped(own, margin=BESIDE)
+    own, labels = own[rows, cols], planes.labels[rows, cols]
+    square = np.ones((2 * BESIDE + 1,) * 2, np.uint8)
+    beside = cv2.dilate(own.view(np.uint8), square).view(bool) & ~own
+    beside &= view.valid[rows, cols] & ~np.isin(labels, around)
+    place = np.flatnonzero(beside)
+    x, y, linear, sigma, depth = (
+        np.asarray(part[rows, cols], float).ravel()[place]
+        for part in (view.x, view.y, view.linear, view.linear_sigma, view.depth)
+    )
+    slope_x, slope_y, value = planes.planes[number - 1]
+    nearer = linear - (slope_x * x + slope_y * y + value)
+    if not view.is_central:
+        nearer = -nearer
+    # Inverse depth moves by that over the squared depth, depth itself by as much.
+    rises = nearer * depth**2 if view.is_central else nearer
+    in_front = nearer > IN_FRONT * planes.noise * sigma
+    in_front &= rises < STEEPEST * BESIDE * view.width(depth)
+    return bool(np.count_nonzero(in_front) >= LEAST_IN_FRONT)
 
 
 @fitted_near

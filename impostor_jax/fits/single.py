@@ -165,10 +165,10 @@ def fit_frustum(
     what may be traced and differentiated. Without a mask and a start, each of the
     largest objects in front of planes is fitted, and the fit that explains the most
     readings is taken; a plane of a tenth of the image or less that does not reach its
-    border is an object's end. A cylinder is fitted as a frustum whose radii
-    agree to within their standard deviations; `test_taper` tells the two apart. The tip
-    of a cone is an end that is not seen: the wall is reported as far as readings lie on
-    it.
+    border, and on which nothing stands, is an object's end. A cylinder is fitted as a
+    frustum whose radii agree to within their standard deviations; `test_taper` tells
+    the two apart. The tip of a cone is an end that is not seen: the wall is reported as
+    far as readings lie on it.
 
     Args:
         depth: (H, W), or a list, as in `fit_cylinder`, or None.
@@ -220,7 +220,7 @@ def fit_box(
     The likelihood, the starts and the covariance are those of `fit_cylinder`, and so is
     what may be traced and differentiated. Without a mask a box is found as a frustum is
     in `fit_frustum`; the planes that it stands out of are those that go on beyond the
-    image.
+    image, and those on which something stands.
 
     Of six faces an image shows three at most. Where another one is, the background
     beside the outline tells. What nothing tells is open: the size along such an edge is

@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 
 import impostor_jax as ij
+from impostor_jax.find.planes import planes_of
+from impostor_jax.find.view import view_of
 from impostor_jax.fit.regions import DepthUnitsWarning
 from impostor_jax.fits import shown
 from tests.fit.scenes import CAMERA, SIGMA, can, image, image_of
@@ -100,14 +102,30 @@ def test_what_lies_in_the_hull_of_a_thing_is_seen_in_its_bore():
     np.testing.assert_array_equal(found == 3, labels == 3)
 
 
-def test_the_end_of_a_cup_is_no_plane_that_it_stands_out_of():
-    labels = np.full((80, 120), 1)
-    labels[20:40, 40:60] = 2
-    labels[44:68, 20:100] = 3
-    # The third is too large for an end, and for no face of a box.
-    assert shown._surroundings(labels, 0.1).tolist() == [1, 3]
-    assert shown._surroundings(labels, 1.0).tolist() == [1]
-    assert shown._surroundings(labels, 0.0).tolist() == [1, 2, 3]
+def test_what_something_stands_on_is_no_face_of_it():
+    """A table that is seen as a whole is a box, too, and the larger one."""
+    normal = np.asarray(CARTON.rotation)[:, 1]
+    normal = normal if normal @ np.asarray(CARTON.center) < 0 else -normal
+    foot = np.asarray(CARTON.center) - normal * (float(CARTON.size[1]) / 2 + 0.01)
+    table = ij.Box(foot, CARTON.rotation, (0.16, 0.02, 0.18))
+    # Planes are made of cells of 8 x 8 pixels.
+    camera = ij.PinholeCamera(900.0, 900.0, 479.5, 359.5, 960, 720)
+    parts = [
+        np.asarray(ij.render(shape, camera, outputs=("depth",)).depth)
+        for shape in (CARTON, table)
+    ]
+    depth = np.min([*parts, np.full(parts[0].shape, 0.6)], axis=0)
+    mask, around = (depth == part for part in parts)
+    noise = np.random.default_rng(0).normal(0, SIGMA, depth.shape)
+    noisy = (depth + noise).astype(np.float32)
+    view = view_of(noisy, camera, ij.ConstantNoise(SIGMA), depth.size)
+    planes = planes_of(view, view.valid)
+    found = np.isin(planes.labels, shown._surroundings(view, planes, 1.0))
+    # The table's upper side, and the wall behind.
+    assert np.mean(found[around]) > 0.6
+    assert np.mean(found[~mask & ~around]) > 0.8
+    assert np.mean(planes.labels[mask] > 0) > 0.5
+    assert np.mean(found[mask]) < 0.1
 
 
 def test_a_quick_fit_cuts_down_what_it_has_found():
