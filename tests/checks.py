@@ -5,6 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from experiments.oracle import claims
+from impostor_jax.compiling import _Kept
 
 AS_USERS_RUN = claims.AS_USERS_RUN
 
@@ -29,6 +30,20 @@ def angle_between(first, second) -> float:
     first, second = np.asarray(first, float), np.asarray(second, float)
     sine = np.linalg.norm(np.cross(first, second))
     return float(np.degrees(np.arctan2(sine, abs(first @ second))))
+
+
+def prepared_by(monkeypatch) -> list:
+    """Where programs will be noted that are prepared from here on, and not made.
+
+    Each with the key that its parts have it by.
+    """
+    asked = []
+    monkeypatch.setattr(
+        _Kept,
+        "prepare",
+        lambda self, *given: asked.append((self, self._asked(given, {})[2])),
+    )
+    return asked
 
 
 def all_finite(tree) -> bool:

@@ -255,8 +255,8 @@ def assess(problem: Problem, solution: Solution, correlated: bool) -> Assessment
         told = terms.augmented, rests[-1], tells
         given = into, root, pull_of_others, widening
         between = between_views(problem, *told, *given)
-        alone = jnp.where(inlier, between.residual, 0)
-        rests = jnp.concatenate([rests, alone[None]])
+        of_each_view = jnp.where(inlier, between.residual, 0)
+        rests = jnp.concatenate([rests, of_each_view[None]])
     biases = [view.noise.bias for view in views]
     leans = any(b.lean is not None for b in biases)
     shares_errors = bool(

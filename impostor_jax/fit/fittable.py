@@ -78,6 +78,9 @@ class Fittable:
         closed: Of a shape with a bore, what it is without, where none is seen.
         foreign: Which pixels of a region are not of the shape, by its estimate, as
             those of a floor; None where it looks for none.
+        most_of_face: Part of an image that one of its plane faces takes at most, where
+            no mask tells: a table that is seen as a whole takes more. 0 of what has
+            none.
     """
 
     shape: type[AbstractPrimitive]
@@ -88,6 +91,7 @@ class Fittable:
     most_tolerance: float = np.inf
     closed: Callable[[Any], Any] | None = None
     foreign: Callable[..., Bool[np.ndarray, "h w"]] | None = None
+    most_of_face: float = 0.0
 
     @property
     def expectable(self) -> tuple[str, ...]:
@@ -169,6 +173,7 @@ FRUSTUM = Fittable(
     # A taper settles slowly: with five times it 1 of 200 cups at 3 mm of noise ended 20
     # standard deviations away.
     most_tolerance=STAGE_TOLERANCE,
+    most_of_face=0.1,
 )
 SPHERE = Fittable(
     shape=Sphere,
@@ -185,6 +190,7 @@ TUBE = Fittable(
     nothing=CYLINDER.nothing | {"inner_radius": 0},
     closed=closed,
     foreign=floor_pixels,
+    most_of_face=0.1,
 )
 BOX = Fittable(
     shape=Box,
@@ -192,6 +198,7 @@ BOX = Fittable(
     guess=guess_boxes,
     parameters=("center", "rotation", "size"),
     nothing={"center": (0, 0, 0), "frame": np.eye(3), "half": (0, 0, 0)},
+    most_of_face=1.0,
 )
 KINDS = {kind.shape: kind for kind in (BOX, CYLINDER, FRUSTUM, SPHERE, TUBE)}
 """What can be fitted, by its primitive."""

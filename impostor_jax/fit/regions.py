@@ -12,6 +12,7 @@ __all__ = [
     "jump_reach",
     "most_readings",
     "pixel_indices",
+    "places_for",
     "sigma_between",
     "sigma_face_on",
     "takes_all",
@@ -248,6 +249,11 @@ def chosen_pixels(
     return found
 
 
+def places_for(count: int) -> int:
+    """Size of a list that holds so many readings: one of `BUCKETS`."""
+    return next(size for size in BUCKETS if size >= count)
+
+
 def pixel_indices(
     region: Bool[np.ndarray, "h w"], most: int | None = None, least: int = 0
 ) -> tuple[Int[np.ndarray, " n"], Int[np.ndarray, " n"]]:
@@ -265,7 +271,7 @@ def pixel_indices(
     # On a whole image a tenth of the time of `np.nonzero`.
     index = np.flatnonzero(region[box])
     count = len(index)
-    size = next(size for size in BUCKETS if size >= max(count, least))
+    size = places_for(max(count, least))
     if most is not None:
         size = min(size, -(-most // BLOCK) * BLOCK)
     is_some = np.zeros(count, bool)

@@ -29,7 +29,7 @@ from impostor_jax.effort import MIN_READINGS, Effort
 from impostor_jax.fit.fittable import CYLINDER, no_guess
 from impostor_jax.fit.measured import NOT_MEASURED
 from impostor_jax.fit.options import Errors, MaskMeaning, Options, Scale
-from impostor_jax.fit.regions import BUCKETS, DepthUnitsWarning
+from impostor_jax.fit.regions import BUCKETS, DepthUnitsWarning, places_for
 from impostor_jax.fit.request import check_types
 from impostor_jax.fit.result import Fit
 from impostor_jax.fit.shapes import fit_shape, prepare_fit
@@ -222,9 +222,10 @@ def prepare_points(cloud: GivenPoints, sigma: Any, asked: Options) -> None:
     """
     ends = cloud.ends - cloud.ends[0]
     extent = max(float(np.abs(ends).max()), eps(np.float32))
-    # Parallel rays, which begin apart, where nobody tells of any.
-    starts = ends - (0.0, 0.0, extent)
-    if cloud.starts is not None:
+    if cloud.starts is None:
+        # Parallel rays, which begin apart, stand for those that nobody tells of.
+        starts = ends - (0.0, 0.0, extent)
+    else:
         starts = cloud.starts - cloud.ends[0]
     unit = _directions(ends, starts)
     some = np.flatnonzero(unit @ unit[0] > np.cos(np.radians(WIDEST)))[:MIN_READINGS]
@@ -374,12 +375,12 @@ def _views_of(
     rotation = turned_to(unit.mean(axis=0))
     if in_one_frame(ends, starts):
         every = np.arange(len(ends))
-        return [_view_of(ends, starts, every, rotation, _width_of(len(ends)))]
+        return [_view_of(ends, starts, every, rotation, places_for(len(ends)))]
     around = unit @ rotation.T
     largest = np.argmax(np.abs(around), axis=1)
     negative = np.take_along_axis(around, largest[:, None], axis=1)[:, 0] < 0
     face = 2 * largest + negative
-    width = _width_of(int(np.bincount(face).max()))
+    width = places_for(int(np.bincount(face).max()))
     views = []
     for number in range(6):
         axis = rotation[number // 2] * (-1 if number % 2 else 1)
@@ -393,11 +394,6 @@ def _views_of(
         blank, no = np.zeros_like(view.depth), np.zeros_like(view.mask)
         views.append(view._replace(depth=blank, mask=no, places=places))
     return views
-
-
-def _width_of(count: int) -> int:
-    """Width of the image of one row that holds so many points: one of a few."""
-    return next(size for size in BUCKETS if size >= count)
 
 
 def _view_of(

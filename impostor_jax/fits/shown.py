@@ -26,7 +26,7 @@ from impostor_jax.find.planes import PlaneRegions, planes_of
 from impostor_jax.find.search import Request
 from impostor_jax.find.view import View, dense_stride, view_of
 from impostor_jax.fit.far import fitted_near
-from impostor_jax.fit.fittable import CYLINDER, TUBE, Fittable, no_guess
+from impostor_jax.fit.fittable import CYLINDER, Fittable, no_guess
 from impostor_jax.fit.options import Options
 from impostor_jax.fit.outline import fit_outline
 from impostor_jax.fit.ranges import refuted_as_ranges
@@ -48,9 +48,6 @@ from impostor_jax.fit.shapes import fit_shape
 from impostor_jax.fit.surface import cropped, upper_median
 from impostor_jax.opencv import cv2
 from impostor_jax.primitives.base import AbstractPrimitive
-from impostor_jax.primitives.box import Box
-from impostor_jax.primitives.frustum import Frustum
-from impostor_jax.primitives.solid import Solid
 from impostor_jax.rendering.render import render
 from impostor_jax.sensor.base import AbstractDepthNoise
 
@@ -73,10 +70,6 @@ IN_FRONT, LEAST_IN_FRONT = 5.0, 20
 STEEPEST = 4.0
 """Widths of a pixel by which they rise in one pixel at most: what rises more hides the
 plane, and does not stand on it."""
-
-MOST_OF_FACE = {Box: 1.0, Frustum: 0.1, Solid: 0.1}
-"""Part of an image that a face of a box, or the end of a cup or a tube, takes: a table
-that is seen as a whole takes more. A ball has none."""
 
 WITHIN = 0.1
 """Part of what is seen in a bore that lies within the convex hull of the rest of a
@@ -298,11 +291,11 @@ def _objects(
     view = view_of(image, camera, noise, MOST_PIXELS, dense_stride(image, 1))
     usable = view.valid & ~stray(view)
     planes = planes_of(view, usable)
-    around = _surroundings(view, planes, MOST_OF_FACE.get(kind.shape, 0.0))
+    around = _surroundings(view, planes, kind.most_of_face)
     on_plane = np.isin(planes.labels, around)
     fewest = -(-MIN_READINGS // view.stride**2)
     labels = objects_of(view, usable & ~on_plane, planes.noise, fewest)
-    if kind is TUBE:
+    if kind.closed is not None:
         labels = _with_what_is_within(labels)
     labels = view.enlarged(labels, image.shape)
     count = min(int(labels.max(initial=0)), MOST_OBJECTS)
@@ -335,7 +328,7 @@ def _surroundings(view: View, planes: PlaneRegions, most: float) -> list[int]:
     Args:
         view: What is looked at.
         planes: That it shows.
-        most: Part of the image that a face takes.
+        most: Part of the image that a face takes, as of `Fittable`.
     """
     labels, found = planes.labels, []
     counts = np.bincount(labels.ravel(), minlength=len(planes.planes) + 1)
@@ -371,15 +364,13 @@ def _carries(
     place = np.flatnonzero(beside)
     x, y, linear, sigma, depth = (
         np.asarray(part[rows, cols], float).ravel()[place]
-        for part in (view.x, view.y, view.linear, view.linear_sigma, view.depth)
+        for part in (view.x, view.y, view.linear, view.sigma, view.depth)
     )
     slope_x, slope_y, value = planes.planes[number - 1]
-    nearer = linear - (slope_x * x + slope_y * y + value)
-    if not view.is_central:
-        nearer = -nearer
-    # Inverse depth moves by that over the squared depth, depth itself by as much.
-    rises = nearer * depth**2 if view.is_central else nearer
-    in_front = nearer > IN_FRONT * planes.noise * sigma
+    # In meters: of an inverse depth they are its own times the squared depth.
+    meters = depth**2 if view.is_central else -1.0
+    rises = (linear - (slope_x * x + slope_y * y + value)) * meters
+    in_front = rises > IN_FRONT * planes.noise * sigma
     in_front &= rises < STEEPEST * BESIDE * view.width(depth)
     return bool(np.count_nonzero(in_front) >= LEAST_IN_FRONT)
 

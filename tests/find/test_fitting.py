@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 import impostor_jax as ij
-from impostor_jax.compiling import _Kept
 from impostor_jax.find import fitting
 from impostor_jax.fit.options import Options
+from tests.checks import prepared_by
 from tests.find.scenes import ORTHOGRAPHIC
 from tests.fit.scenes import CAMERA, SIGMA, image
 from tests.groups import SMALL_IMAGES
@@ -31,14 +31,9 @@ def test_a_fit_of_parallel_rays_forgets_the_camera_that_stood_in(monkeypatch):
 def test_what_is_prepared_is_what_fits_take(monkeypatch, sigma):
     depth, mask = image()
     ij.fit_cylinder(depth, CAMERA, mask, sigma)
-    asked = []
+    asked = prepared_by(monkeypatch)
     monkeypatch.setattr(fitting, "_PREPARED", set())
     monkeypatch.setattr(fitting, "in_background", lambda function: function())
-    monkeypatch.setattr(
-        _Kept,
-        "prepare",
-        lambda self, *given: asked.append((self, self._asked(given, {})[2])),
-    )
     noise, options = ij.ConstantNoise(SIGMA), Options()
     fitter = fitting.Fitter.of(depth, CAMERA, noise, sigma, options)
     fitter.prepare()

@@ -4,14 +4,7 @@ import pytest
 from scipy import stats
 
 from impostor_jax.fit.between_views import disagreement, moved_by_views
-
-ROWS, COORDINATES = 400, 5
-
-
-def products(jacobian, residual):
-    """Products of a view's terms of Jacobian and residual."""
-    terms = np.concatenate([jacobian, residual[None]])
-    return terms @ terms.T
+from tests.fit.test_agreement import COORDINATES, ROWS, products
 
 
 def between(move, noise=1.0, count=200):
@@ -31,7 +24,8 @@ def between(move, noise=1.0, count=200):
         estimate = covariance @ np.einsum("vik,vk->i", jacobian, data)
         left = data - np.einsum("vik,i->vk", jacobian, estimate)
         parts = [
-            jnp.asarray(products(a, one)) for a, one in zip(jacobian, left, strict=True)
+            jnp.asarray(products(a, one, True))
+            for a, one in zip(jacobian, left, strict=True)
         ]
         given = jnp.zeros(COORDINATES), jnp.ones(()), root
         found.append(float(disagreement(moved_by_views(parts, *given))))

@@ -5,12 +5,12 @@ import numpy as np
 import pytest
 
 import impostor_jax as ij
-from impostor_jax.compiling import _Kept
 from impostor_jax.fit.options import Options
 from impostor_jax.fits.given_points import points_given
 from impostor_jax.fits.points import _views_of, prepare_points
 from impostor_jax.geometry.rays import Ray
 from impostor_jax.geometry.vec3 import Vec3
+from tests.checks import prepared_by
 from tests.fit.scenes import CAMERA, SIGMA, can, image
 from tests.groups import FULL, OF_POINTS, RELEASE
 from tests.schemas import validator
@@ -79,13 +79,9 @@ def test_points_have_no_page(seen):
 
 @pytest.mark.parametrize("origin", [(0, 0, 0), None], ids=["one place", "none"])
 def test_what_is_prepared_is_what_fits_to_points_take(monkeypatch, seen, origin):
-    points, asked = points_of(*seen), []
+    points = points_of(*seen)
     of_points(points, origin)
-    monkeypatch.setattr(
-        _Kept,
-        "prepare",
-        lambda self, *given: asked.append((self, self._asked(given, {})[2])),
-    )
+    asked = prepared_by(monkeypatch)
     prepare_points(points_given(points, origin), SIGMA, Options())
     assert len(asked) == 2
     assert all(key in part.programs for part, key in asked)

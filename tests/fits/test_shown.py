@@ -34,6 +34,12 @@ def beside(*shapes):
     return depth, [mask & (depth == own) for own, mask in seen]
 
 
+def upper_side():
+    """Normal of a face of the carton that the camera sees; on the other it stands."""
+    normal = np.asarray(CARTON.rotation)[:, 1]
+    return normal if normal @ np.asarray(CARTON.center) < 0 else -normal
+
+
 def test_the_surest_cylinder_is_fitted():
     depth, mask = image()
     fit = ij.fit_cylinder(depth, CAMERA, sigma=SIGMA)
@@ -59,8 +65,7 @@ def test_a_silo_is_looked_for_where_the_camera_stands_far_off():
 def test_a_box_stands_out_of_planes_that_go_on_beyond_the_image(on_table):
     # Its own faces are planes, too.
     depth, mask = image_of(CARTON)
-    normal = np.asarray(CARTON.rotation)[:, 1]
-    normal = normal if normal @ np.asarray(CARTON.center) < 0 else -normal
+    normal = upper_side()
     if on_table:
         foot = np.asarray(CARTON.center) - normal * float(CARTON.size[1]) / 2
         table = ij.render(ij.Plane(foot, normal), CAMERA, outputs=("depth",)).depth
@@ -104,8 +109,7 @@ def test_what_lies_in_the_hull_of_a_thing_is_seen_in_its_bore():
 
 def test_what_something_stands_on_is_no_face_of_it():
     """A table that is seen as a whole is a box, too, and the larger one."""
-    normal = np.asarray(CARTON.rotation)[:, 1]
-    normal = normal if normal @ np.asarray(CARTON.center) < 0 else -normal
+    normal = upper_side()
     foot = np.asarray(CARTON.center) - normal * (float(CARTON.size[1]) / 2 + 0.01)
     table = ij.Box(foot, CARTON.rotation, (0.16, 0.02, 0.18))
     # Planes are made of cells of 8 x 8 pixels.
