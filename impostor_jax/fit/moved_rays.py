@@ -253,7 +253,9 @@ def _by_points(rays: _Rays, squares: Numbers) -> _Law:
     h = jnp.clip(rays.q - squares / 2, 0, rays.radius)
     for _ in range(ROUNDS):
         own, other = parts(h)
-        h = jnp.clip(rays.q - squares * safe_divide(other, own + other), 0, rays.radius)
+        # An error across the ray, in its plane with the axis, moves the place along it.
+        aside = other - rays.across * rays.slant * h
+        h = jnp.clip(rays.q - squares * safe_divide(aside, own + other), 0, rays.radius)
     own, other = parts(h)
     return _Law(
         mean=rays.along + rays.across * bends,
