@@ -49,7 +49,7 @@ from impostor_jax.fit.problem import Edge, Pixels, Problem, View, sigma_of
 from impostor_jax.geometry.vec3 import Vec3
 from impostor_jax.numerics import Numbers, safe_divide, safe_sqrt
 from impostor_jax.sensor.base import AbstractDepthNoise
-from impostor_jax.sensor.bias import is_none
+from impostor_jax.sensor.bias import Bias, is_none
 from impostor_jax.sensor.matching_window import STEEPEST
 
 FOLD = 3.0
@@ -74,6 +74,11 @@ OWN_VOTES = 4.0
 
 CLEAR = 1 / 3
 """Part of the radius, from its outline, beyond which every reading is used."""
+
+BESIDE_EDGE = 1.5
+"""Errors across its ray within which a region that was made from readings, or was not,
+may stop beside the object: a pixel that sees past it is left out, and none that sees it
+from beyond is let in, so that 0.5 pixels moved the ends of 0.35."""
 
 AT_RIM = 3.0
 """Errors across its ray up to which a reading beside a rim may be of either side."""
@@ -342,8 +347,8 @@ def crossing_terms(
     before a level camera. A region's edge is no more exact than the sensor: readings
     that mix both sides of a jump are left out of one that was made from readings, all
     along. So there its place is uniform within `edge_reach` and `window_reach` pixels
-    of that, too, and off by as much in all rows; of an outline, within the sensor's
-    `outline` pixels.
+    of that, too, and within what rays err by, and off by as much in all rows; of an
+    outline, within the sensor's `outline` pixels.
     The wall's edge is straight, so along an image direction it may have the same place
     in the grid in all of them: there the interval alone counts, and all within it are
     as likely. It counts where the region is an outline; that every pixel of a region
@@ -443,6 +448,8 @@ def crossing_terms(
     in_phase = _in_phase(pick(off), ones, best % 4 < 2, of_all)
     bias = noise.bias
     shared = bias.edge_reach + bias.window_reach
+    if not bias.has_exact_rays:
+        shared += BESIDE_EDGE * _across_in_pixels(pixels, bias)
     shared = jnp.where(is_outline, bias.outline, shared).astype(r.dtype)
     if bias.lean is not None:
         # All within are as likely, with that standard deviation.
@@ -474,6 +481,16 @@ def crossing_terms(
         widening=jnp.where(is_wall, 1.0, end_width).astype(r.dtype),
         end=end,
     )
+
+
+def _across_in_pixels(pixels: Pixels, bias: Bias) -> Float[Array, " m"]:
+    """Error across its ray of each reading at an edge, over the distance of rays."""
+    d = pixels.direction
+    aside = [jnp.abs(x[1:] - x[:1]) for x in (d.x, d.y, d.z)]
+    width = jnp.max(jnp.hypot(jnp.hypot(aside[0], aside[1]), aside[2]), axis=0)
+    depth = pixels.depth[0]
+    across = bias.across_at(depth * jnp.sqrt(d.dot(d)[0]))
+    return safe_divide(across, width * depth)
 
 
 def _in_phase(
