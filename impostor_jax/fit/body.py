@@ -352,13 +352,17 @@ class AbstractBody(eqx.Module):
         """Squared radius of the wall where rays see it."""
 
     @abc.abstractmethod
-    def moved_across(self, passing: Passing, square: Numbers) -> Passing:
+    def moved_across(
+        self, passing: Passing, square: Numbers, slide: Numbers
+    ) -> Passing:
         """The same of rays moved across themselves, by the least that does it.
 
         Args:
             passing: How the rays pass the body.
             square: Squared half-chord of the moved ones. It is at most that of a ray
                 through the axis, or the center.
+            slide: How far they are moved along the axis, too, in steps of what the ray
+                goes along it for one of its parameter.
         """
 
     @abc.abstractmethod

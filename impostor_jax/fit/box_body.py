@@ -296,7 +296,9 @@ class BoxBody(AbstractBody):
         return self.radius**2 * jnp.ones_like(passing.square)
 
     @override
-    def moved_across(self, passing: Passing, square: Numbers) -> Passing:
+    def moved_across(
+        self, passing: Passing, square: Numbers, slide: Numbers
+    ) -> Passing:
         # All that it has are faces, which do not bend.
         return passing
 

@@ -16,8 +16,10 @@ than c^2 less that. It is so for each ray, wherever a mask ends.
 Points are chosen by where they lie, however dense: the expectation of F is s^2 + a^2,
 given the true point. Nobody knows that. Taken from the ray alone, h follows the error
 across it, and from the reading alone the error along it; both bias a radius. The
-likeliest point, which shares F in the ratio of the two parts of its variance, is not
-correlated with F, to first order.
+likeliest point, which shares F in the ratio of the parts of its variance, is not
+correlated with F, to first order. An error across the ray in its plane with the axis
+moves a reading along both: the first as one along the ray does, and the second against
+that, so that the likeliest point lies off the ray, along the axis.
 
 With a = 0 both are the comparison of exact rays; with a = s the latter is of orthogonal
 distances, without its bias of second order. The former, of points, is wrong where they
@@ -175,7 +177,10 @@ def moved_rays(
 
     def by_points() -> tuple[_Law, Passing]:
         law = _by_points(rays, squares)
-        return law, body.moved_across(seen, law.h)
+        share = safe_divide(across * inverse * squares, 2 * law.variance)
+        return law, body.moved_across(
+            seen, law.h, -seen.sign * safe_sqrt(law.h) * share
+        )
 
     law, passing = jax.lax.cond(is_image, by_rays, by_points)
     squares = squares + law.mean

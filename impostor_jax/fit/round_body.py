@@ -416,12 +416,15 @@ class RoundBody(AbstractBody):
         return (r + self.slope * passing.along) ** 2
 
     @override
-    def moved_across(self, passing: Passing, square: Numbers) -> Passing:
+    def moved_across(
+        self, passing: Passing, square: Numbers, slide: Numbers
+    ) -> Passing:
         (o1, o2, _), (e1, e2, _) = _in_frame(passing)
         n = passing.nearest
         x1, x2 = o1 + n * e1, o2 + n * e2
         more = shift_to(passing, x1 * x1 + x2 * x2, square)
-        origin = Vec3(o1 + more * x1, o2 + more * x2, passing.local.origin.z)
+        start, step = passing.local.origin.z, passing.local.direction.z
+        origin = Vec3(o1 + more * x1, o2 + more * x2, start + slide * step)
         return eqx.tree_at(
             lambda p: (p.local.origin, p.square), passing, (origin, square)
         )

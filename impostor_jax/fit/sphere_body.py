@@ -159,7 +159,9 @@ class SphereBody(AbstractBody):
         return self.radius**2 * jnp.ones_like(passing.square)
 
     @override
-    def moved_across(self, passing: Passing, square: Numbers) -> Passing:
+    def moved_across(
+        self, passing: Passing, square: Numbers, slide: Numbers
+    ) -> Passing:
         o, d = passing.local.origin, passing.local.direction
         aside = o + d * passing.nearest
         more = shift_to(passing, aside.dot(aside), square)

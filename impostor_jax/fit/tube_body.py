@@ -196,8 +196,10 @@ class TubeBody(AbstractBody):
         return r * r
 
     @override
-    def moved_across(self, passing: Passing, square: Numbers) -> Passing:
-        return self.outer.moved_across(passing, square)
+    def moved_across(
+        self, passing: Passing, square: Numbers, slide: Numbers
+    ) -> Passing:
+        return self.outer.moved_across(passing, square, slide)
 
     def _is_through(self, passing: Passing) -> Bool[Array, "*batch"]:
         """Rays that fall through the bore and see nothing of it."""
