@@ -45,6 +45,23 @@ def test_a_merged_cloud_needs_neither_a_viewpoint_nor_a_noise():
     assert float(fit.std_budget["correlation"].radius) == 0
 
 
+@pytest.mark.parametrize("apart", [np.pi, pytest.param(2.0, marks=FULL)])
+@pytest.mark.parametrize("sigma", [None, NOISE], ids=["measured", "told"])
+def test_scans_from_several_sides_err_along_their_rays(apart, sigma):
+    # Of opposite ones most points face neither side: 17 deviations off, or poor.
+    scans = []
+    for seed, side in enumerate([2.5, 2.5 + apart]):
+        points = stem(turn=(side - 1.5, side + 1.5), noise=0, seed=25 + seed)
+        ray = np.mean(points, axis=0) - CENTER
+        error = np.random.default_rng(seed).normal(0, NOISE, (len(points), 1))
+        scans.append(points + error * ray / np.linalg.norm(ray))
+    fit = ij.fit_cylinder_to_points(np.concatenate(scans), sigma=sigma)
+    assert fit.success
+    assert abs(off_by(fit)) < 3
+    assert float(fit.std.radius) < 0.0001
+    assert float(fit.across.deviation) < NOISE / (10 if apart == np.pi else 1)
+
+
 def test_points_in_millimeters_get_a_hint():
     with pytest.warns(DepthUnitsWarning, match=r"noise was measured as 3.* in milli"):
         ij.fit_cylinder_to_points(1000 * stem())
