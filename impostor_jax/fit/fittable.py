@@ -34,6 +34,7 @@ from impostor_jax.fit.guess_box import guess_boxes
 from impostor_jax.fit.guess_round import guess_cylinders, guess_frusta
 from impostor_jax.fit.guess_sphere import guess_spheres
 from impostor_jax.fit.guess_tube import closed, guess_tubes
+from impostor_jax.fit.mouth import mouth_pixels
 from impostor_jax.fit.pixelwise import Pixelwise
 from impostor_jax.fit.result import Directions, Fit
 from impostor_jax.fit.round_body import RoundBody
@@ -77,7 +78,8 @@ class Fittable:
         most_tolerance: Largest tolerance of an `Effort` that ends its fits.
         closed: Of a shape with a bore, what it is without, where none is seen.
         foreign: Which pixels of a region are not of the shape, by its estimate, as
-            those of a floor; None where it looks for none.
+            those of a bore's floor or of what an open end shows; None where it looks
+            for none.
         most_of_face: Part of an image that one of its plane faces takes at most, where
             no mask tells: a table that is seen as a whole takes more. 0 of what has
             none.
@@ -163,6 +165,7 @@ CYLINDER = Fittable(
     guess=guess_cylinders,
     parameters=("center", "axis", "radius", "height"),
     nothing={"center": (0, 0, 0), "axis": (0, 0, 1), "radius": 0, "height": 0},
+    foreign=mouth_pixels,
 )
 FRUSTUM = Fittable(
     shape=Frustum,
@@ -173,6 +176,7 @@ FRUSTUM = Fittable(
     # A taper settles slowly: with five times it 1 of 200 cups at 3 mm of noise ended 20
     # standard deviations away.
     most_tolerance=STAGE_TOLERANCE,
+    foreign=mouth_pixels,
     most_of_face=0.1,
 )
 SPHERE = Fittable(

@@ -63,6 +63,9 @@ from impostor_jax.fit.weighing import best_of, likeliest
 from impostor_jax.primitives.base import AbstractPrimitive, in_camera_frame
 from impostor_jax.sensor.base import AbstractDepthNoise
 
+ALL_OWN = 0.995
+"""Share of a region's readings on the shape, from which on none are foreign."""
+
 MOST_LOOKS = 2
 """Times that foreign readings are looked for: a fit that a floor spoils may not tell
 its corner."""
@@ -245,7 +248,8 @@ def _without_foreign(
     places = [pixel_indices(one.region) for one in seen]
     left_out = [np.zeros_like(one.region) for one in seen]
     for _ in range(MOST_LOOKS):
-        if not fit.status.has_numbers:
+        is_own = fit.num_inliers >= ALL_OWN * int(fit.num_pixels)
+        if is_own or not fit.status.has_numbers:
             break
         body = kind.body.of(fit.shape)
         foreign = [
