@@ -159,7 +159,7 @@ def warn_of_units(
     image: Float[np.ndarray, "h w"],
     region: Bool[np.ndarray, "h w"],
     noise: AbstractDepthNoise,
-) -> None:
+) -> str:
     """Warn where depth is so far, for its noise, that it must be in millimeters.
 
     No sensor's standard deviation is less than 1e-5 of a distance beyond 100 m (a
@@ -172,24 +172,28 @@ def warn_of_units(
         image: In meters, or not; 0 where there is no reading.
         region: Pixels of the object.
         noise: Of the readings.
+
+    Returns:
+        What it warned of; empty if of nothing.
     """
     # A third of the time of looking for the region's.
     if not image.max() > FARTHEST_PLAIN:
-        return
+        return ""
     readings = _some_readings(image, region)
     if not len(readings):
         readings = image[image > 0]
     middle = upper_median(readings)
     if not middle > FARTHEST_PLAIN:
-        return
+        return ""
     sigma = float(sigma_face_on(noise, middle))
-    if not FINEST_SIGMA * middle < sigma < COARSEST_SIGMA * middle:
-        warnings.warn(
-            f"depth must be in meters, its median is {middle:.4g} and its sigma "
-            f"{sigma:.2g}: is it in millimeters?",
-            DepthUnitsWarning,
-            stacklevel=users_level(),
-        )
+    if FINEST_SIGMA * middle < sigma < COARSEST_SIGMA * middle:
+        return ""
+    doubt = (
+        f"depth must be in meters, its median is {middle:.4g} and its sigma "
+        f"{sigma:.2g}: is it in millimeters?"
+    )
+    warnings.warn(doubt, DepthUnitsWarning, stacklevel=users_level())
+    return doubt
 
 
 def most_readings(asked: int | None, noise: AbstractDepthNoise) -> int:

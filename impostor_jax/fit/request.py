@@ -4,6 +4,7 @@ __all__ = [
     "DepthImage",
     "Given",
     "Mask",
+    "ReadingsError",
     "TooFewReadingsError",
     "arguments_of_cylinder",
     "check_one_object",
@@ -81,8 +82,12 @@ DepthImage = Float[np.ndarray, "h w"] | Float[Array, "h w"]
 Mask = Bool[np.ndarray, "h w"] | Bool[Array, "h w"]
 
 
-class TooFewReadingsError(ValueError):
-    """An image, or its mask, holds too little for a fit; in a batch it fails alone."""
+class ReadingsError(ValueError):
+    """Readings of an image that cannot be fitted; in a batch it fails alone."""
+
+
+class TooFewReadingsError(ReadingsError):
+    """An image, or its mask, holds too little for a fit."""
 
 
 def views_given(depth: Any, camera: Any, mask: Any, sigma: Any) -> list[Given]:
@@ -364,13 +369,13 @@ def checked_depth(depth: Any, camera: AbstractRays) -> DepthImage:
             values = np.where(np.isfinite(values), values, 0)
             low, high = values.min(), values.max()
         if low < 0:
-            raise ValueError(
+            raise ReadingsError(
                 f"depth must not be negative, got {low} meters; missing readings are "
                 "0, NaN or infinity"
             )
         largest = float(np.finfo(dtype).max) ** 0.5
         if float(high) > largest:
-            raise ValueError(
+            raise ReadingsError(
                 f"depth must be at most {largest:.3g} meters, got {high:.6g}; missing "
                 "readings are 0, NaN or infinity"
             )

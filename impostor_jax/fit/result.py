@@ -84,6 +84,9 @@ OF_SOURCE = {
 }
 """What a reader is told of a fit that is of no depth images."""
 
+NOTED_CHI2 = 2.0
+"""Reduced chi-squared of a fit that converged, from which on a reader is told."""
+
 NOTED_TIMES = 3.0
 """Noises from which the size of residuals is the reason of a poor fit."""
 
@@ -193,6 +196,7 @@ class Asked:
         arguments: Of `fit_shape` or `fit_outline`, by name, once that has ended; None
             where the fit was traced, stacked, or made from another.
         measured: What is told of the noise, where no `sigma` was given.
+        doubt: Why what was given may not be what was meant, in words.
         is_thinned: Whether more readings were given than a fit takes.
         is_quick: Whether the answer was not doubted, as of an `Effort`.
         contradiction: In words, what of that which was stated, or of the outline, the
@@ -203,6 +207,7 @@ class Asked:
 
     arguments: dict[str, Any] | None = None
     measured: str = ""
+    doubt: str = ""
     is_thinned: bool = False
     is_quick: bool = False
     contradiction: str | None = None
@@ -464,20 +469,37 @@ class Fit(eqx.Module):
         """What is behind `status`, in words; needs a single, concrete result."""
         if self.status is FitStatus.CONTRADICTED and self.asked.contradiction:
             return self.asked.contradiction
-        aligned = f" {ALIGNED}" if self._counts_alignment else ""
-        several = len(self.pixelwise) > 1
-        if self.status is not FitStatus.POOR_FIT:
-            got_lost = self.status in (FitStatus.STEP_LIMIT, FitStatus.NOT_FINITE)
-            posed = f" {POSES}" if several and got_lost else ""
-            return self.status.meaning + aligned + posed
+        is_poor = self.status is FitStatus.POOR_FIT
+        told = [self._why_poor if is_poor else self.status.meaning]
+        if self._counts_alignment and not is_poor:
+            told.append(ALIGNED)
+        got_lost = self.status in (FitStatus.STEP_LIMIT, FitStatus.NOT_FINITE)
+        if len(self.pixelwise) > 1 and got_lost:
+            told.append(POSES)
+        if self.is_shape and self.chi2 >= NOTED_CHI2 and self._is_weighed:
+            told.append(f"But {self._residuals}: sigma or the shape may be wrong.")
+        if self.asked.doubt:
+            told.append(self.asked.doubt[0].upper() + self.asked.doubt[1:])
+        return " ".join(told)
+
+    @property
+    def _is_weighed(self) -> bool:
+        """Whether somebody knows the noise that chi-squared is told in."""
+        return not np.isnan(self.p_value)
+
+    @property
+    def _residuals(self) -> str:
         times = float(np.sqrt(self.chi2))
-        if times >= NOTED_TIMES and not np.isnan(self.p_value):
-            known = "measured" if self.asked.measured else "given"
+        known = "measured" if self.asked.measured else "given"
+        return f"the residuals are {times:.1f} times the noise {known}"
+
+    @property
+    def _why_poor(self) -> str:
+        several = len(self.pixelwise) > 1
+        if self.chi2 >= NOTED_TIMES**2 and self._is_weighed:
             posed = ", or a pose is" if several else ""
-            return (
-                f"The residuals are {times:.1f} times the noise {known}: the shape or "
-                f"sigma is wrong{posed}."
-            )
+            told = f"{self._residuals}: the shape or sigma is wrong{posed}."
+            return told[0].upper() + told[1:]
         if 2 * self.num_inliers < int(self.num_pixels):
             return "Most readings lie off the shape."
         if self.border_chi2 >= AGREEING:

@@ -118,10 +118,13 @@ def fit_shape(
             seen_by(np.asarray(image), np.asarray(one), *by)
             for image, one, *by in zip(images, masks, cameras, noises, strict=True)
         ]
-        for one in seen:
-            # Noise that was measured is in the same units.
-            usual = checked_noise(None) if told else one.noise
-            warn_of_units(one.image, one.region, usual)
+        # Noise that was measured is in the same units.
+        doubts = [
+            warn_of_units(
+                one.image, one.region, checked_noise(None) if told else one.noise
+            )
+            for one in seen
+        ]
 
         if places is None:
             seen = counted_copies(seen)
@@ -157,6 +160,7 @@ def fit_shape(
         return fit.noting(
             arguments=known,
             measured=told,
+            doubt=next(filter(None, doubts), ""),
             is_quick=not effort.doubts,
             is_thinned=not all(one.is_taken(effort.readings) for one in seen),
         )

@@ -15,10 +15,10 @@ from impostor_jax.effort import Effort
 from impostor_jax.fit.fittable import CYLINDER
 from impostor_jax.fit.options import Errors, MaskMeaning, Options, Scale
 from impostor_jax.fit.pixelwise import alike
-from impostor_jax.fit.request import check_types
+from impostor_jax.fit.request import ReadingsError, check_types
 from impostor_jax.fit.result import Fit, on_device
 from impostor_jax.fit.threads import side_by_side
-from impostor_jax.fits.shown import fit_or_failure
+from impostor_jax.fits.shown import failure_of, fit_or_failure
 from impostor_jax.primitives.cylinder import Cylinder
 
 
@@ -40,8 +40,9 @@ def fit_cylinders(
     """Fit one cylinder to each of several depth images, in as many threads as cores.
 
     Each fit is that of `fit_cylinder`, with a status of its own: an image that cannot
-    be fitted fails alone, also one without readings or with an empty mask, whose status
-    is `no_first_guess`. Inside `jax.jit` map `fit_cylinder` with `jax.vmap` instead.
+    be fitted fails alone, also one without readings, with negative ones or with an
+    empty mask, whose status is `no_first_guess` and whose `reason` says it. Inside
+    `jax.jit` map `fit_cylinder` with `jax.vmap` instead.
 
     Args:
         depths: (N, H, W), as in `fit_cylinder`.
@@ -64,14 +65,20 @@ def fit_cylinders(
         iterated, and `statuses`, `reasons` and `to_dict()` are those of each.
 
     Raises:
-        ValueError: As in `fit_cylinder`, but for images with too few readings; or the
-            numbers of images, cameras, masks and starts differ, or an argument is
-            traced.
+        ValueError: As in `fit_cylinder`, but for an image's readings; or the images
+            differ in size, or the numbers of images, cameras, masks and starts do, or
+            an argument is traced.
     """
     if not is_concrete((depths, masks, camera, sigma, initial, prior)):
         raise ValueError(
             "depths, masks, camera and starts must be concrete, got traced ones; map "
             "fit_cylinder over them with jax.vmap"
+        )
+    sizes = {np.shape(one) for one in depths} if isinstance(depths, list) else set()
+    if len(sizes) > 1:
+        raise ValueError(
+            f"depths must be of one size, got {sorted(sizes)}; fit those of each size "
+            "by themselves, or each with fit_cylinder"
         )
     depths = np.asarray(unmasked(unread("depths", depths)))
     count = depths.shape[0] if depths.ndim == 3 else 0
@@ -93,15 +100,12 @@ def fit_cylinders(
     def fit(index: int) -> Fit:
         mask = None if masks is None else masks[index]
         start = None if initial is None else jax.tree.map(lambda a: a[index], initial)
-        return fit_or_failure(
-            CYLINDER,
-            depths[index],
-            cameras[index],
-            mask,
-            sigma[index] if told else sigma,
-            start,
-            asked,
-        )
+        own = sigma[index] if told else sigma
+        given = CYLINDER, depths[index], cameras[index], mask, own
+        try:
+            return fit_or_failure(*given, start, asked)
+        except ReadingsError as error:
+            return failure_of(*given, asked, error)
 
     return _stacked(side_by_side(fit, range(count)))
 

@@ -294,12 +294,12 @@ def _fit_from_level(
 def _with_told_level(fit: Fit, cloud: GivenPoints, level: float) -> Fit:
     """A fit whose noise was measured, that says so."""
     if fit.success and level > COARSEST_LEVEL:
-        warnings.warn(
+        doubt = (
             f"points must be in meters, and their noise was measured as {level:.2g}: "
-            "are they in millimeters?",
-            DepthUnitsWarning,
-            stacklevel=users_level(),
+            "are they in millimeters?"
         )
+        warnings.warn(doubt, DepthUnitsWarning, stacklevel=users_level())
+        fit = fit.noting(doubt=doubt)
     told = f"Measured in the points: noise of {1e3 * level:.3g} mm."
     return with_shared_errors(fit, cloud.ends, level).noting(measured=told)
 

@@ -5,7 +5,7 @@ given, they are those that read near its surface; of a ball or a cup each large 
 is fitted that stands out of the planes of the scene.
 """
 
-__all__ = ["fit_or_failure", "fit_shown"]
+__all__ = ["failure_of", "fit_or_failure", "fit_shown"]
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -33,6 +33,7 @@ from impostor_jax.fit.ranges import refuted_as_ranges
 from impostor_jax.fit.regions import warn_of_units
 from impostor_jax.fit.request import (
     Given,
+    ReadingsError,
     TooFewReadingsError,
     check_readings,
     check_types,
@@ -388,15 +389,28 @@ def fit_or_failure(
     """As `fit_shown`, or a failed fit where there are too few readings."""
     try:
         return fit_shown(kind, depth, camera, mask, sigma, initial, options)
-    except TooFewReadingsError:
-        regions = []
-        with working_precision(options.effort.precision, ()):
-            for view in views_given(depth, camera, mask, sigma):
-                region = checked_mask(view.mask, view.camera)
-                if region is None:
-                    region = np.zeros(
-                        checked_depth(view.depth, view.camera).shape, bool
-                    )
-                regions.append(np.asarray(region))
-            failed = no_guess(kind, *regions)
-        return failed.having(source="outline") if depth is None else failed
+    except TooFewReadingsError as error:
+        return failure_of(kind, depth, camera, mask, sigma, options, error)
+
+
+def failure_of(
+    kind: Fittable,
+    depth: Any,
+    camera: Any,
+    mask: Any,
+    sigma: Any,
+    options: Options,
+    error: ReadingsError,
+) -> Fit:
+    """The failed fit of readings that cannot be fitted; arguments as of `fit_shown`."""
+    regions = []
+    with working_precision(options.effort.precision, ()):
+        for view in views_given(depth, camera, mask, sigma):
+            region = checked_mask(view.mask, view.camera)
+            if region is None:
+                region = np.zeros((view.camera.height, view.camera.width), bool)
+            regions.append(np.asarray(region))
+        failed = no_guess(kind, *regions)
+    if depth is None:
+        failed = failed.having(source="outline")
+    return failed.noting(doubt=f"{error}.")

@@ -10,7 +10,6 @@ import pytest
 
 import impostor_jax as ij
 from experiments import scenes
-from impostor_jax.fit.status import STATUSES
 from impostor_jax.geometry.so3 import tangent_basis
 from tests.cases import pose
 from tests.checks import all_finite, angle_between
@@ -544,16 +543,21 @@ def test_batch_gives_each_image_its_own_fit_and_status():
     assert np.isposinf(np.asarray(fits.std.radius)[1])
 
 
-def test_an_image_without_readings_fails_alone():
+def test_an_image_that_cannot_be_fitted_fails_alone():
     depth, mask = image()
-    depths = np.stack([np.zeros_like(depth), depth, depth])
-    fits = ij.fit_cylinders(depths, CAMERA, [mask, mask & False, mask], sigma=SIGMA)
-    assert np.asarray(fits.success).tolist() == [False, False, True]
-    refused = ij.FitStatus.NO_FIRST_GUESS
-    assert [STATUSES[int(code)] for code in fits.status_code[:2]] == [refused] * 2
+    depths = np.stack([np.zeros_like(depth), depth, -depth, depth])
+    masks = [mask, mask & False, mask, mask]
+    fits = ij.fit_cylinders(depths, CAMERA, masks, sigma=SIGMA)
+    assert np.asarray(fits.success).tolist() == [False, False, False, True]
+    assert {*fits.statuses[:3]} == {ij.FitStatus.NO_FIRST_GUESS}
+    said = ("readings", "at least one pixel", "Depth must not be negative, got -")
+    for reason, part in zip(fits.reasons, said, strict=False):
+        assert part in reason
     alone = ij.fit_cylinder(depth, CAMERA, mask=mask, sigma=SIGMA)
     for one, all_ in zip(jax.tree.leaves(alone), jax.tree.leaves(fits), strict=True):
-        assert (all_.shape, all_.dtype) == ((3, *one.shape), one.dtype)
+        assert (all_.shape, all_.dtype) == ((4, *one.shape), one.dtype)
+    with pytest.raises(ValueError, match="depths must be of one size, got"):
+        ij.fit_cylinders([depth, depth[1:]], CAMERA, sigma=SIGMA)
 
 
 def test_each_image_of_a_batch_may_have_its_own_camera():

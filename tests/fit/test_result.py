@@ -117,6 +117,20 @@ def test_failures_of_several_views_name_their_poses():
 
 
 @SMALL_IMAGES
+def test_a_success_whose_residuals_exceed_the_noise_says_so():
+    depth, mask = image()
+    fit = ij.fit_cylinder(depth, CAMERA, mask, SIGMA)
+    assert fit.reason == "The fit converged."
+    doubtful = ij.fit_cylinder(depth, CAMERA, mask, SIGMA / 2)
+    assert doubtful.success
+    said = "But the residuals are 2.0 times the noise given: sigma or the shape may"
+    assert said in doubtful.reason
+    # Nobody said what it is.
+    guessed = ij.fit_cylinder(depth, CAMERA, mask).having(chi2=jnp.asarray(4.0))
+    assert ("times the noise" in guessed.reason) == (guessed.p_value >= 0)
+
+
+@SMALL_IMAGES
 def test_several_fits_are_counted_indexed_and_iterated():
     depth, mask = image()
     depths = np.stack([depth, depth, np.float32(2) * depth, depth])

@@ -18,7 +18,8 @@ from tests.groups import SMALL_IMAGES
 def test_depth_in_millimeters_gets_a_hint():
     depth, mask = image()
     with pytest.warns(DepthUnitsWarning, match="its median is 3.* in millimeters"):
-        ij.fit_cylinder(1000 * depth, CAMERA, mask, SIGMA)
+        fit = ij.fit_cylinder(1000 * depth, CAMERA, mask, SIGMA)
+    assert fit.reason.endswith(": is it in millimeters?")
 
 
 @pytest.mark.parametrize(
@@ -39,11 +40,12 @@ def test_units_are_asked_where_no_sensor_could_measure(scale, sensor, warned):
     depth = np.where(mask, scale * depth, 0).astype(np.float32)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
-        warn_of_units(depth, mask, sensor)
+        doubt = warn_of_units(depth, mask, sensor)
     assert [w.category for w in caught] == [DepthUnitsWarning] * warned
+    assert [str(w.message) for w in caught] == [doubt] * warned
 
 
 def test_what_is_far_behind_the_object_does_not_count():
     depth, mask = image()
     depth = np.where(mask, depth, 200).astype(np.float32)
-    warn_of_units(depth, mask, ij.ConstantNoise(1e-3))
+    assert warn_of_units(depth, mask, ij.ConstantNoise(1e-3)) == ""
