@@ -127,8 +127,8 @@ def assess(problem: Problem, solution: Solution, correlated: bool) -> Assessment
     )
     meters, used = told.meters, told.readings.used
     count = jnp.sum(used)
-    rms = jnp.sqrt(jnp.sum(jnp.where(on.inlier, meters, 0) ** 2) / on.count)
-    chi2 = reduced_chi2(on.squares, on.count)
+    rms = jnp.sqrt(jnp.sum(jnp.where(on.inlier, meters, 0) ** 2) / on.num_inliers)
+    chi2 = reduced_chi2(on.squares, on.num_inliers)
     agrees = _agrees(problem, body, told, on, errors, rms, chi2, correlated)
     is_possible = _has_size(problem, body, told) & ~_is_as_flat(problem, told, on)
     finite = are_numbers(body, std, budget, covariance, chi2, errors.border_chi2)
@@ -140,7 +140,7 @@ def assess(problem: Problem, solution: Solution, correlated: bool) -> Assessment
     )
     success = code == STATUSES.index(FitStatus.CONVERGED)
     num_free = jnp.sum(jnp.any(settings.free != 0, axis=0)).astype(chi2.dtype)
-    p_value = tail(chi2, on.count - num_free)
+    p_value = tail(chi2, on.num_inliers - num_free)
 
     # One list for two, and no image: which they are of no program knows.
     marks = jnp.where(used, jnp.where(on.inlier, 2, 1), 0).astype(jnp.int8)
@@ -208,8 +208,8 @@ def _agrees(
     finest = jnp.max(terms.weight)
     is_small = (on.spread < 5) | (on.spread < body.radius * finest / 50)
     # More readings than not, on a shape that their rays meet.
-    agrees = 2 * on.count >= total
-    agrees &= num_missed <= MOST_UNMET * on.count
+    agrees = 2 * on.num_inliers >= total
+    agrees &= num_missed <= MOST_UNMET * on.num_inliers
     agrees &= jnp.where(settings.trusts_sigma, chi2 < MOST_CHI2, is_small)
     is_rough = (chi2 > ROUGH_CHI2) & (rms > ROUGH * body.radius)
     agrees &= ~(settings.trusts_sigma & is_rough)

@@ -88,7 +88,7 @@ class Inliers(NamedTuple):
         spread: Scatter of the readings, in standard deviations of the sensor.
         whitened: Residuals of the inliers; 0 of the others.
         squares: Sum of their squares.
-        count: How many there are, at least 1.
+        num_inliers: How many there are, at least 1.
         ends_seen: Which of the body's ends are seen.
         reach: How far the inliers see the wall towards each, from the center.
         num_telling: How many readings and crossings depend on each tangent coordinate.
@@ -100,7 +100,7 @@ class Inliers(NamedTuple):
     spread: Float[Array, ""]
     whitened: Float[Array, " n"]
     squares: Float[Array, ""]
-    count: Float[Array, ""]
+    num_inliers: Float[Array, ""]
     ends_seen: Bool[Array, " e"]
     reach: Float[Array, " e"]
     num_telling: Float[Array, " c"]
@@ -108,7 +108,7 @@ class Inliers(NamedTuple):
     @property
     def variance(self) -> Float[Array, ""]:
         """Of the whitened residuals, at least the sensor's."""
-        return jnp.maximum(self.squares / self.count, 1)
+        return jnp.maximum(self.squares / self.num_inliers, 1)
 
 
 def inliers_of(told: Compared, body: AbstractBody, unit: Float[Array, ""]) -> Inliers:
@@ -150,7 +150,7 @@ def inliers_of(told: Compared, body: AbstractBody, unit: Float[Array, ""]) -> In
         spread=spread,
         whitened=whitened,
         squares=jnp.sum(whitened**2),
-        count=jnp.maximum(jnp.sum(inlier), 1).astype(told.depth.dtype),
+        num_inliers=jnp.maximum(jnp.sum(inlier), 1).astype(told.depth.dtype),
         ends_seen=counts >= MIN_END_TERMS,
         reach=jnp.max(outward, axis=1, initial=-jnp.inf),
         num_telling=num_telling,
