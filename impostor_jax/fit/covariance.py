@@ -167,6 +167,7 @@ def uncertainty_of(
     # In coordinates in which independent errors have a variance of 1. So are the slopes
     # of readings: their sums would round away what an image hardly tells.
     parts = {name: product(root.T, part, root) for name, part in alone.parts.items()}
+    # What of that which neighbors share an explanation leaves nothing of.
     explained = dict.fromkeys(rests, jnp.zeros_like(independent))
     biases = [view.noise.bias for view in views]
     leans = any(bias.lean is not None for bias in biases)
@@ -193,12 +194,16 @@ def uncertainty_of(
         doubt = product(root.T, into, _doubted(problem, estimate, told, on))
         parts["noise"] += doubt[:, None] * doubt[None]
 
-    def left_by(part: Float[Array, "c c"]) -> Float[Array, "c c"]:
-        return sandwich_root(root, _sum_of(parts.values()) - part, LEAST_LEFT)
+    def sandwich() -> Float[Array, "c c"]:
+        return sandwich_root(root, _sum_of(parts.values()), LEAST_LEFT)
+
+    def wider_without(name: str) -> Float[Array, ""]:
+        left = _sum_of(parts.values()) - explained[name]
+        return _wider(sandwich_root(root, left, LEAST_LEFT), independent)
 
     whole, wider = root, jnp.ones_like(variance)
     if shares_errors or learns:
-        whole = sandwich_root(root, _sum_of(parts.values()), LEAST_LEFT)
+        whole = sandwich()
     if shares_errors:
         # Errors that neighbors share let a part pull harder by as much as they widen
         # the standard deviations.
@@ -206,7 +211,7 @@ def uncertainty_of(
     border_chi2, repeats = alone.border_chi2 / wider, variance * wider
     if between is not None and shares_errors:
         # Those within a view: where views disagree, neighbors seem to share an error.
-        within = _wider(left_by(explained["views"]), independent)
+        within = wider_without("views")
         between = between._replace(
             chi2=between.chi2 / within, chi2_of_form=between.chi2_of_form / within
         )
@@ -214,14 +219,14 @@ def uncertainty_of(
     if departures is not None:
         if correlated:
             # Not all that neighbors share is an error, where a wall departs.
-            wider = _wider(left_by(explained["form"]), independent)
+            wider = wider_without("form")
         form, parts["form"] = departures.told(wider)
         if between is not None:
             # What looks like another form may be poses that err.
             may_err = form.departs & (between.chi2 >= DISAGREEING)
             spread_of_views = product(between.moves.T, between.moves)
             parts["form"] += jnp.where(may_err, spread_of_views, 0)
-        whole = sandwich_root(root, _sum_of(parts.values()), LEAST_LEFT)
+        whole = sandwich()
     is_stray = strays(on.inlier, told.readings.used, told.beside)
     return Uncertainty(
         root=whole,

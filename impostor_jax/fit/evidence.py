@@ -76,9 +76,9 @@ CLEAR = 1 / 3
 """Part of the radius, from its outline, beyond which every reading is used."""
 
 BESIDE_EDGE = 1.5
-"""Errors across its ray within which a region that was made from readings, or was not,
-may stop beside the object: a pixel that sees past it is left out, and none that sees it
-from beyond is let in, so that 0.5 pixels moved the ends of 0.35."""
+"""Errors across its rays within which a region may stop beside the object: pixels that
+see past it are left out, and none is let in that sees it from beyond. An error of half
+a pixel moved ends by a third of one, six of their deviations."""
 
 AT_RIM = 3.0
 """Errors across its ray up to which a reading beside a rim may be of either side."""
@@ -447,10 +447,13 @@ def crossing_terms(
     alike = of_all(ones)
     in_phase = _in_phase(pick(off), ones, best % 4 < 2, of_all)
     bias = noise.bias
-    shared = bias.edge_reach + bias.window_reach
+    of_region, of_outline = (
+        jnp.asarray(reach, r.dtype)
+        for reach in (bias.edge_reach + bias.window_reach, bias.outline)
+    )
     if not bias.has_exact_rays:
-        shared += BESIDE_EDGE * _across_in_pixels(pixels, bias)
-    shared = jnp.where(is_outline, bias.outline, shared).astype(r.dtype)
+        of_region += BESIDE_EDGE * _across_in_pixels(pixels, bias)
+    shared = jnp.where(is_outline, of_outline, of_region)
     if bias.lean is not None:
         # All within are as likely, with that standard deviation.
         shared += 3**0.5 * jnp.asarray(bias.lean, r.dtype)

@@ -196,7 +196,7 @@ class Asked:
         arguments: Of `fit_shape` or `fit_outline`, by name, once that has ended; None
             where the fit was traced, stacked, or made from another.
         measured: What is told of the noise, where no `sigma` was given.
-        doubt: Why what was given may not be what was meant, in words.
+        doubt: What is wrong with that which was given, or may be, in words.
         is_thinned: Whether more readings were given than a fit takes.
         is_quick: Whether the answer was not doubted, as of an `Effort`.
         contradiction: In words, what of that which was stated, or of the outline, the

@@ -74,7 +74,8 @@ def fit_cylinders(
             "depths, masks, camera and starts must be concrete, got traced ones; map "
             "fit_cylinder over them with jax.vmap"
         )
-    sizes = {np.shape(one) for one in depths} if isinstance(depths, list) else set()
+    is_list = isinstance(depths, list | tuple)
+    sizes = {np.shape(one) for one in depths} if is_list else set()
     if len(sizes) > 1:
         raise ValueError(
             f"depths must be of one size, got {sorted(sizes)}; fit those of each size "
