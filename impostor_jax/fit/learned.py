@@ -35,7 +35,7 @@ MOST_ROUNDS = 8
 SETTLED = 0.03
 """Change of that error, over itself, with which it is known."""
 
-SURE = 10.0
+SURE = 6.0
 """Standard deviations up to which readings that speak for errors across the rays may do
 so for what these errors let the wall become. Of an arc of 30 degrees they make a wall
 of a smaller radius, of which they are found to be larger, and so on, to 4.5."""
@@ -89,7 +89,7 @@ def fit_with_learned_rays(
     if not score > SPEAKS:
         return exact or fitted(_erring(seen, _Error(known), known))
     fit = fitted(_erring(seen, across, known))
-    if score > SURE:
+    if max(score, fit.across.score.item()) > SURE:
         return fit
     exact = exact or fitted(_erring(seen, _Error(known), known))
     explains = exact.is_shape and exact.num_inliers >= AS_MANY * fit.num_inliers
