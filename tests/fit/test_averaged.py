@@ -60,6 +60,7 @@ def left_of(seen, can, is_exact=False):
     return without_averaged(seen, RoundBody.of(CANS[can]), 1.0, is_exact)
 
 
+@FULL
 @pytest.mark.parametrize("can", CANS)
 @pytest.mark.parametrize(("wall", "seed"), [(0.8, 0), pytest.param(1.5, 1, marks=FULL)])
 def test_an_image_made_smaller_by_averaging_takes_nothing_off_sizes(can, wall, seed):

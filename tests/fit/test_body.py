@@ -110,6 +110,7 @@ def from_elsewhere(body, direction, start):
     return seen, near, seen.depth, near.depth
 
 
+@FULL
 def test_rays_may_begin_elsewhere(double_body):
     direction = rays(double_body.shape, np.float64)
     one = jnp.ones_like(direction.x)
@@ -374,6 +375,7 @@ def test_gradients_are_those_of_what_is_free_to_move(kind, fixed):
     np.testing.assert_allclose(found / size, plain / size, atol=1e-9)
 
 
+@FULL
 @pytest.mark.usefixtures("double")
 @pytest.mark.parametrize("kind", ["cylinder", "frustum", "tube"])
 @pytest.mark.parametrize(

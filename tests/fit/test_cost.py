@@ -37,16 +37,19 @@ def cost_of_readings(shape, noise):
     return compiled_cost(run, direction, jnp.ones(512), body_of(shape))
 
 
+@FULL
 def test_a_cylinder_has_no_gradient_of_a_slope():
     noise = ij.ConstantNoise(SIGMA)
     assert (cost_of_readings(can(), noise) < cost_of_readings(CUP, noise)).all()
 
 
+@FULL
 def test_a_constant_sigma_needs_no_incidence():
     plain = cost_of_readings(can(), ij.ConstantNoise(SIGMA))
     assert (plain < cost_of_readings(can(), ij.StructuredLight())).all()
 
 
+@FULL
 def test_the_terms_of_readings_are_computed_once(monkeypatch):
     def operations() -> float:
         def products(direction, depth, body):
@@ -64,6 +67,7 @@ def test_the_terms_of_readings_are_computed_once(monkeypatch):
     assert operations() > 1.3 * once
 
 
+@FULL
 def test_what_is_compiled_asks_the_host_nothing():
     given = program_of(effort=ij.Effort(kernel="squares"))
     shown = given.shown, given.prior, given.settings, body_of(can())
@@ -99,6 +103,7 @@ def test_another_question_of_the_same_image_compiles_nothing():
     assert num_programs() == before
 
 
+@FULL
 @SMALL_IMAGES
 def test_one_solver_serves_correlated_errors_and_few_readings():
     depth, mask = image()

@@ -186,6 +186,7 @@ def test_gradient_of_an_end_is_that_of_forward_mode():
     np.testing.assert_allclose(found / size, plain / size, atol=2e-3)
 
 
+@FULL
 @pytest.mark.parametrize("sign", [-1, 1])
 def test_an_outline_pulls_the_radius_to_the_truth(sign):
     depth, mask = image()

@@ -406,6 +406,7 @@ def test_mixed_readings_beside_the_outline_do_not_decide(pixels):
     assert float(fit.std.radius) < 0.0015
 
 
+@FULL
 @pytest.mark.parametrize("share", [0.3, pytest.param(1, marks=FULL)])
 def test_mixed_readings_are_not_where_the_background_begins(share):
     # They were taken for it: heights came out up to 3 mm too short, 5 to 41 deviations.

@@ -13,6 +13,7 @@ from impostor_jax.fit.round_body import RoundBody
 from impostor_jax.fit.seen import Seen, shown_by
 from tests.fit.bodies import body_of
 from tests.fit.scenes import CAMERA, SIGMA, can, image, program_of
+from tests.groups import FULL
 
 
 def ends_with(cost, residual):
@@ -52,6 +53,7 @@ def started_from(*starts):
     return coarse(program.shown[0]), program.race(starts)
 
 
+@FULL
 @pytest.mark.parametrize("readings", [None, 1024, 512])
 def test_the_few_keep_their_places_at_the_edge(readings):
     depth, mask = image()

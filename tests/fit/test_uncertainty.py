@@ -5,6 +5,7 @@ import pytest
 
 from impostor_jax.fit import uncertainty
 from impostor_jax.fit.gather import lattice_of
+from tests.groups import FULL
 
 covariance_root = jax.jit(uncertainty.covariance_root)
 
@@ -78,6 +79,7 @@ def correlated_noise(shape, rng):
     return windows.sum(axis=(2, 3)) / 3
 
 
+@FULL
 @pytest.mark.parametrize("correlated", [False, True])
 def test_score_covariance_is_that_of_repeated_draws(correlated):
     shape = (40, 50)

@@ -264,6 +264,7 @@ def test_bad_points_are_refused(given, match):
         ij.fit_cylinder_to_points(*places, **options)
 
 
+@FULL
 @pytest.mark.parametrize("seed", [4, 8])
 def test_a_start_that_fails_is_no_reference_for_where_others_lead(seed):
     # Taken for one, of a stem whose points err along its normal by 3 mm 182.7 +- .06 mm

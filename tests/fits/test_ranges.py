@@ -31,6 +31,7 @@ def room(seed=0):
     return ranges, ij.depth_of_ranges(ranges, CAMERA), owner == 0
 
 
+@FULL
 @pytest.mark.parametrize("sigma", [SIGMA, pytest.param(None, marks=FULL)])
 def test_distances_given_as_depth_contradict_themselves(sigma):
     # The radius was wrong by a tenth and more, and a third of such fits said success.

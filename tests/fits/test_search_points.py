@@ -96,6 +96,7 @@ def test_a_viewpoint_need_not_be_known(cloud):
     check(ij.find_cylinders_in_points(points, sigma=NOISE), owner)
 
 
+@FULL
 def test_normals_and_a_range_of_radii_are_taken(cloud):
     points, owner = cloud
     normals = np.zeros_like(points)

@@ -364,6 +364,7 @@ def cut_cup():
     return turned((can - bore | knob) - ij.Plane((0.2, 0.3, 3.0), (-0.1, -0.9, 0.2)))
 
 
+@FULL
 @pytest.mark.parametrize("seed", [None, *MORE])
 def test_a_solid_is_seen_where_its_mesh_is(seed):
     tolerance = 0.002

@@ -15,7 +15,7 @@ from impostor_jax.parity.compare import compare, rounding
 from impostor_jax.parity.condition import condition_of
 from impostor_jax.parity.judge import judge
 from impostor_jax.parity.run import drawn_by_jax
-from tests.groups import RELEASE
+from tests.groups import FULL, RELEASE
 
 CAMERA = ij.PinholeCamera(150.0, 140.0, 10.0, 8.0, width=24, height=18)
 CAN = ij.Cylinder((0.01, -0.01, 0.6), (0.6, 0.7, 0.3), 0.05, 0.08)
@@ -75,6 +75,7 @@ def test_condition_is_the_sum_of_what_each_input_does(double):
         assert found.normal[row, col] == pytest.approx(float(turn), rel=1e-4, abs=1e-4)
 
 
+@FULL
 @pytest.mark.parametrize(("times", "holds"), [(2.5, True), (3.5, False)])
 def test_one_pixel_beyond_what_its_inputs_determine_breaks_parity(times, holds):
     reference = drawn_by_jax(CAN, CAMERA)

@@ -89,6 +89,7 @@ def test_index_counts_through_a_sequence_of_batches_and_single_primitives(render
     assert set(np.unique(drawn.index)) == {-1, 0, 1, 2, 3}
 
 
+@FULL
 def test_closest_of_mixed_primitives_wins_in_any_order(renderer):
     scene = {
         "can": ij.Cylinder((0.0, 0.0, 0.6), (0.3, 1, 0.2), 0.05, 0.3),

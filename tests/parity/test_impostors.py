@@ -28,6 +28,7 @@ def test_instance_fits_into_the_attributes_of_a_vertex(name):
     assert len(attributes(IMPOSTORS[PRIMITIVES[name]])) <= MOST_ATTRIBUTES
 
 
+@FULL
 @pytest.mark.parametrize(
     "opening",
     [{"start_angle": 0.5, "end_angle": 4.0}, {"caps": False}],
@@ -106,6 +107,7 @@ def test_heightfields_of_any_grids_share_a_texture(renderer):
     assert found.depth_relative.p999 < 1e-6
 
 
+@FULL
 def test_world_pose_of_a_heightfield_and_of_the_camera_are_put_together(renderer):
     here = ground((5, 3), (0.0, 0.1, 2.0))
     turn = seen_pose(35.0, 50.0, np.array((0.3, -0.2, 0.4)))

@@ -10,7 +10,7 @@ from impostor_jax.glsl.trace_list import trace_list_of
 from impostor_jax.glsl.trace_program import trace_sources
 from impostor_jax.parity.compare import compare
 from impostor_jax.parity.flat_cases import random_heights, seen_pose
-from tests.groups import RELEASE
+from tests.groups import FULL, RELEASE
 
 pytest.importorskip("moderngl")
 
@@ -57,6 +57,7 @@ def test_solid_of_one_shape_is_seen_as_the_shape(renderer, name):
     assert np.all(drawn.part[drawn.mask] % first >= 0)
 
 
+@FULL
 @pytest.mark.parametrize(
     "interpolation", ["bilinear", pytest.param("bicubic", marks=RELEASE)]
 )
@@ -76,6 +77,7 @@ def test_ground_without_a_hole_is_seen_as_the_ground(renderer, interpolation):
     np.testing.assert_allclose(drawn.depth[top], reference.depth[top], rtol=2e-6)
 
 
+@FULL
 def test_solids_of_one_structure_are_one_call():
     place = np.array([[0.0, 0.0, 2.0], [0.5, 0.0, 2.0]])
     cans = ij.Cylinder(place, np.full((2, 3), UP), np.full(2, 0.2), np.full(2, 0.5))
@@ -87,6 +89,7 @@ def test_solids_of_one_structure_are_one_call():
     assert [call.numbers.size > 0 for call in calls] == [True, False, True]
 
 
+@FULL
 def test_instance_of_a_solid_fits_into_the_attributes_of_a_vertex():
     field = ij.Heightfield(np.zeros((3, 4)), ((-1, 1), (-1, 1)))
     (call,) = draw_list_of(field & SHAPES["ball"], CAMERA).calls
@@ -99,6 +102,7 @@ def test_heightfield_of_a_function_in_a_solid_is_named():
         draw_list_of(hill - SHAPES["ball"], CAMERA)
 
 
+@FULL
 def test_solids_of_one_shape_are_traced_as_the_shapes(renderer):
     names = ("ball", "can", "wheel", "box")
     places = np.array(

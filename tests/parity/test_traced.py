@@ -18,6 +18,7 @@ CORNERS = np.array([[-1, 0.5, -4], [-1, 0.5, 4], [1, 0.5, 4], [1, 0.5, -4]], flo
 GLASS = ij.Material((0.9, 1.0, 0.9), 60.0, 0.1, 0.7, 1.4)
 
 
+@FULL
 def test_picture_is_that_of_jax_in_the_world_of_the_camera(renderer):
     pose = np.array(
         [[0.0, -1, 0, 0.1], [1, 0, 0, 0.2], [0, 0, 1, 0.3], [0, 0, 0, 1]], np.float32
@@ -33,6 +34,7 @@ def test_picture_is_that_of_jax_in_the_world_of_the_camera(renderer):
     assert np.count_nonzero(apart > 1e-4) <= 4  # on the edges
 
 
+@FULL
 @pytest.mark.parametrize("material", [ij.Material(reflect=0.5), GLASS])
 def test_flat_heightfield_is_seen_as_two_triangles_are(renderer, material):
     ground = ij.Heightfield(np.full((4, 5), 0.5), ((-1.0, 1.0), (-4.0, 4.0)))

@@ -91,6 +91,7 @@ def check_against_oracle(fields, found, dtype):
     return True
 
 
+@FULL
 def test_values_and_derivatives_are_numbers_on_every_ray(dtype):
     rays = extreme_rays(20000, 0, dtype)
     t, _, normals, slopes = cast_all(*arrays(rays))
@@ -115,6 +116,7 @@ def test_products_with_derivatives_are_numbers_on_every_ray(dtype):
     assert all_finite(differentiate(tangents_of(fields, 2), *fields))
 
 
+@FULL
 def test_products_are_numbers_with_lengths_from_1e_minus_12_to_1e12(dtype):
     # Second derivatives go with 1 / radius, and with the height squared.
     rays, rng = extreme_rays(20000, 3, dtype), np.random.default_rng(4)
@@ -128,6 +130,7 @@ def test_products_are_numbers_with_lengths_from_1e_minus_12_to_1e12(dtype):
     assert all_finite(differentiate(tangents_of(fields, 5), *fields))
 
 
+@FULL
 def test_reference_in_double_precision_agrees_with_the_oracle():
     rays = extreme_rays(400, 5, "float32")
     found = reference(rays)
@@ -247,6 +250,7 @@ def test_any_scene_keeps_the_promise(
         check_against_oracle(fields, found, precision)
 
 
+@FULL
 def test_height_derivative_of_a_coin_seen_from_afar_has_its_sign():
     # The far end was taken for the near one: the rounding of the depth hid which it is.
     _, (t, on_cap, _, slopes) = cast_one(

@@ -64,6 +64,7 @@ def check_first(t, expected, origin, direction, height, dtype, scale):
         assert np.mean(error <= 1e-5 * expected[hit]) > 0.99
 
 
+@FULL
 def test_no_crossing_of_a_bilinear_grid_is_missed(dtype):
     origin, direction = steep_rays(20_000, dtype)
     field = Heightfield(jnp.asarray(STEEP, dtype), jnp.asarray(EXTENT, dtype))

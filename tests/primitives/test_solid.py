@@ -53,6 +53,7 @@ def test_every_kind_is_drawn():
     assert set(TREES["all kinds"][1]) == set(KINDS)
 
 
+@FULL
 @pytest.mark.parametrize("name", TREES)
 def test_the_sign_of_the_distance_tells_inside(name):
     tree, kinds = TREES[name]
@@ -171,6 +172,7 @@ def test_derivatives_are_those_of_differences():
     assert len(np.unique(np.asarray(hit.part)[smooth])) >= 6
 
 
+@FULL
 def test_a_nested_solid_keeps_the_place_of_what_was_moved():
     bored = (can(0.5) - can(0.3)).transformed(pose())
     rays = rays_at(np.random.default_rng(3), 4.0, 300)[1:]

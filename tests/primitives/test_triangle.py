@@ -148,6 +148,7 @@ def test_depth_keeps_its_promise_over_all_extremes(dtype):
     assert told > 100
 
 
+@FULL
 def test_derivatives_are_numbers_with_lengths_from_1e_minus_12_to_1e12(dtype):
     rays, rng = extreme_triangles(4000, 9, dtype), np.random.default_rng(10)
     near = [getattr(rays, name) for name in FIELDS]

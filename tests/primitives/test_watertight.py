@@ -93,6 +93,7 @@ def test_no_ray_slips_through_an_edge_or_a_corner(name, scale):
         assert np.abs(beyond).max() < 1e-2 * scale
 
 
+@FULL
 def test_mesh_around_a_posed_camera_fills_its_image():
     # The pose rounds what two triangles share, each by itself.
     place = pose().inverse().apply(jnp.asarray((0.1, 0.2, -0.1)))
@@ -115,6 +116,7 @@ def crossings(faces, o, d):
     return np.where((u >= 0) & (v >= 0) & (u + v <= 1) & (t > 0), t, np.inf)
 
 
+@FULL
 def test_nearest_triangle_of_a_heap_is_seen():
     rng = np.random.default_rng(1)
     center = rng.uniform((-1.2, -0.9, 2), (1.2, 0.9, 4), (60, 3))
@@ -141,6 +143,7 @@ def test_nearest_triangle_of_a_heap_is_seen():
     np.testing.assert_allclose(np.asarray(maps.normal)[hit], n[hit], atol=1e-5)
 
 
+@FULL
 def test_depth_of_a_mesh_is_differentiable_in_its_corners():
     # All that a corner of the mesh is moved by, of the triangles that share it.
     faces, camera = icosphere(), ij.PinholeCamera(60.0, 60.0, 31.5, 23.5, 64, 48)

@@ -151,6 +151,7 @@ def test_rays_have_any_shape(shape):
     np.testing.assert_array_equal(np.ravel(hit.t), scene.intersect(flat).t)
 
 
+@FULL
 @pytest.mark.parametrize("many", [128, 1], ids=["one by one", "in boxes"])
 def test_what_fills_a_bucket_is_not_hit(many):
     balls = [ij.Sphere((0.0, 0.0, 3.0 + k), 0.4) for k in range(5)]
@@ -175,6 +176,7 @@ def test_normal_is_zero_where_nothing_is_met():
     np.testing.assert_array_equal(normal_at(scene, rays, hit), 0)
 
 
+@FULL
 def test_index_counts_as_shapes_were_given():
     # Spheres and cylinders in turns, so that groups have another order.
     shapes = shapes_of()

@@ -145,6 +145,7 @@ def test_behind_what_near_cuts_the_next_of_a_scene_is_seen():
     assert same.all()
 
 
+@FULL
 def test_traced_depths_render_as_concrete_ones_and_a_batch_of_them():
     def depth(near, far):
         return ij.render(can(), CAMERA, ("depth",), near=near, far=far).depth
@@ -209,6 +210,7 @@ def test_no_number_and_no_derivative_is_nan_wherever_the_cut_is(near):
     assert all_finite(leaves)
 
 
+@FULL
 def test_the_depth_of_a_spherical_camera_is_the_range():
     camera = ij.SphericalCamera.regular(40, 12, fov_up=0.5, fov_down=-0.5)
     room = ij.Sphere((0.3, 0.0, -0.2), 2.0)
@@ -258,6 +260,7 @@ def test_edges_of_a_cut_stay_hard_and_outlines_are_mixed():
     assert ((whole[..., 0] > 0) & (whole[..., 0] < 1)).sum() > 20
 
 
+@FULL
 def test_a_mirror_shows_what_the_camera_does_not():
     wall = ij.Plane((0, 0, 1.5), (0, 0, -1))
     ball = ij.Sphere((0, 0, 0.6), 0.15)
@@ -271,6 +274,7 @@ def test_a_mirror_shows_what_the_camera_does_not():
     assert 4 < reflected.sum() < np.asarray(alone).sum() / 8
 
 
+@FULL
 def test_silhouettes_are_cut_as_the_masks_of_each_shape_are():
     shapes = jax.tree.map(lambda *x: jnp.stack(x), can(), eqx.tree_at(
         lambda c: c.center, can(), jnp.array([0.5, 0.1, 0.9])
@@ -300,6 +304,7 @@ def test_a_sampled_coverage_is_cut_and_the_exact_one_is_refused():
         ij.render(ball(), CAMERA, ("coverage",), near=NEAR)
 
 
+@FULL
 def test_a_tile_and_a_posed_camera_cut_in_the_camera_frame():
     moved = pose()
     camera = eqx.tree_at(
@@ -315,6 +320,7 @@ def test_a_tile_and_a_posed_camera_cut_in_the_camera_frame():
     )
 
 
+@FULL
 def test_near_and_far_cost_a_sum_and_a_comparison():
     def cost(**given):
         return compiled_cost(

@@ -49,6 +49,7 @@ def plain_cost(outputs=("depth",)):
     return render_cost(outputs)
 
 
+@FULL
 def test_depth_alone_is_one_cast_of_rays_of_a_pinhole():
     def written_out(shape, fx, fy, cx, cy):
         row, col = (
@@ -80,6 +81,7 @@ def test_a_tile_costs_its_share_of_the_image():
     assert part[1] < 0.3 * whole[1]
 
 
+@FULL
 @pytest.mark.parametrize(
     "more",
     [
@@ -115,6 +117,7 @@ def test_a_shape_without_a_part_does_not_compute_it(plain, more):
     assert without[0] < with_it[0]
 
 
+@FULL
 def test_a_scene_of_one_shape_costs_as_much_as_the_shape():
     outputs = ("depth", "normal", "mask")
     alone, scene = plain_cost(outputs), render_cost(outputs, ij.Scene([can()]))
@@ -155,6 +158,7 @@ def test_a_sensor_pays_for_its_own_parts(plain, more):
     assert (without < with_it).all()
 
 
+@FULL
 def test_a_constant_sigma_needs_no_incidence():
     depth, normal = jnp.ones((HEIGHT, WIDTH)), jnp.zeros((HEIGHT, WIDTH, 3))
 

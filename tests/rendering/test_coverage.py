@@ -190,6 +190,7 @@ def test_inside_is_covered_and_behind_is_not():
         assert all_finite(slopes)
 
 
+@FULL
 def test_vmap_over_posed_cylinders_with_tiles_and_forward_derivatives():
     camera = CAMERAS["posed"]()
     names = ("oblique", "end on", "rod")

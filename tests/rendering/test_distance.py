@@ -123,6 +123,7 @@ def test_derivative_is_that_of_central_differences(camera_name):
     assert wrong.sum() <= 1
 
 
+@FULL
 def test_without_an_outline_the_distance_is_infinite():
     camera = traced(CAMERAS["pinhole"]())
     points = jnp.ones((200, 2))
@@ -134,6 +135,7 @@ def test_without_an_outline_the_distance_is_infinite():
         assert all_finite(slopes)
 
 
+@FULL
 def test_what_is_far_outside_the_image_has_a_positive_distance(dtype):
     # Its outline, pulled onto one circle around the image, once had a random sign.
     points = np.random.default_rng(0).uniform((-10, -10), (74, 58), (200, 2))

@@ -49,6 +49,7 @@ def test_a_tile_gives_the_maps_of_the_frame(seen, camera):
     assert np.asarray(frame.mask).any()
 
 
+@FULL
 @pytest.mark.parametrize(
     ("seen", "extent"), [("out of the image", "tile"), ("scene", "frame")]
 )
@@ -89,6 +90,7 @@ def test_coverage_is_hard_sampled_or_exact():
     assert errors[1] < errors[0]
 
 
+@FULL
 @pytest.mark.parametrize("extent", ["frame", "tile"])
 def test_exact_coverage_on_a_tile_keeps_pixels_whose_center_misses(extent):
     camera = CAMERAS["pinhole"]()
@@ -136,6 +138,7 @@ def test_double_precision_needs_no_setting():
     assert 0 < np.abs(single[hit] - double[hit]).max() < 1e-5
 
 
+@FULL
 def test_a_traced_shape_is_rendered_in_jaxs_precision_alone():
     camera = CAMERAS["pinhole"]()
 

@@ -52,6 +52,7 @@ def assert_same(far, near):
         np.testing.assert_allclose(one, other, rtol=ROUNDED, atol=ROUNDED)
 
 
+@FULL
 @pytest.mark.parametrize("precision", [None, "float64"])
 def test_a_scene_is_rendered_far_as_near(precision):
     effort = ij.Effort(precision=precision)
@@ -63,6 +64,7 @@ def test_a_scene_is_rendered_far_as_near(precision):
     assert_same(far, near)
 
 
+@FULL
 def test_a_picture_is_traced_far_as_near():
     def picture(place, camera):
         lights = [ij.AmbientLight(0.2), ij.PointLight(ahead(place, 0.8, -0.5, 0), 0.8)]
@@ -132,6 +134,7 @@ def test_what_no_place_is_known_of_is_left_single():
         assert np.isfinite(np.asarray(depth)).any()
 
 
+@FULL
 def test_derivatives_in_sizes_are_those_near():
     def mean_depth(radius, place, camera):
         can, _ = shapes_at(place)

@@ -54,6 +54,7 @@ def test_slope_is_that_of_differences_and_finite(dtype):
         assert float(jnp.sum(grow)) * 1.5 / 3000 == pytest.approx(1, abs=2e-3)
 
 
+@FULL
 def test_a_line_that_misses_cuts_nothing_off(dtype):
     s, normal = lines(dtype)
     far = jnp.where(s < 0, -1, 1) * (reach(normal) + eps(dtype, 8))

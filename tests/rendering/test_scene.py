@@ -188,6 +188,7 @@ def test_one_more_of_a_type_or_one_that_moves_compiles_nothing():
     assert set(np.unique(after.index)) == set(range(8))
 
 
+@FULL
 def test_types_that_a_scene_does_not_hold_are_not_traced(monkeypatch):
     def fail(*_):
         raise AssertionError("traced")

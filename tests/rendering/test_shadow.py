@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import impostor_jax as ij
+from tests.groups import FULL
 
 CAMERA = ij.PinholeCamera(80.0, 80.0, 31.5, 23.5, 64, 48)
 WALL = ij.Plane((0, 0, 2.0), (0, 0, -1))
@@ -36,6 +37,7 @@ def test_a_sphere_before_a_wall_throws_the_shadow_of_similar_triangles():
     assert light[index == 0].mean() > 0.9
 
 
+@FULL
 def test_a_projector_in_the_camera_leaves_no_shadow():
     cylinder = ij.Cylinder((0.1, 0, 1), (0.3, 1, 0.5), 0.1, 0.4)
     scene, depth, index = seen_by(CAMERA, cylinder, WALL)
@@ -43,6 +45,7 @@ def test_a_projector_in_the_camera_leaves_no_shadow():
     np.testing.assert_array_equal(light, index >= 0)
 
 
+@FULL
 def test_the_shadow_moves_with_a_posed_camera():
     turn = ij.RigidTransform([[0, -1, 0], [1, 0, 0], [0, 0, 1]], [0.1, 0.2, 0.3])
     posed = ij.PinholeCamera(80.0, 80.0, 31.5, 23.5, 64, 48, camera_from_world=turn)

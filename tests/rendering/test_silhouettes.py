@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import impostor_jax as ij
+from tests.groups import FULL
 
 WIDTH, HEIGHT = 45, 37
 CAMERA = ij.PinholeCamera(40.0, 42.0, 21.3, 18.2, WIDTH, HEIGHT)
@@ -38,6 +39,7 @@ def test_silhouettes_are_the_masks_of_each_shape_alone():
     assert list(found.count > 0) == [True, True, False, True]
 
 
+@FULL
 def test_a_margin_counts_what_the_border_cuts_off():
     shapes = cylinders()
     found = ij.silhouettes(shapes, CAMERA, MARGIN)
@@ -57,6 +59,7 @@ def test_what_reaches_behind_the_camera_is_counted_in_the_whole_margin():
     assert found.count[3] > found.mask[3].sum() > 0
 
 
+@FULL
 def test_a_lens_bends_the_image_and_not_its_margin():
     lens = ij.PinholeCamera(
         40.0, 42.0, 21.3, 18.2, WIDTH, HEIGHT, distortion=(-0.2, 0.05, 0, 0, 0)

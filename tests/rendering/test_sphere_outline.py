@@ -185,6 +185,7 @@ def test_rays_touch_the_sphere_where_the_curve_is(name, dtype):
         assert np.isposinf(high).all()
 
 
+@FULL
 @pytest.mark.usefixtures("double")
 @pytest.mark.parametrize("name", ["oblique", "small", "center behind the camera"])
 def test_derivative_goes_to_the_pixels_that_the_outline_crosses(name):
@@ -205,6 +206,7 @@ def test_derivative_goes_to_the_pixels_that_the_outline_crosses(name):
     np.testing.assert_allclose(four(slopes), numeric, atol=1e-3 * scale)
 
 
+@FULL
 @pytest.mark.usefixtures("double")
 def test_a_lens_bends_the_outline():
     camera = CAMERAS["distorted"]()
@@ -233,6 +235,7 @@ def test_inside_is_covered_and_behind_is_not():
         assert all_finite(slopes)
 
 
+@FULL
 def test_vmap_over_posed_spheres_with_tiles_and_forward_derivatives():
     camera = CAMERAS["posed"]()
     names = ("oblique", "small", "close")
@@ -283,6 +286,7 @@ def test_distance_is_that_of_the_silhouette(name, dtype):
     np.testing.assert_allclose(np.linalg.norm(normal, axis=1), 1, rtol=eps(dtype, 32))
 
 
+@FULL
 @pytest.mark.usefixtures("double")
 def test_derivative_of_the_distance_of_a_disc():
     camera = CAMERAS["pinhole"]()
@@ -306,6 +310,7 @@ def test_derivative_of_the_distance_of_a_disc():
     np.testing.assert_allclose(slopes.center[:, :2], sideways, atol=1e-6)
 
 
+@FULL
 def test_what_is_far_outside_the_image_has_a_positive_distance(dtype):
     points = np.random.default_rng(0).uniform((-10, -10), (74, 58), (200, 2))
     points = jnp.asarray(points, dtype)

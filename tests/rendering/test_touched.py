@@ -6,6 +6,7 @@ import pytest
 
 import impostor_jax as ij
 from impostor_jax.rendering.touched import BLOCK
+from tests.groups import FULL
 
 # The last blocks reach beyond it.
 HEIGHT, WIDTH = 4 * BLOCK[0] + 5, 2 * BLOCK[1] + 3
@@ -19,6 +20,7 @@ def every_ray(can, camera):
     return ij.render(can, camera, OUTPUTS)
 
 
+@FULL
 @pytest.mark.parametrize(
     ("center", "radius", "share"),
     [

@@ -129,6 +129,7 @@ def wet():
     return [ij.Material(transmit=1.0, ior=WATER), ij.Material((1.0, 0.0, 0.0))]
 
 
+@FULL
 @pytest.mark.parametrize(("off", "sees"), [(0.0, 1.0), (0.01, 0.0), (-0.01, 0.0)])
 def test_sixty_degrees_in_air_are_40_628_in_water(off, sees, double):
     # The ball, 10 m down the bent ray, covers 0.002 degrees to either side.
@@ -152,6 +153,7 @@ def test_water_mirrors_all_beyond_its_critical_angle(degrees, above, double):
     )
 
 
+@FULL
 def test_a_ray_leaves_parallel_faces_as_it_came(double):
     thickness, angle, ior = 0.5, np.radians(50), 1.5
     inside = np.arcsin(np.sin(angle) / ior)
@@ -267,6 +269,7 @@ def casts(text):
     return text.count("name=implicit_hit")
 
 
+@FULL
 def test_what_no_material_has_is_not_compiled():
     everywhere = [ij.AmbientLight(1.0)]
     both = [*everywhere, ij.PointLight((0, 3, 0), 1.0)]
@@ -290,6 +293,7 @@ def test_what_no_material_has_is_not_compiled():
     assert stack in glass
 
 
+@FULL
 def test_one_more_shape_runs_the_program_that_is_there():
     rng = np.random.default_rng(0)
 
@@ -313,6 +317,7 @@ def test_single_material_is_that_of_all():
     np.testing.assert_allclose(found, expected, rtol=eps(found.dtype, 8))
 
 
+@FULL
 def test_materials_belong_to_shapes_in_the_order_they_are_given():
     shapes, lights, materials = glass_scene()
     found, expected = (
@@ -330,6 +335,7 @@ def test_materials_belong_to_shapes_in_the_order_they_are_given():
     assert len(np.unique(colors, axis=0)) > 10
 
 
+@FULL
 def test_no_bounce_is_color_alone():
     (shapes, *_), (_, lights, materials) = known_scene(), glass_scene()
     materials = materials[1:]

@@ -5,12 +5,14 @@ import numpy as np
 import pytest
 
 import impostor_jax as ij
+from tests.groups import FULL
 from tests.sensor.scenes import CAMERA, readings
 
 ALONG = 0.001
 DEPTH = 1.0
 
 
+@FULL
 @pytest.mark.parametrize("angle", [0.0, 1.2])
 @pytest.mark.parametrize("told", [{"across": 0.002}, {"angle": 0.002}])
 def test_what_grazes_errs_by_what_the_ray_errs(told, angle):

@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 
 import impostor_jax as ij
+from tests.groups import FULL
 from tests.sensor.scenes import CAMERA, COUNT, SHAPE, normals, readings
 
 # Less than what single precision resolves of a depth of 1 m.
@@ -48,6 +49,7 @@ def test_an_object_grows_by_a_pixel_at_most():
     assert np.isposinf(sample[:, :, 42:]).all()
 
 
+@FULL
 @pytest.mark.parametrize("scale", [0.5, 11.0, np.nan])
 def test_scales_that_no_copies_have_are_refused(scale):
     with pytest.raises(ValueError, match="native_scale must be"):

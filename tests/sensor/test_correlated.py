@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import impostor_jax as ij
+from tests.groups import FULL
 from tests.sensor.scenes import SHAPE, readings
 
 DEPTH = np.full(SHAPE, 2.0)
@@ -36,6 +37,7 @@ def test_an_error_grows_with_a_power_of_the_depth():
     np.testing.assert_allclose(bent, 4 * flat, atol=5e-6)
 
 
+@FULL
 @pytest.mark.parametrize("length", [1.0, 4.0, 200.0])
 def test_what_a_field_does_to_sums_is_the_variance_of_draws(length):
     # Of many correlation lengths a smoother field stands in.

@@ -7,6 +7,7 @@ import pytest
 from impostor_jax.numerics import eps
 from impostor_jax.sensor.structured_light import StructuredLight, _arctan
 from tests.checks import central_difference
+from tests.groups import FULL
 from tests.sensor.scenes import COUNT, bands, readings, sigma_of
 
 
@@ -85,6 +86,7 @@ def test_sigma_is_differentiable_in_the_coefficients(dtype):
     np.testing.assert_allclose(found, [1, 1, 1.4**-0.5], rtol=eps(dtype, 16))
 
 
+@FULL
 def test_arctangent_is_right_to_three_roundings(dtype):
     x = jnp.linspace(0, 1, 20001)
     found = np.asarray(jax.jit(_arctan)(x), np.float64)
