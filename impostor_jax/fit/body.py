@@ -135,6 +135,15 @@ class Passing(eqx.Module):
         """Whether it sees the plane of a cap beyond that cap."""
         return self.on_cap & (self.rim > 1.05 * self.cap_radius)
 
+    def is_beside_rim(self, distance: Float[Array, "*#batch"]) -> Bool[Array, "*batch"]:
+        """Whether it passes the rim of the cap ahead by less than a distance.
+
+        Args:
+            distance: In meters, in the plane of that cap.
+        """
+        is_near = jnp.abs(self.rim - self.cap_radius) < distance
+        return is_near & (self.cap_radius > 0)
+
     @property
     def is_missed(self) -> Bool[Array, "*batch"]:
         """Whether the ray passes the body by, at its wall or past the rim of a cap."""

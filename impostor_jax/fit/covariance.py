@@ -151,8 +151,7 @@ def uncertainty_of(
     """
     views, into, terms = problem.views, free.into, told.readings.terms
     alone = _independent(problem, told, on, free)
-    root, variance = alone.root, on.variance
-    independent = product(root, root.T)
+    root, independent, variance = alone.root, alone.covariance, on.variance
     rests, between = {"all": on.whitened}, None
     departures = _departures(estimate, told, on, into, root, alone.pull)
     if departures is not None:
@@ -245,7 +244,8 @@ class _Independent(NamedTuple):
 
     Attributes:
         parts: Of the information, by the names of a budget's parts.
-        root: Of the inverse of their sum, the covariance.
+        root: Of the covariance, the inverse of their sum.
+        covariance: That itself.
         directions: As `covariance_root` returns them.
         is_free: Which of them the image leaves free.
         of_others: Pull of all but the readings on the free coordinates.
@@ -255,6 +255,7 @@ class _Independent(NamedTuple):
 
     parts: dict[str, Float[Array, "c c"]]
     root: Float[Array, "c c"]
+    covariance: Float[Array, "c c"]
     directions: Float[Array, "c c"]
     is_free: Bool[Array, " c"]
     of_others: Float[Array, " c"]
@@ -283,8 +284,17 @@ def _independent(
     of_others = product(known.T, prior_residuals(problem.prior, free.body, bias))
     of_others += of_edges[:-1, -1] / variance
     pull = of_others + of_all[:-1, -1] / variance
-    border_chi2 = contradiction(of_border / variance, pull, product(root, root.T))
-    return _Independent(parts, root, directions, is_free, of_others, pull, border_chi2)
+    covariance = product(root, root.T)
+    return _Independent(
+        parts=parts,
+        root=root,
+        covariance=covariance,
+        directions=directions,
+        is_free=is_free,
+        of_others=of_others,
+        pull=pull,
+        border_chi2=contradiction(of_border / variance, pull, covariance),
+    )
 
 
 def _products(

@@ -300,8 +300,7 @@ def _is_at_rim(
     # In the plane of the cap, which the ray may meet at a slant.
     slant = jnp.maximum(jnp.abs(d.z) / length, LEAST_COSINE)
     beside = AT_RIM * noise.bias.across_at(pixels.depth * length) / slant
-    beside = jnp.minimum(beside, CLEAR * body.radius)
-    return (seen.cap_radius > 0) & (jnp.abs(seen.rim - seen.cap_radius) < beside)
+    return seen.is_beside_rim(jnp.minimum(beside, CLEAR * body.radius))
 
 
 def _slant(body: AbstractBody, pixels: Pixels) -> Float[Array, " n"]:

@@ -139,14 +139,12 @@ def inliers_of(told: Compared, body: AbstractBody, unit: Float[Array, ""]) -> In
     outward = jnp.where(inlier[None], body.outward(seen), -jnp.inf)
     num_telling = jnp.sum(inlier[None] & (terms.gradient != 0), axis=1)
     num_telling += jnp.sum(crossing[None] & (edges.gradient != 0), axis=1)
-    # A reading of the wall that grazes it beside a rim may be the cap's as well: one of
-    # them, if it counts, tells more of the radius than all others.
-    at_rim = jnp.abs(seen.rim - seen.cap_radius) < unit
-    at_rim &= seen.cap_radius > 0
     return Inliers(
         inlier=inlier,
         crossing=crossing,
-        tells=inlier & ~(readings.is_square & at_rim),
+        # A reading of the wall that grazes it beside a rim may be the cap's as well:
+        # one of them, if it counts, tells more of the radius than all others.
+        tells=inlier & ~(readings.is_square & seen.is_beside_rim(unit)),
         spread=spread,
         whitened=whitened,
         squares=jnp.sum(whitened**2),

@@ -18,6 +18,7 @@ from impostor_jax.camera.ray_table import Sight
 from impostor_jax.fit.gather import ray_list
 from impostor_jax.fit.per_pixel import law_of
 from impostor_jax.fit.problem import RayList, sigma_of
+from impostor_jax.fit.regions import SQUARE
 from impostor_jax.fit.round_body import RoundBody
 from impostor_jax.opencv import cv2
 from impostor_jax.primitives.base import in_camera_frame
@@ -67,8 +68,7 @@ def mouth_pixels(
         marks[row[which], col[which]] = 1
         return marks
 
-    square = np.ones((3, 3), np.uint8)
-    grown = cv2.dilate(marked(behind), square, iterations=BESIDE)
+    grown = cv2.dilate(marked(behind), SQUARE, iterations=BESIDE)
     return (grown & marked(through)).astype(bool)
 
 

@@ -40,7 +40,7 @@ from impostor_jax.fit.pixelwise import Image, Pixelwise
 from impostor_jax.fit.pose import Pose, pose_from_camera, pose_of
 from impostor_jax.fit.record import FIT_VERSION, fit_record
 from impostor_jax.fit.status import STATUSES, FitStatus
-from impostor_jax.fit.text import line, millimeters, plain
+from impostor_jax.fit.text import as_sentence, line, millimeters, plain
 from impostor_jax.numerics import nan_where
 from impostor_jax.primitives.base import AbstractPrimitive
 from impostor_jax.primitives.box import Box
@@ -479,7 +479,7 @@ class Fit(eqx.Module):
         if self.is_shape and self.chi2 >= NOTED_CHI2 and self._is_weighed:
             told.append(f"But {self._residuals}: sigma or the shape may be wrong.")
         if self.asked.doubt:
-            told.append(self.asked.doubt[0].upper() + self.asked.doubt[1:])
+            told.append(as_sentence(self.asked.doubt))
         return " ".join(told)
 
     @property
@@ -499,7 +499,7 @@ class Fit(eqx.Module):
         if self.chi2 >= NOTED_TIMES**2 and self._is_weighed:
             posed = ", or a pose is" if several else ""
             told = f"{self._residuals}: the shape or sigma is wrong{posed}."
-            return told[0].upper() + told[1:]
+            return as_sentence(told)
         if 2 * self.num_inliers < int(self.num_pixels):
             return "Most readings lie off the shape."
         if self.border_chi2 >= AGREEING:
@@ -551,7 +551,7 @@ class Fit(eqx.Module):
             reason: What, and what the readings say, in a sentence or more.
         """
         failed = self.failed(FitStatus.CONTRADICTED)
-        return failed.noting(contradiction=reason[:1].upper() + reason[1:])
+        return failed.noting(contradiction=as_sentence(reason))
 
     @property
     def told(self) -> dict[str, tuple[Values, Values]]:

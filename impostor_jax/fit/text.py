@@ -1,12 +1,17 @@
 """Lines that tell a fit to a reader: lengths in millimeters, angles in degrees."""
 
-__all__ = ["line", "millimeters", "plain"]
+__all__ = ["as_sentence", "line", "millimeters", "plain"]
 
 from typing import Any
 
 import numpy as np
 
 from impostor_jax.fit.budget import ANGLES
+
+
+def as_sentence(text: str) -> str:
+    """The same with a capital letter first."""
+    return text[:1].upper() + text[1:]
 
 
 def millimeters(values: Any) -> str:
