@@ -64,6 +64,10 @@ MOST_OPEN = 0.1
 FEW = 2000
 """Pixels up to which no quick fit tries a candidate: it would know too little."""
 
+FEW_OF_WALL = 100
+"""Readings of a wall up to which it is fitted before it is compared with its rivals: a
+radius that is 10 % off picks those that a cone explains best."""
+
 LEAST_SURE = 0.5
 """Confidence of what is found: what is likelier than not."""
 
@@ -326,8 +330,11 @@ class _Search:
         Returns:
             Whether it was kept, and candidates that its fit leads to.
         """
-        if not confidence(facts_of(_observed(scene, entry))) >= self.least_chance:
-            return False, []
+        readings = entry.readings
+        if readings is None or len(readings.pixels) > FEW_OF_WALL:
+            chance = confidence(facts_of(_observed(scene, entry)))
+            if not chance >= self.least_chance:
+                return False, []
         mask = self._mask(scene, entry)
         # Most of what is fitted is refused: of many pixels a quick fit tells enough.
         is_quick = np.count_nonzero(mask) > FEW

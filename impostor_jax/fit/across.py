@@ -40,7 +40,7 @@ class AcrossRays(eqx.Module):
     Attributes:
         deviation: Standard deviation that the fit took for them, along each of two
             directions; where it grows with the range, that of the middle reading.
-        found: What the residuals say that it is, if the noise along the rays is right.
+        found: What the residuals say that it is, whatever the noise along the rays.
         score: Standard deviations by which its square is found larger than 0.
         doubt: Standard deviation of that square, in square meters.
         scale: Standard deviation along the rays that is found, over what was given.
@@ -92,8 +92,13 @@ def across_found(
         steep = body.wall_square(seen) * inverse * inverse
         own, other = parts_of_variance(h, along, steep, 1 / length)
         across = bias.across_at(near * jnp.sqrt(length)) ** 2
-        variance = own + across * other
-        assumed = own + jnp.maximum(across, LEAST_ASSUMED**2 * along) * other
+        least = LEAST_ASSUMED**2 * along
+        # Beside the outline a mask leaves less of it than the slope makes.
+        variance = safe_divide(h + along / 2, told.terms.weight**2)
+        is_told = across > least
+        seen_of_it = jnp.maximum(variance - own, 0) / jnp.where(is_told, across, 1)
+        other = jnp.where(is_told, seen_of_it, other)
+        assumed = own + jnp.maximum(across, least) * other
         z = jnp.abs(told.terms.residual)
         is_wall = told.used & ~seen.on_cap
         counts = is_wall & (z < WITHIN)
@@ -144,7 +149,7 @@ def across_found(
     misfit = jnp.log(jnp.maximum(squares / count, tiny)) + logarithms / count
     return AcrossRays(
         deviation=safe_divide(taken, weight),
-        found=safe_sqrt(other) / scale,
+        found=safe_sqrt(other),
         score=safe_divide(sure, deviation * scale**2),
         doubt=deviation,
         scale=scale,

@@ -40,6 +40,14 @@ SURE = 6.0
 so for what these errors let the wall become. Of an arc of 30 degrees they make a wall
 of a smaller radius, of which they are found to be larger, and so on, to 4.5."""
 
+UNCLEAR = 3.5
+"""Standard deviations up to which a fit of exact rays stands where one that allows for
+errors fails: it is off by at most 1.4 of its own."""
+
+ENOUGH = 0.6
+"""Part of the readings that a fit with a larger error keeps, at least: beside a rim it
+leaves out what may be of either surface."""
+
 AS_MANY = 0.99
 """Part of the readings on one of two fits that are on the other, where the two are
 compared: what leaves out those that graze is likelier for that."""
@@ -74,10 +82,11 @@ def fit_with_learned_rays(
         guess = max(FIRST_GUESS * float(np.median(along)), known)
         fit = fitted(_erring(seen, _Error(guess), known))
         across = _found(fit, known)
+    told = fit
     for _ in range(MOST_ROUNDS if fit.is_shape else 0):
         told = resumed(_erring(seen, across, known), fit)
-        if not told.is_shape:
-            # With so much nothing is known, and what is left would tell of still more.
+        if not (told.is_shape and told.num_inliers >= ENOUGH * fit.num_inliers):
+            # With so much little is known, and what is left would tell of still more.
             break
         fit, found = told, _found(told, known)
         settled = abs(found.size - across.size) <= SETTLED * across.size
@@ -89,9 +98,14 @@ def fit_with_learned_rays(
     if not score > SPEAKS:
         return exact or fitted(_erring(seen, _Error(known), known))
     fit = fitted(_erring(seen, across, known))
+    if not fit.status.has_numbers:
+        # Of errors as large as the object; what went on from the readings says why.
+        fit = told
     if max(score, fit.across.score.item()) > SURE:
         return fit
     exact = exact or fitted(_erring(seen, _Error(known), known))
+    if score <= UNCLEAR and exact.is_shape and not fit.is_shape:
+        return exact
     explains = exact.is_shape and exact.num_inliers >= AS_MANY * fit.num_inliers
     is_likelier = exact.across.misfit.item() <= fit.across.misfit.item()
     return exact if explains and is_likelier else fit

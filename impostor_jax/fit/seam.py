@@ -84,8 +84,12 @@ fitted to less 0.62 and more."""
 SIGNIFICANT = 4.0
 """Deviations by which that wall departs in some pattern, at least."""
 
-PER_CELL = 50
-"""Readings in each of the cells, on the mean, that tell how many share an error."""
+PER_CELL = (50, 200, 800)
+"""Readings in each of the cells, on the mean, that tell how many share an error: those
+of smooth errors are as many as these are long."""
+
+FEWEST_CELLS = 16
+"""Cells of a size that tell it."""
 
 
 class Solution(NamedTuple):
@@ -385,14 +389,17 @@ def _repeats(
         sin: Likewise.
         rest: Their residuals.
     """
-    side = max(int(np.sqrt(len(place) / PER_CELL)), 1)
     angle = np.arctan2(sin, cos) / np.pi + 1
-    # Walls are seen over less than half a turn.
-    cell = (place + 1) * side // 2 * 4 * side + angle * side // 1
-    _, cell = np.unique(cell, return_inverse=True)
-    counts, sums = np.bincount(cell), np.bincount(cell, rest)
-    full = counts >= PER_CELL / 4
-    if not full.any():
-        return 1.0
-    shared = np.mean(sums[full] ** 2 / counts[full]) / np.mean(rest**2)
-    return max(float(shared), 1.0)
+    most = 1.0
+    for size in PER_CELL:
+        side = max(int(np.sqrt(len(place) / size)), 1)
+        # Walls are seen over less than half a turn.
+        cell = (place + 1) * side // 2 * 4 * side + angle * side // 1
+        _, cell = np.unique(cell, return_inverse=True)
+        counts, sums = np.bincount(cell), np.bincount(cell, rest)
+        full = counts >= size / 4
+        if np.count_nonzero(full) < FEWEST_CELLS:
+            break
+        shared = np.mean(sums[full] ** 2 / counts[full]) / np.mean(rest**2)
+        most = max(most, float(shared))
+    return most
