@@ -71,6 +71,13 @@ FAILED = (
 """Statuses after which most points may be of something else, among which a cylinder is
 looked for. So may be those that face away from their origin."""
 
+FEW, ALMOST_ALL = 500, 0.9
+"""Points up to which a fit near which so many of them lie tells their noise, though it
+is refused: of so few a wall may tell a tenth of it."""
+
+UNTOLD = 1e-3
+"""Noise in meters that is taken where nothing tells it."""
+
 MOST_ROUNDED = 0.1
 """Part of the noise that the rounding of coordinates may be."""
 
@@ -255,9 +262,11 @@ def _fit_viewless(
         return nothing.having(source="points")
     seen = seen_across(cloud.ends, wall)
     near = cloud._replace(starts=seen.starts, counts=cloud.counts & seen.is_near)
+    if np.count_nonzero(near.counts) < MIN_READINGS:
+        near = near._replace(counts=cloud.counts)
     start = seen.start if initial is None else initial
     if sigma is None:
-        return _fit_from_level(near, wall, start, asked)
+        return _fit_from_level(near, wall.scatter, start, asked)
     return _fit_cloud(near, number_of(sigma), start, asked)
 
 
@@ -269,26 +278,41 @@ def _fit_with_level(
 ) -> Fit:
     """The same where nobody tells how large the noise is."""
     wall = wall or wall_of(cloud.ends)
-    if wall is None or not wall.is_known:
-        fit = _fit_cloud(cloud, None, initial, asked)
-        return fit.noting(measured=NOT_MEASURED)
-    return _fit_from_level(cloud, wall, initial, asked)
+    if wall is not None and wall.is_known:
+        return _fit_from_level(cloud, wall.scatter, initial, asked)
+    fit = _fit_cloud(cloud, None, initial, asked).noting(measured=NOT_MEASURED)
+    if fit.is_shape or not _is_of_few(fit, cloud):
+        return fit
+    return _fit_from_level(cloud, UNTOLD * fit.chi2.item() ** 0.5, initial, asked)
 
 
 def _fit_from_level(
-    cloud: GivenPoints, wall: Wall, initial: Cylinder | None, asked: Options
+    cloud: GivenPoints, level: float, initial: Cylinder | None, asked: Options
 ) -> Fit:
-    """The same from how far points scatter about a wall, until a fit tells it."""
+    """The same from a noise that may be another, until a fit tells it."""
     least = _resolution(cloud)
-    level = max(wall.scatter, least)
+    level = max(level, least)
     fit = _fit_cloud(cloud, level, initial, asked)
     for _ in range(MOST_LEVELS):
-        wanted = max(level * fit.across.scale.item(), least)
-        if not fit.is_shape or abs(wanted / level - 1) < SAME_LEVEL:
+        scale = fit.across.scale.item()
+        if not fit.is_shape:
+            if not _is_of_few(fit, cloud):
+                break
+            # Half of a few rings may lie near a wall that is not theirs.
+            scale = max(scale, fit.chi2.item() ** 0.5)
+        wanted = max(level * scale, least)
+        if abs(wanted / level - 1) < SAME_LEVEL:
             break
         level = wanted
         fit = _fit_cloud(cloud, level, initial, asked)
     return _with_told_level(fit, cloud, level)
+
+
+def _is_of_few(fit: Fit, cloud: GivenPoints) -> bool:
+    """Whether a fit is refused for what a few points scatter about it."""
+    count = np.count_nonzero(cloud.counts)
+    is_near = fit.num_inliers >= ALMOST_ALL * count
+    return bool(fit.status is FitStatus.POOR_FIT and count <= FEW and is_near)
 
 
 def _with_told_level(fit: Fit, cloud: GivenPoints, level: float) -> Fit:

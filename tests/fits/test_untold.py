@@ -1,5 +1,7 @@
 """Points of which nobody tells where they were seen from, or how they err."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -131,3 +133,41 @@ def test_a_wall_is_found_without_a_start(turn):
     assert wall.scatter == pytest.approx(NOISE, rel=0.15)
     axis = AXIS / np.linalg.norm(AXIS)
     assert abs(wall.frame[2] @ axis) > np.cos(np.radians(1))
+
+
+def rings(count, heights, noise, seed):
+    """Points of a stem that a scanner at the origin sees on some rings."""
+    random = np.random.default_rng(seed)
+    center, radius = np.array([0.0, 10.0, 0.0]), 0.1
+    side = radius * np.linspace(-0.97, 0.97, count)
+    side, height = np.meshgrid(side, heights)
+    depth = center[1] - np.sqrt(radius**2 - side**2)
+    points = np.stack([side, depth, height], axis=-1).reshape(-1, 3)
+    scale = 1 + random.normal(0, noise, (len(points), 1)) / depth.reshape(-1, 1)
+    return points * scale
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_few_rings_tell_their_noise(seed):
+    # Half of them lie within .3 mm of a wall that lies, where they scatter by 10 mm:
+    # the residuals were 12 times the noise measured, or points faced away.
+    points = rings(26, [-0.06, 0.0, 0.06], 0.01, seed)
+    fit = ij.fit_cylinder_to_points(points, np.zeros(3))
+    assert fit.success
+    assert abs(float(fit.cylinder.radius) - 0.1) < 3 * float(fit.std.radius)
+    assert 0.7 * 0.01 < float(fit.across.scale) * noise_of(fit) < 1.4 * 0.01
+
+
+def noise_of(fit):
+    """What a fit says that it measured, in meters."""
+    told = re.search(r"noise of ([\d.]+) mm", fit.asked.measured)
+    assert told is not None
+    return 1e-3 * float(told[1])
+
+
+def test_too_few_points_near_a_wall_end_in_a_status():
+    # It raised of a depth and a mask, of which a call with points has none.
+    for seed in range(5):
+        points = rings(18, [-0.1, 0.0, 0.1], 0.01, seed)
+        fit = ij.fit_cylinder_to_points(points)
+        assert fit.region.shape == (54,)
