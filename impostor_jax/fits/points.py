@@ -251,7 +251,7 @@ def _fit_viewless(
     wall: Wall | None,
 ) -> Fit:
     """The same where nobody tells from where they were seen."""
-    extent = float(np.linalg.norm(np.ptp(cloud.ends, axis=0)))
+    extent = _extent(cloud)
     level = level_of(sigma, cloud)
     level = COARSEST * extent if level is None else level
     if extent > 0:
@@ -290,7 +290,7 @@ def _fit_from_level(
     cloud: GivenPoints, level: float, initial: Cylinder | None, asked: Options
 ) -> Fit:
     """The same from a noise that may be another, until a fit tells it."""
-    least = _resolution(cloud)
+    least, most = _resolution(cloud), COARSEST * _extent(cloud)
     level = max(level, least)
     fit = _fit_cloud(cloud, level, initial, asked)
     for _ in range(MOST_LEVELS):
@@ -299,7 +299,7 @@ def _fit_from_level(
             if not _is_of_few(fit, cloud):
                 break
             # Half of a few rings may lie near a wall that is not theirs.
-            scale = max(scale, fit.chi2.item() ** 0.5)
+            scale = max(scale, min(fit.chi2.item() ** 0.5, most / level))
         wanted = max(level * scale, least)
         if abs(wanted / level - 1) < SAME_LEVEL:
             break
@@ -308,11 +308,17 @@ def _fit_from_level(
     return _with_told_level(fit, cloud, level)
 
 
+def _extent(cloud: GivenPoints) -> float:
+    """Diagonal of the box about all points, in meters."""
+    return float(np.linalg.norm(np.ptp(cloud.ends, axis=0)))
+
+
 def _is_of_few(fit: Fit, cloud: GivenPoints) -> bool:
     """Whether a fit is refused for what a few points scatter about it."""
     count = np.count_nonzero(cloud.counts)
     is_near = fit.num_inliers >= ALMOST_ALL * count
-    return bool(fit.status is FitStatus.POOR_FIT and count <= FEW and is_near)
+    is_refused = fit.status in (FitStatus.POOR_FIT, FitStatus.STEP_LIMIT)
+    return bool(is_refused and count <= FEW and is_near)
 
 
 def _with_told_level(fit: Fit, cloud: GivenPoints, level: float) -> Fit:
