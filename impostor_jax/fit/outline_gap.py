@@ -5,9 +5,12 @@ outline does: readings of the surface lie beyond it, where their rays miss the w
 readings of the background within it, which the wall would hide. Both are bounds: a hole
 or a ragged edge between the last reading of the surface and the first of the background
 is no gap.
+
+Nor does a mask that is said to be the outline tell an end, where the wall goes on in
+the depth beyond it.
 """
 
-__all__ = ["compared_with_outline"]
+__all__ = ["compared_with_outline", "tested_beyond_ends"]
 
 import statistics
 import warnings
@@ -15,12 +18,14 @@ from collections.abc import Sequence
 
 import jax
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from impostor_jax.arguments import users_level
 from impostor_jax.fit.limb import limb_of
 from impostor_jax.fit.result import LARGE_GAP, Fit, OutlineGap
+from impostor_jax.fit.seam import wall_readings
 from impostor_jax.fit.seen import Seen
+from impostor_jax.fit.surface import cropped
 from impostor_jax.geometry.so3 import tangent_basis
 from impostor_jax.primitives.cylinder import Cylinder
 
@@ -43,6 +48,19 @@ ALONG = np.linspace(-0.45, 0.45, NUM_PLACES)
 
 MIN_PLACES = 4
 """Fewest places of a side that show the outline."""
+
+BEYOND = 0.5
+"""Radii beside an end within which readings tell whether the wall goes on there."""
+
+ON_WALL = 3.0
+"""Deviations up to which they lie on it."""
+
+MOST_BEYOND = 0.5
+"""Readings on the wall that goes on, over those as far on this side of the end, at
+most: of the table that a can stands on a tenth to a third are as near."""
+
+FEWEST = 20
+"""Readings that say so, at least."""
 
 
 def compared_with_outline(fit: Fit, seen: Sequence[Seen], is_outline: bool) -> Fit:
@@ -81,6 +99,51 @@ def compared_with_outline(fit: Fit, seen: Sequence[Seen], is_outline: bool) -> F
             stacklevel=users_level(),
         )
     return fit
+
+
+def tested_beyond_ends(fit: Fit, seen: Sequence[Seen]) -> Fit:
+    """The fit, or a failed one where its wall goes on beyond an end of an outline.
+
+    Args:
+        fit: Concrete and single.
+        seen: The object in each of its images, whose regions are its silhouette.
+    """
+    body = fit.shape
+    if not (isinstance(body, Cylinder) and fit.is_shape):
+        return fit
+    half, radius = float(body.height) / 2, float(body.radius)
+    reach = BEYOND * radius / half
+    for end, is_seen in zip((-1, 1), np.asarray(fit.ends_seen), strict=True):
+        within = beyond = 0
+        for one in seen if is_seen else ():
+            place, on_wall = _on_wall(body, one, 1 + reach)
+            beside = on_wall & (np.abs(end * place - 1) < reach)
+            within += np.count_nonzero(beside & (end * place < 1))
+            beyond += np.count_nonzero(beside & (end * place > 1))
+        if beyond >= FEWEST and beyond > MOST_BEYOND * within:
+            return fit.contradicted(
+                "the depth shows the wall beyond an end that the mask's edge tells: "
+                "the mask is not the outline, or a wall like it goes on there."
+            )
+    return fit
+
+
+def _on_wall(
+    body: Cylinder, seen: Seen, reach: float
+) -> tuple[Float[np.ndarray, " n"], Bool[np.ndarray, " n"]]:
+    """Places of readings about a wall along it, and whether they lie on it.
+
+    Args:
+        body: The wall, in the world frame.
+        seen: An image; pixels beside its region, too.
+        reach: Half heights from the middle within which readings are.
+    """
+    row, col = np.nonzero(seen.region)
+    margin = 1 + min(np.ptp(row), np.ptp(col)) // 2
+    around = np.zeros_like(seen.region)
+    around[cropped(seen.region, margin=int(margin))] = True
+    found = wall_readings(body, seen, around, reach)
+    return found.place, np.abs(found.miss) < ON_WALL * found.deviation
 
 
 def _gaps(fit: Fit, body: Cylinder, seen: Seen, is_outline: bool) -> list[OutlineGap]:

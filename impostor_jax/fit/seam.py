@@ -16,12 +16,14 @@ __all__ = [
     "WITHIN",
     "Solution",
     "Split",
+    "WallReadings",
     "about_axis",
     "best_split",
     "departs_beyond",
     "departures",
     "refuted_by_seam",
     "solved",
+    "wall_readings",
     "wall_terms",
 ]
 
@@ -247,7 +249,7 @@ def _least(
     return value, np.asarray(products[..., size, size] - (right * value).sum(axis=-1))
 
 
-class _WallReadings(NamedTuple):
+class WallReadings(NamedTuple):
     """Of a wall: places along it, unit vectors away from its axis, and distances."""
 
     place: Float[np.ndarray, " n"]
@@ -271,7 +273,7 @@ def refuted_by_seam(fit: Fit, seen: Sequence[Seen]) -> Fit:
     axis = np.asarray(body.axis, float)
     regions = each_of(fit.region)
     parts = [
-        _wall_readings(body, one, np.asarray(region))
+        wall_readings(body, one, np.asarray(region))
         for one, region in zip(seen, regions, strict=True)
     ]
     place, out, miss, deviation = map(np.concatenate, zip(*parts, strict=True))
@@ -314,11 +316,11 @@ def departs_beyond(
     if num_cut < LEAST_CUT * sum(map(np.count_nonzero, read)):
         return False
     inner = [
-        _wall_readings(body, one, there & own)
+        wall_readings(body, one, there & own)
         for one, there, own in zip(seen, read, kept, strict=True)
     ]
     outer = [
-        _wall_readings(body, one, left, BEYOND)
+        wall_readings(body, one, left, BEYOND)
         for one, left in zip(seen, cut, strict=True)
     ]
     parts = zip(*inner, *outer, strict=True)
@@ -336,12 +338,12 @@ def departs_beyond(
     )
 
 
-def _wall_readings(
+def wall_readings(
     body: Cylinder,
     seen: Seen,
     region: Bool[np.ndarray, "h w"],
     reach: float = ALONG,
-) -> _WallReadings:
+) -> WallReadings:
     """Readings of a wall, without those near its outline.
 
     Args:
@@ -372,7 +374,7 @@ def _wall_readings(
     place, miss = along / half, distance / radius - 1
     told &= (np.abs(place) < reach) & (np.abs(miss) < WITHIN)
     deviation = sigma * cosine / radius
-    return _WallReadings(place[told], out[told], miss[told], deviation[told])
+    return WallReadings(place[told], out[told], miss[told], deviation[told])
 
 
 def _repeats(

@@ -25,7 +25,12 @@ from impostor_jax.fit.regions import (
     pixel_indices,
     takes_all,
 )
+from impostor_jax.opencv import cv2
 from impostor_jax.sensor.base import AbstractDepthNoise
+
+LARGEST_HOLE = 0.1
+"""Pixels of a hole in a silhouette, over the region's, that may be a mistake: the far
+end of a pipe that is seen from inside is larger."""
 
 
 class Seen(NamedTuple):
@@ -54,6 +59,25 @@ class Seen(NamedTuple):
     def is_taken(self, readings: int | None) -> bool:
         """Whether a fit takes all its pixels, with as many `readings` as asked."""
         return takes_all(self.region, most_readings(readings, self.noise))
+
+    def without_holes(self) -> "Seen":
+        """The same with its small holes as pixels that miss a reading.
+
+        A silhouette has none, but of what is in front, or said so by mistake: at each
+        the object would seem to stop.
+        """
+        holes = ~self.region
+        _, labels, stats, _ = cv2.connectedComponentsWithStats(holes.astype(np.uint8))
+        left, top, width, height, area = stats.T
+        rows, cols = holes.shape
+        inside = (left > 0) & (top > 0) & (left + width < cols) & (top + height < rows)
+        inside &= area <= LARGEST_HOLE * np.count_nonzero(self.region)
+        inside[0] = False
+        if not inside.any():
+            return self
+        found = inside[labels]
+        image = np.where(found, 0, self.image).astype(self.image.dtype)
+        return self._replace(image=image, region=self.region | found)
 
     def without_edges(self) -> "Seen":
         """The same without readings that its noise model does not speak for."""

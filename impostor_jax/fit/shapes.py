@@ -29,7 +29,7 @@ from impostor_jax.fit.gather import table_of
 from impostor_jax.fit.learned import fit_with_learned_rays, with_learned_rays
 from impostor_jax.fit.measured import with_measured
 from impostor_jax.fit.options import Options
-from impostor_jax.fit.outline_gap import compared_with_outline
+from impostor_jax.fit.outline_gap import compared_with_outline, tested_beyond_ends
 from impostor_jax.fit.pixelwise import Pixelwise
 from impostor_jax.fit.prior import Prior
 from impostor_jax.fit.problem import Settings, Table
@@ -118,6 +118,9 @@ def fit_shape(
             seen_by(np.asarray(image), np.asarray(one), *by)
             for image, one, *by in zip(images, masks, cameras, noises, strict=True)
         ]
+        is_outline = options.mask_meaning == "outline"
+        if is_outline and kind.closed is None:
+            seen = [one.without_holes() for one in seen]
         # Noise that was measured is in the same units.
         doubts = [
             warn_of_units(
@@ -140,8 +143,9 @@ def fit_shape(
         fit = _fit_seen(kind, seen, start, beliefs, settings, *also)
         fit = tested_by_readings(kind, fit, options, start, fitted_as)
         if places is None:
-            is_outline = options.mask_meaning == "outline"
             fit = compared_with_outline(fit, seen, is_outline)
+            if is_outline and effort.doubts:
+                fit = tested_beyond_ends(fit, seen)
         if effort.doubts:
             fit = refuted_by_seam(fit, seen)
         # A caller may write other pixels to a mask, and the depth is a copy.
