@@ -24,6 +24,7 @@ from impostor_jax.fit.border import fit_of_one_surface
 from impostor_jax.fit.copied import counted_copies
 from impostor_jax.fit.edges import without_edges
 from impostor_jax.fit.far import fitted_near
+from impostor_jax.fit.filtered import shared_errors
 from impostor_jax.fit.fittable import Fittable, no_guess
 from impostor_jax.fit.gather import table_of
 from impostor_jax.fit.learned import fit_with_learned_rays, with_learned_rays
@@ -141,6 +142,13 @@ def fit_shape(
             return _fit_seen(kind, seen, begin, known, settings, *also)
 
         fit = _fit_seen(kind, seen, start, beliefs, settings, *also)
+        is_told = places is None and sigma is not None and not told
+        if is_told and effort.doubts and options.errors is None:
+            shared = shared_errors(fit, views, seen)
+            if shared is not None:
+                sigma, told = shared
+                fit = fit_shape(kind, depth, camera, mask, sigma, initial, options)
+                return fit.noting(measured=told)
         fit = tested_by_readings(kind, fit, options, start, fitted_as)
         if places is None:
             fit = compared_with_outline(fit, seen, is_outline)
