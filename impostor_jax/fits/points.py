@@ -44,7 +44,7 @@ from impostor_jax.fits.given_points import (
     points_given,
     single_noise,
 )
-from impostor_jax.fits.rough import with_shared_errors
+from impostor_jax.fits.rough import with_errors_of_places, with_shared_errors
 from impostor_jax.fits.viewless import seen_across
 from impostor_jax.geometry.frames import RigidTransform
 from impostor_jax.numerics import eps
@@ -186,8 +186,8 @@ def fit_points(
         fit = _fit_with_level(cloud, initial, asked, wall)
     else:
         fit = _fit_cloud(cloud, sigma, initial, asked)
-    own = cloud.counts
-    return tested_by_facing(fit, cloud.ends[own], cloud.starts[own])
+    ends, starts = cloud.ends[cloud.counts], cloud.starts[cloud.counts]
+    return with_errors_of_places(tested_by_facing(fit, ends, starts), ends, starts)
 
 
 def _fit_cloud(

@@ -1,18 +1,22 @@
-"""Errors that neighboring points of a wall share, as of bark, bends and merged scans.
+"""Errors that points of a wall share: neighbors, as of bark, and those of a scan.
 
 Points have no rows and columns, but places on the wall: the means of patches scatter by
 more than single points let them where neighbors err alike. Of patches that are larger
 than what errs alike, that is how many times fewer points there are in effect.
+
+Points that were seen from one place share the error of its pose. What each place moves
+the wall across its axis tells by how many times more than noise these err.
 """
 
-__all__ = ["with_shared_errors"]
+__all__ = ["with_errors_of_places", "with_shared_errors"]
 
 from dataclasses import replace
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from impostor_jax.camera.ray_table import turned_to
 from impostor_jax.fit.result import Fit
@@ -29,6 +33,19 @@ FEWEST_PATCHES = 20
 MOST_OFF = 4.0
 """Standard deviations from the wall up to which a point is of it."""
 
+MOST_PLACES = 16
+"""Places that are told apart; of more, parts of the path that they lie on."""
+
+FEWEST_OF_PLACE = 10
+"""Points from a place whose motion tells."""
+
+LEAST_APART = 2.0
+"""Standard deviations of that from which poses err: to be wrong is to be less sure."""
+
+TOLD = 4.0
+"""Times that they move a wall by more than noise, squared, from which a reader is told:
+deviations are twice as wide."""
+
 BY_CHANCE = 4.0
 """Standard deviations by which independent errors scatter the means at most."""
 
@@ -41,25 +58,101 @@ def with_shared_errors(fit: Fit, points: Float[np.ndarray, "n 3"], level: float)
         points: In the world.
         level: Standard deviation of a point.
     """
-    if not fit.is_shape:
+    return _widened(fit, _times(fit, points, level)) if fit.is_shape else fit
+
+
+def with_errors_of_places(
+    fit: Fit, points: Float[np.ndarray, "n 3"], starts: Float[np.ndarray, "n 3"]
+) -> Fit:
+    """The fit with deviations as wide as poses make them that disagree.
+
+    Args:
+        fit: Of the points, which takes poses for exact.
+        points: In the world.
+        starts: Where each was seen from.
+    """
+    if not fit.is_shape or np.all(starts == starts[:1]):
         return fit
-    times = _times(fit, points, level)
+    times = _times_of_places(fit, points, _places(starts))
+    fit = _widened(fit, times)
+    if times < TOLD:
+        return fit
+    return fit.noting(
+        doubt="points that were seen from different places disagree by "
+        f"{np.sqrt(times):.1f} times their noise: the poses err, and std allows for it"
+    )
+
+
+def _widened(fit: Fit, times: float) -> Fit:
+    """A fit of which so many points tell as much as one whose error is its own."""
     if times <= 1:
         return fit
-    root = float(np.sqrt(times))
+    budget, std = fit.std_budget, fit.std
+    noise = budget["noise"]
 
-    def widened(value: jax.Array) -> jax.Array:
-        return value * jnp.asarray(root, value.dtype)
+    def wider(part: Any, whole: Any) -> Float[np.ndarray, " k"]:
+        # Of what else a deviation is made of there is no more.
+        part, whole = (np.atleast_1d(np.asarray(x, float)) for x in (part, whole))
+        is_known = np.isfinite(whole) & (whole > 0)
+        share = np.where(is_known, part, 0) / np.where(is_known, whole, 1)
+        return np.sqrt(1 + (times - 1) * share**2)
 
-    budget = fit.std_budget
-    shared = budget["noise"].vector * np.sqrt(times - 1)
-    observed = replace(fit.observed, deviation=widened(fit.observed.deviation))
+    def widened(value: jax.Array, by: np.ndarray) -> jax.Array:
+        return value * jnp.asarray(by, value.dtype)
+
+    names = "axis", "across_axis", "along_axis", "radius", "height"
+    parts = [wider(getattr(noise, name), getattr(std, name)) for name in names]
+    by = np.concatenate(parts)
+    shared = noise.vector * np.sqrt(times - 1)
+    deviation = widened(fit.observed.deviation, by.max(keepdims=True))
     return fit.having(
-        covariance=fit.covariance * jnp.asarray(times, fit.covariance.dtype),
-        std=jax.tree.map(widened, fit.std),
+        covariance=widened(fit.covariance, by[:, None] * by),
+        std=replace(std, vector=widened(std.vector, wider(noise.vector, std.vector))),
         std_budget=budget.having("correlation", shared),
-        observed=observed,
+        observed=replace(fit.observed, deviation=deviation),
     )
+
+
+def _places(starts: Float[np.ndarray, "n 3"]) -> Int[np.ndarray, " n"]:
+    """Number of the place that each point was seen from; parts of a path if many."""
+    unique, group = np.unique(starts, axis=0, return_inverse=True)
+    if len(unique) <= MOST_PLACES:
+        return group.ravel()
+    middle = starts - starts.mean(axis=0)
+    _, _, principal = np.linalg.svd(middle, full_matrices=False)
+    order = np.argsort(np.argsort(middle @ principal[0], kind="stable"))
+    return order * MOST_PLACES // len(order)
+
+
+def _times_of_places(
+    fit: Fit, points: Float[np.ndarray, "n 3"], group: Int[np.ndarray, " n"]
+) -> float:
+    """By how many times more than noise places move a wall, squared; 1 if by chance."""
+    wall = fit.cylinder
+    frame = turned_to(np.asarray(wall.axis, np.float64))
+    across = ((points - np.asarray(wall.center, np.float64)) @ frame.T)[:, :2]
+    distance = np.linalg.norm(across, axis=1)
+    off = distance - float(wall.radius)
+    usual = 1.4826 * float(np.median(np.abs(off)))
+    near = np.abs(off) < MOST_OFF * max(usual, np.finfo(float).tiny)
+    out, off, group = across[near] / distance[near, None], off[near], group[near]
+    rest, moved, count = 0.0, [], 0
+    for place in np.unique(group):
+        own = group == place
+        if np.count_nonzero(own) < FEWEST_OF_PLACE:
+            continue
+        shift, left, rank, _ = np.linalg.lstsq(out[own], off[own], rcond=None)
+        if rank < 2:
+            continue
+        moved.append(float(np.sum((out[own] @ shift) ** 2)))
+        rest += float(left[0])
+        count += np.count_nonzero(own) - 2
+    # Radius and center have followed what all places share.
+    freedom = 2 * len(moved) - 3
+    if freedom < 1 or not rest > 0:
+        return 1.0
+    times = float(np.sum(moved)) / freedom / (rest / count)
+    return times if times > 1 + LEAST_APART * np.sqrt(2 / freedom) else 1.0
 
 
 def _times(fit: Fit, points: Float[np.ndarray, "n 3"], level: float) -> float:

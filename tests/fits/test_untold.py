@@ -171,3 +171,34 @@ def test_too_few_points_near_a_wall_end_in_a_status():
         points = rings(18, [-0.1, 0.0, 0.1], 0.01, seed)
         fit = ij.fit_cylinder_to_points(points)
         assert fit.region.shape == (54,)
+
+
+def scanned(drift, seed):
+    """Points with the places that they were seen from, whose poses err."""
+    random = np.random.default_rng(seed)
+    scans = []
+    for side in np.linspace(-1.0, 1.0, 6):
+        points = stem(300, (side - 1.0, side + 1.0), noise=0, seed=random.integers(99))
+        ray = points.mean(axis=0) - CENTER
+        start = CENTER + 5 * ray / np.linalg.norm(ray)
+        view = points - start
+        view /= np.linalg.norm(view, axis=1, keepdims=True)
+        points = points + random.normal(0, NOISE, (len(points), 1)) * view
+        points = points + random.normal(0, drift, 3)
+        scans.append(np.hstack([points, np.broadcast_to(start, points.shape)]))
+    return np.concatenate(scans)
+
+
+def test_places_that_disagree_widen_deviations():
+    # Of scanners that move and drift, 7 of 16 radii were up to 12 deviations off.
+    exact, drifts = (
+        ij.fit_cylinder_to_points(scanned(drift, 2), sigma=NOISE)
+        for drift in (0.0, 0.001)
+    )
+    assert abs(off_by(exact)) < 3
+    assert "disagree" not in exact.reason
+    assert abs(off_by(drifts)) < 3
+    assert "different places disagree by" in drifts.reason
+    assert float(drifts.std.radius) > 3 * float(exact.std.radius)
+    root = np.sqrt(np.diagonal(drifts.covariance))
+    np.testing.assert_allclose(root[5], drifts.std.radius, rtol=1e-5)
