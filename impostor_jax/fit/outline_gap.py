@@ -23,7 +23,7 @@ from jaxtyping import Bool, Float
 from impostor_jax.arguments import users_level
 from impostor_jax.fit.limb import limb_of
 from impostor_jax.fit.result import LARGE_GAP, Fit, OutlineGap
-from impostor_jax.fit.seam import wall_readings
+from impostor_jax.fit.seam import WITHIN, wall_readings
 from impostor_jax.fit.seen import Seen
 from impostor_jax.fit.surface import cropped
 from impostor_jax.geometry.so3 import tangent_basis
@@ -57,7 +57,13 @@ ON_WALL = 3.0
 
 MOST_BEYOND = 0.5
 """Readings on the wall that goes on, over those as far on this side of the end, at
-most: of the table that a can stands on a tenth to a third are as near."""
+most; of the table that a can stands on some are as near."""
+
+ALMOST_ALL = 0.8
+"""Part of the readings within `WITHIN` radii of it that lie on a wall that goes on."""
+
+MOST_DEVIATION = WITHIN / (2 * ON_WALL)
+"""Noise, in radii, with which readings tell these from others."""
 
 FEWEST = 20
 """Readings that say so, at least."""
@@ -114,13 +120,16 @@ def tested_beyond_ends(fit: Fit, seen: Sequence[Seen]) -> Fit:
     half, radius = float(body.height) / 2, float(body.radius)
     reach = BEYOND * radius / half
     for end, is_seen in zip((-1, 1), np.asarray(fit.ends_seen), strict=True):
-        within = beyond = 0
+        within = beyond = near = 0
         for one in seen if is_seen else ():
-            place, on_wall = _on_wall(body, one, 1 + reach)
-            beside = on_wall & (np.abs(end * place - 1) < reach)
-            within += np.count_nonzero(beside & (end * place < 1))
-            beyond += np.count_nonzero(beside & (end * place > 1))
-        if beyond >= FEWEST and beyond > MOST_BEYOND * within:
+            place, on_wall = _beside_wall(body, one, 1 + reach)
+            is_beyond = end * place > 1
+            beside = ~is_beyond & (end * place > 1 - reach)
+            within += np.count_nonzero(on_wall & beside)
+            beyond += np.count_nonzero(on_wall & is_beyond)
+            near += np.count_nonzero(is_beyond)
+        goes_on = beyond > max(MOST_BEYOND * within, ALMOST_ALL * near)
+        if goes_on and beyond >= FEWEST:
             return fit.contradicted(
                 "the depth shows the wall beyond an end that the mask's edge tells: "
                 "the mask is not the outline, or a wall like it goes on there."
@@ -128,10 +137,10 @@ def tested_beyond_ends(fit: Fit, seen: Sequence[Seen]) -> Fit:
     return fit
 
 
-def _on_wall(
+def _beside_wall(
     body: Cylinder, seen: Seen, reach: float
 ) -> tuple[Float[np.ndarray, " n"], Bool[np.ndarray, " n"]]:
-    """Places of readings about a wall along it, and whether they lie on it.
+    """Places along a wall of readings near it, and whether they lie on it.
 
     Args:
         body: The wall, in the world frame.
@@ -142,8 +151,9 @@ def _on_wall(
     margin = 1 + min(np.ptp(row), np.ptp(col)) // 2
     around = np.zeros_like(seen.region)
     around[cropped(seen.region, margin=int(margin))] = True
-    found = wall_readings(body, seen, around, reach)
-    return found.place, np.abs(found.miss) < ON_WALL * found.deviation
+    place, _, miss, deviation = wall_readings(body, seen, around, reach)
+    tells = deviation < MOST_DEVIATION
+    return place[tells], np.abs(miss[tells]) < ON_WALL * deviation[tells]
 
 
 def _gaps(fit: Fit, body: Cylinder, seen: Seen, is_outline: bool) -> list[OutlineGap]:

@@ -97,8 +97,8 @@ def _widened(fit: Fit, times: float) -> Fit:
         share = np.where(is_known, part, 0) / np.where(is_known, whole, 1)
         return np.sqrt(1 + (times - 1) * share**2)
 
-    def widened(value: jax.Array, by: np.ndarray) -> jax.Array:
-        return value * jnp.asarray(by, value.dtype)
+    def widened(value: Any, by: np.ndarray) -> jax.Array:
+        return jnp.asarray(value) * jnp.asarray(by, value.dtype)
 
     names = "axis", "across_axis", "along_axis", "radius", "height"
     parts = [wider(getattr(noise, name), getattr(std, name)) for name in names]
