@@ -92,13 +92,8 @@ def across_found(
         steep = body.wall_square(seen) * inverse * inverse
         own, other = parts_of_variance(h, along, steep, 1 / length)
         across = bias.across_at(near * jnp.sqrt(length)) ** 2
-        least = LEAST_ASSUMED**2 * along
-        # Beside the outline a mask leaves less of it than the slope makes.
-        variance = safe_divide(h + along / 2, told.terms.weight**2)
-        is_told = across > least
-        seen_of_it = jnp.maximum(variance - own, 0) / jnp.where(is_told, across, 1)
-        other = jnp.where(is_told, seen_of_it, other)
-        assumed = own + jnp.maximum(across, least) * other
+        variance = own + across * other
+        assumed = own + jnp.maximum(across, LEAST_ASSUMED**2 * along) * other
         z = jnp.abs(told.terms.residual)
         is_wall = told.used & ~seen.on_cap
         counts = is_wall & (z < WITHIN)
