@@ -5,7 +5,8 @@ more than single points let them where neighbors err alike. Of patches that are 
 than what errs alike, that is how many times fewer points there are in effect.
 
 Points that were seen from one place share the error of its pose. What each place moves
-the wall across its axis tells by how many times more than noise these err.
+the wall across its axis tells by how many times more than noise these err; a wall that
+is not round looks the same.
 """
 
 __all__ = ["with_errors_of_places", "with_shared_errors"]
@@ -75,11 +76,12 @@ def with_errors_of_places(
         return fit
     times = _times_of_places(fit, points, _places(starts))
     fit = _widened(fit, times)
-    if times < TOLD:
+    if times < TOLD or fit.asked.doubt:
         return fit
     return fit.noting(
         doubt="points that were seen from different places disagree by "
-        f"{np.sqrt(times):.1f} times their noise: the poses err, and std allows for it"
+        f"{np.sqrt(times):.1f} times their noise: poses err, or the wall is not round; "
+        "std allows for it"
     )
 
 
@@ -103,7 +105,7 @@ def _widened(fit: Fit, times: float) -> Fit:
     names = "axis", "across_axis", "along_axis", "radius", "height"
     parts = [wider(getattr(noise, name), getattr(std, name)) for name in names]
     by = np.concatenate(parts)
-    shared = noise.vector * np.sqrt(times - 1)
+    shared = jnp.hypot(budget["correlation"].vector, noise.vector * np.sqrt(times - 1))
     deviation = widened(fit.observed.deviation, by.max(keepdims=True))
     return fit.having(
         covariance=widened(fit.covariance, by[:, None] * by),

@@ -468,7 +468,7 @@ def test_correlated_errors_widen_the_deviations():
     maps = ij.render(can(), CAMERA)
     depth = np.minimum(np.asarray(maps.depth), 0.6) + windows.sum(axis=(2, 3)) / 3
     ratios = []
-    for options in ({}, OTHER_OPTIONS):
+    for options in ({"errors": "independent"}, OTHER_OPTIONS):
         fit = ij.fit_cylinder(
             depth.astype(np.float32), CAMERA, mask=mask, sigma=SIGMA, **options
         )
