@@ -1,9 +1,9 @@
 """Whether depth was filtered, where a caller tells the noise of single readings.
 
 Pipelines blur depth, fill its holes, enlarge it. What is left of the noise is less than
-the sensor's, and neighbors share it: a filter of seven pixels leaves a fifth of the
-deviation, of which no more than one in fifty readings tells anew. A fit that takes them
-for independent was up to 42 of its deviations off, with residuals that seemed good.
+the sensor's, and neighbors share it: a bilateral filter of seven pixels leaves a fifth
+of the deviation. A fit that takes readings for independent was up to 42 of its
+deviations off, with residuals that seemed good.
 """
 
 __all__ = ["shared_errors"]

@@ -114,20 +114,21 @@ def tested_beyond_ends(fit: Fit, seen: Sequence[Seen]) -> Fit:
         fit: Concrete and single.
         seen: The object in each of its images, whose regions are its silhouette.
     """
-    body = fit.shape
-    if not (isinstance(body, Cylinder) and fit.is_shape):
+    body, ends_seen = fit.shape, np.asarray(fit.ends_seen)
+    if not (isinstance(body, Cylinder) and fit.is_shape and ends_seen.any()):
         return fit
     half, radius = float(body.height) / 2, float(body.radius)
     reach = BEYOND * radius / half
-    for end, is_seen in zip((-1, 1), np.asarray(fit.ends_seen), strict=True):
-        within = beyond = near = 0
-        for one in seen if is_seen else ():
-            place, on_wall = _beside_wall(body, one, 1 + reach)
-            is_beyond = end * place > 1
-            beside = ~is_beyond & (end * place > 1 - reach)
-            within += np.count_nonzero(on_wall & beside)
-            beyond += np.count_nonzero(on_wall & is_beyond)
-            near += np.count_nonzero(is_beyond)
+    told = [_beside_wall(body, one, 1 + reach) for one in seen]
+    place, on_wall = map(np.concatenate, zip(*told, strict=True))
+    for end, is_seen in zip((-1, 1), ends_seen, strict=True):
+        if not is_seen:
+            continue
+        is_beyond = end * place > 1
+        beside = ~is_beyond & (end * place > 1 - reach)
+        within = np.count_nonzero(on_wall & beside)
+        beyond = np.count_nonzero(on_wall & is_beyond)
+        near = np.count_nonzero(is_beyond)
         goes_on = beyond > max(MOST_BEYOND * within, ALMOST_ALL * near)
         if goes_on and beyond >= FEWEST:
             return fit.contradicted(

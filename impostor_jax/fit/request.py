@@ -1,6 +1,7 @@
 """Checks of what a fit is asked."""
 
 __all__ = [
+    "USUAL_SIGMA",
     "DepthImage",
     "Given",
     "Mask",

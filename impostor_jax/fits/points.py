@@ -30,7 +30,7 @@ from impostor_jax.fit.fittable import CYLINDER, no_guess
 from impostor_jax.fit.measured import NOT_MEASURED
 from impostor_jax.fit.options import Errors, MaskMeaning, Options, Scale
 from impostor_jax.fit.regions import BUCKETS, DepthUnitsWarning, places_for
-from impostor_jax.fit.request import check_types
+from impostor_jax.fit.request import USUAL_SIGMA, check_types
 from impostor_jax.fit.result import Fit
 from impostor_jax.fit.shapes import fit_shape, prepare_fit
 from impostor_jax.fit.status import FitStatus
@@ -74,9 +74,6 @@ looked for. So may be those that face away from their origin."""
 FEW, ALMOST_ALL = 500, 0.9
 """Points up to which a fit near which so many of them lie tells their noise, though it
 is refused: of so few a wall may tell a tenth of it."""
-
-UNTOLD = 1e-3
-"""Noise in meters that is taken where nothing tells it."""
 
 MOST_ROUNDED = 0.1
 """Part of the noise that the rounding of coordinates may be."""
@@ -283,7 +280,8 @@ def _fit_with_level(
     fit = _fit_cloud(cloud, None, initial, asked).noting(measured=NOT_MEASURED)
     if fit.is_shape or not _is_of_few(fit, cloud):
         return fit
-    return _fit_from_level(cloud, UNTOLD * fit.chi2.item() ** 0.5, initial, asked)
+    level = USUAL_SIGMA * fit.chi2.item() ** 0.5
+    return _fit_from_level(cloud, level, initial, asked)
 
 
 def _fit_from_level(
