@@ -25,6 +25,16 @@ from impostor_jax.fits.grid import rounding_of
 from impostor_jax.sensor.base import AbstractDepthNoise
 from impostor_jax.sensor.gaussian import ConstantNoise
 
+MANY_ORIGINS = 33
+"""Different origins from which on they may be something else: scanners are few, or move
+by no whole numbers."""
+
+UNIT_WITHIN = 0.01
+"""Length, over 1, by which normals are off it in files of few digits."""
+
+WHOLE_WITHIN = 0.02
+"""Of a step of 255 by which colors are off a whole number of them, likewise."""
+
 
 class GivenPoints(NamedTuple):
     """Points, and what is known of them.
@@ -119,6 +129,7 @@ def _checked_points(
                 "each"
             )
         ends, starts = values[:, :3], values[:, 3:]
+        _check_origins(starts)
     elif origin is None:
         ends, starts = values, None
     else:
@@ -136,6 +147,27 @@ def _checked_points(
     if starts is not None and np.any(np.all(ends == starts, axis=1)):
         raise ValueError("points must lie off the origin that they were seen from")
     return ends, starts
+
+
+def _check_origins(starts: Float[np.ndarray, "n 3"]) -> None:
+    """Raise where columns that should be origins are what files have beside points."""
+    levels = starts if starts.max() > 1 else 255 * starts
+    if np.all(np.abs(np.linalg.norm(starts, axis=1) - 1) < UNIT_WITHIN):
+        what = "unit vectors, as of normals"
+    elif starts.min() >= 0 and levels.max() <= 255 and _are_whole(levels):
+        what = "colors"
+    else:
+        return
+    if len(np.unique(starts, axis=0)) < MANY_ORIGINS:
+        return
+    raise ValueError(
+        "points must be (N, 3), or (N, 6) with the origin of each in columns 4 to 6, "
+        f"got {what} there: give points[:, :3]"
+    )
+
+
+def _are_whole(values: Float[np.ndarray, "..."]) -> bool:
+    return bool(np.all(np.abs(values - np.round(values)) < WHOLE_WITHIN))
 
 
 def as_numbers(name: str, value: Any) -> Float[np.ndarray, "..."]:

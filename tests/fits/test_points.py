@@ -240,6 +240,12 @@ def test_a_can_among_points_is_told_from_a_cup(seen):
 
 MIXING = ij.FlyingPixels(ij.ConstantNoise(SIGMA))
 POINTS = np.random.default_rng(0).normal((0, 0, 1), 0.1, (60, 3))
+COLORS = np.random.default_rng(1).integers(0, 256, (60, 3))
+NORMALS = POINTS / np.linalg.norm(POINTS, axis=1, keepdims=True)
+
+
+def with_columns(others):
+    return np.hstack([POINTS, others])
 
 
 @pytest.mark.parametrize(
@@ -252,6 +258,9 @@ POINTS = np.random.default_rng(0).normal((0, 0, 1), 0.1, (60, 3))
         ((("points", (0, 0, 0)), {}), "points must be numbers"),
         (((np.tile(POINTS, 2), (0, 0, 0)), {}), "origin must not be given"),
         (((POINTS, POINTS[3]), {}), "off the origin"),
+        (((with_columns(COLORS),), {}), "got colors there"),
+        (((with_columns(COLORS / 255),), {}), "got colors there"),
+        (((with_columns(NORMALS),), {}), "got unit vectors"),
         (((POINTS, (0, 0, 0)), {"mask_meaning": "outline"}), "no outline"),
         (((POINTS, (0, 0, 0)), {"errors": "correlated"}), "no neighbors"),
         (((POINTS, (0, 0, 0)), {"sigma": MIXING}), "sigma must be"),
