@@ -8,21 +8,20 @@ __all__ = [
     "SPHERE",
     "TUBE",
     "Fittable",
-    "Guesses",
     "no_guess",
 ]
 
 import dataclasses
+import functools
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Bool, Float
 
 from impostor_jax.camera.ray_table import Sight
-from impostor_jax.compiling import quickly_compiled
 from impostor_jax.fit.across import exact_rays
 from impostor_jax.fit.alternatives import no_alternatives
 from impostor_jax.fit.body import AbstractBody, coordinates_of
@@ -38,11 +37,11 @@ from impostor_jax.fit.mouth import mouth_pixels
 from impostor_jax.fit.pixelwise import Pixelwise
 from impostor_jax.fit.result import Directions, Fit
 from impostor_jax.fit.round_body import RoundBody
+from impostor_jax.fit.rounds import Guess
 from impostor_jax.fit.solve import STAGE_TOLERANCE
 from impostor_jax.fit.sphere_body import SphereBody
 from impostor_jax.fit.status import STATUSES, FitStatus
 from impostor_jax.fit.surface import Samples, samples_of
-from impostor_jax.fit.threads import in_background
 from impostor_jax.fit.tube_body import TubeBody
 from impostor_jax.primitives.base import AbstractPrimitive
 from impostor_jax.primitives.box import Box
@@ -52,18 +51,6 @@ from impostor_jax.primitives.solid import Solid
 from impostor_jax.primitives.sphere import Sphere
 
 
-class Guesses(NamedTuple):
-    """First guesses that are made while the caller goes on.
-
-    Attributes:
-        listed: Waits for them; the likeliest is the first.
-        is_new: Whether a program is compiled for them meanwhile.
-    """
-
-    listed: Callable[[], list[Any]]
-    is_new: bool
-
-
 @dataclasses.dataclass(frozen=True, eq=False)
 class Fittable:
     """A shape that can be fitted.
@@ -71,8 +58,8 @@ class Fittable:
     Attributes:
         shape: Its primitive.
         body: As a fit moves it.
-        guess: Makes first guesses from what is looked at of a region: a batch of bodies
-            in the camera frame, the likeliest first, and which of them are any.
+        guess: Makes first guesses from what is looked at of a region, the likeliest
+            first.
         parameters: Names of what a caller may hold or expect.
         nothing: Fields of a body without a size.
         most_tolerance: Largest tolerance of an `Effort` that ends its fits.
@@ -87,7 +74,7 @@ class Fittable:
 
     shape: type[AbstractPrimitive]
     body: type[AbstractBody]
-    guess: Callable[[Samples], tuple[Any, Bool[Array, " g"]]]
+    guess: Callable[[Samples], list[Guess]]
     parameters: tuple[str, ...]
     nothing: dict[str, Any]
     most_tolerance: float = np.inf
@@ -129,34 +116,23 @@ class Fittable:
             camera: Concrete.
             sigma: Typical standard deviation of a reading, in meters.
         """
-        return self.guessing(depth, region, camera, sigma).listed()
+        # What is not there is NaN on the way.
+        with np.errstate(all="ignore"):
+            samples = samples_of(depth, region, camera, sigma)
+            found = [] if samples is None else self.guess(samples)
+        dtype = np.dtype(jnp.result_type(float))
+        names, structure = self._fields
+        return [
+            jax.tree.unflatten(structure, [np.asarray(one[x], dtype) for x in names])
+            for one in found
+        ]
 
-    def guessing(
-        self,
-        depth: Float[np.ndarray, "h w"],
-        region: Bool[np.ndarray, "h w"],
-        camera: Sight,
-        sigma: float,
-    ) -> "Guesses":
-        """The same while the caller goes on."""
-        samples = samples_of(depth, region, camera, sigma)
-        if samples is None:
-            return Guesses(list, is_new=False)
-        program = quickly_compiled(self.guess)
-        call = program.ready(samples)
-        if call is None:
-            waited_for = in_background(lambda: program(samples))
-            return Guesses(lambda: _listed(*waited_for()), is_new=True)
-        found = call()
-        return Guesses(lambda: _listed(*found), is_new=False)
-
-
-def _listed(bodies: Any, are_any: Bool[Array, " g"]) -> list[Any]:
-    """Those of a batch of bodies that are any, one by one."""
-    # Sliced by NumPy: a hundredth of the time that JAX takes.
-    bodies, are_any = jax.tree.map(np.asarray, (bodies, are_any))
-    places = np.flatnonzero(are_any)
-    return [jax.tree.map(lambda a, k=k: a[k], bodies) for k in places]
+    @functools.cached_property
+    def _fields(self) -> tuple[list[str], Any]:
+        """Names of a body's fields in its tree, and that tree's structure."""
+        names = [field.name for field in dataclasses.fields(self.body)]
+        own = [name for name in names if name in self.nothing]
+        return own, jax.tree.structure(self.blank)
 
 
 CYLINDER = Fittable(

@@ -7,18 +7,21 @@ bore towards it, so they tell which of two circles about one center a point is o
 __all__ = ["closed", "guess_tubes"]
 
 import equinox as eqx
-import jax
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Bool, Float
 
 from impostor_jax.fit.guess_round import guess_cylinders
-from impostor_jax.fit.round_body import RoundBody
-from impostor_jax.fit.rounds import FEWEST_POINTS, blank_where, largest_of, median_of
+from impostor_jax.fit.rounds import (
+    FEWEST_POINTS,
+    RIDGE,
+    ROUNDING,
+    Guess,
+    largest_of,
+    median_of,
+)
 from impostor_jax.fit.surface import MAX_POINTS, Samples
 from impostor_jax.fit.tube_body import TubeBody
-from impostor_jax.geometry.so3 import tangent_basis
-from impostor_jax.numerics import eps
+from impostor_jax.geometry.so3 import directions_across
 
 MOST_LENGTHWISE = 0.5
 """Cosine with the axis up to which a normal is a wall's."""
@@ -42,13 +45,9 @@ STRAY = 0.01
 """Share of a wall's points, at each end of it, that are strays."""
 
 
-def guess_tubes(samples: Samples) -> tuple[TubeBody, Bool[Array, " g"]]:
-    """Tubes in the camera frame about `guess_cylinders`, and which of them are any."""
-    bodies, are_any = guess_cylinders(samples)
-    with jax.default_matmul_precision("highest"):
-        tubes = jax.vmap(lambda body: _with_bore(body, samples))(bodies)
-    tubes = jax.tree.map(lambda x: x.astype(bodies.radius.dtype), tubes)
-    return blank_where(~are_any, tubes), are_any
+def guess_tubes(samples: Samples) -> list[Guess]:
+    """Tubes about `guess_cylinders`, in their order."""
+    return [_with_bore(guess, samples) for guess in guess_cylinders(samples)]
 
 
 def closed(body: TubeBody) -> TubeBody:
@@ -56,94 +55,93 @@ def closed(body: TubeBody) -> TubeBody:
     return eqx.tree_at(lambda b: b.inner_radius, body, CLOSED * body.radius)
 
 
-def _with_bore(body: RoundBody, samples: Samples) -> TubeBody:
-    basis = tangent_basis(body.axis)
-    frame = jnp.concatenate([basis, body.axis[None]])
-    points = (samples.points - body.center[None]) @ frame.T
-    places = (samples.normal_points - body.center[None]) @ frame.T
-    normals = samples.normals @ frame.T
-    from_axis = jnp.sqrt(jnp.sum(places[:, :2] ** 2, axis=1))
-    radial = jnp.sum(normals[:, :2] * places[:, :2], axis=1)
-    radial = radial / jnp.maximum(from_axis, jnp.finfo(radial.dtype).tiny)
-    is_wall = jnp.abs(normals[:, 2]) < MOST_LENGTHWISE
-    outside, inside = (
-        is_wall & (radial > LEAST_RADIAL),
-        is_wall & (radial < -LEAST_RADIAL),
+def _with_bore(cylinder: Guess, samples: Samples) -> Guess:
+    center, axis, radius, height = (
+        cylinder[name] for name in ("center", "axis", "radius", "height")
     )
-    fewest = FEWEST_POINTS * jnp.maximum(MAX_POINTS / samples.num_normals, 1)
-    sums = (jnp.sum(wall, dtype=fewest.dtype) for wall in (outside, inside))
-    has_outer, has_inner = (count >= fewest for count in sums)
+    frame = np.vstack([directions_across(axis), axis])
+    points = (samples.points - center) @ frame.T
+    places = (samples.normal_points - center) @ frame.T
+    normals = samples.normals @ frame.T
+    from_axis = np.hypot(places[:, 0], places[:, 1])
+    radial = np.sum(normals[:, :2] * places[:, :2], axis=1)
+    radial = radial / np.maximum(from_axis, np.finfo(float).tiny)
+    is_wall = np.abs(normals[:, 2]) < MOST_LENGTHWISE
+    outside = is_wall & (radial > LEAST_RADIAL)
+    inside = is_wall & (radial < -LEAST_RADIAL)
+    fewest = FEWEST_POINTS * max(MAX_POINTS / max(samples.num_normals, 1), 1)
+    has_outer, has_inner = (wall.sum() >= fewest for wall in (outside, inside))
     middle, outer, inner = _circles(places[:, :2], outside, inside)
     # A cylinder's guess may be a circle through both walls.
-    is_better = has_inner & jnp.all(jnp.isfinite(middle)) & (outer > 0) & (inner > 0)
-    middle = jnp.where(is_better, middle, 0)
-    radius = jnp.where(is_better & has_outer, outer, body.radius)
-    rho = jnp.sqrt(jnp.sum((points[:, :2] - middle[None]) ** 2, axis=1))
-    inner = jnp.where(is_better, inner, 0)
-    # Without an outer wall the ring around the bore tells how thick it is.
-    count = jnp.sum(rho > inner, dtype=rho.dtype)
-    rank = jnp.ceil(STRAY * count).astype(jnp.int32)
-    most = int(np.ceil(STRAY * MAX_POINTS)) + 1
-    widest = largest_of(rho, rho > inner, rank, most)
-    ring = jnp.maximum(jnp.where(jnp.isfinite(widest), widest, 0), inner / MOST)
-    radius = jnp.where(is_better & ~has_outer, ring, radius)
+    is_better = has_inner and np.all(np.isfinite(middle)) and outer > 0 and inner > 0
+    if not is_better:
+        middle, inner = np.zeros(2), 0.0
+    rho = np.hypot(*(points[:, :2] - middle).T)
+    if is_better and has_outer:
+        radius = outer
+    elif is_better:
+        # Without an outer wall the ring around the bore tells how thick it is.
+        widest = largest_of(rho, rho > inner, _strays(rho > inner))
+        radius = max(widest if np.isfinite(widest) else 0.0, inner / MOST)
     along = points[:, 2]
-    near = jnp.abs(rho - radius) < NEAR * radius
-    near |= is_better & (jnp.abs(rho - inner) < NEAR * radius)
-    rank = jnp.ceil(STRAY * jnp.sum(near, dtype=rho.dtype)).astype(jnp.int32)
-    high, low = (
-        largest_of(along, near, rank, most),
-        -largest_of(-along, near, rank, most),
-    )
-    is_long = is_better & (high > low) & jnp.isfinite(high - low)
-    half = body.height / 2
-    low, high = jnp.where(is_long, low, -half), jnp.where(is_long, high, half)
-    # The end that faces the camera, and what of it is seen beside the wall.
-    faces = jnp.where(jnp.sum(body.center * body.axis) > 0, low, high)
-    on_end = jnp.abs(along - faces) < 0.1 * (high - low)
-    on_end &= rho < (1 - NEAR) * radius
-    nearest = -largest_of(-rho, on_end, jnp.zeros((), jnp.int32), 1)
-    of_end = jnp.where(jnp.any(on_end), 0.8 * nearest, UNSEEN * radius)
-    inner = jnp.where(is_better, inner, of_end)
-    across = jnp.append(middle, (low + high) / 2)
-    return TubeBody(
-        center=body.center + across @ frame,
-        axis=body.axis,
-        radius=radius,
-        inner_radius=jnp.clip(inner, LEAST * radius, MOST * radius),
-        height=high - low,
-    )
+    near = np.abs(rho - radius) < NEAR * radius
+    if is_better:
+        near |= np.abs(rho - inner) < NEAR * radius
+    rank = _strays(near)
+    low, high = -largest_of(-along, near, rank), largest_of(along, near, rank)
+    if not (is_better and high > low and np.isfinite(high - low)):
+        low, high = -height / 2, height / 2
+    if not is_better:
+        # The end that faces the camera, and what of it is seen beside the wall.
+        faces = low if center @ axis > 0 else high
+        on_end = np.abs(along - faces) < 0.1 * (high - low)
+        on_end &= rho < (1 - NEAR) * radius
+        inner = 0.8 * rho[on_end].min() if on_end.any() else UNSEEN * radius
+    return {
+        "center": center + np.append(middle, (low + high) / 2) @ frame,
+        "axis": axis,
+        "radius": radius,
+        "inner_radius": np.clip(inner, LEAST * radius, MOST * radius),
+        "height": high - low,
+    }
+
+
+def _strays(among: Bool[np.ndarray, " n"]) -> np.integer:
+    """How many of some points are strays."""
+    return np.ceil(STRAY * among.sum()).astype(int)
 
 
 def _circles(
-    points: Float[Array, "n 2"], outside: Bool[Array, " n"], inside: Bool[Array, " n"]
-) -> tuple[Float[Array, "2"], Float[Array, ""], Float[Array, ""]]:
+    points: Float[np.ndarray, "n 2"],
+    outside: Bool[np.ndarray, " n"],
+    inside: Bool[np.ndarray, " n"],
+) -> tuple[Float[np.ndarray, "2"], float, float]:
     """Center and radii of two circles about it, by least squares; 0 or NaN if none.
 
     |x|^2 = 2 c.x + (r^2 - |c|^2) is linear in the center and one number for each. They
     are fitted once more to the points that lie close.
     """
-    scale = jnp.maximum(jnp.max(jnp.abs(points)), jnp.finfo(points.dtype).tiny)
+    scale = max(np.max(np.abs(points)), np.finfo(float).tiny)
     x = points / scale
-    squares = jnp.sum(x * x, axis=1)
+    squares = np.sum(x * x, axis=1)
 
-    def fitted(outside: Array, inside: Array) -> tuple[Array, Array, Array]:
-        of_each = jnp.stack([outside, inside], axis=1).astype(x.dtype)
-        rows = jnp.concatenate([2 * x, of_each], axis=1)
-        rows = jnp.where((outside | inside)[:, None], rows, 0)
-        equations = rows.T @ rows
-        equations += eps(x.dtype, 4) * len(x) * jnp.eye(4, dtype=x.dtype)
-        solution = jax.scipy.linalg.solve(equations, rows.T @ squares, assume_a="pos")
+    def fitted(
+        outside: np.ndarray, inside: np.ndarray
+    ) -> tuple[np.ndarray, float, float]:
+        rows = np.column_stack([2 * x, outside, inside])
+        rows = rows * (outside | inside)[:, None]
+        equations = rows.T @ rows + RIDGE * len(x) * np.eye(4)
+        solution = np.linalg.solve(equations, rows.T @ squares)
         center = solution[:2]
-        radii = jnp.sqrt(jnp.maximum(solution[2:] + jnp.sum(center**2), 0))
-        return center, radii[0], radii[1]
+        outer, inner = np.sqrt(np.maximum(solution[2:] + np.sum(center**2), 0))
+        return center, float(outer), float(inner)
 
     center, outer, inner = fitted(outside, inside)
-    rho = jnp.sqrt(jnp.sum((x - center[None]) ** 2, axis=1))
+    rho = np.hypot(*(x - center).T)
     kept = []
     for among, radius in ((outside, outer), (inside, inner)):
-        miss = jnp.abs(rho - radius)
-        limit = 3 * 1.4826 * median_of(miss, among) + eps(x.dtype, 16)
+        miss = np.abs(rho - radius)
+        limit = 3 * 1.4826 * median_of(miss, among) + ROUNDING
         kept.append(among & (miss <= limit))
     center, outer, inner = fitted(*kept)
     return center * scale, outer * scale, inner * scale

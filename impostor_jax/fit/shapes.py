@@ -311,9 +311,6 @@ def _fit_pixels(
     guesses = guesses_of(kind, seen) if initial is None else []
     shown = all_shown_by(seen, effort.readings, correlated)
     program = Program(shown, prior, settings, effort.kernel, correlated)
-    if any(one.is_new for one in guesses):
-        # While that for the guesses is.
-        program.prepare(kind.blank)
     counts = [one.num_readings for one in seen]
     search = Search(kind, effort, program.fit, program.race, counts)
     moves = [table.camera_from_world for table in shown]

@@ -18,7 +18,7 @@ import numpy as np
 from impostor_jax.effort import Effort
 from impostor_jax.fit.assess import Assessment
 from impostor_jax.fit.body import AbstractBody
-from impostor_jax.fit.fittable import Fittable, Guesses
+from impostor_jax.fit.fittable import Fittable
 from impostor_jax.fit.race import MOST_STARTS, Ends, worth_a_fit
 from impostor_jax.fit.regions import typical_sigma
 from impostor_jax.fit.result import Fit
@@ -121,7 +121,7 @@ class Search:
 def found_by(
     search: Search,
     moves: Sequence[RigidTransform],
-    guesses: Sequence[Guesses],
+    guesses: Sequence[list[AbstractBody]],
     initial: AbstractPrimitive | None,
     known: Fit | None,
 ) -> None:
@@ -188,10 +188,10 @@ def leaves_no_doubt(fit: Fit) -> bool:
     return bool(fit.success) and not np.any(np.asarray(fit.alternatives.weight))
 
 
-def guesses_of(kind: Fittable, seen: Sequence[Seen]) -> list[Guesses]:
+def guesses_of(kind: Fittable, seen: Sequence[Seen]) -> list[list[AbstractBody]]:
     """First guesses of an object in the frame of each of its cameras."""
     return [
-        kind.guessing(
+        kind.guesses(
             one.image,
             one.region,
             one.camera,
@@ -202,7 +202,7 @@ def guesses_of(kind: Fittable, seen: Sequence[Seen]) -> list[Guesses]:
 
 
 def _in_order(
-    guesses: Sequence[Guesses],
+    guesses: Sequence[list[AbstractBody]],
     moves: Sequence[RigidTransform],
     counts: Sequence[int],
 ) -> list[AbstractBody]:
@@ -211,8 +211,7 @@ def _in_order(
     Views with more readings come first.
     """
     found = []
-    for own, move, count in zip(guesses, moves, counts, strict=True):
-        bodies = own.listed()
+    for bodies, move, count in zip(guesses, moves, counts, strict=True):
         if move is not moves[0]:
             bodies = [_moved(body, move, moves[0]) for body in bodies]
         found.append((count, bodies))

@@ -1,7 +1,7 @@
 """Points and normals of a region of a depth image, for first guesses.
 
-Outside JAX, in few calls of NumPy and OpenCV, an image is cropped and reduced; of what
-is left only some points are looked at, which is compiled.
+In few calls of NumPy and OpenCV an image is cropped and reduced; of what is left only
+some points are looked at.
 """
 
 __all__ = [
@@ -16,11 +16,10 @@ __all__ = [
 ]
 
 import functools
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Bool, Float, Int
 
 from impostor_jax.camera.pinhole import PinholeCamera
 from impostor_jax.camera.ray_table import RayTable, Sight
@@ -54,70 +53,25 @@ NUM_PARTS = 8
 class Samples(NamedTuple):
     """What is looked at of a region; where there is less than that, some several times.
 
+    All is in the camera frame.
+
     Attributes:
-        seen: Column, row and reading of some of its pixels, in the matrix's pixels.
-        smooth: The same after the image was reduced and smoothed.
+        points: Some of the surface, after the image was reduced and smoothed.
         copies: How many times each of these is there, about.
-        normal_at: Where normals are, in the same way.
-        slopes: There, of the inverse depth along columns and rows, and its value on the
-            optical axis if it went on so.
+        normal_points: Where normals are.
+        normals: There; they face the camera.
         num_normals: How many there were to choose from, at most `MAX_POINTS`.
+        drawn: Directions in which the region is longest and shortest in the image.
         deepest: Largest depth of all that was smoothed.
-        matrix: Of the camera.
     """
 
-    seen: Float[Array, "3 n"]
-    smooth: Float[Array, "3 n"]
-    copies: Float[Array, ""]
-    normal_at: Float[Array, "3 n"]
-    slopes: Float[Array, "3 n"]
-    num_normals: Float[Array, ""]
-    deepest: Float[Array, ""]
-    matrix: Float[Array, "3 3"]
-
-    @property
-    def points(self) -> Float[Array, "n 3"]:
-        """Some of the surface, in the camera frame."""
-        return _lifted(self.smooth, self.matrix)
-
-    @property
-    def normal_points(self) -> Float[Array, "n 3"]:
-        """Where the normals are, in the camera frame."""
-        return _lifted(self.normal_at, self.matrix)
-
-    @property
-    def normals(self) -> Float[Array, "n 3"]:
-        """They face the camera."""
-        focal = jnp.diagonal(self.matrix)[:2]
-        slopes = jnp.concatenate([self.slopes[:2] * focal[:, None], self.slopes[2:]])
-        return -_unit(slopes.T)
-
-    @property
-    def drawn(self) -> Float[Array, "2 3"]:
-        """Directions in which the region is longest and shortest in the image.
-
-        Noise as deep as the object is thick leaves nothing of the normals, but the
-        image of a rod is still long, and medians of many readings tell how its depth
-        changes. A disc is short along its axis where it is seen edge on, its axis
-        across the view.
-        """
-        middle = self.seen[:2].mean(axis=1)
-        pixels = self.seen[:2] - middle[:, None]
-        _, vectors = jnp.linalg.eigh(pixels @ pixels.T)
-        shortest, longest = vectors.T
-        place = longest @ pixels
-        parts = jnp.argsort(place).reshape(NUM_PARTS, -1)
-        offsets = place[parts].mean(axis=1)
-        offsets -= offsets.mean()
-        depths = median_of(self.seen[2][parts], jnp.ones(parts.shape, bool))
-        slope = offsets @ depths / jnp.maximum(offsets @ offsets, 1e-6)
-        focal = jnp.diagonal(self.matrix)[:2]
-        center = jnp.append((middle - self.matrix[:2, 2]) / focal, 1)
-        # A step along the image from the middle, at the depth there, moves it so.
-        lengthwise = jnp.append(longest / focal, 0) * depths.mean() + center * slope
-        across = jnp.append(shortest / focal, 0)
-        across -= center * (center @ across) / (center @ center)
-        return _unit(jnp.stack([lengthwise, across]))
+    points: Float[np.ndarray, "n 3"]
+    copies: float
+    normal_points: Float[np.ndarray, "n 3"]
+    normals: Float[np.ndarray, "n 3"]
+    num_normals: int
+    drawn: Float[np.ndarray, "2 3"]
+    deepest: float
 
 
 def cropped(region: Bool[np.ndarray, "h w"], margin: int = 0) -> tuple[slice, slice]:
@@ -255,11 +209,15 @@ def samples_of(
     places = np.flatnonzero(inner & np.isfinite(slopes[2]))
     normal_at = _looked_at(smooth, thinned(places)) if len(places) else points
     slopes = slopes.reshape(3, -1)[:, thinned(places)] if len(places) else 0 * points
-    copies, num_normals = max(MAX_POINTS / len(index), 1), min(len(places), MAX_POINTS)
-    deepest = smooth.max()
-    given = (some, points, copies, normal_at, slopes, num_normals, deepest, matrix)
-    single: list[Any] = [np.asarray(part, np.float32) for part in given]
-    return Samples(*single)
+    return Samples(
+        points=_lifted(points, matrix),
+        copies=max(MAX_POINTS / len(index), 1.0),
+        normal_points=_lifted(normal_at, matrix),
+        normals=_facing(slopes, matrix),
+        num_normals=min(len(places), MAX_POINTS),
+        drawn=_drawn(some, matrix),
+        deepest=float(smooth.max()),
+    )
 
 
 def _smoothed(
@@ -279,16 +237,56 @@ def _looked_at(
 ) -> Float[np.ndarray, "3 n"]:
     """Columns and rows of some pixels, and what is there."""
     row, col = np.divmod(index, image.shape[1])
-    return np.stack([col, row, image.ravel()[index]], dtype=np.float32)
+    return np.stack([col, row, image.ravel()[index]], dtype=np.float64)
 
 
 def _lifted(
-    pixels: Float[Array, "3 n"], matrix: Float[Array, "3 3"]
-) -> Float[Array, "n 3"]:
+    pixels: Float[np.ndarray, "3 n"], matrix: Float[np.ndarray, "3 3"]
+) -> Float[np.ndarray, "n 3"]:
     """Points that some pixels show, in the camera frame."""
-    focal, center = jnp.diagonal(matrix)[:2], matrix[:2, 2]
+    focal, center = np.diagonal(matrix)[:2], matrix[:2, 2]
     rays = (pixels[:2] - center[:, None]) / focal[:, None]
-    return jnp.concatenate([rays * pixels[2:], pixels[2:]]).T
+    return np.concatenate([rays * pixels[2:], pixels[2:]]).T
+
+
+def _facing(
+    slopes: Float[np.ndarray, "3 n"], matrix: Float[np.ndarray, "3 3"]
+) -> Float[np.ndarray, "n 3"]:
+    """Normals of planes with slopes as of `_slopes`, towards the camera."""
+    focal = np.diagonal(matrix)[:2]
+    return -_unit(np.concatenate([slopes[:2] * focal[:, None], slopes[2:]]).T)
+
+
+def _drawn(
+    seen: Float[np.ndarray, "3 n"], matrix: Float[np.ndarray, "3 3"]
+) -> Float[np.ndarray, "2 3"]:
+    """Directions in which a region is longest and shortest in the image.
+
+    Noise as deep as the object is thick leaves nothing of the normals, but the image of
+    a rod is still long, and medians of many readings tell how its depth changes. A disc
+    is short along its axis where it is seen edge on, its axis across the view.
+
+    Args:
+        seen: Column, row and reading of some of its pixels, in the matrix's pixels.
+        matrix: Of the camera.
+    """
+    middle = seen[:2].mean(axis=1)
+    pixels = seen[:2] - middle[:, None]
+    _, vectors = np.linalg.eigh(pixels @ pixels.T)
+    shortest, longest = vectors.T
+    place = longest @ pixels
+    parts = np.argsort(place, kind="stable").reshape(NUM_PARTS, -1)
+    offsets = place[parts].mean(axis=1)
+    offsets -= offsets.mean()
+    depths = median_of(seen[2][parts], np.ones(parts.shape, bool))
+    slope = offsets @ depths / max(offsets @ offsets, 1e-6)
+    focal = np.diagonal(matrix)[:2]
+    center = np.append((middle - matrix[:2, 2]) / focal, 1)
+    # A step along the image from the middle, at the depth there, moves it so.
+    lengthwise = np.append(longest / focal, 0) * depths.mean() + center * slope
+    across = np.append(shortest / focal, 0)
+    across -= center * (center @ across) / (center @ center)
+    return _unit(np.stack([lengthwise, across]))
 
 
 def _slopes(
@@ -314,9 +312,9 @@ def _slopes(
     return np.stack([x, y, at_axis])
 
 
-def _unit(vectors: Float[Array, "n 3"]) -> Float[Array, "n 3"]:
-    length = jnp.linalg.norm(vectors, axis=1, keepdims=True)
-    return vectors / jnp.maximum(length, jnp.finfo(vectors.dtype).tiny)
+def _unit(vectors: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
+    length = np.linalg.norm(vectors, axis=1, keepdims=True)
+    return vectors / np.maximum(length, np.finfo(float).tiny)
 
 
 def _reduction(
