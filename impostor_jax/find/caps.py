@@ -33,6 +33,10 @@ a fit that lacks its few rows puts the end too early."""
 LEAST_FACING = 0.005
 """Cosine of the incidence below which a cap is not seen."""
 
+SLACK, LEAST_SINE = 3.0, 0.05
+"""Pixels to which the end of a wall is known, and the sine of the angle between view
+and axis above which these are as far along it as that says."""
+
 FEWEST = 20
 """Readings of a cap that tell better than its wall where it is."""
 
@@ -164,7 +168,7 @@ def _cap(scene: Scene, evidence: Evidence, end: float, sign: float) -> Caps:
     agrees |= scene.normals.error[box] > UNSURE
     # The end of a wall that is seen at a slant is known to some pixels along it, and
     # the readings of the cap tell it better.
-    slack = 2 * width / max(float(np.sqrt(1 - facing**2)), GRAZING)
+    slack = SLACK * width / max(float(np.sqrt(1 - facing**2)), LEAST_SINE)
     near = scene.usable[box] & agrees & (distance < 0.9 * radius)
     near &= np.abs(along) < limit + slack
     if np.count_nonzero(near) >= FEWEST:

@@ -186,12 +186,19 @@ class Fitter:
 
     def tried(self, mask: Bool[np.ndarray, "h w"], evidence: Evidence) -> Fit:
         """A quick fit, as `fit`: most of what is fitted is refused."""
-        effort = dataclasses.replace(self.options.effort, **QUICK)
-        return self._started(mask, evidence, effort)
+        return self._started(mask, evidence, self._quick)
+
+    def guessed(self, mask: Bool[np.ndarray, "h w"]) -> Fit:
+        """The same of pixels of the image, from their own guesses."""
+        return self._fit(mask, None, self._quick)
 
     def fit(self, mask: Bool[np.ndarray, "h w"], evidence: Evidence) -> Fit:
         """Fit the pixels of a mask of the image, from a wall between its ends."""
         return self._started(mask, evidence, self.options.effort)
+
+    @property
+    def _quick(self) -> Effort:
+        return dataclasses.replace(self.options.effort, **QUICK)
 
     def _started(
         self, mask: Bool[np.ndarray, "h w"], evidence: Evidence, effort: Effort

@@ -4,7 +4,7 @@ A window is as wide as the noise asks for, and narrower where the depth jumps in
 moments of the windows add up those of blocks of 2 x 2 pixels.
 """
 
-__all__ = ["Normals", "normals_of", "stray"]
+__all__ = ["STEEPEST", "Normals", "normals_of", "stray"]
 
 import dataclasses
 from typing import NamedTuple
@@ -27,6 +27,14 @@ LEAST_KNOWN = 0.3
 ROUGH = 0.5
 """Standard deviation of a normal whose window a jump runs through, in radians."""
 
+STEEPEST = 12.0
+"""Widths of a pixel by which depth grows from one to the next on what is looked at: at
+an incidence of 85 degrees."""
+
+LEAST_STEEP = 5
+"""Readings of 3 x 3 that are of such a wall: flying pixels lie halfway, too, but few
+beside each other. With three a box's edge became a pipe."""
+
 
 class Normals(NamedTuple):
     """Unit normals that face the camera.
@@ -43,18 +51,52 @@ class Normals(NamedTuple):
 
 
 def stray(view: View) -> Bool[np.ndarray, "h w"]:
-    """Readings with fewer than 3 of 8 neighbors near them: flying pixels."""
+    """Readings with fewer than 3 of 8 neighbors near them: flying pixels.
+
+    Of a wall that grazes the view none are near along the image of its normal; it goes
+    on there as steeply, and as far beside.
+    """
     z = view.depth
     padded = cv2.copyMakeBorder(z, 1, 1, 1, 1, cv2.BORDER_CONSTANT, value=0)
-    reach = np.float32(4 * np.sqrt(2)) * view.sigma + 3 * view.width(z)
+    noisy, width = np.float32(4 * np.sqrt(2)) * view.sigma, view.width(z)
+    reach = noisy + 3 * width
     count = np.zeros(z.shape, np.uint8)
-    height, width = z.shape
+    rows, cols = z.shape
     for down in range(3):
         for right in range(3):
-            other = padded[down : down + height, right : right + width]
+            other = padded[down : down + rows, right : right + cols]
             count += np.abs(other - z) < reach
     # A reading is near itself.
-    return view.valid & (count < 4)
+    found = view.valid & (count < 4)
+    row, col = np.nonzero(found)
+    here, beside = z[found], (noisy[found], width[found])
+    steep = np.zeros(z.shape, np.uint8)
+    for down, right in ((0, 1), (1, 0), (1, 1), (1, -1)):
+        before = here - padded[row + 1 - down, col + 1 - right]
+        after = padded[row + 1 + down, col + 1 + right] - here
+        steep[row, col] |= _goes_on(before, after, *beside)
+    # A sum of 3 x 3.
+    run = cv2.boxFilter(steep, -1, (3, 3), normalize=False) >= LEAST_STEEP
+    return found & ~(run & (steep > 0))
+
+
+def _goes_on(
+    before: Float[np.ndarray, " n"],
+    after: Float[np.ndarray, " n"],
+    noisy: Float[np.ndarray, " n"],
+    width: Float[np.ndarray, " n"],
+) -> Bool[np.ndarray, " n"]:
+    """Whether depth grows from a reading to the next as it did to the reading.
+
+    Args:
+        before: Difference to that before it, in meters.
+        after: Of the next.
+        noisy: By how much noise lets two readings differ.
+        width: Of a pixel there.
+    """
+    most = np.maximum(np.abs(before), np.abs(after))
+    alike = np.abs(after - before) < 0.5 * most + noisy
+    return alike & (most < noisy + STEEPEST * width)
 
 
 def normals_of(view: View, valid: Bool[np.ndarray, "h w"]) -> Normals:

@@ -23,7 +23,11 @@ beyond it there is a jump between them."""
 
 
 def objects_of(
-    view: View, valid: Bool[np.ndarray, "h w"], noise: float, fewest: int
+    view: View,
+    valid: Bool[np.ndarray, "h w"],
+    noise: float,
+    fewest: int,
+    jump: float = JUMP_PIXELS,
 ) -> Int[np.ndarray, "h w"]:
     """Number of each object from 1, the largest first; 0 where there is none.
 
@@ -32,10 +36,11 @@ def objects_of(
         valid: Readings that lie on objects.
         noise: Factor of their sigma.
         fewest: Pixels of an object.
+        jump: Widths of a pixel by which neighbors on one may differ.
     """
     z = np.where(valid, view.depth, np.inf).astype(np.float32)
     width = view.width(np.where(valid, view.depth, 0))
-    farthest = z + JUMP_PIXELS * width + JUMP_SIGMAS * noise * view.sigma
+    farthest = z + jump * width + JUMP_SIGMAS * noise * view.sigma
     behind = np.zeros(z.shape, bool)
     for near, far in ((np.s_[:-1, :], np.s_[1:, :]), (np.s_[:, :-1], np.s_[:, 1:])):
         behind[far] |= z[far] > farthest[near]

@@ -13,6 +13,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from impostor_jax.find.view import View
+from impostor_jax.geometry.so3 import directions_across
 from impostor_jax.opencv import cv2
 
 CELL = 8
@@ -51,6 +52,16 @@ SIGNIFICANT = 8.0
 LEAST_SAG = 0.03
 """Its sagitta over its size, at least: errors that pixels share make it significant."""
 
+ROUND = 0.04
+"""Root mean square of the distances of a disc's border from a circle, over its radius:
+of a square's it is 0.11, of an ellipse's 0.35 times how much its half axes differ."""
+
+MOST_OF_DISC = 0.1
+"""Part of an image that a disc takes, at most: what is larger other things stand on."""
+
+FEWEST_AROUND = 50
+"""Pixels of a border that tells a circle."""
+
 
 class PlaneRegions(NamedTuple):
     """Planes, and what lies on them.
@@ -88,11 +99,10 @@ def primitives_of(
     one, (slope_x, slope_y, value) = np.ones(count), regions.planes.T
     linear = slope_x * x + slope_y * y + value
     if view.is_central:
-        # It is slope_x X + slope_y Y + value Z = 1, and the camera on the side of 0.
-        point, normal = np.stack([x, y, one]) / linear, -regions.planes.T
+        point = np.stack([x, y, one]) / linear
     else:
-        point, normal = np.stack([x, y, linear]), np.stack([slope_x, slope_y, -one])
-    return point.T, (normal / np.linalg.norm(normal, axis=0)).T
+        point = np.stack([x, y, linear])
+    return point.T, _normals(view, regions.planes)
 
 
 def planes_of(view: View, valid: Bool[np.ndarray, "h w"]) -> PlaneRegions:
@@ -102,8 +112,47 @@ def planes_of(view: View, valid: Bool[np.ndarray, "h w"]) -> PlaneRegions:
     noise = cells.noise
     numbers, planes = _grown(view, readings, cells, noise)
     labels = _labeled(view, valid, numbers, planes, noise)
+    labels[np.isin(labels, _discs(view, labels, np.array(planes).reshape(-1, 3)))] = 0
     shared = _shared(cells, numbers.ravel(), planes, noise)
     return PlaneRegions(labels, np.array(planes).reshape(-1, 3), noise, shared)
+
+
+def _discs(
+    view: View, labels: Int[np.ndarray, "h w"], planes: Float[np.ndarray, "n 3"]
+) -> list[int]:
+    """Numbers of the planes whose border is a circle: caps of what is seen end on."""
+    found, normals = [], _normals(view, planes)
+    flat = labels.ravel()
+    pixels = np.bincount(flat, minlength=len(planes) + 1)
+    for k in range(1, len(planes) + 1):
+        if not 0 < pixels[k] <= MOST_OF_DISC * flat.size:
+            continue
+        one = (labels == k).view(np.uint8)
+        contours, _ = cv2.findContours(one, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+        col, row = max(contours, key=len)[:, 0].T
+        if len(row) < FEWEST_AROUND:
+            continue
+        places = view.points[row, col] @ directions_across(normals[k - 1]).T
+        middle = places.mean(axis=0)
+        off = places - middle
+        # The circle |p|^2 = 2 c.p + r^2 - |c|^2 through all of them.
+        terms = np.column_stack([2 * off, np.ones(len(off))])
+        solution = np.linalg.lstsq(terms, np.sum(off**2, axis=1), rcond=None)[0]
+        radius = np.sqrt(solution[2] + solution[:2] @ solution[:2])
+        distance = np.linalg.norm(off - solution[:2], axis=1)
+        if np.sqrt(np.mean((distance - radius) ** 2)) < ROUND * radius:
+            found.append(k)
+    return found
+
+
+def _normals(view: View, planes: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
+    """Unit normals of planes of `PlaneRegions`, towards the camera."""
+    if view.is_central:
+        # It is slope_x X + slope_y Y + value Z = 1, and the camera on the side of 0.
+        normals = -planes
+    else:
+        normals = np.column_stack([planes[:, :2], -np.ones(len(planes))])
+    return normals / np.linalg.norm(normals, axis=1, keepdims=True)
 
 
 class _Readings(NamedTuple):

@@ -21,7 +21,7 @@ from impostor_jax.find.deformation import (
 )
 from impostor_jax.find.evidence import Candidate, Evidence, Scene, shown, weighed
 from impostor_jax.find.fitting import Fitter
-from impostor_jax.find.normals import Normals, normals_of, stray
+from impostor_jax.find.normals import STEEPEST, Normals, normals_of, stray
 from impostor_jax.find.objects import creases, numbered, objects_of
 from impostor_jax.find.patches import Part, proposed
 from impostor_jax.find.planes import PlaneRegions, planes_of
@@ -63,6 +63,12 @@ MOST_OPEN = 0.1
 
 FEW = 2000
 """Pixels up to which no quick fit tries a candidate: it would know too little."""
+
+END_ON = 0.95
+"""Cosine of the angle between a view and an axis from which it is seen end on."""
+
+MOST_BESIDE = 3.0
+"""Pixels of an object that is seen end on, over those of its cap, at most."""
 
 FEW_OF_WALL = 100
 """Readings of a wall up to which it is fitted before it is compared with its rivals: a
@@ -253,6 +259,8 @@ class _Search:
             region = np.zeros(self.view.depth.shape, bool)
             region.ravel()[part.pixels] = True
             guesses = self.fitter.guesses(self._of_image(region))
+            if guesses and self._is_end_on(guesses[0]):
+                guesses = self._moved_to(part, guesses[0]) + guesses
             for wall in guesses:
                 if low < wall.radius < high and not any(
                     alike(wall, other) for other in [*known, *found]
@@ -335,13 +343,12 @@ class _Search:
             chance = confidence(facts_of(_observed(scene, entry)))
             if not chance >= self.least_chance:
                 return False, []
-        mask = self._mask(scene, entry)
+        mask = self._mask(scene, entry) | self._seen_end_on(entry)
         # Most of what is fitted is refused: of many pixels a quick fit tells enough.
         is_quick = np.count_nonzero(mask) > FEW
         fitted = self.fitter.tried if is_quick else self.fitter.fit
         fit = fitted(self._of_image(mask), entry.evidence)
-        if is_quick and _is_refuted_by_border(fit):
-            # A neck, or another thing beside it: what has doubts leaves it out.
+        if is_quick and _may_lack_doubts(fit):
             fit = self.fitter.fit(self._of_image(mask), entry.evidence)
             is_quick = False
         final = self._led_to(scene, fit, entry)
@@ -402,6 +409,42 @@ class _Search:
     def _of_image(self, mask: Bool[np.ndarray, "h w"]) -> Bool[np.ndarray, "H W"]:
         return self.fitter.of_image(self.view, mask)
 
+    def _moved_to(self, part: Part, guess: Candidate) -> list[Candidate]:
+        """A guess that is seen end on, fitted to its object; none where that fails.
+
+        Its wall grazes the view: a radius that is a hundredth off misses that by more
+        than good sensors err.
+        """
+        own = self._object_of(part.pixels)
+        count, least = np.count_nonzero(own), len(part.pixels)
+        if not least <= count <= MOST_BESIDE * least:
+            return []
+        fit = self.fitter.guessed(self._of_image(own))
+        return [self.fitter.wall_of(fit, guess)] if bool(fit.success) else []
+
+    def _seen_end_on(self, entry: Entry) -> Bool[np.ndarray, "h w"]:
+        """What is left of an object of which a cap shows most; nothing of others.
+
+        Of a disc alone no fit knows how it goes on.
+        """
+        caps, none = entry.caps, np.zeros(self.free.shape, bool)
+        if not (caps.rim > np.pi and self._is_end_on(entry.evidence.wall)):
+            return none
+        own = self._object_of(caps.pixels)
+        return own if np.count_nonzero(own) < MOST_BESIDE * caps.size else none
+
+    def _is_end_on(self, wall: Candidate) -> bool:
+        """Whether the view is nearly along an axis."""
+        view = wall.center if self.view.is_central else np.array([0.0, 0.0, 1.0])
+        return bool(abs(view @ wall.axis) > END_ON * np.linalg.norm(view))
+
+    def _object_of(self, pixels: Int[np.ndarray, " n"]) -> Bool[np.ndarray, "h w"]:
+        """What hangs together with most of some pixels, though it grazes the view."""
+        noise = self.planes.noise
+        objects = objects_of(self.view, self.free, noise, self.fewest, STEEPEST)
+        label = np.bincount(objects.ravel()[pixels]).argmax()
+        return (objects == label) & (label > 0)
+
     def _mask(self, scene: Scene, entry: Entry) -> Bool[np.ndarray, "h w"]:
         own = self.free | (self.view.valid & ~self.usable)
         mask = shown(scene, entry.evidence, own, self.fitter.mixes)
@@ -430,11 +473,18 @@ def _is_no_cylinder(fit: Fit) -> bool:
     return bool(fit.form.departs & is_open)
 
 
-def _is_refuted_by_border(fit: Fit) -> bool:
-    """Whether a fit fails though all but the border of its region agrees with it."""
-    if fit.status is not FitStatus.POOR_FIT:
+def _may_lack_doubts(fit: Fit) -> bool:
+    """Whether a quick fit fails for what one with doubts may mend.
+
+    A neck, or another thing beside it, it leaves out; and where noise is far less than
+    a proposal is off by, it takes more steps.
+    """
+    if not bool(fit.chi2 < MOST_MISFIT):
         return False
-    return bool(fit.border_chi2 >= DISAGREEING) and bool(fit.chi2 < MOST_MISFIT)
+    if fit.status is FitStatus.STEP_LIMIT:
+        return True
+    is_poor = fit.status is FitStatus.POOR_FIT
+    return is_poor and bool(fit.border_chi2 >= DISAGREEING)
 
 
 def alike(one: Candidate, other: Candidate) -> bool:

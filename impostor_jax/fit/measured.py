@@ -109,6 +109,10 @@ SCATTER = 1.6
 the root of the number of tiles, from which there is a smooth error: 5 standard
 deviations of the median of white noise."""
 
+ROUNDED = 0.65
+"""Distance from planes, in steps of rounding, up to which readings err by that alone:
+noise of a twentieth of a step takes some of them beyond."""
+
 LOST = 1.6
 """Deviation of a smooth error over what a plane through a tile leaves of it, of one
 whose correlation length is half of the tile's."""
@@ -128,6 +132,9 @@ MOST_LINES = 40
 NUM_DEPTHS = 5
 """Ranges of depth in which noise is measured."""
 
+FINEST = 1e-5
+"""Meters of which steps of rounding are multiples."""
+
 SAMPLE = 4096
 """Readings that tell to which step depths are rounded."""
 
@@ -138,10 +145,12 @@ class MeasuredNoise(NamedTuple):
     Attributes:
         noise: The model of it.
         text: What a reader is told of it.
+        is_of_all: Whether the model holds at all depths, wherever it was measured.
     """
 
     noise: AbstractDepthNoise
     text: str
+    is_of_all: bool = False
 
 
 NOT_MEASURED = "The noise is not measured: 1 mm is taken, and held against nothing."
@@ -250,6 +259,8 @@ def _measured(
             _variances(inverse, own, NEXT, 4), own_levels[NEAR]
         )
         around = Around(is_filtered, 0.0, is_fine)
+    if around.step:
+        return _rounded(around.step)
     if not (around.is_filtered or around.smooth > 0):
         return _white(white * middle**2)
     far = _variances(inverse, own, FAR, 3) or _variances(inverse, own, NEAR, 3)
@@ -263,7 +274,8 @@ def _measured(
         f"readings within {reach} pixels of jumps are left out, and the scale, which "
         "no image tells, is counted."
     )
-    return MeasuredNoise(noise, text)
+    # What neighbors share is of the inverse depth.
+    return MeasuredNoise(noise, text, is_of_all=True)
 
 
 def law_of_noise(
@@ -279,8 +291,7 @@ def law_of_noise(
     whole = None if usual is None else _measured(usual, usual > 0, camera)
     if usual is None or whole is None:
         return MeasuredNoise(checked_noise(None), NOT_MEASURED)
-    if whole.noise.bias.fields:
-        # What neighbors share is of the inverse depth.
+    if whole.is_of_all:
         return whole
     seen = usual > 0
     # What stands before a wall may have few readings, and little of the wall's noise.
@@ -329,6 +340,11 @@ def _growing(
 def _white(level: float) -> MeasuredNoise:
     text = f"Measured in the image: white noise of {1e3 * level:.3g} mm."
     return MeasuredNoise(checked_noise(level), text)
+
+
+def _rounded(step: float) -> MeasuredNoise:
+    text = f"Depth is rounded to {1e3 * step:.3g} mm, and planes show no other noise."
+    return MeasuredNoise(checked_noise(step / math.sqrt(12)), text, is_of_all=True)
 
 
 def _matching(
@@ -434,11 +450,14 @@ class Around(NamedTuple):
         is_filtered: Whether neighbors share errors.
         smooth: Deviation of a smooth error of inverse depth; 0 if there is none.
         is_fine: Whether only neighbors do, and those but one share little.
+        step: To which depths are rounded, in meters, if that is all that they err by;
+            0 otherwise. Neighbors share it, but it leads a fit nowhere.
     """
 
     is_filtered: bool
     smooth: float
     is_fine: bool
+    step: float = 0.0
 
 
 def _around(
@@ -470,6 +489,7 @@ def _around(
         return field.reshape(side, CELL, side, CELL).sum(axis=(1, 3)).ravel()
 
     shared, fine, scattered, excess = [], [], [], []
+    farthest = []
     for row, col in zip(rows[pick], cols[pick], strict=True):
         use, depth = uses[row, col], depths[row, col].astype(float)
         inverse = np.where(use, 1 / np.where(use, depth, 1), 0)
@@ -488,6 +508,7 @@ def _around(
         if scatter > MOST_SMOOTH**2:
             # Of two surfaces, or one that bends.
             continue
+        farthest.append(float(np.max(np.abs(beside * depth**2))))
         shared.append(float(np.mean(apart)) / white)
         if shared[-1] > SHARED:
             fine.append(_is_fine(_variances(inverse, use, NEXT, 3), apart))
@@ -499,4 +520,17 @@ def _around(
     is_smooth = np.median(scattered) > 1 + SCATTER / math.sqrt(len(scattered))
     smooth = LOST * math.sqrt(float(np.median(excess))) if is_smooth else 0.0
     is_filtered = bool(np.median(shared) > SHARED)
-    return Around(is_filtered, smooth, is_filtered and bool(np.median(fine) > 0.5))
+    is_fine = is_filtered and bool(np.median(fine) > 0.5)
+    step = _grid_of(image[usable])
+    is_all = np.median(farthest) <= ROUNDED * step
+    return Around(is_filtered, smooth, is_fine, step if is_all else 0.0)
+
+
+def _grid_of(depth: Float[np.ndarray, " n"]) -> float:
+    """The step that depths are multiples of, in meters; 0 where they are of none."""
+    some = depth[at_most(len(depth), SAMPLE)].astype(float)
+    places = np.round(some / FINEST)
+    # Numbers in single precision are off by 6e-8 of themselves.
+    if np.any(np.abs(some - FINEST * places) > 1e-7 * some):
+        return 0.0
+    return FINEST * float(np.gcd.reduce(places.astype(np.int64)))

@@ -62,6 +62,23 @@ def test_of_the_things_on_a_table_only_cans_are_found():
     np.testing.assert_array_equal(again.confidence, found.confidence)
 
 
+@pytest.mark.parametrize("sigma", [0.0002, 0.002])
+def test_cans_that_stand_below_the_camera_are_found(sigma):
+    # Of 24 below a camera with little noise 12 were.
+    floor = ij.Plane((0.0, 0.0, 0.5), (0.0, 0.0, -1.0))
+    cans = [
+        ij.Cylinder((x, y, 0.5 - height / 2), (0.0, 0.0, 1.0), radius, height)
+        for x, y, radius, height in (
+            (-0.1, 0.03, 0.04, 0.12),
+            (0.11, -0.05, 0.03, 0.15),
+        )
+    ]
+    image = image_of([*cans, floor], CAMERA, sigma)
+    found = ij.find_cylinders(image.depth, CAMERA, sigma=sigma)
+    radii = sorted(float(fit.cylinder.radius) for fit in found.fits)
+    np.testing.assert_allclose(radii, [0.03, 0.04], rtol=0.03)
+
+
 def test_a_can_with_a_neck_is_found_by_its_wall():
     # Beside the neck and the foot's slope the mask's border disagreed with the wall,
     # and a quick fit, which has no doubts, was refused: a third of such cans.

@@ -72,3 +72,16 @@ def test_a_can_is_no_plane_and_does_not_cut_the_table():
     labels = planes_of(view, view.valid).labels
     assert (labels[image.owner == 0] > 0).mean() < 0.15
     assert (labels[image.owner > 0] > 0).mean() > 0.95
+
+
+@pytest.mark.parametrize("is_box", [False, True])
+def test_a_cap_is_no_plane_that_is_taken_away(is_box):
+    # Large ones were, and with them the cans below a camera.
+    camera = ij.PinholeCamera(260.0, 260.0, 160.0, 120.0, 320, 240)
+    can = ij.Cylinder((0.05, 0.0, 0.4), (0.0, 0.0, 1.0), radius=0.06, height=0.1)
+    box = ij.Box((0.05, 0.0, 0.4), np.eye(3), (0.11, 0.11, 0.1))
+    image = image_of([box if is_box else can, WALL], camera)
+    view = seen(image.depth, camera)
+    is_top = (image.owner == 0) & (np.abs(image.normal[..., 2]) > 0.9)
+    taken = (planes_of(view, view.valid).labels > 0)[is_top].mean()
+    assert taken > 0.8 if is_box else taken == 0
