@@ -348,7 +348,8 @@ class _Search:
         is_quick = np.count_nonzero(mask) > FEW
         fitted = self.fitter.tried if is_quick else self.fitter.fit
         fit = fitted(self._of_image(mask), entry.evidence)
-        if is_quick and _may_lack_doubts(fit):
+        if is_quick and _is_refuted_by_border(fit):
+            # A neck, or another thing beside it: what has doubts leaves it out.
             fit = self.fitter.fit(self._of_image(mask), entry.evidence)
             is_quick = False
         final = self._led_to(scene, fit, entry)
@@ -473,18 +474,11 @@ def _is_no_cylinder(fit: Fit) -> bool:
     return bool(fit.form.departs & is_open)
 
 
-def _may_lack_doubts(fit: Fit) -> bool:
-    """Whether a quick fit fails for what one with doubts may mend.
-
-    A neck, or another thing beside it, it leaves out; and where noise is far less than
-    a proposal is off by, it takes more steps.
-    """
-    if not bool(fit.chi2 < MOST_MISFIT):
+def _is_refuted_by_border(fit: Fit) -> bool:
+    """Whether a fit fails though all but the border of its region agrees with it."""
+    if fit.status is not FitStatus.POOR_FIT:
         return False
-    if fit.status is FitStatus.STEP_LIMIT:
-        return True
-    is_poor = fit.status is FitStatus.POOR_FIT
-    return is_poor and bool(fit.border_chi2 >= DISAGREEING)
+    return bool(fit.border_chi2 >= DISAGREEING) and bool(fit.chi2 < MOST_MISFIT)
 
 
 def alike(one: Candidate, other: Candidate) -> bool:
