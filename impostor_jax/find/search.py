@@ -67,6 +67,9 @@ FEW = 2000
 END_ON = 0.95
 """Cosine of the angle between a view and an axis from which it is seen end on."""
 
+LEAST_WALL = 1.5
+"""Pixels across what is seen of such a wall, at least."""
+
 MOST_BESIDE = 3.0
 """Pixels of an object that is seen end on, over those of its cap, at most."""
 
@@ -385,7 +388,17 @@ class _Search:
         """What is known of the wall that a fit of a candidate found; None for none."""
         if not bool(fit.success) or _is_no_cylinder(fit):
             return None
-        return self._entry(scene, self.fitter.wall_of(fit, entry.evidence.wall))
+        wall = self.fitter.wall_of(fit, entry.evidence.wall)
+        if self._is_end_on(wall) and self._shows_no_wall(fit, wall):
+            return None
+        return self._entry(scene, wall)
+
+    def _shows_no_wall(self, fit: Fit, wall: Candidate) -> bool:
+        """Whether a cap is all that is seen, as of a cup from above, or no disc."""
+        aside = np.linalg.norm(np.cross(self._view_of(wall), wall.axis))
+        across = float(aside * fit.cylinder.height)
+        width = float(self.view.width(max(wall.center[2], 0.0)))
+        return across < LEAST_WALL * width or bool(fit.form.departs)
 
     def _facts_of_fit(
         self, scene: Scene, entry: Entry, fit: Fit
@@ -436,8 +449,13 @@ class _Search:
 
     def _is_end_on(self, wall: Candidate) -> bool:
         """Whether the view is nearly along an axis."""
-        view = wall.center if self.view.is_central else np.array([0.0, 0.0, 1.0])
-        return bool(abs(view @ wall.axis) > END_ON * np.linalg.norm(view))
+        return bool(abs(self._view_of(wall) @ wall.axis) > END_ON)
+
+    def _view_of(self, wall: Candidate) -> Float[np.ndarray, "3"]:
+        """Unit vector of the ray to its middle."""
+        if self.view.is_central:
+            return wall.center / max(np.linalg.norm(wall.center), 1e-12)
+        return np.array([0.0, 0.0, 1.0])
 
     def _object_of(self, pixels: Int[np.ndarray, " n"]) -> Bool[np.ndarray, "h w"]:
         """What hangs together with most of some pixels, though it grazes the view."""

@@ -79,6 +79,17 @@ def test_cans_that_stand_below_the_camera_are_found(sigma):
     np.testing.assert_allclose(radii, [0.03, 0.04], rtol=0.03)
 
 
+def test_a_cup_below_the_camera_shows_no_wall():
+    # Of its rim and what it stands on a can of .93 was made.
+    floor = ij.Plane((0.0, 0.0, 0.5), (0.0, 0.0, -1.0))
+    cups = [
+        ij.Frustum((x, y, 0.5), (x, y, 0.4), 0.02, 0.035)
+        for x, y in ((-0.08, 0.03), (0.09, -0.04))
+    ]
+    image = image_of([*cups, floor], CAMERA, 0.0005)
+    assert not len(ij.find_cylinders(image.depth, CAMERA, sigma=0.0005).fits)
+
+
 def test_a_can_with_a_neck_is_found_by_its_wall():
     # Beside the neck and the foot's slope the mask's border disagreed with the wall,
     # and a quick fit, which has no doubts, was refused: a third of such cans.
