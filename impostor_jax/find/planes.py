@@ -112,9 +112,10 @@ def planes_of(view: View, valid: Bool[np.ndarray, "h w"]) -> PlaneRegions:
     noise = cells.noise
     numbers, planes = _grown(view, readings, cells, noise)
     labels = _labeled(view, valid, numbers, planes, noise)
-    labels[np.isin(labels, _discs(view, labels, np.array(planes).reshape(-1, 3)))] = 0
     shared = _shared(cells, numbers.ravel(), planes, noise)
-    return PlaneRegions(labels, np.array(planes).reshape(-1, 3), noise, shared)
+    stacked = np.array(planes).reshape(-1, 3)
+    labels[np.isin(labels, _discs(view, labels, stacked))] = 0
+    return PlaneRegions(labels, stacked, noise, shared)
 
 
 def _discs(

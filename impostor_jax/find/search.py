@@ -175,6 +175,7 @@ class _Search:
         self.least_chance = LEAST_CHANCE * request.least_sure
         self.fewest = max(20, request.min_pixels // view.stride**2)
         self.free = usable & (planes.labels == 0)
+        self.joined: Int[np.ndarray, "h w"] | None = None
         self.crease = creases(view, normals)
         self.detections: list[Detection] = []
         self.looked_at: set[tuple[int, int]] = set()
@@ -381,7 +382,7 @@ class _Search:
             return False, []
         self.detections.append(Detection(fit, final, facts, self._of_image(mask), sure))
         taken = cv2.dilate(mask.view(np.uint8), np.ones((3, 3), np.uint8)) > 0
-        self.free = self.free & ~taken
+        self.free, self.joined = self.free & ~taken, None
         return True, []
 
     def _led_to(self, scene: Scene, fit: Fit, entry: Entry) -> Entry | None:
@@ -459,10 +460,12 @@ class _Search:
 
     def _object_of(self, pixels: Int[np.ndarray, " n"]) -> Bool[np.ndarray, "h w"]:
         """What hangs together with most of some pixels, though it grazes the view."""
-        noise = self.planes.noise
-        objects = objects_of(self.view, self.free, noise, self.fewest, STEEPEST)
-        label = np.bincount(objects.ravel()[pixels]).argmax()
-        return (objects == label) & (label > 0)
+        if self.joined is None:
+            # Of all that is free, until something is taken.
+            noise = self.planes.noise
+            self.joined = objects_of(self.view, self.free, noise, self.fewest, STEEPEST)
+        label = np.bincount(self.joined.ravel()[pixels]).argmax()
+        return (self.joined == label) & (label > 0)
 
     def _mask(self, scene: Scene, entry: Entry) -> Bool[np.ndarray, "h w"]:
         own = self.free | (self.view.valid & ~self.usable)
