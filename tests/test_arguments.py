@@ -78,9 +78,13 @@ def test_argument_of_another_type_is_refused_without_the_type_checker():
 import numpy as np, impostor_jax as ij
 camera = ij.PinholeCamera(150, 150, 15.5, 11.5, 32, 24)
 can = ij.Cylinder((0, 0, 1), (0, 1, 0), 0.1, 0.2)
+pipe = ij.Tube((0, 0, 1), (0, 1, 0), 0.1, 0.08, 0.2)
 depth = np.ones((24, 32))
 for call in (
     lambda: ij.render([can, can], camera),
+    lambda: ij.render(pipe, camera),
+    lambda: ij.Scene([can, pipe]),
+    lambda: ij.union(can, pipe),
     lambda: ij.render(can, "kinect"),
     lambda: ij.fit_cylinder(depth, camera, prior=[("radius", 0.04, 0.001)]),
     lambda: ij.fit_cylinders(depth[None], camera, prior=["radius"]),
@@ -110,8 +114,12 @@ for call in (
         "the text 'kinect'; ij.camera_from makes one of a matrix K, or of another "
         "program's"
     )
+    pipe = "Tube, whose shape is its attribute solid"
     assert found.stdout.splitlines() == [
         "primitive must be a shape, or an ij.Scene of a list of shapes, got list",
+        "primitive must be a shape, or an ij.Scene of a list of shapes, got " + pipe,
+        "shapes must be primitives, single ones or batches (n,), got " + pipe,
+        "shapes must be primitives, single ones or batches (n,), got " + pipe,
         "camera must be a camera, such as an ij.PinholeCamera, got " + kinect,
         prior + "[('radius', 0.04, 0.001)]",
         prior + "['radius']",

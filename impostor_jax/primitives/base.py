@@ -2,10 +2,12 @@
 
 __all__ = [
     "AbstractPrimitive",
+    "check_shapes",
     "check_single",
     "combines",
     "in_camera_frame",
     "in_world_frame",
+    "not_a_shape",
 ]
 
 import abc
@@ -185,6 +187,25 @@ def check_single(primitive: AbstractPrimitive, name: str = "primitive") -> None:
             f"{name} must be a single one, got a batch of shape "
             f"{primitive.batch_shape}; map over it with jax.vmap"
         )
+
+
+def check_shapes(shapes: Sequence[Any]) -> None:
+    """Raise a `ValueError` unless all are shapes, or batches (n,) of one type."""
+    for shape in shapes:
+        if not isinstance(shape, AbstractPrimitive) or len(shape.batch_shape) > 1:
+            raise ValueError(
+                "shapes must be primitives, single ones or batches (n,), got "
+                f"{not_a_shape(shape)}"
+            )
+
+
+def not_a_shape(value: Any) -> str:
+    """What is given for a shape, for an error; which of its attributes is one."""
+    told = type(value).__name__
+    # Of a tube; its value is not asked for, which may be of other things than arrays.
+    if hasattr(type(value), "solid"):
+        return f"{told}, whose shape is its attribute solid"
+    return told
 
 
 @runtime_checkable

@@ -47,7 +47,7 @@ from impostor_jax.geometry.hull import AbstractHull
 from impostor_jax.geometry.rays import Hit, Ray
 from impostor_jax.geometry.vec3 import Vec3
 from impostor_jax.numerics import Numbers
-from impostor_jax.primitives.base import AbstractPrimitive, combines
+from impostor_jax.primitives.base import AbstractPrimitive, check_shapes, combines
 from impostor_jax.primitives.expression import (
     Ball,
     Expression,
@@ -288,12 +288,7 @@ def difference(shape: Any, *others: Any) -> Solid:
 
 @combines
 def _combined(name: str, shapes: Sequence[Any]) -> Solid:
-    for shape in shapes:
-        if not isinstance(shape, AbstractPrimitive) or len(shape.batch_shape) > 1:
-            raise ValueError(
-                "shapes must be primitives, single ones or batches (n,), got "
-                f"{type(shape).__name__}"
-            )
+    check_shapes(shapes)
     if not shapes:
         raise ValueError(f"shapes must be one or more to make a {name}, got none")
     batches = {shape.batch_shape for shape in shapes} - {()}

@@ -25,7 +25,11 @@ from impostor_jax.compiling import kept
 from impostor_jax.device import is_processor
 from impostor_jax.effort import Effort, effort_of
 from impostor_jax.numerics import Scalar
-from impostor_jax.primitives.base import AbstractPrimitive, check_single
+from impostor_jax.primitives.base import (
+    AbstractPrimitive,
+    check_single,
+    not_a_shape,
+)
 from impostor_jax.primitives.local_world import seen_near
 from impostor_jax.rendering.clipping import Clipping, clipping_of
 from impostor_jax.rendering.coverage import coverage
@@ -109,7 +113,7 @@ def render(
     if not isinstance(primitive, Shown):
         raise ValueError(
             "primitive must be a shape, or an ij.Scene of a list of shapes, got "
-            f"{type(primitive).__name__}"
+            f"{not_a_shape(primitive)}"
         )
     if not isinstance(camera, AbstractCamera):
         raise ValueError(

@@ -19,7 +19,11 @@ from impostor_jax.camera.base import AbstractCamera
 from impostor_jax.geometry.frames import RigidTransform
 from impostor_jax.geometry.rays import Hit, Ray
 from impostor_jax.geometry.vec3 import Vec3
-from impostor_jax.primitives.base import AbstractPrimitive, in_camera_frame
+from impostor_jax.primitives.base import (
+    AbstractPrimitive,
+    check_shapes,
+    in_camera_frame,
+)
 from impostor_jax.rendering.follow import code_of, followed, normals_of, stride_of
 from impostor_jax.rendering.group import Group, grouped
 from impostor_jax.rendering.search import first_met, is_blocked, searched
@@ -49,12 +53,7 @@ class Scene(eqx.Module):
             raise ValueError(
                 f"shapes must be a sequence of primitives, got {type(shapes).__name__}"
             )
-        for shape in shapes:
-            if not isinstance(shape, AbstractPrimitive) or len(shape.batch_shape) > 1:
-                raise ValueError(
-                    "shapes must be primitives, single ones or batches (n,), got "
-                    f"{type(shape).__name__}"
-                )
+        check_shapes(shapes)
         if not sum(shape.batch_shape == () or shape.batch_shape[0] for shape in shapes):
             raise ValueError("shapes must hold at least one primitive, got none")
         self.groups = grouped(shapes)
