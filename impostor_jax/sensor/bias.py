@@ -22,7 +22,7 @@ from impostor_jax.numerics import Numbers, Scalar, product, safe_divide, safe_sq
 from impostor_jax.sensor.draws import normal_draws
 from impostor_jax.sensor.surface import has_surface
 
-Reach = int | Int[Array, ""]
+Reach = int | np.integer | Int[Array, ""]
 
 NODE_SPACING = 2 / 3
 """Distance of the nodes of a smooth field, in correlation lengths: its variance ripples

@@ -11,10 +11,11 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import PRNGKeyArray
 from typing_extensions import override
 
-from impostor_jax.arguments import angle_below_grazing, bounded_number
+from impostor_jax.arguments import angle_below_grazing, bounded_number, is_concrete
 from impostor_jax.camera.base import AbstractCamera
 from impostor_jax.compiling import compiled
 from impostor_jax.numerics import Numbers, Scalar
@@ -90,7 +91,10 @@ class LateralNoise(AbstractDepthNoise):
     @override
     def bias(self) -> Bias:
         bias = self.sensor.bias
-        farthest = jnp.ceil(RARE_SHIFT * jnp.asarray(self.floor) - 0.5)
+        # On the host, in the same precision, in a tenth of the time.
+        xp: Any = np if is_concrete(self.floor) else jnp
+        floor = xp.asarray(self.floor, jnp.result_type(float))
+        farthest = xp.ceil(RARE_SHIFT * floor - 0.5)
         reach = bias.edge_reach + farthest.astype(int)
         return dataclasses.replace(bias, edge_reach=reach)
 
