@@ -31,7 +31,7 @@ from impostor_jax.camera.pixels import PixelBox
 from impostor_jax.effort import Effort
 from impostor_jax.geometry.vec3 import Vec3
 from impostor_jax.io.camera_file import FiledCamera
-from impostor_jax.io.depth_image import MAX_UINT16
+from impostor_jax.io.depth_image import FARTHEST
 from impostor_jax.numerics import Scalar, eps
 from impostor_jax.primitives.base import AbstractPrimitive
 from impostor_jax.primitives.cylinder import Cylinder
@@ -181,7 +181,7 @@ def capture(
 
     def units(depth: Float[Array, "h w"]) -> UInt16[Array, "h w"]:
         scaled = jnp.round(depth / depth_scale_m)
-        return jnp.where(scaled <= MAX_UINT16, scaled, 0).astype(jnp.uint16)
+        return jnp.where(scaled <= FARTHEST, scaled, 0).astype(jnp.uint16)
 
     def read(
         key: PRNGKeyArray, batch: SceneBatch, depth: Float[Array, "h w"], normal: Vec3

@@ -91,7 +91,7 @@ class Preset:
         scenery: What is among the cylinders on the ground, and is none.
         touching: Share of cylinders and scenery that are put in contact with another
             thing; those that stand or lean on one come on top.
-        depth_scale_mm: Millimeters a unit of depth files; 65535 of them are the
+        depth_scale_mm: Millimeters a unit of depth files; 65534 of them are the
             farthest reading.
         rules: When a scene is rejected.
         appearance: Materials and lights of images in color; None for no such images.

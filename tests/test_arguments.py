@@ -169,6 +169,15 @@ def test_depth_beyond_all_range_is_refused(dtype):
     assert (checked_depth(np.full((48, 64), 1e3, np.float16), camera) == 1e3).all()
 
 
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+def test_65535_millimeters_are_no_reading(dtype):
+    units = np.full((48, 64), 65535, np.uint16)
+    units[3, 4] = 65534
+    depth = checked_depth(units * dtype(0.001), ij.PinholeCamera(**SETTINGS))
+    assert depth[3, 4] == pytest.approx(65.534)
+    assert np.count_nonzero(depth) == 1
+
+
 @pytest.mark.usefixtures("double")
 def test_depth_of_double_precision_may_be_larger():
     depth = np.full((48, 64), 1e30)

@@ -70,6 +70,11 @@ USUAL_SIGMA = 0.001
 """Standard deviation in meters that is taken where a caller names none."""
 
 
+LARGEST_OF_16_BITS = 65.535
+"""In meters of a file in millimeters: no sensor's reading, and some programs' code for
+none. Beside an end of a can it would be background."""
+
+
 class Given(NamedTuple):
     """An image as a caller gives it: the arguments of `fit_cylinder`, of one view."""
 
@@ -348,7 +353,10 @@ def check_types(
 
 
 def checked_depth(depth: Any, camera: AbstractRays) -> DepthImage:
-    """Depth as a float image with 0 for missing readings."""
+    """Depth as a float image with 0 for missing readings.
+
+    Missing are 0, NaN, infinity, and `LARGEST_OF_16_BITS`.
+    """
     if not isinstance(depth, jax.Array):
         depth = np.asarray(unmasked(unread("depth", depth)))
     shape = (camera.height, camera.width)
@@ -380,6 +388,8 @@ def checked_depth(depth: Any, camera: AbstractRays) -> DepthImage:
                 f"depth must be at most {largest:.3g} meters, got {high:.6g}; missing "
                 "readings are 0, NaN or infinity"
             )
+        if abs(high - LARGEST_OF_16_BITS) < 2e-7 * LARGEST_OF_16_BITS:
+            values = np.where(values == high, 0, values)
         return values.astype(dtype)
     return jnp.where(jnp.isfinite(depth), depth, 0).astype(dtype)
 

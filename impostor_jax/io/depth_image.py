@@ -44,6 +44,10 @@ DEFAULT_DEPTH_SCALE_M = 0.0001
 """Meters a unit of the PNG files that are written: 0.1 mm, up to 6.5 m."""
 
 MAX_UINT16 = 65535
+"""The largest number of 16 bits: in depth files that others write, no reading."""
+
+FARTHEST = MAX_UINT16 - 1
+"""The largest reading, in units of the file."""
 
 SUFFIXES = (".png", ".tif", ".tiff", ".npy")
 """Of files that hold depth."""
@@ -61,7 +65,8 @@ def read_depth(
             anything is read. Any if None.
 
     Returns:
-        Planar depth in meters; 0, NaN and infinity mean no reading, as in the file.
+        Planar depth in meters; 0, NaN and infinity mean no reading, as in the file. So
+        does 65535 in 16 bits, which is 0 here.
 
     Raises:
         ValueError: The file is missing, broken or of another kind or size, or integer
@@ -120,6 +125,8 @@ def _in_meters(
             f"depth_scale_m must be given in the camera file: {what} holds "
             f"{values.dtype} readings"
         )
+    if values.dtype == np.uint16:
+        values = np.where(values == MAX_UINT16, 0, values)
     return values * float(depth_scale_m)
 
 
@@ -149,14 +156,14 @@ def fitting_scale(depth: Any, given: float | None) -> float:
     """
     largest = float(_finite(depth).max())
     if given is not None:
-        if largest > given * MAX_UINT16:
+        if largest > given * FARTHEST:
             raise ValueError(
-                f"depth_scale_m must be at least {largest / MAX_UINT16:.3g} for depths "
+                f"depth_scale_m must be at least {largest / FARTHEST:.3g} for depths "
                 f"up to {largest:.4g} m in 16 bits, got {given}"
             )
         return given
     scale = DEFAULT_DEPTH_SCALE_M
-    while largest > scale * MAX_UINT16:
+    while largest > scale * FARTHEST:
         scale *= 10
     return scale
 
@@ -170,7 +177,7 @@ def write_depth_png(path: Path, depth: Any, depth_scale_m: float) -> None:
         depth_scale_m: Meters a unit.
     """
     units = np.rint(_finite(depth) / depth_scale_m)
-    units = np.where(units <= MAX_UINT16, units, 0).astype(np.uint16)
+    units = np.where(units <= FARTHEST, units, 0).astype(np.uint16)
     write_image(path, units)
 
 

@@ -30,6 +30,17 @@ def test_png_depth_comes_back_to_half_a_unit_with_0_for_no_reading(tmp_path):
     assert found[0, 1] == found[1, 2] == 0
 
 
+def test_the_largest_number_of_16_bits_is_no_reading(tmp_path):
+    np.save(tmp_path / "depth.npy", np.array([[65535, 65534, 0, 1]], np.uint16))
+    found = read_depth(tmp_path / "depth.npy", 1e-3)
+    np.testing.assert_allclose(found, [[0, 65.534, 0, 0.001]])
+    # As far as other programs' readings go, ours do.
+    assert fitting_scale(np.array([[6.5535]]), None) == 1e-3
+    write_depth_png(tmp_path / "depth.png", np.array([[6.5534, 6.5535]]), 1e-4)
+    found = read_depth(tmp_path / "depth.png", 1e-4)
+    np.testing.assert_allclose(found, [[6.5534, 0]])
+
+
 def test_tiff_and_npy_depth_come_back_exactly(tmp_path):
     write_depth_tiff(tmp_path / "depth.tiff", DEPTH)
     np.save(tmp_path / "depth.npy", DEPTH)
