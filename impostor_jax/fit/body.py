@@ -271,6 +271,11 @@ class AbstractBody(eqx.Module):
         """The ends that it has, -1 and 1 along its axis."""
 
     @property
+    def of_ends(self) -> tuple[str, ...]:
+        """What is known where each of `ends` is seen, by its name in `readout`."""
+        return ()
+
+    @property
     @abc.abstractmethod
     def sign(self) -> Numbers:
         """-1 where the largest component of its axis is negative, otherwise 1."""

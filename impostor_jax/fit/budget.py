@@ -1,10 +1,10 @@
 """Standard deviations of a fit by name, and what they are made of."""
 
-__all__ = ["ANGLES", "BUDGET", "Budget", "Deviations", "Values"]
+__all__ = ["ANGLES", "BUDGET", "Budget", "Deviations", "Told", "Values"]
 
 from collections import OrderedDict
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, TypeVar
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -29,7 +29,8 @@ class Deviations(eqx.Module):
     `p2`, `radius1` and `radius2`, or `outer_radius` and `inner_radius`, or `size` and
     `rotation`, which are along and about a box's own axes. Points are along x, y and z
     of the world. Where an end is not seen, the place along the axis is free, so every
-    direction that the axis has a part in is undetermined. So there are, too:
+    direction that the axis has a part in is undetermined, and so is a frustum's radius
+    at that end. So there are, too:
 
     * `axis`: Along the two vectors of `tangent_basis(axis)`.
     * `across_axis`: Of the center along the same two; determined even where the ends
@@ -147,3 +148,6 @@ class Budget(eqx.Module):
 
     def _text(self) -> str:
         return "\n".join(f"{part}: {std}" for part, std in self.some.items())
+
+
+Told = TypeVar("Told", Deviations, Budget)

@@ -1,7 +1,6 @@
 """How sure a fit is of what a user reads, from how its coordinates change that."""
 
-__all__ = ["are_numbers", "deviations_of"]
-
+__all__ = ["are_numbers", "deviations_of", "open_where_unseen"]
 
 import jax
 import jax.numpy as jnp
@@ -9,7 +8,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, PyTree
 
 from impostor_jax.fit.body import AbstractBody, Readout
-from impostor_jax.fit.budget import ANGLES, BUDGET, Budget, Deviations
+from impostor_jax.fit.budget import ANGLES, BUDGET, Budget, Deviations, Told
 from impostor_jax.fit.result import Directions
 from impostor_jax.fit.uncertainty import propagated
 from impostor_jax.numerics import all_finite, product
@@ -96,6 +95,26 @@ def deviations_of(
     determined = jnp.stack(needed).all()
     told = tuple(names.tolist())
     return Deviations(std, told), Budget(budget, told), public, observed, determined
+
+
+def open_where_unseen(
+    told: Told, body: AbstractBody, ends_seen: Bool[Array, " e"]
+) -> Told:
+    """Deviations, or a budget, without those of radii at ends that nobody saw.
+
+    A cone's wall is known where it was last seen, and the covariance is of that. What
+    is held, whose deviation is 0, stays.
+    """
+    names = np.array(told.names)
+    unseen = jnp.zeros(len(names), bool)
+    for name, is_seen in zip(body.of_ends, ends_seen, strict=False):
+        unseen |= (names == name) & ~is_seen
+
+    def opened(values: Float[Array, "*batch n"]) -> Float[Array, "*batch n"]:
+        is_open = jnp.broadcast_to(unseen, values.shape) & (values > 0)
+        return jnp.where(is_open, jnp.inf, values)
+
+    return jax.tree.map(opened, told)
 
 
 def are_numbers(body: AbstractBody, *told: PyTree) -> Bool[Array, ""]:

@@ -255,7 +255,8 @@ class Fit(eqx.Module):
         covariance: Of the shape's `coordinates`, in meters and radians; widened where
             the residuals are larger than `sigma` says, and where there are
             alternatives: it is about the estimate, over all solutions. `inf` on the
-            diagonal where undetermined, and 0 beside it; 0 where held.
+            diagonal where undetermined, and 0 beside it; 0 where held. Of a frustum's
+            radius at an unseen end it is that of the wall where it was last seen.
         coordinates: Names of the covariance's coordinates. Those called first and
             second are along the two vectors of `tangent_basis(axis)`.
         ends_seen: Whether the image shows the ends: of a cylinder that at

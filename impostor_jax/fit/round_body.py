@@ -157,6 +157,11 @@ class RoundBody(AbstractBody):
 
     @property
     @override
+    def of_ends(self) -> tuple[str, ...]:
+        return () if self.growth is None else self.names_of_radii
+
+    @property
+    @override
     def sign(self) -> Numbers:
         largest = self.axis[jnp.argmax(jnp.abs(self.axis))]
         return jnp.where(largest < 0, -1, 1).astype(largest.dtype)

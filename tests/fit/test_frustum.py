@@ -138,3 +138,18 @@ def test_taper_is_tested_only_of_what_a_fit_returned():
     )
     with pytest.raises(ValueError, match="fit must leave the radius open"):
         ij.test_taper(known)
+
+
+def test_the_radius_at_an_end_that_is_not_seen_is_open():
+    whole = cup()
+    p2 = whole.p1 + 0.6 * (whole.p2 - whole.p1)
+    depth, mask = image_of(whole)
+    _, upper = image_of(ij.Frustum(whole.p1, p2, 0.04, 0.034))
+    fit = ij.fit_frustum(depth, CAMERA, mask=mask & upper, sigma=SIGMA)
+    assert fit.success
+    assert np.asarray(fit.ends_seen).tolist() == [True, False]
+    assert abs(fit.frustum.radius1 - whole.radius1) < 4.5 * fit.std.radius1
+    assert fit.std.radius2 == fit.std_budget["noise"].radius2 == np.inf
+    # What the wall tells of its taper is there.
+    variance = np.diagonal(fit.covariance)[fit.coordinates.index("radius2")]
+    assert 0 < variance < 0.001**2

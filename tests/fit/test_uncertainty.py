@@ -45,6 +45,15 @@ def test_coordinate_without_effect_is_free_and_the_others_are_not(dtype):
     np.testing.assert_allclose(found[:6, :6], expected, rtol=1e-3)
 
 
+def test_what_a_free_coordinate_moves_by_a_little_is_free_too(dtype):
+    # A place across a pole that leans: a ten-thousandth of the place along it.
+    jacobian = random_jacobian(dtype, 4).at[:, 2:].set(0)
+    change = jnp.asarray([[1, 0, 1e-4, 0], [0, 1, 0, 0], [1, 1, 1e-8, 1e-8]], dtype)
+    change = change.at[2, 2:].multiply(jnp.finfo(dtype).eps / 1e-7)
+    _, observed = propagated(change, *covariance_root(jacobian.T @ jacobian))
+    assert np.asarray(observed).tolist() == [False, True, True]
+
+
 def test_only_the_sum_of_two_coordinates_is_determined(dtype):
     jacobian = random_jacobian(dtype, 2)
     jacobian = jacobian.at[:, 1].set(jacobian[:, 0])
