@@ -5,7 +5,7 @@ It is rough beside a fit, but needs no start, no noise and no viewpoint, and hal
 points may be others'.
 """
 
-__all__ = ["Wall", "refined_walls", "wall_near", "wall_of"]
+__all__ = ["Wall", "apart", "refined_walls", "wall_near", "wall_of", "walls_of"]
 
 from typing import NamedTuple
 
@@ -26,6 +26,9 @@ all but one in 1e17 of such draws hold one that is of the wall alone."""
 REFINED = 2
 """Axes about which the best circle is refined."""
 
+APART = np.radians(20)
+"""Angle between axes from which walls are two."""
+
 MOST_STEPS = 30
 """Gauss-Newton steps to a wall; from an axis 30 degrees off they took 12 at most."""
 
@@ -42,6 +45,9 @@ MOST_CONDITION = 1e12
 MOST_SCATTER = 0.2
 """Robust standard deviation of the distances from a wall, in radii, up to which there
 is one."""
+
+WIDE_GAP = np.radians(60)
+"""Angle about the axis over which there is no point, from which on one is wide."""
 
 LEAST_KNOWN = 10.0
 """Radius in its standard deviations from which points tell to which side a wall bends:
@@ -73,6 +79,13 @@ class Wall(NamedTuple):
             and self.radius >= LEAST_KNOWN * self.deviation
         )
 
+    def is_split(self, points: Float[np.ndarray, "n 3"]) -> bool:
+        """Whether points lie on parts of it that are apart, and on none between."""
+        x, y = self.across(points).T
+        angle = np.sort(np.arctan2(y, x))
+        gap = np.diff(angle, append=angle[:1] + 2 * np.pi)
+        return bool(np.count_nonzero(gap > WIDE_GAP) > 1)
+
     def across(self, points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 2"]:
         """From the axis, across it."""
         return (points - self.center) @ self.frame[:2].T
@@ -91,10 +104,15 @@ def wall_near(points: Float[np.ndarray, "n 3"], cylinder: Cylinder) -> Wall | No
 
 
 def wall_of(points: Float[np.ndarray, "n 3"]) -> Wall | None:
-    """The wall with the least median distance from points; None where there is none.
+    """The first of `walls_of`; None where there is none."""
+    return next(iter(walls_of(points)), None)
 
-    It is looked for about the principal axes of the points and those of the world:
-    stems and pipes stand or lie.
+
+def walls_of(points: Float[np.ndarray, "n 3"]) -> list[Wall]:
+    """The walls with the least median distances from points, the least first.
+
+    Their axes are apart. They are looked for about the principal axes of the points
+    and those of the world: stems and pipes stand or lie.
 
     References:
         Rousseeuw, Least median of squares regression (1984), for the circle about each
@@ -104,19 +122,28 @@ def wall_of(points: Float[np.ndarray, "n 3"]) -> Wall | None:
     middle = np.median(points, axis=0)
     size = float(np.linalg.norm(points - middle, axis=1).max())
     _, _, principal = np.linalg.svd(points - middle, full_matrices=False)
-    axes = [*principal, *np.eye(3)]
+    axes = np.concatenate([principal, np.eye(3)])
     circles = [_circle_about(points - middle, size, one) for one in axes]
-    order = np.argsort([circle.median for circle in circles])
+    medians = np.array([circle.median for circle in circles])
+    order = np.argsort(medians)[: np.count_nonzero(np.isfinite(medians))]
+    chosen = np.union1d(order[:REFINED], order[apart(axes[order])])
     walls = [
         _refined(points, axes[k], middle + circles[k].center, circles[k].radius, size)
-        for k in order[:REFINED]
-        if np.isfinite(circles[k].median)
+        for k in chosen
     ]
-    return min(
-        (wall for wall in walls if wall is not None),
-        key=lambda wall: wall.scatter,
-        default=None,
-    )
+    found = [wall for wall in walls if wall is not None]
+    found.sort(key=lambda wall: wall.scatter)
+    axes = np.array([wall.frame[2] for wall in found]).reshape(-1, 3)
+    return [found[k] for k in apart(axes)]
+
+
+def apart(axes: Float[np.ndarray, "k 3"]) -> list[int]:
+    """Which of some axes are apart from all that come before and are."""
+    kept: list[int] = []
+    for k, axis in enumerate(axes):
+        if np.all(np.abs(axes[kept] @ axis) < np.cos(APART)):
+            kept.append(k)
+    return kept
 
 
 class _Circle(NamedTuple):

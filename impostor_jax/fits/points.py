@@ -23,7 +23,7 @@ from jaxtyping import Float, Int
 
 from impostor_jax.arguments import is_concrete, users_level, working_precision
 from impostor_jax.camera.ray_table import RayTable, turned_to
-from impostor_jax.clouds.wall import Wall, wall_of
+from impostor_jax.clouds.wall import Wall, apart, wall_of, walls_of
 from impostor_jax.device import on_processor
 from impostor_jax.effort import MIN_READINGS, Effort
 from impostor_jax.fit.fittable import CYLINDER, no_guess
@@ -74,6 +74,10 @@ looked for. So may be those that face away from their origin."""
 FEW, ALMOST_ALL = 500, 0.9
 """Points up to which a fit near which so many of them lie tells their noise, though it
 is refused: of so few a wall may tell a tenth of it."""
+
+UNLIKE_TOLD, UNLIKE_MEASURED = 2.0, 4.0
+"""Chi-squared, or its inverse, of one of two walls over that of the other, from which
+the noise that was told excludes it; and the same of residuals where none was."""
 
 MOST_ROUNDED = 0.1
 """Part of the noise that the rounding of coordinates may be."""
@@ -154,6 +158,13 @@ def fit_cylinder_to_points(
     fit = fit_points(given, sigma, initial, asked)
     is_refuted = fit.status is FitStatus.CONTRADICTED and not asked.prior
     if initial is None and (is_refuted or fit.status in FAILED):
+        # Rings and wires show no surface to a guess, but a wall to its distances.
+        for wall in walls_of(given.ends) if given.starts is not None else ():
+            if wall.is_known:
+                start = seen_across(given.ends, wall).start
+                near = fit_points(given, sigma, start, asked, wall)
+                if near.is_shape:
+                    return near
         found = surest_among(given, level_of(sigma, given))
         if found is not None:
             cloud = given._replace(counts=found.own)
@@ -253,10 +264,28 @@ def _fit_viewless(
     level = COARSEST * extent if level is None else level
     if extent > 0:
         _check_rounding(cloud.dtype, np.abs(cloud.ends).max(), extent, level)
-    wall = wall or wall_of(cloud.ends)
-    if wall is None or not wall.is_known:
+    walls = [wall] if wall else [one for one in walls_of(cloud.ends) if one.is_known]
+    if not walls:
         nothing = no_guess(CYLINDER, np.ones(len(cloud.ends), bool))
         return nothing.having(source="points")
+    if not walls[0].is_split(cloud.ends):
+        return _fit_to_wall(cloud, sigma, initial, asked, walls[0])
+    fits = [_fit_to_wall(cloud, sigma, initial, asked, one) for one in walls]
+    shapes = [k for k, fit in enumerate(fits) if fit.is_shape]
+    if len(shapes) < 2:
+        return fits[shapes[0] if shapes else 0]
+    is_split = [walls[k].is_split(cloud.ends) for k in shapes]
+    return _likeliest([fits[k] for k in shapes], is_split, sigma is not None)
+
+
+def _fit_to_wall(
+    cloud: GivenPoints,
+    sigma: Any,
+    initial: Cylinder | None,
+    asked: Options,
+    wall: Wall,
+) -> Fit:
+    """The same near one wall."""
     seen = seen_across(cloud.ends, wall)
     near = cloud._replace(starts=seen.starts, counts=cloud.counts & seen.is_near)
     if np.count_nonzero(near.counts) < MIN_READINGS:
@@ -265,6 +294,40 @@ def _fit_viewless(
     if sigma is None:
         return _fit_from_level(near, wall.scatter, start, asked)
     return _fit_cloud(near, number_of(sigma), start, asked)
+
+
+def _likeliest(fits: Sequence[Fit], is_split: Sequence[bool], is_told: bool) -> Fit:
+    """Of fits near different walls the likeliest; ambiguous if another is as likely.
+
+    Two rings of a pipe lie near a wall across it, too, which touches their planes, and
+    may be nearer to that. Its residuals along rays are not those of the noise that was
+    told; where nobody told it, they may be larger than those of the pipe.
+
+    Args:
+        fits: Two or more that succeeded.
+        is_split: Whether points lie on parts of the wall of each that are apart.
+        is_told: Whether the noise was told, and not measured by each.
+    """
+    of_fits = [(fit.chi2 if is_told else fit.rms).item() for fit in fits]
+    off = np.log(np.maximum(of_fits, np.finfo(np.float32).tiny))
+    off = np.abs(off) if is_told else off
+    order = np.argsort(off)
+    # Two walls may have led to one.
+    axes = np.array([fits[k].cylinder.axis for k in order], float)
+    best, *others = order[apart(axes)]
+    if not others:
+        return fits[best]
+    other = others[0]
+    least = np.log(UNLIKE_TOLD if is_told else UNLIKE_MEASURED)
+    if off[other] - off[best] > least and (is_told or not is_split[best]):
+        return fits[best]
+    wall = fits[other].cylinder
+    axis = ", ".join(f"{part:.3f}" for part in np.asarray(wall.axis))
+    doubt = (
+        f"so does one of radius {float(wall.radius):.4g} m with the axis ({axis}): an "
+        "origin tells them apart"
+    )
+    return fits[best].failed(FitStatus.AMBIGUOUS).noting(doubt=doubt)
 
 
 def _fit_with_level(

@@ -40,6 +40,10 @@ of the half of a wall it is .64, of more of it less."""
 AHEAD = 3.0
 """Distance of the places that stand for a viewpoint from the axis, in radii."""
 
+RIM = 0.01
+"""Part of the height by which the wall of a start goes on beyond the outermost points
+at each end."""
+
 LEAST = 0.01
 """Length of a ray that begins inside, in radii: one without length has no direction."""
 
@@ -78,7 +82,9 @@ def seen_across(points: Float[np.ndarray, "n 3"], wall: Wall) -> Viewless:
     inside = np.maximum(depth, LEAST * wall.radius)
     back = np.where(depth < 0, AHEAD * wall.radius, inside)
     along = (points[is_near] - wall.center) @ wall.frame[2]
+    # Two rings would lie on the rims, and be beyond them by rounding.
     low, high = along.min(), along.max()
+    low, high = low - RIM * (high - low), high + RIM * (high - low)
     start = Cylinder(
         wall.center + wall.frame[2] * (low + high) / 2,
         wall.frame[2],

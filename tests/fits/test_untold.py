@@ -165,6 +165,25 @@ def noise_of(fit):
     return 1e-3 * float(told[1])
 
 
+@pytest.mark.parametrize("told", ["sigma", "origin", "nothing"])
+def test_two_rings_are_of_the_pipe_or_ambiguous(told):
+    # A wall across it touches their planes: a success with an axis 90 degrees off.
+    told = {"sigma": {"sigma": 0.002}, "origin": {"origin": np.zeros(3)}}.get(told, {})
+    ends = []
+    for seed in range(3):
+        points = rings(60, [-0.25, 0.25], 0.002, seed)
+        fit = ij.fit_cylinder_to_points(points, **told)
+        ends.append(fit.status)
+        if not fit.success:
+            assert fit.status is ij.FitStatus.AMBIGUOUS
+            assert "origin tells them apart" in fit.reason
+            continue
+        assert abs(float(fit.cylinder.radius) - 0.1) < 4 * float(fit.std.radius)
+        assert abs(fit.cylinder.axis[2]) > 0.99
+    if "origin" in told:
+        assert set(ends) == {ij.FitStatus.CONVERGED}
+
+
 def test_too_few_points_near_a_wall_end_in_a_status():
     # It raised of a depth and a mask, of which a call with points has none.
     for seed in range(5):
