@@ -230,8 +230,9 @@ def _measured(
     image: Float[np.ndarray, "h w"],
     region: Bool[np.ndarray, "h w"],
     camera: AbstractRays,
+    is_scene: bool = False,
 ) -> MeasuredNoise | None:
-    """The same of an image without outliers."""
+    """The same of an image without outliers; whether the region is of many things."""
     some = region & (image > 0)
     if np.count_nonzero(some) < FEWEST:
         return None
@@ -252,7 +253,11 @@ def _measured(
         return _white(white * middle**2)
     seen = image > 0
     beside = seen & ~region
-    around = _around(image, beside if beside.any() else seen)
+    is_beside = bool(beside.any())
+    around = _around(image, beside if is_beside else seen)
+    if around is not None and not (is_beside or is_scene or around.is_filtered):
+        # An object that fills the image bends: its fit tells of smooth errors.
+        around = around._replace(smooth=0.0)
     if around is None:
         is_filtered = _is_filtered(own_levels, step)
         is_fine = is_filtered and _is_fine(
@@ -288,7 +293,9 @@ def law_of_noise(
         camera: That took it.
     """
     usual = _despiked(image)
-    whole = None if usual is None else _measured(usual, usual > 0, camera)
+    whole = (
+        None if usual is None else _measured(usual, usual > 0, camera, is_scene=True)
+    )
     if usual is None or whole is None:
         return MeasuredNoise(checked_noise(None), NOT_MEASURED)
     if whole.is_of_all:

@@ -60,6 +60,17 @@ def test_filtered_noise_is_told_without_anything_around():
     assert int(found.noise.bias.window_reach) > 0
 
 
+def test_what_fills_the_image_bends_and_is_no_smooth_error():
+    # Of a tank: smooth errors of 2 mm, with which its radius was known to a tenth.
+    tank = ij.Cylinder((0.0, 0.0, 3.5), (0.0, 1.0, 0.05), radius=2.0, height=100.0)
+    camera = ij.PinholeCamera(525.0, 525.0, 159.5, 119.5, width=320, height=240)
+    depth = np.asarray(ij.render(tank, camera, outputs=("depth",)).depth)
+    depth = depth + np.random.default_rng(0).normal(0, 0.003, depth.shape)
+    found = measured_noise(depth, np.isfinite(depth), camera)
+    assert isinstance(found.noise, ij.ConstantNoise)
+    assert float(found.noise.deviation) == pytest.approx(0.003, rel=0.1)
+
+
 @pytest.mark.parametrize("share", [0.05, 0.1, 0.2])
 def test_outliers_are_no_noise(share):
     # A twentieth of them made 4 mm that neighbors share of 1 mm of white noise, and
