@@ -11,7 +11,7 @@ import pytest
 
 import impostor_jax as ij
 from impostor_jax.arguments import users_level
-from impostor_jax.fit.request import checked_depth, checked_prior
+from impostor_jax.fit.request import checked_depth, checked_mask, checked_prior
 
 SETTINGS = {"fx": 60.0, "fy": 62.0, "cx": 31.5, "cy": 23.0, "width": 64, "height": 48}
 CAN = {"center": (0, 0, 1.0), "axis": (0, 1.0, 0), "radius": 0.1, "height": 0.2}
@@ -141,6 +141,7 @@ for call in (
         ({"radius": 0.04}, r"prior\['radius'\] must be a value and a standard dev"),
         ({"radius": (1e300, 1.0)}, r"prior\['radius'\] must be .* got 1e\+300"),
         ({"radius": (0.04, 1e300)}, r"deviation of prior\['radius'\] must be"),
+        ({"center": ((0, 0, 1), (0.1, 0.1, 0.1))}, r"\['center'\] must be one number"),
         ({"center": ((0, 0, 1e300), 1.0)}, r"prior\['center'\] must be numbers of at"),
     ],
 )
@@ -195,3 +196,9 @@ def test_a_warning_names_the_line_that_called_the_package():
     with pytest.warns(UserWarning, match="told") as told:
         inside["shallow"]()
     assert told[0].filename == __file__
+
+
+def test_a_mask_has_no_negative_values():
+    mask = np.where(np.arange(64)[None] < 30, -1, 0) * np.ones((48, 1), int)
+    with pytest.raises(ValueError, match="positive where it is, got -1"):
+        checked_mask(mask, ij.PinholeCamera(**SETTINGS))

@@ -296,7 +296,12 @@ def checked_prior(
             )
         label = f"prior[{name!r}]"
         value, deviation = belief
-        real_number(f"standard deviation of {label}", deviation, positive=True)
+        what = f"standard deviation of {label}"
+        if name in VECTORS and np.ndim(deviation):
+            raise ValueError(
+                f"{what} must be one number for all directions, got {deviation!r}"
+            )
+        real_number(what, deviation, positive=True)
         if name in VECTORS:
             value = float_array(label, value, (3,))
             if name == "axis":
@@ -439,7 +444,12 @@ def check_one_object(mask: Integer[np.ndarray, "h w"], what: str, cure: str) -> 
         what: Names it in the error.
         cure: What to do with labels.
     """
-    largest = mask.max(initial=0)
+    least, largest = mask.min(initial=0), mask.max(initial=0)
+    if least < 0:
+        raise ValueError(
+            f"{what} must be 0 where the object is not, and positive where it is, got "
+            f"{least}"
+        )
     if np.any((mask != 0) & (mask != largest)):
         count = len(np.unique(mask[mask != 0]))
         raise ValueError(
