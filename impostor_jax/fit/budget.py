@@ -84,6 +84,7 @@ BUDGET: tuple[str, ...] = (
     "warp",
     "scale",
     "alignment",
+    "poses",
     "outline",
     "prior",
     "form",
@@ -103,6 +104,7 @@ class Budget(eqx.Module):
     * `warp`: Smooth errors that the sensor says it has.
     * `scale`: Errors of all depths alike, in so far as no prior tells them.
     * `alignment`: What walls lean by where readings were copied to several pixels.
+    * `poses`: What views disagree by beyond their noise, as where poses err.
     * `outline`: The place of the ends, and of a silhouette, in the image.
     * `prior`: What was expected beforehand.
     * `form`: That a wall departs from the shape's, where the readings say so.

@@ -18,7 +18,7 @@ from jaxtyping import Array, Bool, Float
 
 from impostor_jax.compiling import computed_once
 from impostor_jax.fit.agreement import contradiction, strays
-from impostor_jax.fit.between_views import BetweenViews, between_views
+from impostor_jax.fit.between_views import DOUBTED, BetweenViews, between_views
 from impostor_jax.fit.body import AbstractBody, Readout
 from impostor_jax.fit.evidence import Terms, joined_readings, readings_of
 from impostor_jax.fit.form import Departures, Form, departures_of, no_form
@@ -220,11 +220,12 @@ def uncertainty_of(
             # Not all that neighbors share is an error, where a wall departs.
             wider = wider_without("form")
         form, parts["form"] = departures.told(wider)
-        if between is not None:
-            # What looks like another form may be poses that err.
-            may_err = form.departs & (between.chi2 >= DISAGREEING)
-            spread_of_views = product(between.moves.T, between.moves)
-            parts["form"] += jnp.where(may_err, spread_of_views, 0)
+        whole = sandwich()
+    if between is not None:
+        # What looks like another form may be poses that err.
+        least = jnp.where(form.departs, DISAGREEING, DOUBTED)
+        may_err = (between.chi2 >= least) | (between.chi2_of_form >= DOUBTED)
+        parts["poses"] = jnp.where(may_err, between.spread, 0)
         whole = sandwich()
     is_stray = strays(on.inlier, told.readings.used, told.beside)
     return Uncertainty(

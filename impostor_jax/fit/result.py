@@ -113,6 +113,10 @@ POSES = (
 )
 """What is added of several views where the solver got lost."""
 
+DISAGREE = (
+    "Views disagree by more than their noise: a pose may be off; std allows for it."
+)
+
 SURE = 1e-3
 """P-value of a fit from which on nothing is doubted."""
 
@@ -472,8 +476,10 @@ class Fit(eqx.Module):
             return self.asked.contradiction
         is_poor = self.status is FitStatus.POOR_FIT
         told = [self._why_poor if is_poor else self.status.meaning]
-        if self._counts_alignment and not is_poor:
+        if self._counts("alignment") and not is_poor:
             told.append(ALIGNED)
+        if self._counts("poses") and not is_poor:
+            told.append(DISAGREE)
         got_lost = self.status in (FitStatus.STEP_LIMIT, FitStatus.NOT_FINITE)
         if len(self.pixelwise) > 1 and got_lost:
             told.append(POSES)
@@ -516,9 +522,9 @@ class Fit(eqx.Module):
             )
         return "Part of the region lies off the shape: it, or the mask, is wrong."
 
-    @property
-    def _counts_alignment(self) -> bool:
-        shares = self.std_budget["alignment"].values.values()
+    def _counts(self, name: str) -> bool:
+        """Whether deviations allow for a part of their budget."""
+        shares = self.std_budget[name].values.values()
         return any(
             bool(np.any(np.isfinite(x) & (x > 0))) for x in map(np.asarray, shares)
         )
@@ -636,7 +642,7 @@ class Fit(eqx.Module):
         )
         told = [line(name, *values) for name, values in self.told.items()]
         lines = [head, *told, rms, *self._alternatives_told()]
-        telling = {"correlation", "warp", "scale", "alignment", "form"}
+        telling = {"correlation", "warp", "scale", "alignment", "poses", "form"}
         if telling & set(self.std_budget.some):
             lines += [
                 f"  std of {name}: {_made_of(self.std_budget.of(name))} mm"

@@ -100,9 +100,23 @@ def test_a_wall_that_may_depart_because_a_pose_is_wrong_is_as_unsure():
     fit = posed_wrongly(150.0, (0.0015, 0.0005, 0.0007))
     assert fit.success
     assert fit.form.departs
-    of_form = np.asarray(fit.std_budget["form"].across_axis)
-    # Without what the views say of each other it is 0.25 mm.
-    assert np.linalg.norm(of_form) > 0.0005
+    # A wall that departs alone leaves it at 0.25 mm.
+    of_poses = np.asarray(fit.std_budget["poses"].across_axis)
+    assert np.linalg.norm(of_poses) > 0.0005
+    assert "Views disagree" in fit.reason
+
+
+def test_poses_that_err_by_less_than_the_noise_widen_deviations():
+    # By .5 mm, of 1 mm noise: the views agreed too well for a poor fit.
+    fit = posed_wrongly(150.0, (0.00045, 0.00015, 0.0002), None)
+    assert fit.success
+    assert "Views disagree" in fit.reason
+    off = np.abs(np.asarray(fit.cylinder.center) - np.asarray(can().center))
+    assert np.all(off < 3 * np.asarray(fit.std.center))
+    of_poses = np.asarray(fit.std_budget["poses"].across_axis)
+    assert np.linalg.norm(of_poses) > 3 * np.linalg.norm(
+        np.asarray(fit.std_budget["noise"].across_axis)
+    )
 
 
 def test_two_views_are_surer_than_each_and_as_right(two, both):
