@@ -65,10 +65,11 @@ def covariance_root(
     depends = diagonal > 0
     size = jnp.where(depends, jax.lax.rsqrt(jnp.where(depends, diagonal, 1)), 1)
     correlation = information * size[:, None] * size[None, :]
-    # Coordinates of which nothing tells are directions of their own, to rounding.
+    # Coordinates of which nothing tells are directions of their own, with no others.
     order = np.arange(len(size), dtype=size.dtype)
     correlation -= jnp.diag(jnp.where(depends, 0, 1 + order))
     values, vectors = jnp.linalg.eigh(correlation)
+    vectors = jnp.where(values < -0.5, jnp.round(vectors), vectors)
     # An eigenvalue within rounding of 0 is a direction that the image leaves free.
     free = values < eps(values.dtype, 4 * values.shape[0])
     directions = size[:, None] * vectors
@@ -112,7 +113,7 @@ def propagated(
     moved = jnp.where(free[None], jnp.abs(product(change, directions)), 0)
     # A quantity moves along a free direction by more than rounding: little where that
     # is a coordinate's own, and what is nearly free turns the others.
-    is_own = jnp.max(jnp.abs(directions), axis=0) > 1 - MIXED
+    is_own = jnp.sum(directions != 0, axis=0) == 1
     rounding = jnp.where(is_own, eps(change.dtype, OWN_ROUNDING), MIXED)
     total = jnp.max(jnp.abs(change), axis=1)
     observed = jnp.all(moved <= rounding[None] * total[:, None], axis=1)
