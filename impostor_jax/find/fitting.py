@@ -27,7 +27,7 @@ from impostor_jax.find.sectors import Sector
 from impostor_jax.find.view import View
 from impostor_jax.fit.fittable import CYLINDER
 from impostor_jax.fit.options import Options
-from impostor_jax.fit.regions import BUCKETS, typical_sigma
+from impostor_jax.fit.regions import BUCKETS, DepthUnitsWarning, typical_sigma
 from impostor_jax.fit.request import checked_noise, is_trusted
 from impostor_jax.fit.result import Asked, Fit
 from impostor_jax.fit.shapes import fit_shape, prepare_fit
@@ -229,8 +229,14 @@ class Fitter:
         with warnings.catch_warnings():
             # Of what is refused nobody wants to know; what is found tells it itself.
             warnings.filterwarnings("ignore", "the image shows the wall's outline")
+            if self.away:
+                # The depth is not what the caller gave.
+                warnings.simplefilter("ignore", DepthUnitsWarning)
             fit = fit_shape(CYLINDER, *given, start, options)
-        if not (self.away and bool(fit.success)):
+        if not self.away:
+            return fit
+        fit = _in_own_precision(fit)
+        if not bool(fit.success):
             return fit
         # The far camera has the rotation of its pose alone.
         shape = fit.cylinder
@@ -320,3 +326,15 @@ class _Shifted(AbstractDepthNoise):
     ) -> Depths:
         readings = self.noise.sample(key, depth - self.away, normal, camera)
         return readings + self.away
+
+
+def _in_own_precision(fit: Fit) -> Fit:
+    """A fit in double precision with numbers that JAX computes with outside of it."""
+    own = jnp.result_type(float)
+
+    def told(value: Any) -> Any:
+        # JAX warns of what it would cut down itself.
+        is_double = isinstance(value, jax.Array) and value.dtype == np.float64
+        return jnp.asarray(np.asarray(value).astype(own)) if is_double else value
+
+    return jax.tree.map(told, fit)

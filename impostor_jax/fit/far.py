@@ -65,7 +65,9 @@ def fitted_near(function: Fitting) -> Fitting:
         )
         prior = near_prior(world, options.prior)
         asked["options"] = dataclasses.replace(options, prior=prior)
-        return told_in_world(world, function(*given.args, **given.kwargs), known)
+        fit = function(*given.args, **given.kwargs)
+        with working_precision(options.effort.precision, ()):
+            return told_in_world(world, fit, known)
 
     return cast(Fitting, fitted)
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import impostor_jax as ij
-from tests.find.scenes import image_of
+from tests.find.scenes import ORTHOGRAPHIC, WALL, image_of
 from tests.fit.scenes import SIGMA, can
 from tests.groups import FULL, RELEASE, SMALL_IMAGES
 
@@ -188,3 +188,15 @@ def test_a_can_is_found_in_depth_that_was_warped_to_a_color_camera():
     fit = found.fits[0]
     assert abs(float(fit.cylinder.radius) - 0.04) < 4 * float(fit.std.radius)
     assert abs(float(np.dot(fit.cylinder.axis, DOWN))) > np.cos(np.radians(1))
+
+
+@FULL
+def test_a_can_is_found_by_parallel_rays_without_a_warning():
+    # Its fit stands 1e5 m away, in double precision: depth looked like millimeters.
+    standing_can = ij.Cylinder((0.0, 0.0, 0.5), (0.3, 0.9, 0.1), 0.04, 0.12)
+    image = image_of([standing_can, WALL], ORTHOGRAPHIC, 0.0005)
+    found = ij.find_cylinders(image.depth, ORTHOGRAPHIC, 0.0005)
+    (fit,) = found.fits
+    assert abs(float(fit.cylinder.radius) - 0.04) < 4 * float(fit.std.radius)
+    away = np.abs(np.asarray(fit.cylinder.center) - (0.0, 0.0, 0.5))
+    assert np.all(away < 5 * np.asarray(fit.std.center))
