@@ -6,7 +6,7 @@ import pytest
 
 import impostor_jax as ij
 from tests.fit.scenes import CAMERA, SIGMA, image, image_of
-from tests.groups import SMALL_IMAGES
+from tests.groups import FULL, SMALL_IMAGES
 
 pytestmark = SMALL_IMAGES
 
@@ -29,6 +29,7 @@ def test_errors_that_a_filter_shares_are_measured(name):
     assert abs(float(fit.cylinder.radius) - 0.04) < 3 * float(fit.std.radius)
 
 
+@FULL
 @pytest.mark.parametrize(
     "shape",
     [None, ij.Frustum((-0.03, -0.04, 0.35), (0.05, 0.05, 0.35), 0.042, 0.036)],

@@ -165,7 +165,14 @@ def noise_of(fit):
     return 1e-3 * float(told[1])
 
 
-@pytest.mark.parametrize("told", ["sigma", "origin", "nothing"])
+@pytest.mark.parametrize(
+    "told",
+    [
+        pytest.param("sigma", marks=FULL),
+        pytest.param("origin", marks=FULL),
+        "nothing",
+    ],
+)
 def test_two_rings_are_of_the_pipe_or_ambiguous(told):
     # A wall across it touches their planes: a success with an axis 90 degrees off.
     told = {"sigma": {"sigma": 0.002}, "origin": {"origin": np.zeros(3)}}.get(told, {})
@@ -208,6 +215,7 @@ def scanned(drift, seed):
     return np.concatenate(scans)
 
 
+@FULL
 def test_places_that_disagree_widen_deviations():
     # Of scanners that move and drift, 7 of 16 radii were up to 12 deviations off.
     exact, drifts = (
