@@ -127,10 +127,13 @@ def walls_of(points: Float[np.ndarray, "n 3"]) -> list[Wall]:
     medians = np.array([circle.median for circle in circles])
     order = np.argsort(medians)[: np.count_nonzero(np.isfinite(medians))]
     chosen = np.union1d(order[:REFINED], order[apart(axes[order])])
-    walls = [
-        _refined(points, axes[k], middle + circles[k].center, circles[k].radius, size)
-        for k in chosen
-    ]
+    walls = refined_walls(
+        np.repeat(points[None], len(chosen), axis=0),
+        axes[chosen],
+        np.array([middle + circles[k].center for k in chosen]).reshape(-1, 3),
+        np.array([circles[k].radius for k in chosen]),
+        np.full(len(chosen), size),
+    )
     found = [wall for wall in walls if wall is not None]
     found.sort(key=lambda wall: wall.scatter)
     axes = np.array([wall.frame[2] for wall in found]).reshape(-1, 3)

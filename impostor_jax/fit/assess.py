@@ -5,7 +5,6 @@ __all__ = ["Assessment", "assess"]
 from collections.abc import Sequence
 from typing import NamedTuple
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int, Int8
@@ -14,7 +13,7 @@ from impostor_jax.fit.across import across_found
 from impostor_jax.fit.agreement import reduced_chi2, tail
 from impostor_jax.fit.alternatives import no_alternatives
 from impostor_jax.fit.body import AbstractBody, coordinates_of
-from impostor_jax.fit.budget import Deviations, Told
+from impostor_jax.fit.budget import Deviations, if_known
 from impostor_jax.fit.covariance import Uncertainty, free_coordinates, uncertainty_of
 from impostor_jax.fit.deviations import are_numbers, deviations_of, open_where_unseen
 from impostor_jax.fit.inliers import Compared, Inliers, compared, inliers_of
@@ -146,8 +145,8 @@ def assess(problem: Problem, solution: Solution, correlated: bool) -> Assessment
     marks = jnp.where(used, jnp.where(on.inlier, 2, 1), 0).astype(jnp.int8)
     fit = Fit(
         shape=world.shape,
-        std=_known(success, open_where_unseen(std, body, on.ends_seen)),
-        std_budget=_known(success, open_where_unseen(budget, body, on.ends_seen)),
+        std=if_known(success, open_where_unseen(std, body, on.ends_seen)),
+        std_budget=if_known(success, open_where_unseen(budget, body, on.ends_seen)),
         coordinates=coordinates_of(world),
         ends_seen=on.ends_seen,
         covariance=covariance,
@@ -189,11 +188,6 @@ def assess(problem: Problem, solution: Solution, correlated: bool) -> Assessment
         residual=problem.apart(meters),
         marks=problem.apart(marks),
     )
-
-
-def _known(success: Bool[Array, ""], told: Told) -> Told:
-    """Deviations of a fit; infinite where it failed."""
-    return jax.tree.map(lambda x: jnp.where(success, x, jnp.inf), told)
 
 
 def _agrees(

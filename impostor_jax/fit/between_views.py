@@ -87,14 +87,11 @@ def between_views(
         disagreement(moved_by_views(each, others, variance, root))
         for each in (parts, of_form)
     )
-    steps, steps_of_form = (
-        jnp.stack([_step_alone(part, root, variance) for part in each])
-        for each in (parts, of_form)
-    )
+    steps = jnp.stack([_step_alone(part, root, variance) for part in parts])
     gradients = problem.apart(departed[:-1])
     changes = [
-        product(-product(root, step), into, gradient)
-        for step, gradient in zip(steps_of_form, gradients, strict=True)
+        product(-product(root, _step_alone(part, root, variance)), into, gradient)
+        for part, gradient in zip(of_form, gradients, strict=True)
     ]
     return BetweenViews(
         spread=product(steps.T, steps) / len(steps),

@@ -1,15 +1,16 @@
 """Standard deviations of a fit by name, and what they are made of."""
 
-__all__ = ["ANGLES", "BUDGET", "Budget", "Deviations", "Told", "Values"]
+__all__ = ["ANGLES", "BUDGET", "Budget", "Deviations", "Told", "Values", "if_known"]
 
 from collections import OrderedDict
 from collections.abc import Mapping
 from typing import Any, TypeVar
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from impostor_jax.arguments import is_concrete
 from impostor_jax.text import described, text_or_repr
@@ -153,3 +154,8 @@ class Budget(eqx.Module):
 
 
 Told = TypeVar("Told", Deviations, Budget)
+
+
+def if_known(is_known: Bool[Array, ""], told: Told) -> Told:
+    """Deviations, or a budget; infinite where nothing is known."""
+    return jax.tree.map(lambda x: jnp.where(is_known, x, jnp.inf), told)

@@ -220,12 +220,12 @@ def uncertainty_of(
             # Not all that neighbors share is an error, where a wall departs.
             wider = wider_without("form")
         form, parts["form"] = departures.told(wider)
-        whole = sandwich()
     if between is not None:
         # What looks like another form may be poses that err.
         least = jnp.where(form.departs, DISAGREEING, DOUBTED)
         may_err = (between.chi2 >= least) | (between.chi2_of_form >= DOUBTED)
         parts["poses"] = jnp.where(may_err, between.spread, 0)
+    if departures is not None or between is not None:
         whole = sandwich()
     is_stray = strays(on.inlier, told.readings.used, told.beside)
     return Uncertainty(

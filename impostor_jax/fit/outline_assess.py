@@ -20,6 +20,7 @@ from impostor_jax.fit.agreement import reduced_chi2, tail
 from impostor_jax.fit.alternatives import no_alternatives
 from impostor_jax.fit.assess import Assessment
 from impostor_jax.fit.body import AbstractBody, Readout, coordinates_of
+from impostor_jax.fit.budget import if_known
 from impostor_jax.fit.deviations import are_numbers, deviations_of
 from impostor_jax.fit.form import no_form
 from impostor_jax.fit.outline_solve import (
@@ -154,8 +155,8 @@ def assess_outline(problem: OutlineProblem, found: Traced) -> Assessment:
     has_p_value = problem.is_trusted & ~problem.is_hard
     fit = Fit(
         shape=world.shape,
-        std=jax.tree.map(lambda x: jnp.where(is_told, x, jnp.inf), std),
-        std_budget=jax.tree.map(lambda x: jnp.where(is_told, x, jnp.inf), budget),
+        std=if_known(is_told, std),
+        std_budget=if_known(is_told, budget),
         coordinates=coordinates_of(world),
         ends_seen=places.ends_seen,
         covariance=covariance,

@@ -159,12 +159,12 @@ def fit_cylinder_to_points(
     is_refuted = fit.status is FitStatus.CONTRADICTED and not asked.prior
     if initial is None and (is_refuted or fit.status in FAILED):
         # Rings and wires show no surface to a guess, but a wall to its distances.
-        for wall in walls_of(given.ends) if given.starts is not None else ():
-            if wall.is_known:
-                start = seen_across(given.ends, wall).start
-                near = fit_points(given, sigma, start, asked, wall)
-                if near.is_shape:
-                    return near
+        walls = [] if given.starts is None else _known_walls(given)
+        for wall in walls:
+            start = seen_across(given.ends, wall).start
+            near = fit_points(given, sigma, start, asked, wall)
+            if near.is_shape:
+                return near
         found = surest_among(given, level_of(sigma, given))
         if found is not None:
             cloud = given._replace(counts=found.own)
@@ -264,11 +264,11 @@ def _fit_viewless(
     level = COARSEST * extent if level is None else level
     if extent > 0:
         _check_rounding(cloud.dtype, np.abs(cloud.ends).max(), extent, level)
-    walls = [wall] if wall else [one for one in walls_of(cloud.ends) if one.is_known]
+    walls = [wall] if wall else _known_walls(cloud)
     if not walls:
         nothing = no_guess(CYLINDER, np.ones(len(cloud.ends), bool))
         return nothing.having(source="points")
-    if not walls[0].is_split(cloud.ends):
+    if len(walls) == 1 or not walls[0].is_split(cloud.ends):
         return _fit_to_wall(cloud, sigma, initial, asked, walls[0])
     fits = [_fit_to_wall(cloud, sigma, initial, asked, one) for one in walls]
     shapes = [k for k, fit in enumerate(fits) if fit.is_shape]
@@ -276,6 +276,11 @@ def _fit_viewless(
         return fits[shapes[0] if shapes else 0]
     is_split = [walls[k].is_split(cloud.ends) for k in shapes]
     return _likeliest([fits[k] for k in shapes], is_split, sigma is not None)
+
+
+def _known_walls(cloud: GivenPoints) -> list[Wall]:
+    """The walls near which points lie that these tell, the nearest first."""
+    return [wall for wall in walls_of(cloud.ends) if wall.is_known]
 
 
 def _fit_to_wall(

@@ -5,7 +5,7 @@ floating-point numbers. A reading that is missing is written as 0.
 """
 
 __all__ = [
-    "MAX_UINT16",
+    "FARTHEST",
     "check_depth_file",
     "check_image_name",
     "depth_of_png",

@@ -25,11 +25,7 @@ from impostor_jax.compiling import kept
 from impostor_jax.device import is_processor
 from impostor_jax.effort import Effort, effort_of
 from impostor_jax.numerics import Scalar
-from impostor_jax.primitives.base import (
-    AbstractPrimitive,
-    check_single,
-    not_a_shape,
-)
+from impostor_jax.primitives.base import AbstractPrimitive, check_single, not_a_shape
 from impostor_jax.primitives.local_world import seen_near
 from impostor_jax.rendering.clipping import Clipping, clipping_of
 from impostor_jax.rendering.coverage import coverage
