@@ -50,8 +50,9 @@ class AcrossRays(eqx.Module):
             `LEAST_SCALE` of the errors along the rays at least.
         doubt: Standard deviation of that square, in square meters.
         scale: Standard deviation along the rays that is found, over what was given.
-        misfit: Minus twice the logarithm of the readings' likelihood, each, but for a
-            constant, at the scale at which it is largest.
+        misfit: Minus twice the logarithm of the density of readings, in 1/m, on the
+            mean; at the scale that they tell, and outliers anywhere in a diameter.
+        readings: How many it is of; those too near a rim to tell count as the others.
     """
 
     deviation: Float[Array, "*batch"]
@@ -60,16 +61,17 @@ class AcrossRays(eqx.Module):
     doubt: Float[Array, "*batch"]
     scale: Float[Array, "*batch"]
     misfit: Float[Array, "*batch"]
+    readings: Float[Array, "*batch"]
 
     def __str__(self) -> str:
-        units = {"score": "", "doubt": "m^2", "scale": "", "misfit": ""}
+        units = {"score": "", "doubt": "m^2", "scale": "", "misfit": "", "readings": ""}
         return text_or_repr(self, lambda: described(self, units))
 
 
 def exact_rays(dtype: DTypeLike) -> AcrossRays:
     """Of a fit that says nothing of them."""
     zero = jnp.zeros((), dtype)
-    return AcrossRays(zero, zero, zero, zero, jnp.ones((), dtype), zero)
+    return AcrossRays(zero, zero, zero, zero, jnp.ones((), dtype), zero, zero)
 
 
 def across_found(
@@ -110,11 +112,15 @@ def across_found(
         square = jnp.where(outlies, WITHIN**2 / 3 * variance, 0)
         parts = jnp.stack([own, other]) / assumed[None]
         ones = jnp.where(counts, 1, 0).astype(repeats.dtype)
-        weight = jnp.where(is_wall, told.terms.weight, 1)
+        is_inlier = told.used & (z < WITHIN)
+        is_outlier = told.used & ~is_inlier
+        width = jnp.where(is_inlier, 1 / told.terms.weight, 2 * body.radius)
         likelihood = [
-            jnp.where(is_wall, 1, 0).astype(repeats.dtype),
-            jnp.where(is_wall, jnp.minimum(z, WITHIN) ** 2, 0),
-            -2 * jnp.log(weight),
+            jnp.where(pixels.depth > 0, 1, 0).astype(repeats.dtype),
+            jnp.where(is_inlier, 1, 0).astype(repeats.dtype),
+            jnp.where(is_outlier, 1, 0).astype(repeats.dtype),
+            jnp.where(is_inlier, z * z, 0),
+            2 * jnp.log(jnp.where(told.used, width, 1)),
         ]
         return (
             product(rows, rows.T),
@@ -144,15 +150,16 @@ def across_found(
     # Squares of normal residuals vary by twice their square.
     deviation = safe_sqrt(2 * inverse * repeats)
     scale = jnp.where(is_told & (own > 0), safe_sqrt(own), 1)
-    count, squares, logarithms = jnp.sum(likelihood, axis=0)
-    count = jnp.maximum(count, 1)
+    count, inliers, outliers, squares, widths = jnp.sum(likelihood, axis=0)
     tiny = jnp.finfo(squares.dtype).tiny
-    misfit = jnp.log(jnp.maximum(squares / count, tiny)) + logarithms / count
+    spread = jnp.maximum(safe_divide(squares, inliers), tiny)
+    misfit = inliers * (jnp.log(2 * jnp.pi * spread) + 1) + widths
     return AcrossRays(
         deviation=safe_divide(taken, weight),
         found=safe_sqrt(other),
         score=safe_divide(sure, deviation * jnp.maximum(scale, LEAST_SCALE) ** 2),
         doubt=deviation,
         scale=scale,
-        misfit=misfit,
+        misfit=misfit / jnp.maximum(inliers + outliers, 1),
+        readings=count,
     )

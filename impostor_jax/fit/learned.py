@@ -6,8 +6,15 @@ Then it is made anew, from all starts. Where they do not speak clearly, the like
 that fit and the one of exact rays is taken.
 """
 
-__all__ = ["SPEAKS", "fit_with_learned_rays", "with_learned_rays"]
+__all__ = [
+    "CLEARLY",
+    "SPEAKS",
+    "fit_with_learned_rays",
+    "likelier",
+    "with_learned_rays",
+]
 
+import math
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
@@ -35,10 +42,12 @@ MOST_ROUNDS = 8
 SETTLED = 0.03
 """Change of that error, over itself, with which it is known."""
 
-SURE = 6.0
-"""Standard deviations up to which readings that speak for errors across the rays may do
-so for what these errors let the wall become. Of an arc of 30 degrees they make a wall
-of a smaller radius, of which they are found to be larger, and so on, to 4.5."""
+CLEARLY = 10.0
+"""Twice the nats by which readings have to be likelier by another fit of the same
+errors: between ends that noise leads to it differs by less."""
+
+BY_CHANCE = 0.1
+"""Part of readings that are outliers each by itself."""
 
 UNCLEAR = 3.5
 """Standard deviations up to which a fit of exact rays stands where one that allows for
@@ -47,10 +56,6 @@ errors fails: it is off by at most 1.4 of its own."""
 ENOUGH = 0.6
 """Part of the readings that a fit with a larger error keeps, at least: beside a rim it
 leaves out what may be of either surface."""
-
-AS_MANY = 0.99
-"""Part of the readings on one of two fits that are on the other, where the two are
-compared: what leaves out those that graze is likelier for that."""
 
 
 def fit_with_learned_rays(
@@ -93,22 +98,23 @@ def fit_with_learned_rays(
         across = found
         if settled:
             break
+    if exact is None:
+        without = _erring(seen, _Error(known), known)
+        exact = fitted(without)
+        if fit.is_shape:
+            # Nor may errors that are guessed lead to the wall alone.
+            exact = likelier(exact, resumed(without, fit))
     # Only now: of a guess that is too large nothing speaks for what is small.
     score = fit.across.score.item()
     if not score > SPEAKS:
-        return exact or fitted(_erring(seen, _Error(known), known))
+        return likelier(exact, fit)
     fit = fitted(_erring(seen, across, known))
     if not fit.status.has_numbers:
         # Of errors as large as the object; what went on from the readings says why.
         fit = told
-    if max(score, fit.across.score.item()) > SURE:
-        return fit
-    exact = exact or fitted(_erring(seen, _Error(known), known))
     if score <= UNCLEAR and exact.is_shape and not fit.is_shape:
         return exact
-    explains = exact.is_shape and exact.num_inliers >= AS_MANY * fit.num_inliers
-    is_likelier = exact.across.misfit.item() <= fit.across.misfit.item()
-    return exact if explains and is_likelier else fit
+    return likelier(fit, exact, by=0.0) if exact.is_shape else fit
 
 
 def with_learned_rays(seen: Seen, known: float) -> Seen:
@@ -127,6 +133,36 @@ class _Error(NamedTuple):
 
     size: float
     doubt: float = 0.0
+
+
+def likelier(one: Fit, other: Fit, by: float = CLEARLY, by_chance: bool = True) -> Fit:
+    """The first of two fits, or the other if readings are likelier by that.
+
+    Whatever lies beside a wall, and is not of it, grazes it: taken for errors across
+    the rays it moves the wall, of which more grazes, and so on. As outliers it makes
+    the readings likelier, and an oval wall, of which much would be outliers, does not.
+
+    Args:
+        one: A fit.
+        other: Another of the same readings, or of some of them.
+        by: Twice the nats by which they have to be.
+        by_chance: Whether a reading is an outlier by itself, and not of another thing.
+    """
+    if not (one.is_shape and other.is_shape):
+        return other if other.is_shape else one
+    count = max(fit.across.readings.item() for fit in (one, other))
+    gain = _misfit(one, count, by_chance) - _misfit(other, count, by_chance)
+    return other if gain > by else one
+
+
+def _misfit(fit: Fit, count: float, by_chance: bool) -> float:
+    """Of so many readings; all that a fit leaves out are outliers."""
+    own, inliers = fit.across.readings.item(), fit.num_inliers
+    outlying = (count - own) * 2 * math.log(2 * float(fit.shape.radius))
+    misfit = own * fit.across.misfit.item() + outlying
+    if by_chance:
+        misfit -= 2 * math.log(BY_CHANCE) * (count - inliers)
+    return misfit
 
 
 def _found(fit: Fit, known: float) -> _Error:

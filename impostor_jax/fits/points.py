@@ -27,6 +27,7 @@ from impostor_jax.clouds.wall import Wall, apart, wall_of, walls_of
 from impostor_jax.device import on_processor
 from impostor_jax.effort import MIN_READINGS, Effort
 from impostor_jax.fit.fittable import CYLINDER, no_guess
+from impostor_jax.fit.learned import CLEARLY, likelier
 from impostor_jax.fit.measured import NOT_MEASURED
 from impostor_jax.fit.options import Errors, MaskMeaning, Options, Scale
 from impostor_jax.fit.regions import BUCKETS, DepthUnitsWarning, places_for
@@ -74,6 +75,12 @@ looked for. So may be those that face away from their origin."""
 FEW, ALMOST_ALL = 500, 0.9
 """Points up to which a fit near which so many of them lie tells their noise, though it
 is refused: of so few a wall may tell a tenth of it."""
+
+MOST = 0.98
+"""Part of the points that is on the wall where none are of something else."""
+
+MOST_SCATTERED = 1.5
+"""Chi-squared from which a wall may be one that lies among those of two objects."""
 
 UNLIKE_TOLD, UNLIKE_MEASURED = 2.0, 4.0
 """Chi-squared, or its inverse, of one of two walls over that of the other, from which
@@ -156,20 +163,41 @@ def fit_cylinder_to_points(
         )
     given = points_given(points, origin)
     fit = fit_points(given, sigma, initial, asked)
+    if initial is not None:
+        return fit
     is_refuted = fit.status is FitStatus.CONTRADICTED and not asked.prior
-    if initial is None and (is_refuted or fit.status in FAILED):
-        # Rings and wires show no surface to a guess, but a wall to its distances.
-        walls = [] if given.starts is None else _known_walls(given)
-        for wall in walls:
-            start = seen_across(given.ends, wall).start
-            near = fit_points(given, sigma, start, asked, wall)
-            if near.is_shape:
+    is_failed = is_refuted or fit.status in FAILED
+    is_mixed = fit.is_shape and _is_mixed(fit, len(given.ends))
+    if given.starts is not None and (is_failed or is_mixed):
+        # Rings and wires show no surface to a guess, but a wall to its distances; and
+        # what lies beside a wall moves it, unless it is left out.
+        for wall in _known_walls(given):
+            near = _fit_near(given, sigma, asked, wall)
+            if is_failed and near.is_shape:
                 return near
+            # Few of them make the wall no likelier, and move it by nine deviations.
+            if likelier(fit, near, -CLEARLY, by_chance=False) is near:
+                return near
+    if is_failed:
         found = surest_among(given, level_of(sigma, given))
         if found is not None:
             cloud = given._replace(counts=found.own)
             return fit_points(cloud, sigma, found.start, asked, found.wall)
     return fit
+
+
+def _is_mixed(fit: Fit, count: int) -> bool:
+    """Whether points seem to be of more than a wall, or of a wall and its caps."""
+    return bool(fit.num_inliers < MOST * count or fit.chi2.item() > MOST_SCATTERED)
+
+
+def _fit_near(cloud: GivenPoints, sigma: Any, asked: Options, wall: Wall) -> Fit:
+    """Fit to what lies near a wall, of points of which it is known from where."""
+    seen = seen_across(cloud.ends, wall)
+    counts = cloud.counts & seen.is_near
+    if np.count_nonzero(counts) < MIN_READINGS:
+        counts = cloud.counts
+    return fit_points(cloud._replace(counts=counts), sigma, seen.start, asked, wall)
 
 
 def fit_points(
