@@ -52,7 +52,8 @@ class AcrossRays(eqx.Module):
         scale: Standard deviation along the rays that is found, over what was given.
         misfit: Minus twice the logarithm of the density of readings, in 1/m, on the
             mean; at the scale that they tell, and outliers anywhere in a diameter.
-        readings: How many it is of; those too near a rim to tell count as the others.
+        spread: That diameter, in meters.
+        readings: How many they are; those too near a rim to tell count as the others.
     """
 
     deviation: Float[Array, "*batch"]
@@ -61,6 +62,7 @@ class AcrossRays(eqx.Module):
     doubt: Float[Array, "*batch"]
     scale: Float[Array, "*batch"]
     misfit: Float[Array, "*batch"]
+    spread: Float[Array, "*batch"]
     readings: Float[Array, "*batch"]
 
     def __str__(self) -> str:
@@ -71,7 +73,8 @@ class AcrossRays(eqx.Module):
 def exact_rays(dtype: DTypeLike) -> AcrossRays:
     """Of a fit that says nothing of them."""
     zero = jnp.zeros((), dtype)
-    return AcrossRays(zero, zero, zero, zero, jnp.ones((), dtype), zero, zero)
+    one = jnp.ones((), dtype)
+    return AcrossRays(zero, zero, zero, zero, one, zero, one, zero)
 
 
 def across_found(
@@ -152,8 +155,8 @@ def across_found(
     scale = jnp.where(is_told & (own > 0), safe_sqrt(own), 1)
     count, inliers, outliers, squares, widths = jnp.sum(likelihood, axis=0)
     tiny = jnp.finfo(squares.dtype).tiny
-    spread = jnp.maximum(safe_divide(squares, inliers), tiny)
-    misfit = inliers * (jnp.log(2 * jnp.pi * spread) + 1) + widths
+    variance = jnp.maximum(safe_divide(squares, inliers), tiny)
+    misfit = inliers * (jnp.log(2 * jnp.pi * variance) + 1) + widths
     return AcrossRays(
         deviation=safe_divide(taken, weight),
         found=safe_sqrt(other),
@@ -161,5 +164,6 @@ def across_found(
         doubt=deviation,
         scale=scale,
         misfit=misfit / jnp.maximum(inliers + outliers, 1),
+        spread=2 * bodies[0].radius,
         readings=count,
     )

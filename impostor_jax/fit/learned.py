@@ -2,8 +2,8 @@
 
 Readings are fitted as if rays were exact, or erred by a guess. The residuals tell by
 how much they do, and the fit goes on from its estimate with that, until the two agree.
-Then it is made anew, from all starts. Where they do not speak clearly, the likelier of
-that fit and the one of exact rays is taken.
+Then it is made anew, from all starts. The likelier of that fit and the one of exact
+rays is taken, unless pixels speak clearly.
 """
 
 __all__ = [
@@ -42,6 +42,11 @@ MOST_ROUNDS = 8
 SETTLED = 0.03
 """Change of that error, over itself, with which it is known."""
 
+SURE = 6.0
+"""Standard deviations up to which pixels that speak for errors across the rays may do
+so for what these errors let the wall become. Of an arc of 30 degrees they make a wall
+of a smaller radius, of which they are found to be larger, and so on, to 4.5."""
+
 CLEARLY = 10.0
 """Twice the nats by which readings have to be likelier by another fit of the same
 errors: between ends that noise leads to it differs by less."""
@@ -76,7 +81,7 @@ def fit_with_learned_rays(
     if not all(one.noise.bias.has_exact_rays for one in seen):
         # The caller says what the sensor's are; rounding comes to that.
         return fitted(seen if known is None else _erring(seen, _Error(known), known))
-    exact = None
+    exact, is_image = None, known is None
     if known is None:
         fit = fitted(seen)
         if not (fit.is_shape and fit.across.score.item() > SPEAKS):
@@ -112,9 +117,11 @@ def fit_with_learned_rays(
     if not fit.status.has_numbers:
         # Of errors as large as the object; what went on from the readings says why.
         fit = told
-    if score <= UNCLEAR and exact.is_shape and not fit.is_shape:
-        return exact
-    return likelier(fit, exact, by=0.0) if exact.is_shape else fit
+    if not fit.is_shape:
+        return exact if score <= UNCLEAR and exact.is_shape else fit
+    if is_image and max(score, fit.across.score.item()) > SURE:
+        return fit
+    return likelier(fit, exact, by=0.0)
 
 
 def with_learned_rays(seen: Seen, known: float) -> Seen:
@@ -158,7 +165,7 @@ def likelier(one: Fit, other: Fit, by: float = CLEARLY, by_chance: bool = True) 
 def _misfit(fit: Fit, count: float, by_chance: bool) -> float:
     """Of so many readings; all that a fit leaves out are outliers."""
     own, inliers = fit.across.readings.item(), fit.num_inliers
-    outlying = (count - own) * 2 * math.log(2 * float(fit.shape.radius))
+    outlying = (count - own) * 2 * math.log(fit.across.spread.item())
     misfit = own * fit.across.misfit.item() + outlying
     if by_chance:
         misfit -= 2 * math.log(BY_CHANCE) * (count - inliers)

@@ -408,7 +408,13 @@ class Fit(eqx.Module):
 
     @property
     def status(self) -> FitStatus:
-        """How the fit ended; needs a single, concrete result."""
+        """How the fit ended; needs a single, concrete result.
+
+        Raises:
+            TypeError: There are several fits.
+        """
+        if np.ndim(self.status_code):
+            raise TypeError("there are several fits: statuses has how each ended")
         return STATUSES[int(self.status_code)]
 
     @property

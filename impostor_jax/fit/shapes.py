@@ -24,7 +24,7 @@ from impostor_jax.fit.border import fit_of_one_surface
 from impostor_jax.fit.copied import counted_copies
 from impostor_jax.fit.edges import without_edges
 from impostor_jax.fit.far import fitted_near
-from impostor_jax.fit.filtered import shared_errors
+from impostor_jax.fit.filtered import less_noise, shared_errors
 from impostor_jax.fit.fittable import Fittable, no_guess
 from impostor_jax.fit.gather import table_of
 from impostor_jax.fit.learned import fit_with_learned_rays, with_learned_rays
@@ -144,9 +144,11 @@ def fit_shape(
         fit = _fit_seen(kind, seen, start, beliefs, settings, *also)
         is_told = places is None and sigma is not None and not told
         if is_told and effort.doubts and options.errors is None:
-            shared = shared_errors(fit, views, seen)
-            if shared is not None:
-                sigma, told = shared
+            shown = shared_errors(fit, views, seen)
+            if shown is None and options.scale == "estimated":
+                shown = less_noise(fit, views, seen)
+            if shown is not None:
+                sigma, told = shown
                 fit = fit_shape(kind, depth, camera, mask, sigma, initial, options)
                 return fit.noting(measured=told)
         fit = tested_by_readings(kind, fit, options, start, fitted_as)
@@ -200,17 +202,20 @@ def _fit_seen(
         correlated: Whether errors are taken for correlated at first.
         rounding: As of `fit_shape`.
     """
+    quick = dataclasses.replace(effort, doubts=False)
 
     # Without types of arrays, which would be looked up at each call, in 20 us.
     def fitted(
-        parts: Any, correlated: bool, known: Any = None, start: Any = start
+        parts: Any, correlated: bool, known: Any = None, begin: Any = start
     ) -> Fit:
         asked = settings
         if any(part.region is not one.region for part, one in zip(parts, seen)):  # noqa: B905
             # Only of the whole one a caller says that its edge is the silhouette.
             asked = dataclasses.replace(settings, is_outline=False)
         clear = [part.without_edges() for part in parts]
-        return _fit_pixels(kind, clear, start, known, prior, asked, effort, correlated)
+        # What a fit of the same ended with is as good a start as any.
+        own = effort if begin is start else quick
+        return _fit_pixels(kind, clear, begin, known, prior, asked, own, correlated)
 
     def to_surface(parts: Any) -> Fit:
         # An outline is as exact as its caller says.
@@ -225,7 +230,7 @@ def _fit_seen(
             else one
             for one, region in zip(parts, each_of(before.region), strict=True)
         ]
-        return fitted(used, correlated, start=before.shape)
+        return fitted(used, correlated, begin=before.shape)
 
     def fitted_to(parts: Any) -> Fit:
         return fit_with_learned_rays(to_surface, resumed, parts, rounding)

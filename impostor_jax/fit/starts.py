@@ -100,6 +100,21 @@ class Search:
             self.found.append(better._replace(num_ended=count))
         self.num_starts += len(starts)
 
+    def look_beside(self) -> None:
+        """Go on from the fit there is, or from its mirror image, if that is better.
+
+        What is seen from the side hides to which its axis leans, and pixels of a cap
+        are outliers where an end is a pixel off: of 530 fits that began 2 mm and 1
+        degree beside the truth 4 were up to 19 deviations wrong.
+        """
+        (first,) = self.found
+        for start in (first.body, _mirrored(first.body)):
+            self.fit(start)
+        best = likeliest(self.found)
+        is_better = float(best.cost) < float(first.cost) - CLOSES
+        # Where both are as likely the caller has chosen.
+        self.found, self.num_starts = [best if is_better else first], 1
+
     def closed(self) -> None:
         """Fit without a bore where the best of a tube shows none.
 
@@ -138,6 +153,8 @@ def found_by(
     move = moves[0]
     if initial is not None:
         search.fit(_placed(kind.body, initial, move))
+        if effort.doubts:
+            search.look_beside()
         search.closed()
         return
     starts = _in_order(guesses, moves, search.counts)[: effort.starts]

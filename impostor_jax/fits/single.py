@@ -81,16 +81,17 @@ def fit_cylinder(
         sigma: Standard deviation of a reading in meters; an array (H, W) of each, as
             some cameras tell it, where NaN and infinity leave a reading out; or a noise
             model of the sensor, which weighs each reading by its depth and incidence.
-            Readings that scatter three times as much make it a `poor_fit`. If None, it
-            is measured in each image, from the object's own readings and from planes
-            around: white noise is a number; errors that neighbors share are those of a
-            camera that matches windows, as `StructuredLight.sensor` has them, with its
-            scale that no image tells. `print(fit)` says what was measured. Where
-            nothing is (fewer than 200 readings, no noise, a traced fit), 1 mm weighs
-            against priors and outlines, and is not held against the readings. Of
-            several images one of all of them, or a list. Without depth it is that of a
-            coverage, 0.05 if None; with a mask of booleans, whose edge is known to a
-            pixel, it must be None.
+            Readings that scatter three times as much make it a `poor_fit`; where they
+            scatter less by a tenth or more, each by itself, what is measured is taken,
+            unless `scale` is "fixed". If None, it is measured in each image, from the
+            object's own readings and from planes around: white noise is a number;
+            errors that neighbors share are those of a camera that matches windows, as
+            `StructuredLight.sensor` has them, with its scale that no image tells.
+            `print(fit)` says what was measured. Where nothing is (fewer than 200
+            readings, no noise, a traced fit), 1 mm weighs against priors and outlines,
+            and is not held against the readings. Of several images one of all of them,
+            or a list. Without depth it is that of a coverage, 0.05 if None; with a mask
+            of booleans, whose edge is known to a pixel, it must be None.
         initial: Start of the fit, in the world frame; found from the image if None.
         fixed: Names of the parameters that keep the value they have in `initial`; none
             by default. A cylinder has center, axis, radius and height; a frustum

@@ -44,6 +44,12 @@ RIM = 0.01
 """Part of the height by which the wall of a start goes on beyond the outermost points
 at each end."""
 
+BESIDE = 5.0
+"""Times `MOST_OFF` up to which points off a wall tell how many are near it by chance."""
+
+SECTORS = 12
+"""Parts about the axis, and along it, in which they are counted."""
+
 LEAST = 0.01
 """Length of a ray that begins inside, in radii: one without length has no direction."""
 
@@ -77,6 +83,7 @@ def seen_across(points: Float[np.ndarray, "n 3"], wall: Wall) -> Viewless:
         scatter = np.sqrt(np.maximum(parts @ of_both, 0))
         scatter = np.clip(scatter, wall.scatter, MOST_UNEVEN * wall.scatter)
         is_near = np.abs(off) <= MOST_OFF * scatter
+    is_near &= _is_dense(points, wall, off / scatter, is_near)
     toward = -wall.frame[:2].T @ side
     depth = (points - wall.center) @ toward
     inside = np.maximum(depth, LEAST * wall.radius)
@@ -92,6 +99,41 @@ def seen_across(points: Float[np.ndarray, "n 3"], wall: Wall) -> Viewless:
         max(high - low, 1e-3 * wall.radius),
     )
     return Viewless(points - back[:, None] * toward, is_near, start)
+
+
+def _is_dense(
+    points: Float[np.ndarray, "n 3"],
+    wall: Wall,
+    off: Float[np.ndarray, " n"],
+    is_near: Bool[np.ndarray, " n"],
+) -> Bool[np.ndarray, " n"]:
+    """Which points lie where more are near the wall than outliers are by chance.
+
+    Beyond an arc of it a few that are there by chance have all the leverage.
+
+    Args:
+        points: All of them.
+        wall: Near which some lie.
+        off: Their distances from it, in deviations.
+        is_near: Which of them are.
+    """
+    x, y = wall.across(points).T
+    along = (points - wall.center) @ wall.frame[2]
+    is_beside = ~is_near & (np.abs(off) <= BESIDE * MOST_OFF)
+    dense = np.ones(len(points), bool)
+    low, high = along[is_near].min(), along[is_near].max()
+    length = max(high - low, 1e-300)
+    turn = np.floor((np.arctan2(y, x) / np.pi + 1) / 2 * SECTORS).astype(int) % SECTORS
+    part = np.clip(((along - low) / length * SECTORS).astype(int), 0, SECTORS - 1)
+    for place, inside in ((turn, (along >= low) & (along <= high)), (part, None)):
+        counted = dense if inside is None else dense & inside
+        near, beside = (
+            np.bincount(place[counted & one], minlength=SECTORS)
+            for one in (is_near, is_beside)
+        )
+        by_chance = np.maximum(beside, beside.mean()) / (BESIDE - 1)
+        dense &= (near > by_chance + 3 * np.sqrt(by_chance))[place]
+    return dense
 
 
 def _side(

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 import impostor_jax as ij
-from tests.fit.scenes import CAMERA, SIGMA, image, image_of
+from tests.fit.scenes import CAMERA, SIGMA, can, image, image_of
 from tests.groups import FULL, SMALL_IMAGES
 
 pytestmark = SMALL_IMAGES
@@ -35,11 +35,27 @@ def test_errors_that_a_filter_shares_are_measured(name):
     [None, ij.Frustum((-0.03, -0.04, 0.35), (0.05, 0.05, 0.35), 0.042, 0.036)],
     ids=["can", "cone"],
 )
-@pytest.mark.parametrize("told", [SIGMA, 2 * SIGMA])
-def test_white_noise_is_what_was_told(shape, told):
+def test_white_noise_is_what_was_told(shape):
     depth, mask = image() if shape is None else image_of(shape)
-    fit = ij.fit_cylinder(depth, CAMERA, mask, told)
+    fit = ij.fit_cylinder(depth, CAMERA, mask, SIGMA)
     assert not fit.asked.measured
+
+
+@pytest.mark.parametrize("sigma", [2 * SIGMA, ij.ConstantNoise(2 * SIGMA)])
+def test_noise_that_is_told_too_large_is_measured(sigma):
+    # Told twice, noise of 5 mm bent radii by four deviations on the mean.
+    depth, mask = image()
+    fit = ij.fit_cylinder(depth, CAMERA, mask, sigma)
+    assert fit.asked.measured.startswith("Readings scatter by 0.5 of sigma")
+    assert 0.8 < float(fit.chi2) < 1.2
+
+
+def test_an_image_without_noise_tells_none():
+    maps = ij.render(can(), CAMERA)
+    depth, mask = np.asarray(maps.depth), np.asarray(maps.mask)
+    fit = ij.fit_cylinder(depth, CAMERA, mask, SIGMA)
+    assert not fit.asked.measured
+    assert float(fit.std.radius) > 0
 
 
 def test_a_caller_who_says_independent_is_believed():

@@ -56,7 +56,7 @@ def test_what_has_no_numbers_prints_without_an_error():
 def test_errors_across_rays_are_told_with_units():
     assert str(exact_rays(np.float32)) == (
         "AcrossRays: deviation 0 m, found 0 m, score 0, doubt 0 m^2, scale 1, "
-        "misfit 0, readings 0"
+        "misfit 0, spread 1 m, readings 0"
     )
 
 
