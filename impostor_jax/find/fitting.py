@@ -232,7 +232,7 @@ class Fitter:
             if self.away:
                 # The depth is not what the caller gave.
                 warnings.simplefilter("ignore", DepthUnitsWarning)
-            fit = fit_shape(CYLINDER, *given, start, options)
+            fit = fit_shape(CYLINDER, *given, start, options, in_search=True)
         if not self.away:
             return fit
         fit = _in_own_precision(fit)

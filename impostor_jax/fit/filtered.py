@@ -87,7 +87,9 @@ def less_noise(
     if any(isinstance(noise, PerPixelNoise) for noise in noises):
         return None
     chi2 = fit.chi2.item()
-    if chi2 > OVERSTATED or fit.num_inliers < FEWEST or fit.across.score > SPEAKS:
+    if chi2 > OVERSTATED or fit.num_inliers < FEWEST:
+        return None
+    if fit.across.score.item() > SPEAKS:
         return None
     sigmas, sigma, told = _measured(views)
     for one, own in zip(sigmas, seen, strict=True):

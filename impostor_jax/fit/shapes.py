@@ -83,12 +83,14 @@ def fit_shape(
     options: Options,
     places: Sequence[Any] | None = None,
     rounding: float | None = None,
+    in_search: bool = False,
 ) -> Fit:
     """Fit a shape; the arguments are those of `fit_cylinder`.
 
     A mask must be given unless something is traced. Where the images are made of
     points, `places` are those of `Pixelwise.of_points`, and `rounding` is the standard
-    deviation that their coordinates were rounded with.
+    deviation that their coordinates were rounded with. A step `in_search` is told the
+    noise of the whole image, and where to begin.
     """
     effort = options.effort
     views = views_given(depth, camera, mask, sigma)
@@ -134,7 +136,7 @@ def fit_shape(
             seen = counted_copies(seen)
         correlated = any(options.correlated(one.noise) for one in seen)
 
-        also = effort, correlated, rounding
+        also = effort, correlated, rounding, in_search
 
         def fitted_as(asked: Options, begin: AbstractPrimitive | None) -> Fit:
             settings = checked_settings(kind, asked, begin, sigma)
@@ -145,11 +147,12 @@ def fit_shape(
         is_told = places is None and sigma is not None and not told
         if is_told and effort.doubts and options.errors is None:
             shown = shared_errors(fit, views, seen)
-            if shown is None and options.scale == "estimated":
+            if shown is None and options.scale == "estimated" and not in_search:
                 shown = less_noise(fit, views, seen)
             if shown is not None:
                 sigma, told = shown
-                fit = fit_shape(kind, depth, camera, mask, sigma, initial, options)
+                given = depth, camera, mask, sigma, initial, options
+                fit = fit_shape(kind, *given, in_search=in_search)
                 return fit.noting(measured=told)
         fit = tested_by_readings(kind, fit, options, start, fitted_as)
         if places is None:
@@ -189,6 +192,7 @@ def _fit_seen(
     effort: Effort,
     correlated: bool,
     rounding: float | None,
+    in_search: bool,
 ) -> Fit:
     """Fit to those readings of a region that are of the shape.
 
@@ -201,6 +205,7 @@ def _fit_seen(
         effort: How much work it takes.
         correlated: Whether errors are taken for correlated at first.
         rounding: As of `fit_shape`.
+        in_search: The same.
     """
     quick = dataclasses.replace(effort, doubts=False)
 
@@ -213,8 +218,8 @@ def _fit_seen(
             # Only of the whole one a caller says that its edge is the silhouette.
             asked = dataclasses.replace(settings, is_outline=False)
         clear = [part.without_edges() for part in parts]
-        # What a fit of the same ended with is as good a start as any.
-        own = effort if begin is start else quick
+        # What a fit of the same ended with is a start beside which nothing is.
+        own = effort if begin is start and not in_search else quick
         return _fit_pixels(kind, clear, begin, known, prior, asked, own, correlated)
 
     def to_surface(parts: Any) -> Fit:

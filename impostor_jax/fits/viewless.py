@@ -45,7 +45,7 @@ RIM = 0.01
 at each end."""
 
 BESIDE = 5.0
-"""Times `MOST_OFF` up to which points off a wall tell how many are near it by chance."""
+"""Times `MOST_OFF` within which points off a wall tell how many are near by chance."""
 
 SECTORS = 12
 """Parts about the axis, and along it, in which they are counted."""
@@ -78,12 +78,14 @@ def seen_across(points: Float[np.ndarray, "n 3"], wall: Wall) -> Viewless:
     # The part of its variance that a distance from the wall has of errors along rays.
     steep = (normal @ side) ** 2
     parts = np.stack([steep, 1 - steep], axis=1)
+    scatter = np.full_like(off, wall.scatter)
     for _ in range(ROUNDS):
         of_both, *_ = np.linalg.lstsq(parts[is_near], off[is_near] ** 2, rcond=None)
         scatter = np.sqrt(np.maximum(parts @ of_both, 0))
         scatter = np.clip(scatter, wall.scatter, MOST_UNEVEN * wall.scatter)
         is_near = np.abs(off) <= MOST_OFF * scatter
-    is_near &= _is_dense(points, wall, off / scatter, is_near)
+    is_beside = ~is_near & (np.abs(off) <= BESIDE * MOST_OFF * scatter)
+    is_near &= _is_dense(points, wall, is_near, is_beside)
     toward = -wall.frame[:2].T @ side
     depth = (points - wall.center) @ toward
     inside = np.maximum(depth, LEAST * wall.radius)
@@ -104,35 +106,33 @@ def seen_across(points: Float[np.ndarray, "n 3"], wall: Wall) -> Viewless:
 def _is_dense(
     points: Float[np.ndarray, "n 3"],
     wall: Wall,
-    off: Float[np.ndarray, " n"],
     is_near: Bool[np.ndarray, " n"],
+    is_beside: Bool[np.ndarray, " n"],
 ) -> Bool[np.ndarray, " n"]:
-    """Which points lie where more are near the wall than outliers are by chance.
+    """Which points lie where more are near a wall than outliers are by chance.
 
-    Beyond an arc of it a few that are there by chance have all the leverage.
+    Beyond an arc of it a few that are near by chance have all the leverage.
 
     Args:
         points: All of them.
         wall: Near which some lie.
-        off: Their distances from it, in deviations.
-        is_near: Which of them are.
+        is_near: Which of them do.
+        is_beside: Which lie off it in `BESIDE` - 1 times the room.
     """
     x, y = wall.across(points).T
     along = (points - wall.center) @ wall.frame[2]
-    is_beside = ~is_near & (np.abs(off) <= BESIDE * MOST_OFF)
-    dense = np.ones(len(points), bool)
     low, high = along[is_near].min(), along[is_near].max()
-    length = max(high - low, 1e-300)
-    turn = np.floor((np.arctan2(y, x) / np.pi + 1) / 2 * SECTORS).astype(int) % SECTORS
-    part = np.clip(((along - low) / length * SECTORS).astype(int), 0, SECTORS - 1)
-    for place, inside in ((turn, (along >= low) & (along <= high)), (part, None)):
-        counted = dense if inside is None else dense & inside
+    turn = (np.arctan2(y, x) / np.pi + 1) / 2
+    height = (along - low) / max(high - low, np.finfo(float).tiny)
+    dense = (height >= 0) & (height <= 1)
+    for place in (turn, height):
+        part = np.clip((place * SECTORS).astype(int), 0, SECTORS - 1)
         near, beside = (
-            np.bincount(place[counted & one], minlength=SECTORS)
+            np.bincount(part[dense & one], minlength=SECTORS)
             for one in (is_near, is_beside)
         )
         by_chance = np.maximum(beside, beside.mean()) / (BESIDE - 1)
-        dense &= (near > by_chance + 3 * np.sqrt(by_chance))[place]
+        dense &= (near > by_chance + 3 * np.sqrt(by_chance))[part]
     return dense
 
 

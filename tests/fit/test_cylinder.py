@@ -632,3 +632,24 @@ def test_residuals_of_a_tenth_of_the_radius_are_no_bands_of_a_sensor(noise, stat
     assert (float(fit.rms) > 0.004) is (status == "poor_fit")
     assert float(fit.chi2) > 4
     assert fit.status == status
+
+
+@pytest.mark.parametrize("seed", [2, 5])
+def test_a_start_that_leans_too_far_leads_to_the_truth(seed):
+    # 2 mm and 2 degrees beside it, from the side: axes were 20 deviations off.
+    truth = ij.Cylinder(
+        (0.0046, -0.0029, 0.6326), (-0.9578, -0.2861, -0.0284), 0.0595, 0.0819
+    )
+    start = ij.Cylinder(
+        (0.0068, -0.0022, 0.6322), (-0.9519, -0.2997, -0.0640), 0.0595, 0.0819
+    )
+    camera = ij.PinholeCamera(140.0, 140.0, 62.0, 48.0, 127, 95)
+    scene = ij.Scene([truth, ij.Plane((0, 0, 1.3), (0, 0.1, -1))])
+    maps = ij.render(scene, camera, outputs=("depth", "index"))
+    noise = np.random.default_rng(seed).normal(0, 0.0015, (95, 127))
+    depth, mask = np.asarray(maps.depth) + noise, np.asarray(maps.index) == 0
+    held = ("radius", "height")
+    fit = ij.fit_cylinder(depth, camera, mask, 0.0015, fixed=held, initial=start)
+    assert fit.success
+    off = np.radians(angle_between(fit.cylinder.axis, truth.axis))
+    assert off < 4 * np.linalg.norm(fit.std.axis)

@@ -144,7 +144,7 @@ def test_a_mask_that_is_the_outline_needs_no_background():
 
 def test_what_a_sensor_may_move_an_edge_by_is_a_warning():
     depth, mask = image()
-    wrong = with_radius(fit_of(depth, mask), 0.6)
+    wrong = with_radius(fit_of(depth, mask), 0.75)
     sensor = ij.MatchingWindow(checked_noise(SIGMA))
     with pytest.warns(UserWarning, match="pixels beyond the fit's"):
         found = compared(wrong, depth, mask, sigma=sensor)

@@ -157,4 +157,6 @@ def test_several_fits_are_counted_indexed_and_iterated():
         fits[4]
     with pytest.raises(TypeError, match="there is one fit: it has no length"):
         len(alone)
+    with pytest.raises(TypeError, match="statuses has how each ended"):
+        _ = fits.reason
     assert alone

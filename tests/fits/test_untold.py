@@ -92,6 +92,17 @@ def test_what_neighbors_share_widens_the_deviations():
     assert "correlation" in str(rough)
 
 
+@pytest.mark.parametrize("seed", [6, 7])
+def test_chance_beyond_an_arc_is_no_wall(seed):
+    # Few outliers lie near the circle beyond an arc, and have all the leverage: the
+    # radius was 6 and 8 deviations off.
+    around = np.random.default_rng(seed).uniform(-0.4, 0.4, (500, 3)) + CENTER
+    arc = stem(turn=(0, np.pi / 2), seed=seed)
+    fit = ij.fit_cylinder_to_points(np.concatenate([arc, around]))
+    assert fit.success
+    assert abs(off_by(fit)) < 4
+
+
 def test_where_nothing_is_round_the_fit_says_so():
     line = np.linspace(0, 1, 100)[:, None] * np.array([1.0, 2.0, 3.0])
     fit = ij.fit_cylinder_to_points(line)
