@@ -19,6 +19,7 @@ from jaxtyping import Bool, Float, Int
 from impostor_jax.arguments import real_number, unmasked
 from impostor_jax.camera.pinhole import PinholeCamera
 from impostor_jax.camera.ray_table import has_rays
+from impostor_jax.fit.regions import small_holes
 from impostor_jax.fit.request import TooFewReadingsError, checked_mask
 from impostor_jax.opencv import cv2
 
@@ -132,6 +133,9 @@ def checked_matte(mask: Any, camera: PinholeCamera, sigma: Any) -> Matte:
             f"edge is known to a pixel, got {sigma!r}; of a matte of floats it is the "
             "standard deviation of a coverage"
         )
+    if is_hard:
+        # No silhouette of what is fitted has any: they are of what is in front.
+        values = (values > 0) | small_holes(values > 0)
     deviation = GRID_SIGMA if is_hard else USUAL_SIGMA
     if sigma is not None:
         deviation = real_number("sigma", sigma, positive=True, unit="parts of a pixel")

@@ -255,9 +255,12 @@ def _measured(
     beside = seen & ~region
     is_beside = bool(beside.any())
     around = _around(image, beside if is_beside else seen)
-    if around is not None and not (is_beside or is_scene or around.is_filtered):
-        # An object that fills the image bends: its fit tells of smooth errors.
-        around = around._replace(smooth=0.0)
+    if around is not None and not (is_beside or is_scene):
+        # An object by itself bends: differences of the fourth order tell of filters,
+        # and its fit of smooth errors.
+        is_filtered = around.is_filtered and _is_filtered(own_levels, step)
+        smooth = around.smooth if is_filtered else 0.0
+        around = around._replace(is_filtered=is_filtered, smooth=smooth)
     if around is None:
         is_filtered = _is_filtered(own_levels, step)
         is_fine = is_filtered and _is_fine(

@@ -15,6 +15,7 @@ __all__ = [
     "places_for",
     "sigma_between",
     "sigma_face_on",
+    "small_holes",
     "takes_all",
     "traced_indices",
     "typical_sigma",
@@ -55,6 +56,10 @@ MOST_SHARED = BLOCK << 5
 """The same of a sensor whose readings share errors, of which more tell no more, 16384:
 of tins of 17000 pixels the interval of a radius stays as it is, and of a tunnel of
 148000 it is a twentieth wider."""
+
+LARGEST_HOLE = 0.1
+"""Pixels of a hole in a silhouette, over the region's, that may be a mistake: the far
+end of a pipe that is seen from inside is larger."""
 
 BUCKETS = tuple(BLOCK << k for k in range(3, 20))
 """Readings are filled up to one of these numbers, so that few sizes are compiled."""
@@ -256,6 +261,18 @@ def chosen_pixels(
 def places_for(count: int) -> int:
     """Size of a list that holds so many readings: one of `BUCKETS`."""
     return next(size for size in BUCKETS if size >= count)
+
+
+def small_holes(region: Bool[np.ndarray, "h w"]) -> Bool[np.ndarray, "h w"]:
+    """Pixels of small holes that a region encloses."""
+    holes = ~region
+    _, labels, stats, _ = cv2.connectedComponentsWithStats(holes.astype(np.uint8))
+    left, top, width, height, area = stats.T
+    rows, cols = holes.shape
+    inside = (left > 0) & (top > 0) & (left + width < cols) & (top + height < rows)
+    inside &= area <= LARGEST_HOLE * np.count_nonzero(region)
+    inside[0] = False
+    return inside[labels]
 
 
 def pixel_indices(

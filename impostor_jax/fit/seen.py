@@ -23,14 +23,10 @@ from impostor_jax.fit.regions import (
     chosen_pixels,
     most_readings,
     pixel_indices,
+    small_holes,
     takes_all,
 )
-from impostor_jax.opencv import cv2
 from impostor_jax.sensor.base import AbstractDepthNoise
-
-LARGEST_HOLE = 0.1
-"""Pixels of a hole in a silhouette, over the region's, that may be a mistake: the far
-end of a pipe that is seen from inside is larger."""
 
 
 class Seen(NamedTuple):
@@ -66,16 +62,9 @@ class Seen(NamedTuple):
         A silhouette has none, but of what is in front, or said so by mistake: at each
         the object would seem to stop.
         """
-        holes = ~self.region
-        _, labels, stats, _ = cv2.connectedComponentsWithStats(holes.astype(np.uint8))
-        left, top, width, height, area = stats.T
-        rows, cols = holes.shape
-        inside = (left > 0) & (top > 0) & (left + width < cols) & (top + height < rows)
-        inside &= area <= LARGEST_HOLE * np.count_nonzero(self.region)
-        inside[0] = False
-        if not inside.any():
+        found = small_holes(self.region)
+        if not found.any():
             return self
-        found = inside[labels]
         image = np.where(found, 0, self.image).astype(self.image.dtype)
         return self._replace(image=image, region=self.region | found)
 

@@ -24,6 +24,7 @@ from impostor_jax.compiling import kept
 from impostor_jax.effort import Effort, effort_of
 from impostor_jax.geometry.rays import Ray
 from impostor_jax.geometry.vec3 import Vec3
+from impostor_jax.primitives.base import not_a_shape
 from impostor_jax.primitives.local_world import seen_near
 from impostor_jax.rendering.clipping import Clipping, clipping_of
 from impostor_jax.rendering.edges import Cast, nearest_line
@@ -101,7 +102,7 @@ def trace(
     """
     if not isinstance(scene, Shown):
         raise ValueError(
-            f"scene must be an ij.Scene or a shape, got {type(scene).__name__}"
+            f"scene must be an ij.Scene or a shape, got {not_a_shape(scene)}"
         )
     if not isinstance(camera, AbstractCamera):
         raise ValueError(

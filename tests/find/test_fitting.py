@@ -16,7 +16,7 @@ from tests.page.scenes import can_fit
 @SMALL_IMAGES
 def test_a_fit_of_parallel_rays_forgets_the_camera_that_stood_in(monkeypatch):
     # Its image is 100 km away: a page, or a test for a taper, would look there.
-    monkeypatch.setattr(fitting, "fit_shape", lambda *given: can_fit())
+    monkeypatch.setattr(fitting, "fit_shape", lambda *_, **__: can_fit())
     assert can_fit().asked.arguments is not None
     depth, mask = image()
     noise, options = ij.ConstantNoise(SIGMA), Options()

@@ -201,6 +201,19 @@ def test_a_bite_out_of_a_mask_changes_little():
     assert_close(fit_to(mask), truth)
 
 
+def test_holes_within_a_mask_are_no_edges():
+    mask = mask_of(can())
+    pierced = mask.copy()
+    row, col = np.argwhere(cv2.erode(mask.view(np.uint8), np.ones((13, 13))) > 0)[
+        ::200
+    ].T
+    for down in (-1, 0, 1):
+        pierced[row + down, col - 1] = pierced[row + down, col] = False
+    assert np.count_nonzero(mask & ~pierced) > 20
+    fit, whole = fit_to(pierced), fit_to(mask)
+    np.testing.assert_array_equal(fit.cylinder.center, whole.cylinder.center)
+
+
 def test_an_end_beyond_the_border_is_open_and_the_rest_known():
     truth = ij.Cylinder((0.03, 0.14, 0.35), (0.2, 0.9, 0.3), 0.03, 0.14)
     fit = fit_to(matte_of(truth), prior={"radius": (0.03, 0.0001)})
