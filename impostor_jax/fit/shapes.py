@@ -219,7 +219,8 @@ def _fit_seen(
             asked = dataclasses.replace(settings, is_outline=False)
         clear = [part.without_edges() for part in parts]
         # What a fit of the same ended with is a start beside which nothing is.
-        own = effort if begin is start and not in_search else quick
+        is_sure = begin is not None and (in_search or begin is not start)
+        own = quick if is_sure else effort
         return _fit_pixels(kind, clear, begin, known, prior, asked, own, correlated)
 
     def to_surface(parts: Any) -> Fit:

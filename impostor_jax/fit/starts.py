@@ -41,7 +41,8 @@ MOST_BETTER = 3
 CLOSES = 3.0
 """Nats by which an image must be likelier without a bore that it does not show, for
 that to be taken away: less than a reading of a lid costs, more than steps leave. Where
-the fit with it did not converge it may be as much less likely."""
+the fit with it did not converge it may be as much less likely. And by which one beside
+a given start must be likelier to be taken."""
 
 
 @dataclasses.dataclass

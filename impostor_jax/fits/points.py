@@ -46,7 +46,7 @@ from impostor_jax.fits.given_points import (
     single_noise,
 )
 from impostor_jax.fits.rough import with_errors_of_places, with_shared_errors
-from impostor_jax.fits.viewless import seen_across
+from impostor_jax.fits.viewless import Viewless, seen_across
 from impostor_jax.geometry.frames import RigidTransform
 from impostor_jax.numerics import eps
 from impostor_jax.opencv import cv2
@@ -194,10 +194,14 @@ def _is_mixed(fit: Fit, count: int) -> bool:
 def _fit_near(cloud: GivenPoints, sigma: Any, asked: Options, wall: Wall) -> Fit:
     """Fit to what lies near a wall, of points of which it is known from where."""
     seen = seen_across(cloud.ends, wall)
+    return fit_points(_near_ones(cloud, seen), sigma, seen.start, asked, wall)
+
+
+def _near_ones(cloud: GivenPoints, seen: Viewless) -> GivenPoints:
+    """The same, of which those near a wall count; all where these are too few."""
     counts = cloud.counts & seen.is_near
-    if np.count_nonzero(counts) < MIN_READINGS:
-        counts = cloud.counts
-    return fit_points(cloud._replace(counts=counts), sigma, seen.start, asked, wall)
+    is_enough = np.count_nonzero(counts) >= MIN_READINGS
+    return cloud._replace(counts=counts) if is_enough else cloud
 
 
 def fit_points(
@@ -320,9 +324,7 @@ def _fit_to_wall(
 ) -> Fit:
     """The same near one wall."""
     seen = seen_across(cloud.ends, wall)
-    near = cloud._replace(starts=seen.starts, counts=cloud.counts & seen.is_near)
-    if np.count_nonzero(near.counts) < MIN_READINGS:
-        near = near._replace(counts=cloud.counts)
+    near = _near_ones(cloud, seen)._replace(starts=seen.starts)
     start = seen.start if initial is None else initial
     if sigma is None:
         return _fit_from_level(near, wall.scatter, start, asked)
