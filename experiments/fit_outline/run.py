@@ -136,7 +136,7 @@ def _fit(mask: Image, radius: float) -> ij.Fit:
         None,
         CAMERA,
         mask,
-        NOISE if np.issubdtype(mask.dtype, np.floating) else None,
+        NOISE if np.issubdtype(mask.dtype, np.floating) else 0.0,
         prior={"radius": (radius, RADIUS_SIGMA)},
         mask_meaning="outline",
     )

@@ -104,6 +104,7 @@ def _outlines() -> Iterator[Case]:
                 None,
                 scenes.CAMERA,
                 mask=mask,
+                sigma=0.05 if kind == "matte" else 0.0,
                 mask_meaning="outline",
                 prior={"radius": (scenes.RADIUS, 1e-4)},
             )

@@ -68,7 +68,8 @@ class FitCommand:
     """What is fitted."""
     sigma: float | None = None
     """Standard deviation of a depth reading, in meters. If neither this nor a sensor is
-    given, it is measured in the image."""
+    given, it is measured in the image. With --silhouette that of the mask's edge, in
+    pixels: 0.5 all along if it is not given, 0 if it is exact."""
     sensor: str | None = None
     """Model of the sensor: a whole camera (structured_light_camera, stereo_camera or
     time_of_flight_camera), its noise alone (the same without _camera), or a JSON file
@@ -135,7 +136,7 @@ class FitCommand:
         from impostor_jax.io.scene_record import read_scene_record
 
         chosen_effort(self.effort, self.dials)
-        check_noise(self.sigma, self.sensor)
+        check_noise(self.sigma, self.sensor, is_of_edge=self.silhouette)
         if self.initial is not None:
             read_scene_record(self.initial)
         tests = {"--test-taper": self.test_taper, "--test-bore": self.test_bore}

@@ -51,12 +51,18 @@ def check_images(
             check(path, f"{what} {str(path)!r}", size)
 
 
-def check_noise(sigma: float | None, sensor: str | None) -> None:
-    """Raise a `ValueError` where `--sigma` or the file of `--sensor` is bad."""
+def check_noise(
+    sigma: float | None, sensor: str | None, *, is_of_edge: bool = False
+) -> None:
+    """Raise a `ValueError` where `--sigma` or the file of `--sensor` is bad.
+
+    That of an edge is in pixels, and may be 0.
+    """
     if sigma is not None and sensor is not None:
         raise ValueError("--sigma must not be given together with --sensor")
-    if sigma is not None:
-        plain_number("sigma", sigma, positive=True, unit="meters")
+    if sigma is not None and not (is_of_edge and sigma == 0):
+        unit = "pixels" if is_of_edge else "meters"
+        plain_number("sigma", sigma, positive=True, unit=unit)
     if sensor is not None and sensor.endswith(".json"):
         read_json_object(Path(sensor), f"sensor file {sensor!r}")
 

@@ -5,18 +5,22 @@ the part of each pixel that is covered; one of zeros and ones alone is of boolea
 whatever its type. Where either passes a half between two pixels is
 its edge; only the pixels beside it tell of the outline. At the border of the image
 there is no edge: what lies beyond says nothing.
+
+Masks of people and of networks are wider or narrower than the object all along, and no
+mask shows by how much: it would be of something larger, or nearer.
 """
 
 __all__ = ["GRID_SIGMA", "Matte", "checked_matte"]
 
 import dataclasses
+import math
 from typing import Any
 
 import jax
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from impostor_jax.arguments import real_number, unmasked
+from impostor_jax.arguments import bounded_number, real_number, unmasked
 from impostor_jax.camera.pinhole import PinholeCamera
 from impostor_jax.camera.ray_table import has_rays
 from impostor_jax.fit.regions import small_holes
@@ -28,6 +32,10 @@ USUAL_SIGMA = 0.05
 
 GRID_SIGMA = 12**-0.5
 """The same of a mask of booleans: the edge lies anywhere between two centers."""
+
+EDGE_SIGMA = 0.5
+"""Standard deviation, in pixels, by which an edge is off all along where a caller tells
+nothing: masks that are a pixel too wide are common."""
 
 FEWEST_PLACES = 20
 """Of an edge, that a fit needs."""
@@ -45,13 +53,15 @@ class Matte:
         covered: Part of each pixel that is covered, in [0, 1].
         is_hard: Whether it tells of the pixels' centers alone.
         sigma: Standard deviation of a coverage.
-        is_trusted: Whether that is known, and not a guess.
+        edge_sigma: Standard deviation, in pixels, by which its edge is off all along.
+        is_trusted: Whether `sigma` is known, and not a guess.
         sees: Pixels of whose neighbors, too, the lens sees all.
     """
 
     covered: Float[np.ndarray, "h w"]
     is_hard: bool
     sigma: float
+    edge_sigma: float
     is_trusted: bool
     sees: Bool[np.ndarray, "h w"]
 
@@ -127,17 +137,17 @@ def checked_matte(mask: Any, camera: PinholeCamera, sigma: Any) -> Matte:
         # Of the errors that are taken for a matte's, each pixel's its own, a mask that
         # is stored as floats has none: the fit would be up to 31 deviations off.
         is_hard = bool(np.all((values == 0) | (values == 1)))
-    if is_hard and sigma is not None:
-        raise ValueError(
-            "sigma must be None with a mask of booleans, or of 0 and 1 alone, whose "
-            f"edge is known to a pixel, got {sigma!r}; of a matte of floats it is the "
-            "standard deviation of a coverage"
-        )
+    edge_sigma = EDGE_SIGMA if sigma is None else 0.0
     if is_hard:
         # No silhouette of what is fitted has any: they are of what is in front.
         values = (values > 0) | small_holes(values > 0)
-    deviation = GRID_SIGMA if is_hard else USUAL_SIGMA
-    if sigma is not None:
+        if sigma is not None:
+            wanted = "pixels by which the edge of a mask of booleans may be off: 0 or"
+            edge_sigma = float(bounded_number("sigma", sigma, f"{wanted} positive"))
+        deviation = math.hypot(GRID_SIGMA, 0.0 if sigma is None else edge_sigma)
+    elif sigma is None:
+        deviation = USUAL_SIGMA
+    else:
         deviation = real_number("sigma", sigma, positive=True, unit="parts of a pixel")
     sees = np.ones(values.shape, np.uint8)
     if camera.ray_field is not None:
@@ -146,6 +156,7 @@ def checked_matte(mask: Any, camera: PinholeCamera, sigma: Any) -> Matte:
         covered=values.astype(jax.dtypes.canonicalize_dtype(float)),
         is_hard=is_hard,
         sigma=float(deviation),
+        edge_sigma=edge_sigma,
         is_trusted=is_hard or sigma is not None,
         sees=sees > 0,
     )

@@ -180,6 +180,7 @@ def _posed(
         places=tuple(map(jnp.asarray, places)),
         pixels=tuple(map(jnp.asarray, pixels)),
         sigma=jnp.asarray(matte.sigma, dtype),
+        edge_sigma=jnp.asarray(matte.edge_sigma, dtype),
         facts={name: jnp.array(fact) for name, fact in facts.items()},
         prior=prior,
         settings=settings,

@@ -3,7 +3,8 @@
 The coverages of a matte err each on its own. Of a mask of booleans the grid of pixels
 errs: along an edge that is straight and lies along it all pixels are wrong alike, and
 where it lies across it they take turns. So the variance of what all of them pull by is
-that over all places that the grid could have had.
+that over all places that the grid could have had. What the edge errs by all along, and
+each side of it by itself, adds to either.
 """
 
 __all__ = ["assess_outline"]
@@ -23,6 +24,7 @@ from impostor_jax.fit.body import AbstractBody, Readout, coordinates_of
 from impostor_jax.fit.budget import if_known
 from impostor_jax.fit.deviations import are_numbers, deviations_of
 from impostor_jax.fit.form import no_form
+from impostor_jax.fit.matte import GRID_SIGMA
 from impostor_jax.fit.outline_solve import (
     OutlineProblem,
     Traced,
@@ -119,8 +121,9 @@ def assess_outline(problem: OutlineProblem, found: Traced) -> Assessment:
     of_outline = product(slope.T, slope) / agreement.widening
     of_prior = product(known.T, known)
     root, directions, free = covariance_root(of_outline + of_prior)
-    of_grid = _of_grid(problem, estimate, agreement.near, into)
-    of_mask = jnp.where(problem.is_hard, of_grid, of_outline)
+    edge = _edge_of(problem, estimate, agreement.near, into)
+    of_mask = jnp.where(problem.is_hard, _of_grid(problem, edge), of_outline)
+    of_mask += _of_edge(problem, edge)
     independent = product(root, root.T)
     shares = {
         name: product(independent, part, independent)
@@ -275,7 +278,8 @@ def _shown(problem: OutlineProblem, body: AbstractBody) -> _Shown:
     edge = problem.edge
     places = distances(body, edge)
     distance, _ = nearest(places)
-    slack = jnp.where(problem.is_hard, 0, 3 * problem.sigma)
+    # Of what a caller tells, not of the grid.
+    slack = 3 * (problem.sigma - jnp.where(problem.is_hard, GRID_SIGMA, 0))
     on = problem.is_place & (jnp.abs(distance) < OFF_PLACE + slack)
     kind = jnp.argmin(places.distance, axis=0)
     seen = body.passing(
@@ -298,19 +302,36 @@ def _shown(problem: OutlineProblem, body: AbstractBody) -> _Shown:
     )
 
 
-def _of_grid(
+class _Edge(NamedTuple):
+    """Pixels beside the edge of a mask, and how a body moves it there.
+
+    Attributes:
+        distance: How far within the outline each is, in pixels.
+        normal: The way to the inside, along columns and rows.
+        slope: Change of the distance by each coordinate; 0 of what does not count.
+        part: Which pixels are of each quarter of directions of each margin, one a row.
+    """
+
+    distance: Float[Array, " n"]
+    normal: Float[Array, "n 2"]
+    slope: Float[Array, "n k"]
+    part: Float[Array, "p n"]
+
+    def pull(self, error: Float[Array, " n"]) -> Float[Array, "p k"]:
+        """What errors of the coverages pull by, of each part."""
+        return product(self.part, self.slope * error[:, None])
+
+
+def _edge_of(
     problem: OutlineProblem,
     body: AbstractBody,
     near: Bool[Array, " n"],
     into: Float[Array, "k c"],
-) -> Float[Array, "k k"]:
-    """Variance of what pixels pull by over all places of the grid.
-
-    Each quarter of directions of each margin has a place of its own: how far apart
-    edges are, in the grid, nobody knows.
+) -> _Edge:
+    """The edge of an estimate.
 
     Args:
-        problem: What was given; its pixels tell of their centers.
+        problem: What was given.
         body: The estimate.
         near: Pixels that count.
         into: Tangent coordinates that each of the others moves, one a row.
@@ -328,22 +349,44 @@ def _of_grid(
     facing = (jnp.arctan2(normal[:, 1], normal[:, 0]) - TURN) / (np.pi / 2)
     quarter = jnp.floor(facing).astype(int) % 4
     part = jax.nn.one_hot(4 * kind + quarter, 4 * places.distance.shape[0], axis=0)
-    part = part.astype(slope.dtype)
+    return _Edge(distance, normal, slope, part.astype(slope.dtype))
+
+
+def _covered(edge: _Edge, distance: Float[Array, " n"]) -> tuple[Array, Array]:
+    """Coverages by an outline at a distance from each pixel, and their slopes in it."""
+    return jax.jvp(
+        lambda s: halves(s, edge.normal).area, (distance,), (jnp.ones_like(distance),)
+    )
+
+
+def _of_grid(problem: OutlineProblem, edge: _Edge) -> Float[Array, "k k"]:
+    """Variance of what pixels pull by over all places of the grid.
+
+    Each quarter of directions of each margin has a place of its own: how far apart
+    edges are, in the grid, nobody knows.
+    """
     along = (np.arange(PHASES) + 0.5) / PHASES - 0.5
     steps = np.stack(np.meshgrid(along, along), axis=-1).reshape(-1, 2)
 
     def with_phase(total: Float[Array, "k k"], step: Float[Array, "2"]):
-        there = distance + jnp.sum(normal * step[None], axis=1)
-        area, thins = jax.jvp(
-            lambda s: halves(s, normal).area, (there,), (jnp.ones_like(there),)
-        )
+        there = edge.distance + jnp.sum(edge.normal * step[None], axis=1)
+        area, thins = _covered(edge, there)
         error = jnp.where(there > 0, 1, 0).astype(area.dtype) - area
-        pull = product(part, slope * (thins * error)[:, None]) / problem.sigma**2
+        pull = edge.pull(thins * error) / problem.sigma**2
         return total + product(pull.T, pull), None
 
-    blank = jnp.zeros((len(into), len(into)), slope.dtype)
-    total, _ = jax.lax.scan(with_phase, blank, jnp.asarray(steps, slope.dtype))
+    size = edge.slope.shape[1]
+    blank = jnp.zeros((size, size), edge.slope.dtype)
+    total, _ = jax.lax.scan(with_phase, blank, jnp.asarray(steps, blank.dtype))
     return total / len(steps)
+
+
+def _of_edge(problem: OutlineProblem, edge: _Edge) -> Float[Array, "k k"]:
+    """The same of what the edge is off all along, and each part of it by itself."""
+    _, thins = _covered(edge, edge.distance)
+    pull = edge.pull(thins**2) * (problem.edge_sigma / problem.sigma**2)
+    of_all = jnp.sum(pull, axis=0)
+    return product(pull.T, pull) + of_all[:, None] * of_all[None]
 
 
 def _status_code(

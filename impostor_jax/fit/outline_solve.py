@@ -69,6 +69,7 @@ class OutlineProblem(eqx.Module):
         row: Rows of the pixels; one beyond the image only fills up.
         col: Their columns.
         sigma: Standard deviation of a coverage.
+        edge_sigma: Standard deviation, in pixels, by which the edge is off all along.
         is_hard: Whether the mask tells of the pixels' centers alone.
         is_trusted: Whether `sigma` is known, and not a guess.
         grows: Whether the shape is free to grow and go away alike.
@@ -88,6 +89,7 @@ class OutlineProblem(eqx.Module):
     row: Int[Array, " n"]
     col: Int[Array, " n"]
     sigma: Float[Array, ""]
+    edge_sigma: Float[Array, ""]
     is_hard: Bool[Array, ""]
     is_trusted: Bool[Array, ""]
     grows: Bool[Array, ""]
@@ -124,6 +126,7 @@ def outline_problem(
     places: tuple[Array, ...],
     pixels: tuple[Array, ...],
     sigma: Float[Array, ""],
+    edge_sigma: Float[Array, ""],
     facts: dict[str, Bool[Array, ""]],
     prior: Prior,
     settings: Settings,
@@ -138,6 +141,7 @@ def outline_problem(
             along columns and rows; a row beyond the image only fills up.
         pixels: Rows, columns and coverages of the pixels beside the edge.
         sigma: Standard deviation of a coverage.
+        edge_sigma: Standard deviation of the edge, in pixels.
         facts: The problem's own, by name.
         prior: In the world frame.
         settings: What is asked for.
@@ -155,6 +159,7 @@ def outline_problem(
         row=own_row,
         col=own_col,
         sigma=sigma,
+        edge_sigma=edge_sigma,
         prior=in_camera_frame(prior, camera),
         settings=settings,
         camera=camera,

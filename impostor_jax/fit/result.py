@@ -93,6 +93,12 @@ NOTED_TIMES = 3.0
 NOTED_GAP = 2.0
 """Deviations from which a reader is told of an outline gap."""
 
+EDGE = (
+    "The mask's edge is no silhouette of the shape, or is off by more than sigma says, "
+    "in pixels."
+)
+"""What a reader is told of a poor fit to an outline alone."""
+
 LARGE_GAP = 0.1
 """Outline gap in radii from which a reader is told of it, and above which a fit is no
 success, where it is significant, too. On real images of three cans, a mug and a tin
@@ -513,6 +519,8 @@ class Fit(eqx.Module):
             posed = ", or a pose is" if several else ""
             told = f"{self._residuals}: the shape or sigma is wrong{posed}."
             return as_sentence(told)
+        if self.source == "outline":
+            return EDGE
         if 2 * self.num_inliers < int(self.num_pixels):
             return "Most readings lie off the shape."
         if self.border_chi2 >= AGREEING:

@@ -90,8 +90,10 @@ def fit_cylinder(
             `print(fit)` says what was measured. Where nothing is (fewer than 200
             readings, no noise, a traced fit), 1 mm weighs against priors and outlines,
             and is not held against the readings. Of several images one of all of them,
-            or a list. Without depth it is that of a coverage, 0.05 if None; with a mask
-            of booleans, whose edge is known to a pixel, it must be None.
+            or a list. Without depth it is in pixels: of the coverages of a matte, 0.05
+            if None; of the edge of a mask of booleans, in places and all along, 0 where
+            each pixel tells of its center exactly. If None an edge is exact in places,
+            and its deviation all along is half a pixel.
         initial: Start of the fit, in the world frame; found from the image if None.
         fixed: Names of the parameters that keep the value they have in `initial`; none
             by default. A cylinder has center, axis, radius and height; a frustum

@@ -35,7 +35,10 @@ def matte_of(shape, seed=0):
 
 
 def fit_to(mask, fit=ij.fit_cylinder, camera=CAMERA, **asked):
-    asked = {"prior": RADIUS, "mask_meaning": "outline"} | asked
+    """Of masks that tell of centers exactly, and mattes whose noise is known."""
+    is_matte = isinstance(mask, np.ndarray) and np.any(mask % 1)
+    sigma = NOISE if is_matte else 0.0
+    asked = {"prior": RADIUS, "mask_meaning": "outline", "sigma": sigma} | asked
     return fit(None, camera, mask, **asked)
 
 
@@ -71,6 +74,32 @@ def test_a_mask_tells_it_to_parts_of_a_pixel(degrees):
     fit = fit_to(mask_of(truth))
     assert_close(fit, truth)
     assert float(fit.chi2) < 1.2
+
+
+@pytest.mark.parametrize("change", [cv2.dilate, cv2.erode])
+def test_a_mask_that_is_a_pixel_too_large_or_small_is_within_what_is_said(change):
+    truth = can(60)
+    mask = change(mask_of(truth).astype(np.uint8), np.ones((3, 3))) > 0
+    fit = fit_to(mask, sigma=None)
+    assert_close(fit, truth, most=3)
+    # Of 34 pixels across, half a pixel on both sides, and on each side by itself.
+    width = 0.5 * np.hypot(2, np.sqrt(2))
+    assert float(fit.std.center[2]) == pytest.approx(0.35 * width / 34, rel=0.25)
+    with pytest.raises(AssertionError):
+        assert_close(fit_to(mask), truth)
+
+
+def test_an_edge_that_errs_in_places_is_told_by_sigma():
+    truth = can(60)
+    # Drawn at a quarter of the resolution, as by some networks.
+    small = cv2.resize(
+        np.float32(mask_of(truth)), None, fx=0.25, fy=0.25, interpolation=cv2.INTER_AREA
+    )
+    mask = np.kron(small > 0.5, np.ones((4, 4))) > 0
+    refused = fit_to(mask, sigma=None)
+    assert refused.status is ij.FitStatus.POOR_FIT
+    assert "off by more than sigma says, in pixels" in refused.reason
+    assert_close(fit_to(mask, sigma=1.0), truth, most=3)
 
 
 def test_an_edge_along_the_grid_is_known_to_a_pixel():
@@ -234,8 +263,7 @@ def test_an_end_beyond_the_border_is_open_and_the_rest_known():
         ({"mask": np.zeros((12, 16))}, r"the camera's shape \(120, 160\)"),
         ({"mask": np.arange(19200).reshape(120, 160)}, "is it a label image"),
         ({"mask": np.zeros((120, 160), bool)}, "an edge of at least 20 places"),
-        ({"sigma": 0.1}, "sigma must be None with a mask of booleans"),
-        ({"sigma": 0.1, "mask": np.eye(120, 160)}, "or of 0 and 1 alone"),
+        ({"sigma": -0.1}, "sigma must be pixels by which the edge .* 0 or positive"),
         ({"sigma": ij.StructuredLight(), "mask": disc() * 0.9}, "sigma must"),
         ({"errors": "correlated"}, "errors must be 'independent'"),
         ({"camera": LIDAR}, "one PinholeCamera where depth is None, got Spherical"),
