@@ -488,6 +488,9 @@ class Fit(eqx.Module):
             return self.asked.contradiction
         is_poor = self.status is FitStatus.POOR_FIT
         told = [self._why_poor if is_poor else self.status.meaning]
+        if self.status is FitStatus.UNDETERMINED and self.asked.measured:
+            # With less noise they may.
+            told.append(self.asked.measured)
         if self._counts("alignment") and not is_poor:
             told.append(ALIGNED)
         if self._counts("poses") and not is_poor:

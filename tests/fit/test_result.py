@@ -7,6 +7,7 @@ import pytest
 import impostor_jax as ij
 from impostor_jax.fit.body import coordinates_of
 from impostor_jax.fit.fittable import CYLINDER, KINDS, no_guess
+from impostor_jax.fit.measured import NOT_MEASURED
 from impostor_jax.fit.round_body import RoundBody
 from impostor_jax.geometry.so3 import tangent_basis
 from tests.fit.scenes import CAMERA, SIGMA, can, image
@@ -117,6 +118,12 @@ def test_failures_of_several_views_name_their_poses():
 
 
 @SMALL_IMAGES
+def test_what_is_undetermined_says_which_noise_was_taken():
+    blank = no_guess(CYLINDER, np.zeros((4, 5), bool)).noting(measured=NOT_MEASURED)
+    assert blank.failed(ij.FitStatus.UNDETERMINED).reason.endswith(NOT_MEASURED)
+    assert NOT_MEASURED not in blank.failed(ij.FitStatus.STEP_LIMIT).reason
+
+
 def test_a_success_whose_residuals_exceed_the_noise_says_so():
     depth, mask = image()
     fit = ij.fit_cylinder(depth, CAMERA, mask, SIGMA)
