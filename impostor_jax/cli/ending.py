@@ -1,6 +1,6 @@
 """How a command ends: with its exit code, or with one line that says why not."""
 
-__all__ = ["BAD_INPUT", "INTERRUPTED", "end_of", "stream_beside"]
+__all__ = ["BAD_INPUT", "INTERRUPTED", "NOT_READ", "end_of", "stream_beside"]
 
 import os
 import signal
@@ -18,6 +18,10 @@ BAD_INPUT = 2
 INTERRUPTED = 130
 """Exit code after Ctrl-C, as shells have it: 128 and the number of the signal."""
 
+NOT_READ = 141
+"""Exit code where nobody reads what is printed any more, as `head` does after ten lines;
+of SIGPIPE, likewise."""
+
 
 def end_of(program: str, run: Callable[[], int]) -> int:
     """Run a command; returns the exit code.
@@ -29,11 +33,18 @@ def end_of(program: str, run: Callable[[], int]) -> int:
     """
     hook, sys.unraisablehook = sys.unraisablehook, _interrupted_again
     try:
-        code = run()
-        # Else a full disk would be found when Python ends, which has no exit code.
-        if sys.stdout is not None:
-            sys.stdout.flush()
+        try:
+            code = run()
+        except SystemExit:  # Of --help and --version, which print.
+            _flush_output()
+            raise
+        _flush_output()
         return code
+    except BrokenPipeError as error:
+        # A pipe that has a name is a file that was to be written.
+        message, code = None, NOT_READ
+        if error.filename is not None:
+            message, code = str(error), BAD_INPUT
     except (ValueError, OSError, ImportError) as error:
         message, code = " ".join(str(error).split()), BAD_INPUT
     except MemoryError:
@@ -43,7 +54,8 @@ def end_of(program: str, run: Callable[[], int]) -> int:
     finally:
         sys.unraisablehook = hook
     _forget_output()
-    print(f"{program}: error: {message}", file=sys.stderr)
+    if message is not None:
+        print(f"{program}: error: {message}", file=sys.stderr)
     return code
 
 
@@ -67,12 +79,16 @@ def stream_beside(*files: Path | None) -> Any:
     return sys.stderr if is_printed else sys.stdout
 
 
+def _flush_output() -> None:
+    """Write what was printed; else a full disk is found when Python ends, too late."""
+    if sys.stdout is not None:
+        sys.stdout.flush()
+
+
 def _forget_output() -> None:
     """Drop what was printed and cannot be written; Python would try once more."""
-    if sys.stdout is None:
-        return
     try:
-        sys.stdout.flush()
+        _flush_output()
     except OSError:
         with open(os.devnull, "w") as nowhere:
             os.dup2(nowhere.fileno(), sys.stdout.fileno())

@@ -230,3 +230,28 @@ def test_a_full_standard_output_is_an_error():
     assert done.returncode == 2
     assert done.stderr == ("impostor-jax: error: [Errno 28] No space left on device\n")
     assert stat.S_ISCHR(os.stat("/dev/full").st_mode)
+
+
+@pytest.mark.parametrize(
+    ("module", "arguments"),
+    [
+        ("data_synth", ["describe"]),
+        ("impostor_jax", ["fit", "--help"]),
+        ("impostor_jax", ["--version"]),
+    ],
+)
+@pytest.mark.parametrize("buffering", [[], ["-u"]])
+def test_output_that_nobody_reads_ends_a_command_quietly(module, arguments, buffering):
+    # `impostor-synth describe | head` printed that the pipe was broken.
+    reading, writing = os.pipe()
+    os.close(reading)
+    environment = {k: v for k, v in os.environ.items() if k != "PYTHONUNBUFFERED"}
+    done = subprocess.run(
+        [sys.executable, *buffering, "-m", module, *arguments],
+        stdout=writing,
+        stderr=subprocess.PIPE,
+        env=environment,
+        text=True,
+    )
+    os.close(writing)
+    assert (done.returncode, done.stderr) == (141, "")
