@@ -18,7 +18,11 @@ from impostor_jax.camera.base import AbstractCamera, check_planar
 from impostor_jax.camera.pinhole import PinholeCamera
 from impostor_jax.camera.pixels import PixelBox, linear_pixel_box
 from impostor_jax.geometry.rays import Ray
-from impostor_jax.primitives.base import AbstractPrimitive, in_camera_frame
+from impostor_jax.primitives.base import (
+    AbstractPrimitive,
+    check_shapes,
+    in_camera_frame,
+)
 from impostor_jax.primitives.local_world import near_its_camera
 from impostor_jax.rendering.blocks import Rectangles, Tiling, rectangles_of
 from impostor_jax.rendering.bounds import image_bounds
@@ -32,7 +36,7 @@ Margin = tuple[int, int]
 
 
 class Silhouettes(eqx.Module):
-    """Pixels that each shape of a batch covers.
+    """Pixels that a shape covers, or each of a batch.
 
     Attributes:
         mask: Those of the image.
@@ -87,7 +91,7 @@ def silhouettes(
     derivative; `coverage` has one.
 
     Args:
-        shapes: A batch (n,) of one type, in the world frame.
+        shapes: A single one, or a batch (n,) of one type, in the world frame.
         camera: The camera. Its lens ends with the image: the margin is that of a camera
             without one.
         margin: Rows above and below the image, and columns on its left and right, in
@@ -97,19 +101,20 @@ def silhouettes(
         far: Depth in meters behind which everything is cut away; None for no end.
 
     Raises:
-        ValueError: The shapes are no batch (n,), the margin or near is negative, far
-            is not more than near, or the camera is no `PinholeCamera` and there is a
-            margin.
+        ValueError: The shapes are a batch of more axes or none at all, the margin or
+            near is negative, far is not more than near, or the camera is no
+            `PinholeCamera` and there is a margin.
     """
-    if len(shapes.batch_shape) != 1:
-        raise ValueError(
-            f"shapes must be a batch (n,), got the batch shape {shapes.batch_shape}"
-        )
+    check_shapes([shapes])
     if min(margin) < 0:
         raise ValueError(f"margin must not be negative, got {margin} pixels")
     if any(margin):
         check_planar(camera)
-    return _silhouettes(shapes, camera, clipping_of(near, far, camera), margin)
+    clipping = clipping_of(near, far, camera)
+    if shapes.batch_shape:
+        return _silhouettes(shapes, camera, clipping, margin)
+    alone = jax.tree.map(lambda x: jnp.asarray(x)[None], shapes)
+    return jax.tree.map(lambda x: x[0], _silhouettes(alone, camera, clipping, margin))
 
 
 @partial(jax.jit, static_argnames="margin")

@@ -88,6 +88,13 @@ def test_a_negative_margin_is_refused(margin):
         ij.silhouettes(cylinders(), CAMERA, margin)
 
 
-def test_a_single_shape_is_refused():
-    with pytest.raises(ValueError, match="shapes must be a batch"):
-        ij.silhouettes(ij.Cylinder((0, 0, 1), (0, 1, 0), 0.1, 0.2), CAMERA)
+def test_a_single_shape_has_one_silhouette():
+    several = ij.silhouettes(cylinders(), CAMERA)
+    one = ij.silhouettes(jax.tree.map(lambda x: x[0], cylinders()), CAMERA)
+    jax.tree.map(lambda x, y: np.testing.assert_array_equal(x, y[0]), one, several)
+
+
+def test_a_batch_of_two_axes_is_refused():
+    square = jax.tree.map(lambda x: x.reshape(2, 2, *x.shape[1:]), cylinders())
+    with pytest.raises(ValueError, match=r"shapes must be primitives, single ones or"):
+        ij.silhouettes(square, CAMERA)
