@@ -18,6 +18,7 @@ from data_synth.draw import Drawn
 from data_synth.pose import GAP, ground_frame
 from data_synth.preset import Preset
 from data_synth.solid import Point
+from impostor_jax.io.pose_file import rigid
 
 FRAME_RATE = 30.0
 """Images in a second."""
@@ -64,9 +65,7 @@ class Motion:
         x, y, z = self.up
         cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
         turn = np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
-        pose = np.eye(4)
-        pose[:3, :3], pose[:3, 3] = turn, self.pivot - turn @ self.pivot
-        return pose
+        return rigid(turn, self.pivot - turn @ self.pivot)
 
     def offsets(self, seconds: float) -> Float[np.ndarray, "n 3"]:
         """How far each cylinder is from where it was, in the world."""

@@ -23,6 +23,7 @@ from impostor_jax.io.color_image import read_picture
 from impostor_jax.io.depth_image import depth_of_png, read_depth, read_mask
 from impostor_jax.io.input_file import require_file
 from impostor_jax.io.json_file import json_value, read_json_object
+from impostor_jax.io.pose_file import rigid
 from impostor_jax.io.run_lengths import mask_of_rle
 from impostor_jax.primitives.base import AbstractPrimitive
 from impostor_jax.primitives.cylinder import Cylinder
@@ -221,9 +222,8 @@ class _Label(NamedTuple):
         scale = real_number("depth_scale", camera["depth_scale"], positive=True)
         seconds, pose, identity = cylinders.get("time_s"), None, None
         if seconds is not None:
-            pose = np.eye(4)
-            pose[:3, :3] = np.reshape(camera["cam_R_w2c"], (3, 3))
-            pose[:3, 3] = 1e-3 * np.reshape(camera["cam_t_w2c"], 3)
+            turn = np.array(camera["cam_R_w2c"], float).reshape(3, 3)
+            pose = rigid(turn, 1e-3 * np.array(camera["cam_t_w2c"], float).reshape(3))
             identity = np.array([int(one["identity"]) for one in listed], int)
         return _Label(
             camera=_camera(json.dumps(cylinders["camera"])),

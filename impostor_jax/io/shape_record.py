@@ -14,6 +14,7 @@ from impostor_jax.geometry.frames import RigidTransform
 from impostor_jax.io.json_file import arguments_of, typed_record
 from impostor_jax.io.mesh_file import read_mesh
 from impostor_jax.io.parts import Tree, tree_of
+from impostor_jax.io.pose_file import rigid
 from impostor_jax.primitives import PRIMITIVES
 from impostor_jax.primitives.base import AbstractPrimitive
 from impostor_jax.primitives.solid import Solid, difference, intersection, union
@@ -140,7 +141,5 @@ def _tree_record(tree: Tree) -> dict[str, Any]:
 
 def pose_rows(transform: RigidTransform | Solid) -> list[list[float]]:
     """Homogeneous matrix of a transform, or of a solid's pose."""
-    matrix = np.eye(4)
-    matrix[:3, :3] = np.asarray(transform.rotation)
-    matrix[:3, 3] = np.asarray(transform.translation)
-    return matrix.tolist()
+    rotation, translation = transform.rotation, transform.translation
+    return rigid(np.asarray(rotation), np.asarray(translation)).tolist()
