@@ -25,6 +25,9 @@ from typing import Any
 
 import numpy as np
 
+from impostor_jax.io.pose_file import rigid
+from impostor_jax.plain_arguments import one_of
+
 KINDS = (
     "an intrinsic of Open3D, a CameraInfo of ROS, intrinsics of RealSense, a camera of "
     "COLMAP, PerspectiveCameras of PyTorch3D, or a matrix K with a size"
@@ -65,9 +68,8 @@ def camera_pose(given: Any) -> np.ndarray | None:
     if _kind(given) is not _of_pytorch3d or not (_has(given, "R") and _has(given, "T")):
         return None
     rotation = _single("R", _get(given, "R"), (3, 3))
-    pose = np.eye(4)
     # It multiplies row vectors.
-    pose[:3, :3], pose[:3, 3] = rotation.T, _single("T", _get(given, "T"), (3,))
+    pose = rigid(rotation.T, _single("T", _get(given, "T"), (3,)))
     return np.diag([-1.0, -1.0, 1.0, 1.0]) @ pose
 
 
@@ -217,8 +219,7 @@ OPENCV = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
 
 def _of_colmap(given: Any) -> Arguments:
     model = _name(_get(given, "model"))
-    if model not in COLMAP:
-        raise ValueError(f"model must be one of {', '.join(COLMAP)}; got {model!r}")
+    one_of("model", model, COLMAP)
     names = COLMAP[model]
     numbers = _numbers(f"params of {model}", _get(given, "params"), len(names))
     values = dict(zip(names, numbers.tolist(), strict=True))

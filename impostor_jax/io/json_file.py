@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from impostor_jax.io.input_file import opened
-from impostor_jax.plain_arguments import whole_number
+from impostor_jax.plain_arguments import one_of, whole_number
 
 MAX_DEPTH = 100
 """Deepest nesting of lists and objects; files of this package need seven, and two more
@@ -108,11 +108,10 @@ def typed_record(
     Raises:
         ValueError: The type is unknown, or an argument is missing or unknown.
     """
-    name = record.get("type") if isinstance(record, dict) else record
-    if not isinstance(name, str) or name not in kinds:
-        raise ValueError(
-            f"type of {what} must be one of {', '.join(kinds)}; got {name!r}"
-        )
+    if not isinstance(record, dict):
+        raise ValueError(f"{what} must be a JSON object, got {record!r}")
+    name: Any = record.get("type")
+    one_of(f"type of {what}", name, kinds)
     values = {key: value for key, value in record.items() if key != "type"}
     known = arguments_of(kinds[name])
     required = [

@@ -9,6 +9,7 @@ from impostor_jax.camera.base import AbstractCamera
 from impostor_jax.find.found import Found, FoundInPoints
 from impostor_jax.fit.record import FIT_VERSION
 from impostor_jax.io.json_file import arguments_of, check_keys, check_version
+from impostor_jax.plain_arguments import one_of
 from impostor_jax.primitives import PRIMITIVES
 from impostor_jax.primitives.base import AbstractPrimitive
 from impostor_jax.primitives.tube import tube
@@ -30,10 +31,7 @@ def shape_of_fit(record: dict[str, Any], what: str) -> AbstractPrimitive:
     """
     check_version(record, FIT_VERSION, what)
     name = record["shape"]
-    if not isinstance(name, str) or name not in MADE_BY:
-        raise ValueError(
-            f"shape of {what} must be one of {', '.join(MADE_BY)}; got {name!r}"
-        )
+    one_of(f"shape of {what}", name, MADE_BY)
     if record.get("success") is not True:
         raise ValueError(
             f"{what} must have succeeded, got the status {record.get('status')!r}"
