@@ -15,6 +15,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from impostor_jax.caching import compiled_folder
+from impostor_jax.io.provenance import cpu_model, version_of
 
 DISTRIBUTION = "impostor-jax"
 
@@ -57,7 +58,7 @@ class DoctorCommand:
     def run(self) -> int:
         """Run the command; returns the exit code."""
         devices, drivers = _started(DEVICES), _started(DRIVERS)
-        version = _version(DISTRIBUTION) or "not installed"
+        version = version_of(DISTRIBUTION) or "not installed"
         lines = [
             ("version", version),
             ("python", f"{platform.python_version()} on {platform.platform()}"),
@@ -65,26 +66,18 @@ class DoctorCommand:
         ]
         required, extras = _requirements()
         for name in required:
-            lines.append((name, _version(name) or "missing"))
+            lines.append((name, version_of(name) or "missing"))
         lines.append(("OpenCV", _opencv()))
         lines += [("device", found) for found in _found(devices)]
         lines += [("OpenGL", found) for found in _found(drivers)]
         lines.append(("cache", _cache()))
         for extra, names in extras.items():
-            versions = (f"{name} {_version(name) or 'missing'}" for name in names)
+            versions = (f"{name} {version_of(name) or 'missing'}" for name in names)
             lines.append((f"extra {extra}", ", ".join(versions)))
         width = max(len(name) for name, _ in lines)
         for name, what in lines:
             print(f"{name:<{width}}  {what}")
         return 0
-
-
-def _version(name: str) -> str | None:
-    """Of an installed distribution; None where there is none."""
-    try:
-        return importlib.metadata.version(name)
-    except importlib.metadata.PackageNotFoundError:
-        return None
 
 
 def _opencv() -> str:
@@ -117,8 +110,6 @@ def _requirements() -> tuple[list[str], dict[str, list[str]]]:
 
 def _processor() -> str:
     """Model, and number of cores that this process may use."""
-    from impostor_jax.io.provenance import cpu_model
-
     allowed = getattr(os, "sched_getaffinity", None)
     count = len(allowed(0)) if allowed is not None else os.cpu_count()
     return f"{cpu_model() or platform.machine()}, {count} cores"

@@ -1,34 +1,33 @@
 """What made a result: versions, commit and processor, for its record."""
 
-__all__ = ["cpu_model", "git_output", "package_versions"]
+__all__ = ["cpu_model", "git_output", "package_versions", "version_of"]
 
 import importlib.metadata
 import platform
 import subprocess
 from pathlib import Path
 
-PACKAGES = {
-    "jax": "jax",
-    "jaxlib": "jaxlib",
-    "numpy": "numpy",
-    "optimistix": "optimistix",
-}
-"""Name in the record, and name of the distribution whose version it is."""
+PACKAGES = ("jax", "jaxlib", "numpy", "optimistix")
+"""Distributions whose versions are in a record."""
 
 
 def package_versions() -> dict[str, str | None]:
     """Version of Python and of the packages that results depend on."""
     versions: dict[str, str | None] = {"python": platform.python_version()}
-    for name, package in PACKAGES.items():
-        try:
-            versions[name] = importlib.metadata.version(package)
-        except importlib.metadata.PackageNotFoundError:
-            versions[name] = None
+    versions |= {name: version_of(name) for name in PACKAGES}
     # Any of its distributions may be the one that is there.
     from impostor_jax.opencv import distributions
 
     versions["opencv"] = next(iter(distributions().values()), None)
     return versions
+
+
+def version_of(name: str) -> str | None:
+    """Version of an installed distribution; None where there is none."""
+    try:
+        return importlib.metadata.version(name)
+    except importlib.metadata.PackageNotFoundError:
+        return None
 
 
 def git_output(*arguments: str) -> str | None:
