@@ -1,10 +1,11 @@
 """What is read must be a regular file: all else could block, or never end."""
 
-__all__ = ["opened", "require_file", "sha256_of"]
+__all__ = ["bytes_left", "opened", "require_file", "sha256_of"]
 
 import contextlib
 import hashlib
 import io
+import os
 import stat
 from collections.abc import Iterator
 from pathlib import Path
@@ -51,6 +52,11 @@ def opened(path: Path, what: str) -> Iterator[io.BufferedReader]:
             yield file
     except OSError as error:
         raise ValueError(f"{what} cannot be read: {error.strerror}") from error
+
+
+def bytes_left(file: io.BufferedReader) -> int:
+    """Bytes of an open file that are not read yet."""
+    return os.fstat(file.fileno()).st_size - file.tell()
 
 
 def sha256_of(path: Path) -> str:

@@ -4,10 +4,11 @@ __all__ = ["check_npy_bytes", "npy_header"]
 
 import io
 import math
-import os
 import warnings
 
 import numpy as np
+
+from impostor_jax.io.input_file import bytes_left
 
 
 def npy_header(file: io.BufferedReader, what: str) -> tuple[tuple[int, ...], np.dtype]:
@@ -39,7 +40,7 @@ def check_npy_bytes(
 ) -> None:
     """Raise a `ValueError` unless as many bytes follow the header as it promises."""
     num_bytes = math.prod(shape) * dtype.itemsize
-    there = os.fstat(file.fileno()).st_size - file.tell()
+    there = bytes_left(file)
     if there != num_bytes:
         raise ValueError(
             f"{what} is not a readable NPY file: it must hold {num_bytes} bytes "

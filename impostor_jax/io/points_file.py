@@ -3,7 +3,6 @@
 __all__ = ["read_points"]
 
 import io
-import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -12,7 +11,7 @@ import numpy as np
 from jaxtyping import Float
 
 from impostor_jax.arguments import real_number
-from impostor_jax.io.input_file import opened
+from impostor_jax.io.input_file import bytes_left, opened
 from impostor_jax.io.npy_file import check_npy_bytes, npy_header
 from impostor_jax.io.point_cloud import TEXT_SUFFIXES, PointCloud, cloud_of
 from impostor_jax.io.points_pcd import read_pcd
@@ -70,20 +69,8 @@ def read_points(path: str | Path, scale: Any = 1.0) -> PointCloud:
         return cloud_of(points, origin, scale, what)
 
 
-def _num_bytes(file: io.BufferedReader) -> int:
-    return os.fstat(file.fileno()).st_size
-
-
-def _read_pcd(file: io.BufferedReader, what: str) -> Found:
-    return read_pcd(file, _num_bytes(file), what)
-
-
 def _read_text(file: io.BufferedReader, what: str) -> Found:
     return read_text(file, what), None
-
-
-def _read_ply(file: io.BufferedReader, what: str) -> Found:
-    return read_ply(file, _num_bytes(file), what)
 
 
 def _read_las(file: io.BufferedReader, what: str) -> Found:
@@ -94,9 +81,10 @@ def _read_las(file: io.BufferedReader, what: str) -> Found:
             f"{what} needs laspy: pip install 'impostor-jax[points]'"
         ) from error
     try:
+        most = MOST_PACKED * bytes_left(file)
         with laspy.open(file, closefd=False) as reader:
             count = reader.header.point_count
-            if count > MOST_PACKED * _num_bytes(file):
+            if count > most:
                 raise ValueError(f"it cannot hold the {count} points that it says")
             chunks = [np.zeros((0, 3)), *map(_scaled, reader.chunk_iterator(CHUNK))]
     except Exception as error:  # It and its decoders raise whatever they meet.
@@ -132,8 +120,8 @@ def _read_npy(file: io.BufferedReader, what: str) -> Found:
 
 
 READERS: dict[str, Callable[[io.BufferedReader, str], Found]] = {
-    ".ply": _read_ply,
-    ".pcd": _read_pcd,
+    ".ply": read_ply,
+    ".pcd": read_pcd,
     ".las": _read_las,
     ".laz": _read_las,
     ".npy": _read_npy,

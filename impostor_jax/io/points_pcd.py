@@ -18,6 +18,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Float
 
+from impostor_jax.io.input_file import bytes_left
 from impostor_jax.io.points_text import number_rows
 
 MOST_LINES, LONGEST_LINE = 64, 2**16
@@ -57,13 +58,12 @@ class _Header(NamedTuple):
 
 
 def read_pcd(
-    file: io.BufferedReader, num_bytes: int, what: str
+    file: io.BufferedReader, what: str
 ) -> tuple[Float[np.ndarray, "n 3"], Any]:
     """Read a PCD file that is open at its beginning.
 
     Args:
         file: Of it.
-        num_bytes: Of all of it.
         what: Names it in errors.
 
     Returns:
@@ -74,13 +74,8 @@ def read_pcd(
     """
     header = _read_header(file, what)
     columns = [header.names.index(name) for name in "xyz"]
-    there = num_bytes - file.tell()
-    if header.encoding == "ascii":
-        points = _of_text(file, header, columns, there, what)
-    elif header.encoding == "binary":
-        points = _of_records(file, header, columns, there, what)
-    else:
-        points = _of_packed(file, header, columns, there, what)
+    read = {"ascii": _of_text, "binary": _of_records, "binary_compressed": _of_packed}
+    points = read[header.encoding](file, header, columns, bytes_left(file), what)
     return points, header.origin
 
 

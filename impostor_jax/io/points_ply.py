@@ -17,6 +17,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
+from impostor_jax.io.input_file import bytes_left
 from impostor_jax.io.points_text import number_rows
 
 MOST_LINES, LONGEST_LINE = 10000, 2**16
@@ -62,14 +63,11 @@ class _Element(NamedTuple):
         return columns
 
 
-def read_ply(
-    file: io.BufferedReader, num_bytes: int, what: str
-) -> tuple[Rows, list[float] | None]:
+def read_ply(file: io.BufferedReader, what: str) -> tuple[Rows, list[float] | None]:
     """Read the corners of a PLY file that is open at its beginning.
 
     Args:
         file: Of it.
-        num_bytes: Of all of it.
         what: Names it in errors.
 
     Returns:
@@ -86,7 +84,7 @@ def read_ply(
         if is_known or (order and has_list and "vertex" in found and element.num_rows):
             break
         if order:
-            rows = _of_records(file, element, order, num_bytes - file.tell(), what)
+            rows = _of_records(file, element, order, bytes_left(file), what)
         else:
             rows = _of_lines(file, element, what)
         if rows is not None:
