@@ -13,7 +13,7 @@ from impostor_jax.io.mesh_solid import solid_surface
 from impostor_jax.io.mesh_surface import surface_of
 from impostor_jax.io.parts import members
 from impostor_jax.io.triangles import Triangles, joined
-from impostor_jax.primitives.base import AbstractPrimitive
+from impostor_jax.primitives.base import AbstractPrimitive, not_a_shape
 from impostor_jax.primitives.plane import Plane
 from impostor_jax.primitives.solid import Solid
 from impostor_jax.primitives.triangle import Triangle
@@ -61,7 +61,7 @@ def to_mesh(
         )
     for one in shapes:
         if not isinstance(one, AbstractPrimitive):
-            raise ValueError(f"shape must be a primitive, got {type(one).__name__}")
+            raise ValueError(f"shape must be a primitive, got {not_a_shape(one)}")
     if not is_concrete(shapes):
         raise ValueError("shape must have numbers to be a mesh, got a traced one")
     meshes = [mesh for one in shapes for mesh in _meshes_of(one, tolerance)]
