@@ -5,6 +5,7 @@ __all__ = ["parse"]
 import collections
 import contextlib
 import dataclasses
+import json
 import sys
 import time
 from collections.abc import Iterator, Sequence
@@ -16,6 +17,10 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import tyro
 
 from impostor_jax.cli.parse import parse_with
+from impostor_jax.io.atomic import check_output_file
+from impostor_jax.io.dataset_manifest import MAX_IMAGES, MAX_SHARDS, read_manifest
+from impostor_jax.io.json_file import read_json_object
+from impostor_jax.plain_arguments import whole_number
 
 if TYPE_CHECKING:
     from data_synth.generate import Progress
@@ -113,10 +118,6 @@ class Generate:
 
     def _check_given(self) -> None:
         """Raise where files or flags are seen to be bad without JAX."""
-        from impostor_jax.io.dataset_manifest import MAX_IMAGES, MAX_SHARDS
-        from impostor_jax.io.json_file import read_json_object
-        from impostor_jax.plain_arguments import whole_number
-
         whole_number("count", self.count, 1, MAX_IMAGES)
         whole_number("shard_size", self.shard_size, 1, MAX_SHARDS)
         if self.sequence is not None:
@@ -142,7 +143,7 @@ class Resume:
 
     def run(self) -> int:
         """Run the command; returns the exit code."""
-        _check_dataset(self.folder)
+        read_manifest(self.folder)
         # These start JAX.
         from data_synth.generate import resume
         from data_synth.manifest import Manifest
@@ -182,8 +183,6 @@ class Describe:
         if self.preset is not None:
             _check_preset(self.preset)
         # These start JAX.
-        import json
-
         from data_synth.describe import describe
         from data_synth.presets import PRESETS, preset_named
 
@@ -208,7 +207,7 @@ class Validate:
 
     def run(self) -> int:
         """Run the command; returns the exit code."""
-        _check_dataset(self.folder)
+        read_manifest(self.folder)
         # These start JAX.
         from data_synth.manifest import Manifest
         from data_synth.validate import validate
@@ -232,12 +231,9 @@ class Preview:
 
     def run(self) -> int:
         """Run the command; returns the exit code."""
-        from impostor_jax.io.atomic import check_output_file
-        from impostor_jax.plain_arguments import whole_number
-
         whole_number("count", self.count, 1)
         if not self.folder.is_file():
-            _check_dataset(self.folder)
+            read_manifest(self.folder)
         check_output_file(self.output)
         # This starts JAX.
         from data_synth.preview import preview
@@ -262,17 +258,8 @@ def parse(arguments: Sequence[str]) -> Command:
     return parse_with(Command, "impostor-synth", description, arguments)
 
 
-def _check_dataset(folder: Path) -> None:
-    """Raise unless a folder has a manifest, which is seen without JAX."""
-    from impostor_jax.io.dataset_manifest import read_manifest
-
-    read_manifest(folder)
-
-
 def _check_preset(name: str) -> None:
     """Raise where a preset's file is not readable, which is seen without JAX."""
-    from impostor_jax.io.json_file import read_json_object
-
     if name.endswith(".json"):
         read_json_object(Path(name), f"preset {name!r}")
 

@@ -9,8 +9,10 @@ from typing import TYPE_CHECKING, Literal
 
 import tyro
 
+from impostor_jax.cli.ending import stream_beside
 from impostor_jax.cli.given import files_of, hints_on_stderr, images_of
 from impostor_jax.cli.inputs import check_images
+from impostor_jax.io.atomic import check_output_file, write_json
 
 if TYPE_CHECKING:
     import numpy as np
@@ -53,9 +55,6 @@ class CalibrateCommand:
 
     def run(self) -> int:
         """Run the command; returns the exit code."""
-        from impostor_jax.cli.ending import stream_beside
-        from impostor_jax.io.atomic import check_output_file, write_json
-
         images = images_of(self.depth)
         if not images:
             raise ValueError("a depth image must be given, got none")

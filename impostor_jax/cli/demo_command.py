@@ -7,6 +7,8 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from impostor_jax.io.atomic import check_output_folder, write_json
+
 if TYPE_CHECKING:
     from impostor_jax.fit.result import Fit
     from impostor_jax.primitives.cylinder import Cylinder
@@ -35,7 +37,6 @@ class DemoCommand:
 
         from impostor_jax.camera.pinhole import PinholeCamera
         from impostor_jax.fits.single import fit_cylinder
-        from impostor_jax.io.atomic import check_output_folder, write_json
         from impostor_jax.io.camera_file import write_camera
         from impostor_jax.io.depth_image import fitting_scale, write_depth_png
         from impostor_jax.primitives.cylinder import Cylinder

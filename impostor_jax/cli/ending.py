@@ -19,8 +19,8 @@ INTERRUPTED = 130
 """Exit code after Ctrl-C, as shells have it: 128 and the number of the signal."""
 
 NOT_READ = 141
-"""Exit code where nobody reads what is printed any more, as `head` does after ten lines;
-of SIGPIPE, likewise."""
+"""Exit code where nobody reads what is printed any more, as after `head`; of SIGPIPE,
+likewise."""
 
 
 def end_of(program: str, run: Callable[[], int]) -> int:

@@ -3,6 +3,7 @@
 __all__ = ["EvaluateCommand"]
 
 import dataclasses
+import itertools
 import sys
 from functools import partial
 from pathlib import Path
@@ -10,6 +11,9 @@ from pathlib import Path
 import tyro
 
 from impostor_jax.cli.dials import Dials, EffortName, chosen_effort
+from impostor_jax.cli.ending import stream_beside
+from impostor_jax.io.atomic import check_output_file, write_json
+from impostor_jax.plain_arguments import whole_number
 
 
 @dataclasses.dataclass(frozen=True)
@@ -39,14 +43,9 @@ class EvaluateCommand:
 
     def run(self) -> int:
         """Run the command; returns the exit code."""
-        import itertools
-
         from tqdm import tqdm
 
-        from impostor_jax.cli.ending import stream_beside
-        from impostor_jax.io.atomic import check_output_file, write_json
         from impostor_jax.io.dataset_manifest import read_manifest, shards_there
-        from impostor_jax.plain_arguments import whole_number
 
         effort = chosen_effort(self.effort, self.dials)
         if self.limit is not None:

@@ -9,6 +9,12 @@ from typing import TYPE_CHECKING, Any
 
 import tyro
 
+from impostor_jax.io.atomic import check_output_file
+from impostor_jax.io.json_file import read_json_object
+from impostor_jax.io.mesh_format import check_mesh_file
+from impostor_jax.io.scene_record import check_scene_record
+from impostor_jax.plain_arguments import plain_number
+
 if TYPE_CHECKING:
     from impostor_jax.primitives.base import AbstractPrimitive
 
@@ -32,11 +38,6 @@ class ExportCommand:
 
     def run(self) -> int:
         """Run the command; returns the exit code."""
-        from impostor_jax.io.atomic import check_output_file
-        from impostor_jax.io.json_file import read_json_object
-        from impostor_jax.io.mesh_format import check_mesh_file
-        from impostor_jax.plain_arguments import plain_number
-
         check_mesh_file(self.output)
         check_output_file(self.output)
         plain_number("scale", self.scale, positive=True)
@@ -56,8 +57,6 @@ class ExportCommand:
         self, record: dict[str, Any], what: str
     ) -> "list[AbstractPrimitive]":
         """What the file holds: a fit has one shape, and no list of them."""
-        from impostor_jax.io.scene_record import check_scene_record
-
         is_fit = "shape" in record and "shapes" not in record
         if not is_fit:
             check_scene_record(record, what)

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import tyro
 
 from impostor_jax.cli.dials import Dials, EffortName, chosen_effort
+from impostor_jax.cli.ending import stream_beside
 from impostor_jax.cli.given import (
     camera_of,
     chosen_noise,
@@ -18,12 +19,14 @@ from impostor_jax.cli.given import (
     priors_of,
 )
 from impostor_jax.cli.inputs import (
+    check_cloud,
     check_images,
     check_noise,
     check_page,
     check_single_image,
 )
 from impostor_jax.cli.many import Many, check_given, is_one, run_on_many
+from impostor_jax.io.atomic import check_output_file, check_output_folder
 
 if TYPE_CHECKING:
     from impostor_jax.many.items import AbstractItem
@@ -93,9 +96,7 @@ class FindCommand:
 
     def run(self) -> int:
         """Run the command; returns the exit code."""
-        check_given(self.depth)
-        if self.origin is not None and self.camera is not None:
-            raise ValueError("--origin must be given with clouds alone, not --camera")
+        check_given(self.depth, self.camera, self.origin)
         self.many.check()
         check_noise(self.sigma, self.sensor)
         if is_one(self.depth, self.camera) and not self.many.is_asked:
@@ -114,11 +115,9 @@ class FindCommand:
 
     def _run_on_one(self, path: Path) -> int:
         """Search a single image or cloud."""
-        from impostor_jax.cli.ending import stream_beside
-        from impostor_jax.io.atomic import check_output_file, check_output_folder
-
         if self.camera is None:
-            self._check_cloud(path)
+            of_images = {"--page": self.page, "--sensor": self.sensor}
+            check_cloud(path, "search", of_images)
         else:
             check_images(self.camera, [path], {})
         files = (RECORD, LABELS) if self.camera is None else (RECORD, *PICTURES)
@@ -141,21 +140,6 @@ class FindCommand:
             view(found, shown.depth, shown.camera).save(self.page)
         task.write(found, shown, seconds, self.output, self.json)
         return 0 if found else 1
-
-    def _check_cloud(self, path: Path) -> None:
-        """Raise a `ValueError` where a cloud is asked what images have, or is none."""
-        from impostor_jax.io.input_file import require_file
-        from impostor_jax.io.point_cloud import SUFFIXES
-
-        if path.suffix.lower() not in SUFFIXES:
-            raise ValueError(
-                f"--camera must be given to search the depth image {str(path)!r}; "
-                f"clouds end in one of {', '.join(SUFFIXES)}"
-            )
-        require_file(path, f"point file {str(path)!r}")
-        for flag, value in (("--page", self.page), ("--sensor", self.sensor)):
-            if value is not None:
-                raise ValueError(f"{flag} must be given with depth images alone")
 
     def _task(self, item: "AbstractItem") -> "FindTask":
         """What is done on images or on clouds, of which this is the first."""

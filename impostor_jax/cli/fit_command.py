@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Literal
 import tyro
 
 from impostor_jax.cli.dials import Dials, EffortName, chosen_effort
+from impostor_jax.cli.ending import stream_beside
 from impostor_jax.cli.given import (
     camera_of,
     chosen_noise,
@@ -19,12 +20,15 @@ from impostor_jax.cli.given import (
     start_of,
 )
 from impostor_jax.cli.inputs import (
+    check_cloud,
     check_images,
     check_noise,
     check_page,
     check_single_image,
 )
 from impostor_jax.cli.many import Many, check_given, is_one, run_on_many
+from impostor_jax.io.atomic import check_output_file, check_output_folder
+from impostor_jax.io.scene_record import read_scene_record
 
 if TYPE_CHECKING:
     from impostor_jax.fit.result import Fit
@@ -112,7 +116,7 @@ class FitCommand:
 
     def run(self) -> int:
         """Run the command; returns the exit code."""
-        check_given(self.depth)
+        check_given(self.depth, self.camera, self.origin)
         self.many.check()
         if self.mask and self.labels:
             raise ValueError("--mask must not be given together with --labels")
@@ -133,8 +137,6 @@ class FitCommand:
 
     def _check_flags(self) -> None:
         """Raise where flags, or their files, are seen to be bad without JAX."""
-        from impostor_jax.io.scene_record import read_scene_record
-
         chosen_effort(self.effort, self.dials)
         check_noise(self.sigma, self.sensor, is_of_edge=self.silhouette)
         if self.initial is not None:
@@ -143,8 +145,6 @@ class FitCommand:
         for name, is_asked in tests.items():
             if is_asked and self.shape != "cylinder":
                 raise ValueError(f"{name} must not be given for a {self.shape}")
-        if self.origin is not None and self.camera is not None:
-            raise ValueError("--origin must be given with clouds alone, not --camera")
         for flag, is_given in (
             ("--silhouette", self.silhouette),
             ("--views", self.views),
@@ -158,9 +158,6 @@ class FitCommand:
 
     def _run_on_one(self) -> int:
         """Fit to a single image or cloud."""
-        from impostor_jax.cli.ending import stream_beside
-        from impostor_jax.io.atomic import check_output_file, check_output_folder
-
         if self.camera is None:
             self._check_cloud()
         elif self.silhouette:
@@ -205,22 +202,10 @@ class FitCommand:
 
     def _check_cloud(self) -> None:
         """Raise a `ValueError` where a cloud is asked what images have, or is none."""
-        from impostor_jax.io.input_file import require_file
-        from impostor_jax.io.point_cloud import SUFFIXES
-
-        (path,) = self.depth
-        if path.suffix.lower() not in SUFFIXES:
-            raise ValueError(
-                f"--camera must be given to fit the depth image {str(path)!r}; clouds "
-                f"end in one of {', '.join(SUFFIXES)}"
-            )
-        require_file(path, f"point file {str(path)!r}")
+        of_images = {"--page": self.page, "--mask": self.mask, "--labels": self.labels}
+        check_cloud(self.depth[0], "fit", of_images)
         if self.shape != "cylinder":
             raise ValueError(f"--shape must be cylinder of a cloud, got {self.shape}")
-        given = {"--page": self.page, "--mask": self.mask, "--labels": self.labels}
-        for flag, value in given.items():
-            if value:
-                raise ValueError(f"{flag} must be given with depth images alone")
 
     def _items(self) -> "list[AbstractItem]":
         """What is fitted to."""

@@ -29,18 +29,16 @@ def chosen_noise(
     """What a fit takes for sigma: a number, a noise model, or None for neither.
 
     Args:
-        sigma: Of `--sigma`.
+        sigma: Of `--sigma`; None where a sensor is given (`check_noise`).
         sensor: Of `--sensor`: a name, or a JSON file.
         camera: Gives that whose focal length a stereo camera has, unless its file says
             another.
 
     Raises:
-        ValueError: Both are given, or the sensor is unknown.
+        ValueError: The sensor is unknown.
     """
     if sensor is None:
         return sigma
-    if sigma is not None:
-        raise ValueError("--sigma must not be given together with --sensor")
     from impostor_jax.camera.pinhole import PinholeCamera
     from impostor_jax.io.sensor_record import read_sensor, sensor_from_record
 

@@ -6,6 +6,7 @@ one the pixels, too.
 """
 
 __all__ = [
+    "check_cloud",
     "check_images",
     "check_noise",
     "check_page",
@@ -15,9 +16,13 @@ __all__ = [
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
+from impostor_jax.io.atomic import check_output_file, check_output_folder
 from impostor_jax.io.camera_formats import read_camera_record, size_of_record
+from impostor_jax.io.input_file import require_file
 from impostor_jax.io.json_file import read_json_object
+from impostor_jax.io.point_cloud import SUFFIXES
 from impostor_jax.plain_arguments import plain_number
 
 VIDEOS = (".mp4", ".avi")
@@ -51,6 +56,25 @@ def check_images(
             check(path, f"{what} {str(path)!r}", size)
 
 
+def check_cloud(path: Path, verb: str, of_images: Mapping[str, Any]) -> None:
+    """Raise a `ValueError` where a cloud is asked what images have, or is none.
+
+    Args:
+        path: Its file.
+        verb: What is done with it: fit or search.
+        of_images: Values of the flags that images alone have.
+    """
+    if path.suffix.lower() not in SUFFIXES:
+        raise ValueError(
+            f"--camera must be given to {verb} the depth image {str(path)!r}; clouds "
+            f"end in one of {', '.join(SUFFIXES)}"
+        )
+    require_file(path, f"point file {str(path)!r}")
+    for flag, value in of_images.items():
+        if value:
+            raise ValueError(f"{flag} must be given with depth images alone")
+
+
 def check_noise(
     sigma: float | None, sensor: str | None, *, is_of_edge: bool = False
 ) -> None:
@@ -77,8 +101,6 @@ def check_single_image(page: Path | None, is_single: bool) -> None:
 
 def check_video(video: Path | None) -> None:
     """Raise a `ValueError` unless a video, if one is asked for, can be written."""
-    from impostor_jax.io.atomic import check_output_file
-
     if video is None:
         return
     if video.suffix.lower() not in VIDEOS:
@@ -88,8 +110,6 @@ def check_video(video: Path | None) -> None:
 
 def check_page(page: Path | None) -> None:
     """Raise unless a page, if one is asked for, can be written."""
-    from impostor_jax.io.atomic import check_output_file, check_output_folder
-
     if page is None:
         return
     if page.parent.exists():

@@ -13,6 +13,8 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from impostor_jax.io.atomic import check_output_folder
+
 if TYPE_CHECKING:
     from impostor_jax.many.items import AbstractItem
     from impostor_jax.many.tasks import AbstractTask
@@ -65,13 +67,18 @@ def is_one(given: Sequence[Path], camera: Path | None) -> bool:
     return path.exists() or not glob.has_magic(str(path))
 
 
-def check_given(given: Sequence[Path]) -> None:
-    """Raise a `ValueError` where nothing is given, or one of several does not exist."""
+def check_given(given: Sequence[Path], camera: Path | None, origin: Any) -> None:
+    """Raise a `ValueError` where nothing is given, or one of several does not exist.
+
+    Or where images, which have a camera, are given an origin.
+    """
     if not given:
         raise ValueError("a depth image must be given, got none")
     for path in given if len(given) > 1 else ():
         if not path.exists() and not glob.has_magic(str(path)):
             raise ValueError(f"{str(path)!r} does not exist")
+    if origin is not None and camera is not None:
+        raise ValueError("--origin must be given with clouds alone, not --camera")
 
 
 def run_on_many(
@@ -83,7 +90,6 @@ def run_on_many(
     """
     from tqdm import tqdm
 
-    from impostor_jax.io.atomic import check_output_folder
     from impostor_jax.io.tables import check_table, write_rows
     from impostor_jax.many.journal import Journal
     from impostor_jax.many.mapping import FAILED, JOURNAL, done_on

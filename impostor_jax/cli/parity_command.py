@@ -6,6 +6,8 @@ import dataclasses
 from pathlib import Path
 from typing import Literal
 
+from impostor_jax.io.atomic import check_output_folder
+
 
 @dataclasses.dataclass(frozen=True)
 class ParityCommand:
@@ -28,7 +30,6 @@ class ParityCommand:
 
     def run(self) -> int:
         """Run the command; returns the exit code."""
-        from impostor_jax.io.atomic import check_output_folder
         from impostor_jax.parity.cases import select
         from impostor_jax.parity.report import write_parity
         from impostor_jax.parity.run import open_renderer, run_parity

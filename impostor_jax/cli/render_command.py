@@ -13,6 +13,10 @@ import tyro
 from impostor_jax.cli.dials import Dials, EffortName, chosen_effort
 from impostor_jax.cli.ending import stream_beside
 from impostor_jax.cli.inputs import check_page
+from impostor_jax.io.atomic import check_output_folder, write_text
+from impostor_jax.io.camera_formats import read_camera_record
+from impostor_jax.io.scene_record import read_scene_record
+from impostor_jax.plain_arguments import whole_number
 
 if TYPE_CHECKING:
     from impostor_jax.effort import Effort
@@ -69,9 +73,6 @@ class RenderCommand:
 
     def run(self) -> int:
         """Run the command; returns the exit code."""
-        from impostor_jax.io.atomic import write_text
-        from impostor_jax.plain_arguments import whole_number
-
         if self.output is None and self.page is None:
             raise ValueError("--output or --page must be given")
         effort = chosen_effort(self.effort, self.dials)
@@ -100,8 +101,6 @@ class RenderCommand:
 
     def _check_outputs(self, scene: "SceneFile") -> None:
         """Raise unless all can be written."""
-        from impostor_jax.io.atomic import check_output_folder
-
         if self.output is not None:
             files = (*FILES, *PICTURES) if scene.lights else FILES
             check_output_folder(self.output, files)
@@ -164,9 +163,6 @@ class RenderCommand:
 
     def _check_given(self) -> None:
         """Raise where files or flags are seen to be bad without JAX."""
-        from impostor_jax.io.camera_formats import read_camera_record
-        from impostor_jax.io.scene_record import read_scene_record
-
         fields = self._fields()
         given = [name for name, value in fields.items() if value is not None]
         has_camera = self.camera is not None

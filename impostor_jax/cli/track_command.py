@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import tyro
 
+from impostor_jax.cli.ending import stream_beside
 from impostor_jax.cli.given import (
     chosen_noise,
     hints_on_stderr,
@@ -19,6 +20,8 @@ from impostor_jax.cli.given import (
     priors_of,
 )
 from impostor_jax.cli.inputs import check_images, check_noise, check_video
+from impostor_jax.io.atomic import check_output_file
+from impostor_jax.plain_arguments import plain_number, whole_number
 
 if TYPE_CHECKING:
     from impostor_jax.camera.pinhole import PinholeCamera
@@ -90,10 +93,7 @@ class TrackCommand:
         """Run the command; returns the exit code."""
         from tqdm import tqdm
 
-        from impostor_jax.cli.ending import stream_beside
-        from impostor_jax.io.atomic import check_output_file
         from impostor_jax.io.tables import check_table, columns_of, write_rows
-        from impostor_jax.plain_arguments import plain_number, whole_number
 
         check_noise(self.sigma, self.sensor)
         plain_number("frame_rate", self.frame_rate, positive=True, unit="1/seconds")
