@@ -108,10 +108,10 @@ def typed_record(
     Raises:
         ValueError: The type is unknown, or an argument is missing or unknown.
     """
+    name: Any = record.get("type") if isinstance(record, dict) else record
+    one_of(f"type of {what}", name, kinds)
     if not isinstance(record, dict):
         raise ValueError(f"{what} must be a JSON object, got {record!r}")
-    name: Any = record.get("type")
-    one_of(f"type of {what}", name, kinds)
     values = {key: value for key, value in record.items() if key != "type"}
     known = arguments_of(kinds[name])
     required = [

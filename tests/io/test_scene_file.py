@@ -225,6 +225,8 @@ def lit_by(lights, **more):
         ({"version": 1, "shapes": [SPHERE], "light": 1}, "unknown keys: light"),
         ({"version": 1, "shapes": [{"type": "knot"}]}, r"type of shapes\[0\] must be"),
         ({"version": 1, "shapes": [{"type": "sphere"}]}, "lacks center, radius"),
+        # It was no error with a line, but one of Python's.
+        ({"version": 1, "shapes": ["sphere"]}, r"shapes\[0\] must be a JSON object"),
         ({"version": 1, "shapes": [SPHERE | {"size": 1}]}, "unknown keys: size"),
         (
             {"version": 1, "shapes": [SPHERE, SPHERE | {"radius": -1}]},
