@@ -4,7 +4,13 @@ __all__ = ["Appearance"]
 
 import dataclasses
 
-from data_synth.distribution import Distribution, LogUniform, Uniform
+from data_synth.distribution import (
+    Distribution,
+    LogUniform,
+    Uniform,
+    check_not_negative,
+    check_positive,
+)
 from impostor_jax.arguments import bounded_number, whole_number
 
 MOST_LAMPS = 8
@@ -69,10 +75,6 @@ class Appearance:
                     f"{name} must be from 0 to 1, got {getattr(self, name)}"
                 )
         for name in ("exponent", "ior", "far"):
-            if not getattr(self, name).ends[0] > 0:
-                raise ValueError(f"{name} must be positive, got {getattr(self, name)}")
+            check_positive(name, getattr(self, name))
         for name in ("light", "ambient"):
-            if getattr(self, name).ends[0] < 0:
-                raise ValueError(
-                    f"{name} must not be negative, got {getattr(self, name)}"
-                )
+            check_not_negative(name, getattr(self, name))

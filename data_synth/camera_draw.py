@@ -6,7 +6,7 @@ import dataclasses
 
 import numpy as np
 
-from data_synth.distribution import Distribution, Fixed
+from data_synth.distribution import Distribution, Fixed, check_positive
 from impostor_jax.arguments import image_size, whole_number
 from impostor_jax.camera.pinhole import PinholeCamera
 from impostor_jax.camera.spherical import SphericalCamera
@@ -73,8 +73,7 @@ class ScannerDraw:
                 f"down must be below up, both from {-STEEPEST} to {STEEPEST} degrees, "
                 f"got {self.down} and {self.up}"
             )
-        if self.stand.ends[0] <= 0:
-            raise ValueError(f"stand must be positive, got {self.stand}")
+        check_positive("stand", self.stand)
 
 
 def draw_cameras(

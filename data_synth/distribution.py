@@ -1,6 +1,15 @@
 """Distributions of one number, as frozen dataclasses that a manifest can hold."""
 
-__all__ = ["Choice", "Distribution", "Fixed", "LogUniform", "Uniform", "Whole"]
+__all__ = [
+    "Choice",
+    "Distribution",
+    "Fixed",
+    "LogUniform",
+    "Uniform",
+    "Whole",
+    "check_not_negative",
+    "check_positive",
+]
 
 import abc
 import dataclasses
@@ -29,6 +38,22 @@ class Distribution(abc.ABC):
     @abc.abstractmethod
     def __str__(self) -> str:
         """What is drawn, for a reader."""
+
+
+def check_positive(name: str, value: Distribution | Number) -> None:
+    """Raise a `ValueError` unless all that is drawn, or a number, is positive."""
+    if not _least(value) > 0:
+        raise ValueError(f"{name} must be positive, got {value}")
+
+
+def check_not_negative(name: str, value: Distribution | Number) -> None:
+    """Raise a `ValueError` where some that is drawn, or a number, is negative."""
+    if _least(value) < 0:
+        raise ValueError(f"{name} must not be negative, got {value}")
+
+
+def _least(value: Distribution | Number) -> Number:
+    return value.ends[0] if isinstance(value, Distribution) else value
 
 
 @dataclasses.dataclass(frozen=True)

@@ -16,6 +16,8 @@ from data_synth.distribution import (
     LogUniform,
     Uniform,
     Whole,
+    check_not_negative,
+    check_positive,
 )
 from data_synth.roughness import Roughness
 from data_synth.scenery import SCENERY, Corners, Scenery, Things
@@ -122,10 +124,7 @@ class Preset:
 
     def __post_init__(self) -> None:
         for name in ("count", "clutter"):
-            if getattr(self, name).ends[0] < 0:
-                raise ValueError(
-                    f"{name} must not be negative, got {getattr(self, name)}"
-                )
+            check_not_negative(name, getattr(self, name))
         most = self.most_cylinders
         whole_number("objects", self.objects, min(most, 1), MAX_OBJECTS)
         unknown = sorted(set(self.placement) - set(get_args(Placement)))
@@ -158,10 +157,7 @@ class Preset:
                 f"samples must be 1 for cameras with a lens, got {samples}"
             )
         for name in ("radius", "aspect", "distance", "depth_scale_mm"):
-            value = getattr(self, name)
-            low = value.ends[0] if isinstance(value, Distribution) else value
-            if not low > 0:
-                raise ValueError(f"{name} must be positive, got {value}")
+            check_positive(name, getattr(self, name))
         if most > MAX_CYLINDERS:
             raise ValueError(
                 f"count and clutter must be at most {MAX_CYLINDERS} cylinders "

@@ -25,10 +25,11 @@ from typing import ClassVar
 import numpy as np
 from typing_extensions import override
 
-from data_synth.distribution import Distribution
+from data_synth.distribution import Distribution, check_positive
 from data_synth.scenery_base import (
     Loose,
     Scenery,
+    Shapes,
     Things,
     any_foot,
     any_turn,
@@ -37,7 +38,6 @@ from data_synth.scenery_base import (
 )
 from data_synth.scenery_soft import Arms, Bags, Bottles, Bumps, Hands, Rolls
 from data_synth.solid import Cluster, Cuboid, Point, Round
-from impostor_jax.primitives.base import AbstractPrimitive
 from impostor_jax.primitives.box import Box
 from impostor_jax.primitives.frustum import Frustum
 from impostor_jax.primitives.plane import Plane
@@ -54,10 +54,7 @@ class Boxes(Things):
 
     edge: Distribution
 
-    @property
-    @override
-    def shapes(self) -> tuple[type[AbstractPrimitive], int]:
-        return Box, 1
+    shapes: ClassVar[Shapes] = Box, 1
 
     @override
     def draw(self, spread: float, rng: np.random.Generator) -> Loose:
@@ -81,10 +78,7 @@ class Books(Things):
     leaning: float
     tilt: Distribution
 
-    @property
-    @override
-    def shapes(self) -> tuple[type[AbstractPrimitive], int]:
-        return Box, 1
+    shapes: ClassVar[Shapes] = Box, 1
 
     @override
     def draw(self, spread: float, rng: np.random.Generator) -> Loose:
@@ -112,10 +106,7 @@ class Balls(Things):
 
     radius: Distribution
 
-    @property
-    @override
-    def shapes(self) -> tuple[type[AbstractPrimitive], int]:
-        return Sphere, 1
+    shapes: ClassVar[Shapes] = Sphere, 1
 
     @override
     def draw(self, spread: float, rng: np.random.Generator) -> Loose:
@@ -142,10 +133,7 @@ class Cones(Things):
     inverted: float
     lying: float
 
-    @property
-    @override
-    def shapes(self) -> tuple[type[AbstractPrimitive], int]:
-        return Frustum, 1
+    shapes: ClassVar[Shapes] = Frustum, 1
 
     @override
     def draw(self, spread: float, rng: np.random.Generator) -> Loose:
@@ -180,12 +168,8 @@ class Pillars(Things):
     height: Distribution
     beyond: Distribution
 
+    shapes: ClassVar[Shapes] = Box, 1
     may_touch: ClassVar[bool] = False
-
-    @property
-    @override
-    def shapes(self) -> tuple[type[AbstractPrimitive], int]:
-        return Box, 1
 
     @override
     def draw(self, spread: float, rng: np.random.Generator) -> Loose:
@@ -207,10 +191,7 @@ class Corners(Scenery):
 
     beyond: Distribution
 
-    @property
-    @override
-    def shapes(self) -> tuple[type[AbstractPrimitive], int]:
-        return Plane, 2
+    shapes: ClassVar[Shapes] = Plane, 2
 
     def draw(
         self, spread: float, rng: np.random.Generator
@@ -236,15 +217,9 @@ class Mounds(Scenery):
 
     def __post_init__(self) -> None:
         for name in ("height", "width"):
-            if getattr(self, name).ends[0] <= 0:
-                raise ValueError(
-                    f"{name} of Mounds must be positive, got {getattr(self, name)}"
-                )
+            check_positive(f"{name} of Mounds", getattr(self, name))
 
-    @property
-    @override
-    def shapes(self) -> tuple[type[AbstractPrimitive], int]:
-        return Sphere, 1
+    shapes: ClassVar[Shapes] = Sphere, 1
 
     def draw(self, spread: float, rng: np.random.Generator) -> Cluster:
         """Draw one, anywhere within `spread` of the target, in the table's frame."""

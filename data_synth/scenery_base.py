@@ -7,6 +7,7 @@ up, with what the camera looks at in its origin. They rest on z = 0.
 __all__ = [
     "Loose",
     "Scenery",
+    "Shapes",
     "Things",
     "any_foot",
     "any_turn",
@@ -22,9 +23,12 @@ import numpy as np
 from jaxtyping import Float
 
 from data_synth import solid
-from data_synth.distribution import Distribution
+from data_synth.distribution import Distribution, check_not_negative
 from data_synth.solid import Point
 from impostor_jax.primitives.base import AbstractPrimitive
+
+Shapes = tuple[type[AbstractPrimitive], int]
+"""A type of primitives, and a number of them."""
 
 
 class Loose(NamedTuple):
@@ -46,27 +50,20 @@ class Scenery(abc.ABC):
 
     Attributes:
         count: How many are in an image.
+        shapes: What primitives one is made of, and how many.
         signed: Names of the attributes that may be negative.
     """
 
     count: Distribution
 
+    shapes: ClassVar[Shapes]
     signed: ClassVar[tuple[str, ...]] = ()
 
     def __post_init__(self) -> None:
         for field in dataclasses.fields(self):
-            value = getattr(self, field.name)
-            low = value.ends[0] if isinstance(value, Distribution) else value
-            if low < 0 and field.name not in self.signed:
-                raise ValueError(
-                    f"{field.name} of {type(self).__name__} must not be negative, got "
-                    f"{value}"
-                )
-
-    @property
-    @abc.abstractmethod
-    def shapes(self) -> tuple[type[AbstractPrimitive], int]:
-        """What primitives one is made of, and how many."""
+            if field.name not in self.signed:
+                name = f"{field.name} of {type(self).__name__}"
+                check_not_negative(name, getattr(self, field.name))
 
 
 @dataclasses.dataclass(frozen=True)

@@ -14,9 +14,8 @@ from jaxtyping import Float
 from typing_extensions import override
 
 from data_synth.distribution import Distribution
-from data_synth.scenery_base import Loose, Things, somewhere
+from data_synth.scenery_base import Loose, Shapes, Things, somewhere
 from data_synth.solid import Cluster
-from impostor_jax.primitives.base import AbstractPrimitive
 from impostor_jax.primitives.sphere import Sphere
 
 LINKS = 32
@@ -35,19 +34,9 @@ FINGERS, METACARPALS = 5, 4
 
 @dataclasses.dataclass(frozen=True)
 class _OfBalls(Things):
-    """Things that are made of balls, and touch nothing else.
-
-    Attributes:
-        num_balls: Of one of them.
-    """
+    """Things that are made of balls, and touch nothing else."""
 
     may_touch: ClassVar[bool] = False
-    num_balls: ClassVar[int]
-
-    @property
-    @override
-    def shapes(self) -> tuple[type[AbstractPrimitive], int]:
-        return Sphere, self.num_balls
 
 
 @dataclasses.dataclass(frozen=True)
@@ -60,7 +49,7 @@ class Hands(_OfBalls):
 
     length: Distribution
 
-    num_balls: ClassVar[int] = LINKS * (FINGERS + METACARPALS)
+    shapes: ClassVar[Shapes] = Sphere, LINKS * (FINGERS + METACARPALS)
 
     @override
     def draw(self, spread: float, rng: np.random.Generator) -> Loose:
@@ -115,7 +104,7 @@ class Bumps(_OfBalls):
     stretch: Distribution
     part: Distribution
 
-    num_balls: ClassVar[int] = LINKS
+    shapes: ClassVar[Shapes] = Sphere, LINKS
 
     @override
     def draw(self, spread: float, rng: np.random.Generator) -> Loose:
@@ -148,7 +137,7 @@ class Arms(_OfBalls):
     swell: Distribution
     bend: Distribution
 
-    num_balls: ClassVar[int] = PROFILE
+    shapes: ClassVar[Shapes] = Sphere, PROFILE
 
     @override
     def draw(self, spread: float, rng: np.random.Generator) -> Loose:
@@ -182,7 +171,7 @@ class Bottles(_OfBalls):
     shoulder: Distribution
     lying: float
 
-    num_balls: ClassVar[int] = PROFILE
+    shapes: ClassVar[Shapes] = Sphere, PROFILE
     signed: ClassVar[tuple[str, ...]] = ("waist",)
 
     @override
@@ -213,7 +202,7 @@ class Bags(_OfBalls):
     size: Distribution
     lump: Distribution
 
-    num_balls: ClassVar[int] = LUMPS
+    shapes: ClassVar[Shapes] = Sphere, LUMPS
 
     @override
     def draw(self, spread: float, rng: np.random.Generator) -> Loose:
@@ -243,7 +232,7 @@ class Rolls(_OfBalls):
     unevenness: Distribution
     wave: Distribution
 
-    num_balls: ClassVar[int] = PROFILE
+    shapes: ClassVar[Shapes] = Sphere, PROFILE
 
     @override
     def draw(self, spread: float, rng: np.random.Generator) -> Loose:
