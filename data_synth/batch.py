@@ -113,13 +113,7 @@ def _looks(
     most: Mapping[type[AbstractPrimitive], int],
     scenes: Mapping[int, Drawn],
 ) -> ShownLook | None:
-    """Materials and lights, of what only fills up the batch, too.
-
-    Args:
-        appearance: Says what no material has.
-        most: Shapes of each type, in the order of the scene's.
-        scenes: By their places in the batch.
-    """
+    """Materials and lights, of what only fills up the batch, too."""
     if appearance is None:
         return None
     values: dict[str, Any] = {"color": np.ones(3), "exponent": 1.0}

@@ -161,8 +161,8 @@ def capture(
     roughness: tuple[Scalar, Scalar] | None,
     depth_scale_m: Scalar,
     with_normal: bool,
-    bounces: int = 0,
-    samples: int = 1,
+    bounces: int,
+    samples: int,
 ) -> Captured:
     """Render the scenes of a batch, and read those that keep the rules.
 

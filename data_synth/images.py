@@ -24,7 +24,7 @@ from collections.abc import Iterable, Iterator, Sequence
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int, Key, PRNGKeyArray, UInt16
+from jaxtyping import Array, Bool, Float, Int, Key, PRNGKeyArray, UInt16, UInt32
 
 from data_synth.appearance import Appearance
 from data_synth.batch import batch_of
@@ -159,7 +159,6 @@ def images(plan: Plan, numbers: Sequence[int], clock: Clock) -> Iterator[Image]:
 def _window(plan: Plan, numbers: Sequence[int], clock: Clock) -> list[Image]:
     """At most a batch of images; places of scenes that are rejected are drawn again."""
     rules = plan.manifest.preset.rules
-    padded = jnp.array([*numbers, *[0] * (BATCH - len(numbers))], jnp.uint32)
     attempt = np.zeros(BATCH, np.uint32)
     rejected = [collections.Counter() for _ in numbers]
     made: dict[int, Image] = {}
@@ -172,7 +171,7 @@ def _window(plan: Plan, numbers: Sequence[int], clock: Clock) -> list[Image]:
 
     while len(made) < len(numbers):
         with clock.stage("drawing"):
-            keys = capture_keys(plan.key, padded, jnp.asarray(attempt))
+            keys = _keys(plan, numbers, attempt)
             scenes = draw_scenes(plan, keys[0], set(range(len(numbers))) - set(made))
             for k, scene in list(scenes.items()):
                 if scene.failure is not None:
@@ -206,8 +205,7 @@ def _sequence(plan: Plan, numbers: Sequence[int], clock: Clock) -> Iterator[Imag
         some = numbers[start : start + BATCH]
         times = [(start + k) / FRAME_RATE for k in range(len(some))]
         with clock.stage("drawing"):
-            padded = jnp.array([*some, *[0] * (BATCH - len(some))], jnp.uint32)
-            keys = capture_keys(plan.key, padded, jnp.zeros(BATCH, jnp.uint32))
+            keys = _keys(plan, some, np.zeros(BATCH, np.uint32))
             scenes = {k: motion.after(seconds) for k, seconds in enumerate(times)}
             batch = batch_of(preset, plan.cameras, scenes)
             # What is hidden later stays.
@@ -219,6 +217,14 @@ def _sequence(plan: Plan, numbers: Sequence[int], clock: Clock) -> Iterator[Imag
             image = _image(plan, some[k], k, scene, seen, {})
             pose = motion.camera_from_world(times[k])
             yield dataclasses.replace(image, seconds=times[k], camera_from_world=pose)
+
+
+def _keys(
+    plan: Plan, numbers: Sequence[int], attempt: UInt32[np.ndarray, " b"]
+) -> tuple[Key[Array, " b"], Key[Array, " b"]]:
+    """Keys of the scenes and of the readings of at most a batch of images."""
+    padded = jnp.array([*numbers, *[0] * (BATCH - len(numbers))], jnp.uint32)
+    return capture_keys(plan.key, padded, jnp.asarray(attempt))
 
 
 def draw_scenes(

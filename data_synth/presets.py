@@ -69,10 +69,7 @@ TABLE: dict[str, Any] = {
     "touching": 0.25,
     "rules": Rules(visible_fraction=0.1),
 }
-"""Of the presets of many things on a table: where it is, and what reads it."""
-
-BANDED_TABLE: dict[str, Any] = TABLE | {"sensor": Dropout(BANDED)}
-"""The same, read by a camera that matches windows."""
+"""Of the presets of things on a table: where it is, and what reads it."""
 
 MIXED: dict[str, Any] = {
     "count": Whole(2, 5),
@@ -106,15 +103,7 @@ PRESETS = {
         radius=LogUniform(0.025, 0.055),
         aspect=Uniform(1.5, 4.5),
         placement=("standing", "standing", "lying"),
-        distance=Uniform(0.7, 1.1),
-        elevation=Uniform(20.0, 60.0),
-        spread=0.2,
-        ground=True,
-        wall=Uniform(1.8, 2.5),
-        camera=CameraDraw(focal=Uniform(500.0, 560.0), shift=Uniform(-8.0, 8.0)),
-        sensor=Dropout(FlyingPixels(StructuredLight())),
-        projector_baseline=0.075,
-        rules=Rules(visible_fraction=0.1),
+        **dict(TABLE, spread=0.2, touching=0.0),
     ),
     "pipes": Preset(
         sentence="One to four long pipes in any direction before a wall, most of them "
@@ -265,7 +254,7 @@ PRESETS = {
             Balls(count=Whole(0, 1), radius=LogUniform(0.02, 0.07)),
             CUPS,
         ),
-        **BANDED_TABLE,
+        **dict(TABLE, sensor=Dropout(BANDED)),
     ),
     "no_cylinders": Preset(
         sentence="No cylinder: boxes, books, balls, cones, cups, hands and bumps on a "

@@ -79,10 +79,6 @@ class Object(Solid):
     def moved(self, by: Point) -> "Object":
         return self.transformed(np.eye(3), by)
 
-    @abc.abstractmethod
-    def arguments(self) -> dict[str, Any]:
-        """Those of its primitive, of one shape or of a batch of them."""
-
 
 @dataclasses.dataclass(frozen=True)
 class Cuboid(Object):
