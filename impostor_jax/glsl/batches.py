@@ -1,6 +1,6 @@
 """What a caller hands to a driver, checked."""
 
-__all__ = ["Batch", "batches_in_camera"]
+__all__ = ["Batch", "balls_of", "batches_in_camera"]
 
 import dataclasses
 from collections.abc import Sequence
@@ -12,7 +12,7 @@ import numpy as np
 from impostor_jax.arguments import is_concrete
 from impostor_jax.camera.orthographic import OrthographicCamera
 from impostor_jax.camera.pinhole import PinholeCamera
-from impostor_jax.glsl.impostor import Impostor
+from impostor_jax.glsl.impostor import Ball, Impostor
 from impostor_jax.glsl.impostors import IMPOSTORS, impostor_of
 from impostor_jax.primitives.base import AbstractPrimitive, in_camera_frame
 from impostor_jax.primitives.heightfield import Heightfield
@@ -68,6 +68,13 @@ def batches_in_camera(primitives: Any, camera: Any) -> list[Batch]:
     if not first:
         raise ValueError("primitives must hold at least one, got none")
     return batches
+
+
+def balls_of(batches: Sequence[Batch]) -> Ball:
+    """Balls that hold all primitives of some batches."""
+    balls = [one.impostor.ball(one.primitives) for one in batches]
+    center, radius = zip(*balls, strict=True)
+    return np.concatenate(center), np.concatenate(radius)
 
 
 def _batch(

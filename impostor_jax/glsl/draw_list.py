@@ -20,7 +20,7 @@ from jaxtyping import Float, Int
 
 from impostor_jax.camera.orthographic import OrthographicCamera
 from impostor_jax.camera.pinhole import PinholeCamera
-from impostor_jax.glsl.batches import Batch, batches_in_camera
+from impostor_jax.glsl.batches import Batch, balls_of, batches_in_camera
 from impostor_jax.glsl.conventions import DepthRange, depth_range, uniforms
 from impostor_jax.glsl.impostor import Impostor
 from impostor_jax.glsl.program import SAMPLES_PER_ROW, TEXELS_PER_ROW
@@ -85,8 +85,7 @@ def draw_list_of(
             the samples are too many.
     """
     batches = batches_in_camera(primitives, camera)
-    center, reach = zip(*(b.impostor.ball(b.primitives) for b in batches), strict=True)
-    stretch = depth_range(np.concatenate(center), np.concatenate(reach))
+    stretch = depth_range(*balls_of(batches))
     orthographic = isinstance(camera, OrthographicCamera)
     return DrawList(calls_of(batches), orthographic, stretch, uniforms(camera, stretch))
 

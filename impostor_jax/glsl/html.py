@@ -1,6 +1,6 @@
 """Self-contained pages: a template, the scripts that it includes, and what is drawn."""
 
-__all__ = ["html_page", "textures_message", "traced_message"]
+__all__ = ["html_page", "packed", "textures_message", "traced_message"]
 
 import base64
 import json
@@ -62,10 +62,14 @@ def textures_message(
     found = {}
     for name, texels in textures.items():
         height, width, *each = texels.shape
-        data = np.ascontiguousarray(texels, "<f4").tobytes()
         found[name] = {
             "size": [width, height],
             "each": each[0] if each else 1,
-            "base64": base64.b64encode(data).decode(),
+            "base64": packed(texels),
         }
     return found
+
+
+def packed(values: Any) -> str:
+    """Numbers as base64 of 32-bit floats, the lowest byte first."""
+    return base64.b64encode(np.ascontiguousarray(values, "<f4").tobytes()).decode()

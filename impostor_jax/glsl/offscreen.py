@@ -9,7 +9,7 @@ __all__ = ["DRIVERS", "DriverError", "OffscreenRenderer"]
 
 import contextlib
 import os
-from collections.abc import Callable, Hashable, Sequence
+from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -99,12 +99,7 @@ class OffscreenRenderer:
         """
         self._check_open()
         draws, size = draw_list_of(primitives, camera), (camera.width, camera.height)
-        with self._context as context, contextlib.ExitStack() as stack:
-
-            def held(made: Any) -> Any:
-                stack.callback(made.release)
-                return made
-
+        with _holding(self._context) as (context, held):
             targets = [held(context.texture(size, 4, dtype="f4")) for _ in range(2)]
             depth = held(context.depth_texture(size))
             frame = held(context.framebuffer(targets, depth))
@@ -113,10 +108,7 @@ class OffscreenRenderer:
             frame.clear(*CLEAR_COLOR, depth=1.0)
             for call in draws.calls:
                 program = self._program(call.impostor, draws.orthographic)
-                for name, value in draws.uniforms.items():
-                    # A driver drops what a variant of the shader does not use.
-                    if name in program:
-                        program[name].value = value
+                _set(program, draws.uniforms)
                 buffer = held(context.buffer(call.rows.tobytes()))
                 layout, names = _layout(call.impostor, program)
                 _bind(context, program, call.textures, held)
@@ -161,22 +153,14 @@ class OffscreenRenderer:
         self._check_open()
         told = trace_list_of(scene, camera, lights, materials, background, depth)
         size = (camera.width, camera.height)
-        with self._context as context, contextlib.ExitStack() as stack:
-
-            def held(made: Any) -> Any:
-                stack.callback(made.release)
-                return made
-
+        with _holding(self._context) as (context, held):
             target = held(context.texture(size, 4, dtype="f4"))
             held(context.framebuffer([target])).use()
             context.enable_only(context.NOTHING)
             program = self._compiled(
                 told.key, lambda: trace_sources(told.key, "330", self._shaders)
             )
-            for name, value in {**told.uniforms, **told.places}.items():
-                # A driver drops what a variant of the shader does not use.
-                if name in program:
-                    program[name].value = value
+            _set(program, {**told.uniforms, **told.places})
             _bind(context, program, told.textures, held)
             array = held(context.vertex_array(program, []))
             array.render(context.TRIANGLE_STRIP, vertices=4)
@@ -218,6 +202,25 @@ class OffscreenRenderer:
                 vertex_shader=vertex, fragment_shader=fragment
             )
         return self._programs[key]
+
+
+@contextlib.contextmanager
+def _holding(context: Any) -> Iterator[tuple[Any, Callable[[Any], Any]]]:
+    """A context that draws, and what takes each thing that is released at the end."""
+    with context, contextlib.ExitStack() as stack:
+
+        def held(made: Any) -> Any:
+            stack.callback(made.release)
+            return made
+
+        yield context, held
+
+
+def _set(program: Any, uniforms: Mapping[str, tuple[float, ...]]) -> None:
+    """Set those uniforms of a program that a driver has not dropped as not used."""
+    for name, value in uniforms.items():
+        if name in program:
+            program[name].value = value
 
 
 def _bind(

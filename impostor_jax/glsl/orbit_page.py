@@ -16,7 +16,7 @@ import numpy as np
 from impostor_jax.camera.base import AbstractCamera
 from impostor_jax.camera.orthographic import OrthographicCamera
 from impostor_jax.camera.pinhole import PinholeCamera
-from impostor_jax.glsl.batches import Batch
+from impostor_jax.glsl.batches import Batch, balls_of
 from impostor_jax.glsl.html import html_page, traced_message
 from impostor_jax.glsl.trace_list import POINT, Traceable, trace_list_of
 from impostor_jax.primitives.base import in_world_frame
@@ -76,8 +76,7 @@ def _pivot(
     batches: list[Batch], camera: PinholeCamera | OrthographicCamera
 ) -> list[float]:
     """What the camera turns about: in its frame, in front of it."""
-    found = [batch.impostor.ball(batch.primitives) for batch in batches]
-    center, radius = (np.concatenate(parts) for parts in zip(*found, strict=True))
+    center, radius = balls_of(batches)
     # What is around the camera or has no end has a middle that nobody looks at.
     ahead = (center[:, 2] > 0) & (np.linalg.norm(center, axis=-1) > radius)
     pixel = np.asarray(camera.project(jnp.asarray(center[ahead])))

@@ -35,7 +35,7 @@ from impostor_jax.rendering.lights import (
     DirectionalLight,
     PointLight,
 )
-from impostor_jax.rendering.material import Material, stacked
+from impostor_jax.rendering.material import DEFAULTS, Material, stacked
 from impostor_jax.rendering.scene import Scene
 from impostor_jax.rendering.secondary import anchors
 from impostor_jax.rendering.trace import MOST_BOUNCES
@@ -204,9 +204,8 @@ def _rows_of(
             f"materials must be as many as the scene's {count} shapes, or a single "
             f"one, got {given}"
         )
-    plain = {"exponent": -1, "reflect": 0, "transmit": 0, "ior": 1, "fresnel": 0}
     columns = [np.asarray(made.color)]
-    for name, default in plain.items():
+    for name, default in DEFAULTS.items():
         value = getattr(made, name)
         value = np.full(given, default) if value is None else np.asarray(value)
         columns.append(value[:, None])

@@ -5,9 +5,8 @@ points in space, colored by their residuals; the shapes are drawn by the shaders
 parity compares with JAX; and both meet in one depth buffer.
 """
 
-__all__ = ["DIALECT", "FitPage", "drawn_message", "fit_page", "packed", "view"]
+__all__ = ["DIALECT", "FitPage", "drawn_message", "fit_page", "view"]
 
-import base64
 import dataclasses
 import html
 from collections.abc import Sequence
@@ -20,20 +19,14 @@ import numpy as np
 from impostor_jax.camera.base import AbstractCamera
 from impostor_jax.fit.result import each_of
 from impostor_jax.glsl.draw_list import calls_of
-from impostor_jax.glsl.html import html_page, textures_message
+from impostor_jax.glsl.html import html_page, packed, textures_message
 from impostor_jax.glsl.orbit_page import upright
 from impostor_jax.glsl.program import attributes, mark_sources, shader_sources
 from impostor_jax.io.atomic import write_text
 from impostor_jax.page.frame import PageFrame, page_frame
 from impostor_jax.page.picture import outline_path, picture_url
 from impostor_jax.page.readings import readings_of
-from impostor_jax.page.shown import (
-    ImageView,
-    Shown,
-    asked_image,
-    image_view,
-    shown_of,
-)
+from impostor_jax.page.shown import ImageView, Shown, asked_image, image_view, shown_of
 from impostor_jax.page.told import notes_of, numbers_of
 from impostor_jax.page.wires import DEVIATIONS, wires_of
 from impostor_jax.primitives.base import AbstractPrimitive
@@ -228,8 +221,3 @@ def drawn_message(shape: AbstractPrimitive, frame: PageFrame) -> dict[str, Any]:
         "instance": call.rows[0].tolist(),
         "textures": textures_message(call.textures),
     }
-
-
-def packed(values: Any) -> str:
-    """Numbers as base64 of 32-bit floats, the lowest byte first."""
-    return base64.b64encode(np.ascontiguousarray(values, "<f4").tobytes()).decode()

@@ -19,7 +19,7 @@ from impostor_jax.arguments import is_exact
 from impostor_jax.camera.base import AbstractCamera
 from impostor_jax.camera.pinhole import PinholeCamera
 from impostor_jax.geometry.frames import RigidTransform
-from impostor_jax.glsl.batches import Batch, batches_in_camera
+from impostor_jax.glsl.batches import Batch, balls_of, batches_in_camera
 from impostor_jax.page.readings import points_of
 from impostor_jax.page.shown import ImageView, Shown
 from impostor_jax.primitives.base import AbstractPrimitive
@@ -71,8 +71,7 @@ def page_frame(shown: Sequence[Shown], views: Sequence[ImageView]) -> PageFrame:
     as_camera = PageFrame(rotation, translation, 0.0)
     batches = [as_camera.batch(one.fit.shape) for one in shown if one.fit.is_shape]
     if batches:
-        balls = [batch.impostor.ball(batch.primitives) for batch in batches]
-        centers, radii = (np.concatenate(x) for x in zip(*balls, strict=True))
+        centers, radii = balls_of(batches)
     else:
         centers = np.concatenate([_looked_at(view, as_camera) for view in views])
         radii = np.zeros(len(centers))

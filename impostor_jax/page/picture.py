@@ -1,6 +1,6 @@
 """The depth image beside the scene: a colored picture, and outlines in its pixels."""
 
-__all__ = ["outline_path", "picture_url"]
+__all__ = ["outline_path", "picture_url", "png_url", "svg_path"]
 
 import base64
 
@@ -32,7 +32,14 @@ of fits."""
 
 def picture_url(view: ImageView) -> str:
     """A depth image as the URL of a PNG of its size, which holds it."""
-    encoded = cv2.imencode(".png", _levels(view))[1]
+    return png_url(_levels(view))
+
+
+def png_url(
+    picture: UInt8[np.ndarray, "h w"] | UInt8[np.ndarray, "h w 3"], *options: int
+) -> str:
+    """A picture as the URL of a PNG, which holds it; `options` are OpenCV's."""
+    encoded = cv2.imencode(".png", picture, options)[1]
     return "data:image/png;base64," + base64.b64encode(encoded.tobytes()).decode()
 
 
@@ -52,12 +59,13 @@ def outline_path(shape: AbstractPrimitive, camera: AbstractCamera) -> str:
     """Outline of a shape as the path of an SVG in image coordinates; "" without one."""
     if isinstance(shape, Cylinder | Sphere) and isinstance(camera, PinholeCamera):
         outline = fitted_outline(shape, camera)
-        return "" if outline is None else _path(outline)
+        return "" if outline is None else svg_path(outline)
     mask = np.asarray(render(shape, camera, outputs=("mask",)).mask)
     # With a frame around it a curve closes also where it leaves the image.
     curves = find_contours(np.pad(mask, 1).astype(float), 0.5)
-    return "".join(_path(curve[:, ::-1] - 1) for curve in curves)
+    return "".join(svg_path(curve[:, ::-1] - 1) for curve in curves)
 
 
-def _path(points: Float[np.ndarray, "n 2"]) -> str:
+def svg_path(points: Float[np.ndarray, "n 2"]) -> str:
+    """The closed path of an SVG through points in image coordinates."""
     return "M" + "L".join(f"{u:.1f} {v:.1f}" for u, v in points) + "Z"

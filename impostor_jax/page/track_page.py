@@ -21,14 +21,14 @@ import numpy as np
 from jaxtyping import Float, UInt8
 
 from impostor_jax.camera.pinhole import PinholeCamera
-from impostor_jax.glsl.html import html_page
+from impostor_jax.glsl.html import html_page, packed
 from impostor_jax.glsl.orbit_page import upright
 from impostor_jax.glsl.program import mark_sources
 from impostor_jax.io.atomic import write_text
 from impostor_jax.opencv import cv2
-from impostor_jax.page.fit_page import DIALECT, drawn_message, packed
+from impostor_jax.page.fit_page import DIALECT, drawn_message
 from impostor_jax.page.frame import PageFrame, frame_around, pose_of
-from impostor_jax.page.picture import COLORS, MISSING
+from impostor_jax.page.picture import COLORS, MISSING, png_url, svg_path
 from impostor_jax.page.told import Number, track_numbers
 from impostor_jax.primitives.cylinder import Cylinder
 from impostor_jax.track.track import Track, TrackStatus
@@ -194,9 +194,9 @@ class TrackPage:
             for shape in itertools.compress(image.shapes, image.is_seen)
         ]
         if not seen:
-            (near, far), rotation = self._images[0].told["ends"], pose_of(camera)[0]
-            middle = pose_of(camera)[1] + [0, 0, (near + far) / 2]
-            return PageFrame(rotation, pose_of(camera)[1] - middle, far / 2)
+            (near, far), pose = self._images[0].told["ends"], pose_of(camera)
+            middle = pose[1] + [0, 0, (near + far) / 2]
+            return PageFrame(pose[0], pose[1] - middle, far / 2)
         shapes = np.array(seen)
         reach = np.hypot(shapes[:, 6], shapes[:, 7] / 2)
         return frame_around(camera, shapes[:, :3], reach)
@@ -262,17 +262,15 @@ def _picture(
     inverse = 1 / np.where(is_read, small, far)
     part = np.clip((inverse - 1 / far) / (1 / near - 1 / far), 0, 1)
     levels = np.where(is_read, 1 + np.round((LEVELS - 1) * part), 0).astype(np.uint8)
-    encoded = cv2.imencode(".png", levels, [cv2.IMWRITE_PNG_COMPRESSION, 9])[1]
-    text = base64.b64encode(encoded.tobytes()).decode()
-    return "data:image/png;base64," + text, [near, far]
+    return png_url(levels, cv2.IMWRITE_PNG_COMPRESSION, 9), [near, far]
 
 
 def _short_path(outline: Float[np.ndarray, "n 2"], camera: PinholeCamera) -> str:
     """The path of an SVG, in image coordinates, with as few corners as will do."""
     away = 2 * max(camera.width, camera.height)
     curve = np.clip(outline, -away, away).astype(np.float32)
-    corners = cv2.approxPolyDP(curve, STRAIGHT * camera.width, closed=True)[:, 0]
-    return "M" + "L".join(f"{u:.1f} {v:.1f}" for u, v in corners) + "Z"
+    corners = cv2.approxPolyDP(curve, STRAIGHT * camera.width, closed=True)
+    return svg_path(corners[:, 0])
 
 
 def _pose_message(frame: PageFrame, camera: PinholeCamera) -> list[float]:

@@ -142,12 +142,9 @@ def _walls(fit: Fit, sizes: dict[str, Size]) -> list[Wall]:
 
 
 def _lines(wall: Wall, part: int) -> Float[np.ndarray, "n 2 3"]:
-    """Lines of a wall.
+    """Lines of a wall, of its values (part 0) or of their standard deviations (1).
 
-    Args:
-        wall: The wall.
-        part: Which of its sizes count: 0 for values, 1 for standard deviations, which
-            move nothing but the sizes.
+    These move nothing but the sizes.
     """
     turn = 2 * np.pi * np.arange(CORNERS) / CORNERS
     first, second = np.asarray(tangent_basis(jnp.asarray(wall.axis)), float)

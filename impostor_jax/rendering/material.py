@@ -4,7 +4,7 @@ What no shape of a scene has is not in the program that traces it: a field that 
 of all materials is left out.
 """
 
-__all__ = ["Material", "stacked"]
+__all__ = ["DEFAULTS", "Material", "stacked"]
 
 from collections.abc import Sequence
 from typing import Any
@@ -17,7 +17,7 @@ from jaxtyping import Array, Float
 
 from impostor_jax.arguments import check_positive, float_array, is_concrete
 
-_DEFAULTS = {
+DEFAULTS = {
     "exponent": -1.0,
     "reflect": 0.0,
     "transmit": 0.0,
@@ -147,7 +147,7 @@ def stacked(materials: Material | Sequence[Material]) -> Material:
     ]
     fields = {
         name: _joined(batches, name, default)
-        for name, default in _DEFAULTS.items()
+        for name, default in DEFAULTS.items()
         if any(getattr(one, name) is not None for one in batches)
     }
     return eqx.tree_at(

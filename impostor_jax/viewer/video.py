@@ -74,7 +74,7 @@ class TrackVideo:
         picture = self._colored(np.asarray(depth, float))
         for track in tracks:
             is_lost = track.status is TrackStatus.LOST
-            own = color_of(track.identity)
+            color = LOST if is_lost else color_of(track.identity)
             outline = fitted_outline(track.cylinder, camera)
             if outline is None:
                 continue
@@ -83,7 +83,7 @@ class TrackVideo:
                 picture,
                 [np.round(corners).astype(np.int32)],
                 isClosed=True,
-                color=LOST if is_lost else own,
+                color=color,
                 thickness=1 if is_lost else 2,
                 lineType=cv2.LINE_AA,
                 shift=SHARP,
@@ -96,7 +96,7 @@ class TrackVideo:
                 place,
                 cv2.FONT_HERSHEY_SIMPLEX,
                 0.5,
-                LOST if is_lost else own,
+                color,
                 1,
                 cv2.LINE_AA,
             )
