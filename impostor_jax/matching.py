@@ -208,9 +208,8 @@ def points_of(
 ) -> Float[np.ndarray, "h w 3"]:
     """Readings of a camera with a center as points of its frame; 0 for none."""
     row, col = camera.frame.pixels()
-    ray = camera.rays(row, col, np.float32).direction
-    direction = np.stack([np.asarray(ray.x), np.asarray(ray.y), np.asarray(ray.z)], -1)
-    return depth[..., None] * direction
+    ray = camera.rays(row, col, np.float32)
+    return depth[..., None] * np.asarray(ray.direction.stack())
 
 
 def detection_of(fit: Fit, confidence: float) -> Detection:

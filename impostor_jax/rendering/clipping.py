@@ -70,7 +70,7 @@ def clipping_of(near: Any, far: Any, camera: AbstractCamera) -> Clipping | None:
     Raises:
         ValueError: A depth is out of range.
     """
-    if far is not None and not _is_endless(far):
+    if far is not None and not (isinstance(far, float) and far == math.inf):
         far = real_number("far", far, positive=True, unit="meters")
     else:
         far = None
@@ -88,10 +88,6 @@ def clipping_of(near: Any, far: Any, camera: AbstractCamera) -> Clipping | None:
     # A whole number that is traced becomes a real one.
     near, far = (x if x is None or is_concrete(x) else x * 1.0 for x in (near, far))
     return Clipping(near, far, camera.projection == "spherical")
-
-
-def _is_endless(far: Any) -> bool:
-    return isinstance(far, float) and far == math.inf
 
 
 def _like(depth: Scalar, values: Array) -> Float[Array, ""]:

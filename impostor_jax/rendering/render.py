@@ -15,7 +15,6 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Float, Int
 
 from impostor_jax.arguments import is_concrete, one_of, real_number, working_precision
@@ -31,7 +30,7 @@ from impostor_jax.rendering.clipping import Clipping, clipping_of
 from impostor_jax.rendering.coverage import coverage
 from impostor_jax.rendering.maps import OUTPUTS, GeometryMaps
 from impostor_jax.rendering.raycast import raycast
-from impostor_jax.rendering.sampling import framed
+from impostor_jax.rendering.sampling import framed, places_within
 from impostor_jax.rendering.scene import Scene, Shown
 from impostor_jax.rendering.sides import check_edges, sides_of
 from impostor_jax.rendering.tile import outline_box, outline_tile
@@ -236,14 +235,7 @@ def _render(
 ) -> GeometryMaps:
     """The maps of a tile; the arguments are what decides what is compiled.
 
-    Args:
-        primitive: As in `render`.
-        camera: As in `render`.
-        tile: As in `render`.
-        clipping: What depths are seen; None for all.
-        outputs: As in `render`, in the order of their names.
-        stride: Of an `Effort`.
-        samples: Rays along each side of a pixel for the coverage; 0 for the exact area.
+    Outputs are in the order of their names, and samples as `_samples` tells them.
     """
     tile = camera.frame if tile is None else tile
     row, col = (pixel[::stride, ::stride] for pixel in tile.pixels())
@@ -278,8 +270,6 @@ def _sampled_coverage(
     clipping: Clipping | None,
 ) -> Float[Array, "h w"]:
     """Share of a square grid of rays in each pixel that hit anything."""
-    place = (np.arange(samples) + 0.5) / samples - 0.5
-    places = np.stack(np.meshgrid(place, place), axis=-1).reshape(-1, 2)
 
     def add(total: Float[Array, "h w"], place: Float[Array, "2"]):
         moved = camera.shifted(place[0], place[1])
@@ -287,7 +277,8 @@ def _sampled_coverage(
         return total + maps["mask"].astype(total.dtype), None
 
     blank = jnp.zeros(row.shape, primitive.dtype)
-    total, _ = jax.lax.scan(add, blank, jnp.asarray(places, blank.dtype))
+    places = jnp.asarray(places_within(samples), blank.dtype)
+    total, _ = jax.lax.scan(add, blank, places)
     return total / samples**2
 
 

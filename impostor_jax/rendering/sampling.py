@@ -7,7 +7,7 @@ of one trail can take the mean of these, and those beside another trail need sev
 rays. What only some pixels need is done for these alone, so many at a time.
 """
 
-__all__ = ["Sampling", "framed", "picture_of", "seen_at_edges"]
+__all__ = ["Sampling", "framed", "picture_of", "places_within", "seen_at_edges"]
 
 from collections.abc import Callable
 from typing import Any, NamedTuple
@@ -114,6 +114,12 @@ def framed(pixels: Int[Array, "h w"], stride: int, axis: int) -> Pixels:
     return wide + stride * off
 
 
+def places_within(samples: int) -> Float[np.ndarray, "k 2"]:
+    """Places of a square grid in a pixel, in columns and rows from its center."""
+    place = (np.arange(samples) + 0.5) / samples - 0.5
+    return np.stack(np.meshgrid(place, place), axis=-1).reshape(-1, 2)
+
+
 def _all_seen(see: See, row: Pixels, col: Pixels) -> _Seen:
     """What rays through the centers of pixels see."""
     together = min(row.size, TOGETHER)
@@ -185,9 +191,7 @@ def _seen_anew(
 
     At most so many pixels are cast together.
     """
-    place = (np.arange(samples) + 0.5) / samples - 0.5
-    places = np.stack(np.meshgrid(place, place), axis=-1).reshape(-1, 2)
-    size = row.size
+    places, size = places_within(samples), row.size
     together = min(size, most)
     number, count = chosen_numbers(needs.reshape(-1))
     number = jnp.pad(number, (0, -size % together), constant_values=size)

@@ -135,14 +135,11 @@ def trace(
         camera, scene, *lights = seen_near(camera, scene, *lights)
         given = (scene, camera, tile, lights, *given[4:])
         scene, camera, tile, *rest = converted(given)
+        sampling = Sampling(effort.samples, effort.adaptive, effort.spacing)
         return _traced(
             scene, camera, tile, *rest,
-            depth=depth, stride=effort.stride, sampling=_sampling(effort), edges=edges,
+            depth=depth, stride=effort.stride, sampling=sampling, edges=edges,
         )  # fmt: skip
-
-
-def _sampling(effort: Effort) -> Sampling:
-    return Sampling(effort.samples, effort.adaptive, effort.spacing)
 
 
 def _check_count(scene: Scene, made: Material) -> None:
@@ -236,12 +233,7 @@ def _sides(
 ) -> tuple[Vec3, Int[Array, " n"]]:
     """Colors of squares in the image, of both sides of the edge in each, and trails.
 
-    Args:
-        world: What rays can meet.
-        cast: Rays of the image.
-        place: Centers of the squares.
-        size: Length of their sides, in pixels.
-        depth: Most bounces.
+    `place` is the center of each, `size` the length of its sides in pixels.
     """
     line = nearest_line(world, cast, place, size)
     cut = halves(line.distance, line.normal)
