@@ -10,9 +10,11 @@ __all__ = [
     "Scalar",
     "all_finite",
     "eps",
+    "first_largest",
     "has_square",
     "kept_from_zero",
     "nan_where",
+    "one_of_three",
     "product",
     "safe_divide",
     "safe_norm",
@@ -22,13 +24,17 @@ __all__ = [
 ]
 
 import functools
+from collections.abc import Sequence
+from typing import TypeVar
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
 from jax.typing import DTypeLike
-from jaxtyping import Array, Bool, Float, PyTree
+from jaxtyping import Array, Bool, Float, Int, PyTree
+
+Values = TypeVar("Values")
 
 Numbers = Float[Array, "*batch"]
 """One number of each of a batch, of any shape: of rays, points or pixels."""
@@ -87,6 +93,19 @@ def kept_from_zero(slope: Numbers, least: float) -> Numbers:
     the same, and not as far as the shape is wide.
     """
     return jnp.where(jnp.abs(slope) < least, least, slope)
+
+
+def first_largest(values: Sequence[Numbers]) -> Int[Array, "*batch"]:
+    """Which of three numbers is largest, 0 to 2; of equal ones the first."""
+    x, y, z = values
+    return jnp.where(x >= jnp.maximum(y, z), 0, jnp.where(y >= z, 1, 2))
+
+
+def one_of_three(which: Int[Array, "*batch"], values: Sequence[Values]) -> Values:
+    """Take the first, second or third of some trees."""
+    return jax.tree.map(
+        lambda x, y, z: jnp.where(which == 0, x, jnp.where(which == 1, y, z)), *values
+    )
 
 
 def safe_sqrt(x: Float[Array, "*batch"]) -> Float[Array, "*batch"]:

@@ -30,7 +30,6 @@ __all__ = ["Box"]
 from typing import Any, NamedTuple, TypeVar
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
@@ -47,7 +46,13 @@ from impostor_jax.geometry.frames import Points, RigidTransform
 from impostor_jax.geometry.hull import DiscHull
 from impostor_jax.geometry.rays import Hit, Interval, Ray, slab_interval
 from impostor_jax.geometry.vec3 import Vec3
-from impostor_jax.numerics import Numbers, safe_divide, safe_sqrt
+from impostor_jax.numerics import (
+    Numbers,
+    first_largest,
+    one_of_three,
+    safe_divide,
+    safe_sqrt,
+)
 from impostor_jax.primitives.base import AbstractPrimitive
 from impostor_jax.primitives.stretch import End, Stretch
 from impostor_jax.primitives.surface import facing, implicit_hit
@@ -217,10 +222,7 @@ class _Cuboid(NamedTuple):
 
 def _of(face: Int[Array, "*batch"], values: list[Values]) -> Values:
     """Take the first, second or third value: that of the axis a face is across."""
-    axis = face // 2
-    return jax.tree.map(
-        lambda x, y, z: jnp.where(axis == 0, x, jnp.where(axis == 1, y, z)), *values
-    )
+    return one_of_three(face // 2, values)
 
 
 def _slabs(ray: Ray, cuboid: _Cuboid) -> tuple[Float[Array, "*batch"], list[Interval]]:
@@ -239,14 +241,9 @@ def _face(
     slabs: list[Interval], ray: Ray, cuboid: _Cuboid, enters: Bool[Array, "*batch"]
 ) -> Int[Array, "*batch"]:
     """Face through which a ray enters the box, or leaves it."""
-    bounds = [jnp.where(enters, slab.lower, -slab.upper) for slab in slabs]
-    axis = jnp.where(
-        bounds[0] >= jnp.maximum(bounds[1], bounds[2]),
-        0,
-        jnp.where(bounds[1] >= bounds[2], 1, 2),
-    )
+    axis = first_largest([jnp.where(enters, s.lower, -s.upper) for s in slabs])
     # A face that the ray enters looks against it, one that it leaves along it.
-    rises = _of(2 * axis, [ray.direction.dot(a) > 0 for a in cuboid.axes])
+    rises = one_of_three(axis, [ray.direction.dot(a) > 0 for a in cuboid.axes])
     return 2 * axis + (rises != enters).astype(axis.dtype)
 
 

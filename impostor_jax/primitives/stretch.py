@@ -5,14 +5,12 @@ the surface at either end, and how steeply the ray crosses it, since a surface t
 off by a rounding moves the end of a stretch by that over the slope.
 """
 
-__all__ = ["End", "Stretch", "slope_of"]
+__all__ = ["End", "Stretch"]
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
-
-from impostor_jax.geometry.rays import Ray
-from impostor_jax.geometry.vec3 import Vec3
 
 
 class End(eqx.Module):
@@ -32,12 +30,7 @@ class End(eqx.Module):
 
     def where(self, mask: Bool[Array, "*batch"], other: "End") -> "End":
         """Take this end where `mask` holds and the other elsewhere."""
-        return End(
-            jnp.where(mask, self.t, other.t),
-            jnp.where(mask, self.part, other.part),
-            jnp.where(mask, self.on_cap, other.on_cap),
-            jnp.where(mask, self.slope, other.slope),
-        )
+        return jax.tree.map(lambda x, y: jnp.where(mask, x, y), self, other)
 
 
 class Stretch(eqx.Module):
@@ -61,12 +54,3 @@ class Stretch(eqx.Module):
     def crosses(self) -> Bool[Array, "*batch"]:
         """Whether there is any of it."""
         return self.enter.t <= self.leave.t
-
-    def holds(self, t: Float[Array, "*batch"]) -> Bool[Array, "*batch"]:
-        """Whether a place of the ray is in it."""
-        return (self.enter.t < t) & (t < self.leave.t)
-
-
-def slope_of(ray: Ray, n: Vec3) -> Float[Array, "*batch"]:
-    """How fast a ray crosses a surface with the unit normal n."""
-    return jnp.abs(n.dot(ray.direction))

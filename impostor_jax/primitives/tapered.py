@@ -43,12 +43,8 @@ from impostor_jax.numerics import (
     smallest_slope,
 )
 from impostor_jax.primitives.sector import Sector
-from impostor_jax.primitives.stretch import End, Stretch, slope_of
-from impostor_jax.primitives.surface import (
-    facing,
-    hit_tangent,
-    within_range,
-)
+from impostor_jax.primitives.stretch import End, Stretch
+from impostor_jax.primitives.surface import facing, hit_tangent, within_range
 
 NUM_PARTS = 5
 WALL, LOW_CAP, HIGH_CAP, START_FACE, END_FACE = range(NUM_PARTS)
@@ -94,9 +90,7 @@ class _Bound(NamedTuple):
 
     def where(self, mask: Bool[Array, "*batch"], other: "_Bound") -> "_Bound":
         """Take this one where `mask` holds and the other elsewhere."""
-        return _Bound(
-            jnp.where(mask, self.at, other.at), jnp.where(mask, self.part, other.part)
-        )
+        return jax.tree.map(lambda x, y: jnp.where(mask, x, y), self, other)
 
 
 def tapered_hit(ray: Ray, body: Tapered) -> Hit:
@@ -123,7 +117,8 @@ def tapered_stretches(ray: Ray, body: Tapered) -> tuple[Stretch, ...] | None:
         at, part = bound
         n, _ = _gradient(near.at(jnp.where(jnp.isfinite(at), at, 0)), part, body)
         on_cap = (part == LOW_CAP) | (part == HIGH_CAP)
-        return End(foot + at, part, on_cap, slope_of(near, n.normalize()))
+        slope = jnp.abs(n.normalize().dot(near.direction))
+        return End(foot + at, part, on_cap, slope)
 
     found = [Stretch(end(enter), end(leave)) for enter, leave in _bounds(near, body)]
     return tuple(stretch.where(stretch.crosses & is_solid) for stretch in found)
@@ -170,7 +165,8 @@ def tapered_outline_gap(ray: Ray, body: Tapered) -> Numbers:
     ray meets the body where its largest value between the ends is not negative. That is
     where it is stationary, or at one of the ends.
     """
-    near, o_a, d_a = _near(ray, body)
+    near, _ = _near(ray, body)
+    o_a, d_a = near.origin.dot(body.axis), near.direction.dot(body.axis)
     e, p = (v - body.axis * v.dot(body.axis) for v in (near.direction, near.origin))
     rho, k = body.radius + body.slope * o_a, body.slope * d_a
     e_e = e.dot(e)
@@ -202,7 +198,8 @@ def tapered_rim_gap(ray: Ray, is_high: Bool[Array, "*batch"], body: Tapered) -> 
         is_high: Whether it is the rim of the high end.
         body: The body.
     """
-    near, o_a, d_a = _near(ray, body)
+    near, _ = _near(ray, body)
+    o_a, d_a = near.origin.dot(body.axis), near.direction.dot(body.axis)
     at_low, at_high = body.end_radii
     level = jnp.where(is_high, body.high, body.low)
     crosses = jnp.abs(d_a) > smallest_slope(d_a.dtype)
@@ -211,13 +208,11 @@ def tapered_rim_gap(ray: Ray, is_high: Bool[Array, "*batch"], body: Tapered) -> 
     return jnp.where(crosses, jnp.where(is_high, at_high, at_low) - out, 1)
 
 
-def _near(ray: Ray, body: Tapered) -> tuple[Ray, Numbers, Numbers]:
-    """The ray from near the body, and its origin and direction along the axis."""
-    a = body.axis
-    level = jnp.clip((ray.origin - body.anchor).dot(a), body.low, body.high)
+def _near(ray: Ray, body: Tapered) -> tuple[Ray, Numbers]:
+    """The ray from near the body, and the parameter that it starts from."""
+    level = jnp.clip((ray.origin - body.anchor).dot(body.axis), body.low, body.high)
     widest = jnp.maximum(*body.end_radii)
-    near, _ = ray.brought_near(body.anchor, body.anchor + a * level, widest)
-    return near, near.origin.dot(a), near.direction.dot(a)
+    return ray.brought_near(body.anchor, body.anchor + body.axis * level, widest)
 
 
 @jax.custom_jvp
@@ -248,8 +243,7 @@ def _near_solid(
     """The ray from near the body, and whether that has a size."""
     at_low, at_high = body.end_radii
     widest = jnp.maximum(at_low, at_high)
-    level = jnp.clip((ray.origin - body.anchor).dot(body.axis), body.low, body.high)
-    near, foot = ray.brought_near(body.anchor, body.anchor + body.axis * level, widest)
+    near, foot = _near(ray, body)
     # An end that is a point may be rounded to less than nothing.
     least = -eps(widest.dtype, 8) * widest
     is_solid = has_square(widest) & (jnp.minimum(at_low, at_high) >= least)

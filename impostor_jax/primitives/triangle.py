@@ -49,7 +49,7 @@ References:
 __all__ = ["Triangle", "is_thin"]
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -65,11 +65,9 @@ from impostor_jax.geometry.frames import RigidTransform
 from impostor_jax.geometry.hull import DiscHull
 from impostor_jax.geometry.rays import Hit, Ray
 from impostor_jax.geometry.vec3 import Vec3
-from impostor_jax.numerics import Numbers, eps, safe_divide
+from impostor_jax.numerics import Numbers, eps, first_largest, one_of_three, safe_divide
 from impostor_jax.primitives.base import AbstractPrimitive
 from impostor_jax.primitives.surface import facing, implicit_hit
-
-Values = TypeVar("Values")
 
 WIDTH = 8
 """How wide a corner is taken to be, in eps of its distance. The unit vectors to it and
@@ -222,19 +220,6 @@ def _edges(corners: Corners) -> tuple[tuple[Vec3, Vec3], ...]:
     return (a, b), (b, c), (c, a)
 
 
-def _first_of(values: Sequence[Numbers]) -> Int[Array, "*batch"]:
-    """Which of three is largest."""
-    x, y, z = values
-    return jnp.where(x >= jnp.maximum(y, z), 0, jnp.where(y >= z, 1, 2))
-
-
-def _of(which: Int[Array, "*batch"], values: tuple[Values, Values, Values]) -> Values:
-    """Take the first, second or third value."""
-    return jax.tree.map(
-        lambda x, y, z: jnp.where(which == 0, x, jnp.where(which == 1, y, z)), *values
-    )
-
-
 def _ends(values: Sequence[Numbers]) -> tuple[Numbers, Numbers]:
     """Smallest and largest of three."""
     x, y, z = values
@@ -260,10 +245,10 @@ def _plane(corners: Corners) -> _Plane:
     size = jnp.where(size > 0, size, 1)
     x, y, z = (edge * (1 / size) for edge in edges)
     squares = x.dot(x), y.dot(y), z.dot(z)
-    longest = _first_of(squares)
+    longest = first_largest(squares)
     # The two others, in the order of the corners.
-    area = _of(longest, (y, z, x)).cross(_of(longest, (z, x, y)))
-    held, square = jax.lax.stop_gradient((area.norm(), _of(longest, squares)))
+    area = one_of_three(longest, (y, z, x)).cross(one_of_three(longest, (z, x, y)))
+    held, square = jax.lax.stop_gradient((area.norm(), one_of_three(longest, squares)))
     height = size * safe_divide(held, jnp.sqrt(square))
     return _Plane(area.normalize(), height)
 
@@ -324,10 +309,12 @@ def _trace(ray: Ray, corners: Corners) -> tuple[Numbers, Int[Array, "*batch"]]:
             safe_divide(jnp.abs(turn), corner.distance)
             for turn, corner in zip(turns, seen, strict=True)
         ]
-        nearest = _first_of(parts)
+        nearest = first_largest(parts)
         n, height = _plane(corners)
         n_d = n.dot(ray.direction)
-        t = n.dot(_of(nearest, corners) - ray.origin) / jnp.where(n_d == 0, 1, n_d)
+        t = n.dot(one_of_three(nearest, corners) - ray.origin) / jnp.where(
+            n_d == 0, 1, n_d
+        )
         # Of a ray in the plane, to rounding, that may be anything.
         low, _ = _ends([corner.along - width * corner.distance for corner in seen])
         _, high = _ends([corner.along + width * corner.distance for corner in seen])
@@ -343,6 +330,6 @@ def _equation(
 ) -> tuple[Numbers, Float[Array, "*#batch"]]:
     """Of the plane, by the corner nearest to the point."""
     n, height = _plane(corners)
-    above = n.dot(point - _of(nearest, corners))
+    above = n.dot(point - one_of_three(nearest, corners))
     # A corner that moves turns the plane the more, the closer it is to an edge.
     return above, jnp.minimum(height * height, 1)
