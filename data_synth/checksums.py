@@ -26,7 +26,7 @@ from pathlib import Path
 
 from data_synth.manifest import Manifest
 from impostor_jax.io.atomic import write_text
-from impostor_jax.io.dataset import CHECKSUMS, SPLIT
+from impostor_jax.io.dataset_manifest import CHECKSUMS, SPLIT
 from impostor_jax.io.input_file import sha256_of
 
 MODEL_SUMS = f"{CHECKSUMS}/models.sha256"

@@ -25,7 +25,7 @@ from impostor_jax.io.atomic import (
     write_json,
     write_text,
 )
-from impostor_jax.io.dataset import MANIFEST, SPLIT
+from impostor_jax.io.dataset_manifest import MANIFEST, SPLIT
 from impostor_jax.sensor.base import noise_model
 from impostor_jax.workers import done_by, number_of_workers
 

@@ -11,7 +11,7 @@ from data_synth.preset import Preset
 from data_synth.sequence import check_can_move
 from impostor_jax.arguments import one_of, whole_number
 from impostor_jax.io.atomic import write_json
-from impostor_jax.io.dataset import (
+from impostor_jax.io.dataset_manifest import (
     CHECKSUMS,
     MANIFEST,
     MAX_IMAGES,

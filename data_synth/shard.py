@@ -30,7 +30,7 @@ from data_synth.label import (
 from data_synth.manifest import Manifest
 from impostor_jax.io.atomic import write_text
 from impostor_jax.io.color_image import srgb_levels
-from impostor_jax.io.dataset import MANIFEST
+from impostor_jax.io.dataset_manifest import MANIFEST
 from impostor_jax.io.depth_image import normal_colors, png_bytes
 from impostor_jax.io.run_lengths import rle_of_mask
 

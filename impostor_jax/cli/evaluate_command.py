@@ -7,6 +7,7 @@ import itertools
 import sys
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import tyro
 
@@ -80,12 +81,10 @@ class EvaluateCommand:
             fitted = shown(evaluate(images, sensor, self.erode_px, effort))
             outcomes = [outcome for some in fitted for outcome in some]
         if self.json is not None:
-            told = [dataclasses.asdict(outcome) for outcome in outcomes]
-            if score is None:
-                write_json(self.json, told)
-            else:
-                record = {"score": score_record(score), "outcomes": told}
-                write_json(self.json, record)
+            told: Any = [dataclasses.asdict(outcome) for outcome in outcomes]
+            if score is not None:
+                told = {"score": score_record(score), "outcomes": told}
+            write_json(self.json, told)
         parts = [] if score is None else [score_table(score)]
         if outcomes:
             parts.append(table(outcomes))

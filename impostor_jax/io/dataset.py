@@ -12,18 +12,7 @@ References:
     the documentation of bop_toolkit.
 """
 
-__all__ = [
-    "CHECKSUMS",
-    "MANIFEST",
-    "MAX_IMAGES",
-    "MAX_SHARDS",
-    "SPLIT",
-    "Dataset",
-    "read_dataset",
-    "read_manifest",
-    "sensor_of",
-    "shard_name",
-]
+__all__ = ["MANIFEST", "Dataset", "read_dataset", "read_manifest", "sensor_of"]
 
 import bisect
 import itertools
@@ -33,16 +22,7 @@ from typing import Any, NamedTuple, overload
 
 from typing_extensions import override
 
-from impostor_jax.io.dataset_manifest import (
-    CHECKSUMS,
-    MANIFEST,
-    MAX_IMAGES,
-    MAX_SHARDS,
-    SPLIT,
-    read_manifest,
-    shard_name,
-    shards_there,
-)
+from impostor_jax.io.dataset_manifest import MANIFEST, read_manifest, shards_there
 from impostor_jax.io.dataset_shard import LabeledImage, ShardArchive, ShardFolder
 from impostor_jax.io.sensor_record import sensor_from_record
 from impostor_jax.sensor.base import AbstractDepthNoise

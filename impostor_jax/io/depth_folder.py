@@ -137,12 +137,7 @@ def read_depth_folder(
 
 
 def _camera_of(shot: Shot, size: tuple[int, int]) -> PinholeCamera:
-    """The camera of a frame, as the folder has it.
-
-    Args:
-        shot: With intrinsics.
-        size: Rows and columns of its image.
-    """
+    """The camera of a frame with intrinsics; `size` is rows and columns."""
     assert shot.intrinsics is not None
     height, width = size
     try:

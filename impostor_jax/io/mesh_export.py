@@ -12,7 +12,7 @@ from impostor_jax.io.mesh_format import FORMATS, check_mesh_file
 from impostor_jax.io.mesh_solid import solid_surface
 from impostor_jax.io.mesh_surface import surface_of
 from impostor_jax.io.parts import members
-from impostor_jax.io.triangles import Triangles, joined
+from impostor_jax.io.triangles import Triangles
 from impostor_jax.primitives.base import AbstractPrimitive, not_a_shape
 from impostor_jax.primitives.plane import Plane
 from impostor_jax.primitives.solid import Solid
@@ -65,7 +65,9 @@ def to_mesh(
     if not is_concrete(shapes):
         raise ValueError("shape must have numbers to be a mesh, got a traced one")
     meshes = [mesh for one in shapes for mesh in _meshes_of(one, tolerance)]
-    return trimesh.Trimesh(*joined(meshes), process=False)
+    vertices, faces = zip(*meshes, strict=True)
+    joined = trimesh.util.append_faces(vertices, faces)
+    return trimesh.Trimesh(*joined, process=False)
 
 
 def _meshes_of(shape: AbstractPrimitive, tolerance: float) -> list[Triangles]:

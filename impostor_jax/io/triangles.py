@@ -7,13 +7,11 @@ __all__ = [
     "Triangles",
     "check_count",
     "compact",
-    "joined",
     "merged",
     "moved",
     "woven",
 ]
 
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -45,17 +43,6 @@ class Corners(NamedTuple):
 
     points: Points
     grid: Int[np.ndarray, "k n"]
-
-
-def joined(meshes: Sequence[Triangles]) -> Triangles:
-    """Several meshes as one, in order."""
-    first = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])
-    return Triangles(
-        np.concatenate([mesh.vertices for mesh in meshes]),
-        np.concatenate(
-            [mesh.faces + k for mesh, k in zip(meshes, first[:-1], strict=True)]
-        ),
-    )
 
 
 def check_count(count: float, tolerance: float) -> None:
