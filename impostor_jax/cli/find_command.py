@@ -12,12 +12,7 @@ import tyro
 
 from impostor_jax.cli.dials import Dials, EffortName, chosen_effort
 from impostor_jax.cli.ending import stream_beside
-from impostor_jax.cli.given import (
-    camera_of,
-    chosen_noise,
-    hints_on_stderr,
-    priors_of,
-)
+from impostor_jax.cli.given import camera_of, chosen_noise, hints_on_stderr, priors_of
 from impostor_jax.cli.inputs import (
     check_cloud,
     check_images,

@@ -13,12 +13,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import tyro
 
 from impostor_jax.cli.ending import stream_beside
-from impostor_jax.cli.given import (
-    chosen_noise,
-    hints_on_stderr,
-    images_of,
-    priors_of,
-)
+from impostor_jax.cli.given import chosen_noise, hints_on_stderr, images_of, priors_of
 from impostor_jax.cli.inputs import check_images, check_noise, check_video
 from impostor_jax.io.atomic import check_output_file
 from impostor_jax.plain_arguments import plain_number, whole_number

@@ -19,13 +19,7 @@ from pathlib import Path
 
 import numpy as np
 
-from impostor_jax.io.image_header import (
-    PNG,
-    TIFF,
-    ImageHeader,
-    plain_png,
-    read_header,
-)
+from impostor_jax.io.image_header import PNG, TIFF, ImageHeader, plain_png, read_header
 from impostor_jax.io.input_file import opened
 from impostor_jax.io.npy_file import check_npy_bytes, npy_header
 from impostor_jax.opencv import cv2

@@ -57,20 +57,10 @@ from impostor_jax.io.appearance_record import (
     material_record,
 )
 from impostor_jax.io.atomic import write_json
-from impostor_jax.io.camera_file import (
-    FiledCamera,
-    camera_from_record,
-    camera_record,
-)
-from impostor_jax.io.json_file import (
-    check_depth,
-)
+from impostor_jax.io.camera_file import FiledCamera, camera_from_record, camera_record
+from impostor_jax.io.json_file import check_depth
 from impostor_jax.io.parts import members
-from impostor_jax.io.scene_record import (
-    VERSION,
-    check_scene_record,
-    read_scene_record,
-)
+from impostor_jax.io.scene_record import VERSION, check_scene_record, read_scene_record
 from impostor_jax.io.shape_record import pose_rows, shape_from_record, shape_record
 from impostor_jax.primitives.base import AbstractPrimitive
 from impostor_jax.rendering.lights import AbstractLight

@@ -4,12 +4,7 @@ __all__ = ["bored_can", "many_solids", "single_solids"]
 
 import numpy as np
 
-from impostor_jax.parity.case import (
-    Case,
-    camera_on,
-    scattered_case,
-    scattered_places,
-)
+from impostor_jax.parity.case import Case, camera_on, scattered_case, scattered_places
 from impostor_jax.parity.flat_cases import random_heights, seen_pose
 from impostor_jax.primitives.base import AbstractPrimitive
 from impostor_jax.primitives.box import Box

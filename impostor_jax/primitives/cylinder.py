@@ -53,23 +53,13 @@ from impostor_jax.arguments import (
 from impostor_jax.compiling import computed_apart
 from impostor_jax.geometry.frames import Points, RigidTransform
 from impostor_jax.geometry.hull import DiscHull
-from impostor_jax.geometry.rays import (
-    Hit,
-    Interval,
-    Ray,
-    slab_interval,
-    wall_interval,
-)
+from impostor_jax.geometry.rays import Hit, Interval, Ray, slab_interval, wall_interval
 from impostor_jax.geometry.vec3 import Vec3, unit
 from impostor_jax.numerics import Numbers, has_square, safe_normalize, safe_sqrt
 from impostor_jax.primitives.base import AbstractPrimitive
 from impostor_jax.primitives.sector import sector, sector_fields, with_zero_turned
 from impostor_jax.primitives.stretch import End, Stretch
-from impostor_jax.primitives.surface import (
-    facing,
-    hit_tangent,
-    within_range,
-)
+from impostor_jax.primitives.surface import facing, hit_tangent, within_range
 from impostor_jax.primitives.tapered import (
     NUM_PARTS,
     Tapered,

@@ -29,13 +29,7 @@ from impostor_jax.arguments import float_array, is_concrete, one_of
 from impostor_jax.compiling import compiled
 from impostor_jax.geometry.frames import RigidTransform
 from impostor_jax.geometry.hull import DiscHull
-from impostor_jax.geometry.rays import (
-    Hit,
-    Interval,
-    Ray,
-    plane_interval,
-    slab_interval,
-)
+from impostor_jax.geometry.rays import Hit, Interval, Ray, plane_interval, slab_interval
 from impostor_jax.geometry.vec3 import Vec3
 from impostor_jax.numerics import Numbers, eps, safe_divide, safe_sqrt
 from impostor_jax.primitives.base import AbstractPrimitive, check_single

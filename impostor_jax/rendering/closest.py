@@ -25,13 +25,7 @@ from impostor_jax.device import is_processor
 from impostor_jax.geometry.rays import Ray
 from impostor_jax.geometry.vec3 import Vec3
 from impostor_jax.primitives.base import AbstractPrimitive
-from impostor_jax.rendering.blocks import (
-    Extent,
-    Pairs,
-    Tiling,
-    pairs_of,
-    rectangles_of,
-)
+from impostor_jax.rendering.blocks import Extent, Pairs, Tiling, pairs_of, rectangles_of
 from impostor_jax.rendering.clipping import Clipping
 from impostor_jax.rendering.follow import code_of, followed, normals_of, stride_of
 from impostor_jax.rendering.group import Group

@@ -32,13 +32,7 @@ from impostor_jax.geometry.rays import Ray
 from impostor_jax.geometry.vec3 import Vec3
 from impostor_jax.numerics import Numbers
 from impostor_jax.rendering.clipping import Clipping
-from impostor_jax.rendering.follow import (
-    Seen,
-    followed,
-    member_of,
-    normals_of,
-    of_seen,
-)
+from impostor_jax.rendering.follow import Seen, followed, member_of, normals_of, of_seen
 from impostor_jax.rendering.group import Group
 from impostor_jax.rendering.lights import AbstractLight, reflected
 from impostor_jax.rendering.material import Material
