@@ -19,7 +19,7 @@ __all__ = [
 
 import abc
 from collections.abc import Sequence
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -44,9 +44,15 @@ Intensity = Scalar | Float[Array, "3"]
 
 
 class AbstractLight(eqx.Module):
-    """A light; its intensity is what a white surface reflects that faces it."""
+    """A light.
+
+    Attributes:
+        intensity: What a white surface reflects that faces it.
+        is_near: Whether the way to it ends there.
+    """
 
     intensity: eqx.AbstractVar[Intensity]
+    is_near: eqx.AbstractClassVar[bool]
 
     @abc.abstractmethod
     def towards(self, point: Vec3) -> Vec3 | None:
@@ -54,11 +60,6 @@ class AbstractLight(eqx.Module):
 
         Of the length of the way to it, or of any length if it is endless.
         """
-
-    @property
-    @abc.abstractmethod
-    def is_near(self) -> bool:
-        """Whether the way to it ends there."""
 
     @abc.abstractmethod
     def strength(self, to_light: Vec3) -> Numbers | None:
@@ -81,6 +82,7 @@ class AmbientLight(AbstractLight):
     """
 
     intensity: Intensity
+    is_near: ClassVar[bool] = False
 
     def __init__(self, intensity: Any):
         self.intensity = _intensity(intensity)
@@ -88,11 +90,6 @@ class AmbientLight(AbstractLight):
     @override
     def towards(self, point: Vec3) -> None:
         return None
-
-    @property
-    @override
-    def is_near(self) -> bool:
-        return False
 
     @override
     def strength(self, to_light: Vec3) -> None:
@@ -116,6 +113,7 @@ class PointLight(AbstractLight):
     position: Points
     intensity: Intensity
     falloff: Literal["none", "inverse_square"] = eqx.field(static=True)
+    is_near: ClassVar[bool] = True
 
     def __init__(self, position: Any, intensity: Any, falloff: str = "none"):
         rounded = float_array("position", position, (3,), "meters")
@@ -128,11 +126,6 @@ class PointLight(AbstractLight):
     def towards(self, point: Vec3) -> Vec3:
         position = jnp.asarray(self.position, point.x.dtype)
         return Vec3.from_array(position) - point
-
-    @property
-    @override
-    def is_near(self) -> bool:
-        return True
 
     @override
     def strength(self, to_light: Vec3) -> Numbers | None:
@@ -156,6 +149,7 @@ class DirectionalLight(AbstractLight):
 
     direction: Float[Array, "3"]
     intensity: Intensity
+    is_near: ClassVar[bool] = False
 
     def __init__(self, direction: Any, intensity: Any):
         self.direction = float_array("direction", direction, (3,))
@@ -167,11 +161,6 @@ class DirectionalLight(AbstractLight):
         x, y, z = safe_normalize(self.direction.astype(point.x.dtype))
         one = jnp.ones_like(point.x)
         return Vec3(x * one, y * one, z * one)
-
-    @property
-    @override
-    def is_near(self) -> bool:
-        return False
 
     @override
     def strength(self, to_light: Vec3) -> None:
