@@ -52,7 +52,7 @@ class AbstractLight(eqx.Module):
     """
 
     intensity: eqx.AbstractVar[Intensity]
-    is_near: eqx.AbstractClassVar[bool]
+    is_near: ClassVar[bool]
 
     @abc.abstractmethod
     def towards(self, point: Vec3) -> Vec3 | None:
