@@ -9,7 +9,6 @@ const shown = { hidden: new Set(), points: true, colored: false, wires: true,
 const switchedOff = new Set();   // cylinders that a person does not want to see
 let view = new Orbit(scene.up, SLANT);
 let now = 0, asOf = -1, begun = null;  // image; that of the picture; start of playing, in s
-const element = (id) => document.getElementById(id);
 const bytes = (base64) => Uint8Array.from(atob(base64), (one) => one.charCodeAt(0));
 
 // A stage whose shapes and readings change from image to image.
@@ -261,19 +260,9 @@ function lookFromCamera() {
 }
 
 function listenToPanel() {
-  for (const name of ["points", "wires"]) {
-    element(name).onchange = ({ target }) => { shown[name] = target.checked; changed(); };
-  }
-  element("opacity").oninput = ({ target }) => {
-    shown.opacity = Number(target.value) / 100;
-    changed();
-  };
+  listenToControls(["points", "wires"], lookFromCamera, changed);
   element("image").oninput = ({ target }) => { play(false); show(Number(target.value)); };
   element("play").onclick = () => play(begun === null);
-  const looks = { back: () => view.goBack(), "as-camera": lookFromCamera };
-  for (const [id, look] of Object.entries(looks)) {
-    element(id).onclick = () => { look(); changed(); };
-  }
 }
 
 const title = () => {

@@ -25,7 +25,7 @@ function briefOf(shape) {
 }
 
 function listShapes() {
-  const list = document.getElementById("shapes");
+  const list = element("shapes");
   scene.shapes.forEach((shape, number) => {
     const state = stateOf(shape), drawn = shape.drawn !== null;
     const swatch = made("span", { className: drawn ? "swatch" : "swatch none" });
@@ -51,7 +51,7 @@ function choose(number) {
   document.querySelectorAll("#shapes button").forEach((button, k) => {
     button.ariaPressed = String(k === number);
   });
-  const place = document.getElementById("chosen");
+  const place = element("chosen");
   place.replaceChildren();
   if (number !== null) {
     const shape = scene.shapes[number], state = stateOf(shape);
@@ -73,7 +73,7 @@ function chooseNext() {
 }
 
 function showPictures() {
-  const place = document.getElementById("pictures");
+  const place = element("pictures");
   for (const { size: [width, height], picture, outlines } of scene.views) {
     const box = svg("svg", { viewBox: `-0.5 -0.5 ${width} ${height}`, role: "img",
                              "aria-label": "Depth image with the fitted outlines" });
@@ -100,10 +100,10 @@ function showOutlines() {
 }
 
 function showLegend() {
-  document.getElementById("legend").hidden =
+  element("legend").hidden =
     !(shown.points && shown.colored && scene.shapes.some(({ drawn }) => drawn));
-  document.getElementById("bar").style.background = `linear-gradient(to right, ${RESIDUALS})`;
-  const [low, , high] = document.getElementById("ticks").children;
+  element("bar").style.background = `linear-gradient(to right, ${RESIDUALS})`;
+  const [low, , high] = element("ticks").children;
   const limit = (1e3 * scene.limit).toPrecision(DIGITS);
   [low.textContent, high.textContent] = [`−${limit}`, `+${limit}`];
 }
@@ -111,36 +111,25 @@ function showLegend() {
 // What failed is told where nobody overlooks it.
 function warn() {
   const failed = scene.shapes.filter(({ drawn }) => !drawn);
-  const alert = document.getElementById("alert");
+  const alert = element("alert");
   alert.hidden = !failed.length;
   alert.textContent = failed.map(({ name, status, notes }) =>
     `${name}: the fit failed (${status}), there is no shape. ${notes[0]}`).join("\n");
 }
 
 function listenToPanel() {
-  for (const name of ["points", "colored", "wires"]) {
-    document.getElementById(name).onchange = ({ target }) => {
-      shown[name] = target.checked;
-      showLegend();
-      changed();
-    };
-  }
-  document.getElementById("times").onchange = ({ target }) => {
+  listenToControls(["points", "colored", "wires"], lookFromCamera, () => {
+    showLegend();
+    changed();
+  });
+  element("times").onchange = ({ target }) => {
     shown.times = Number(target.value) * scene.deviations;
     changed();
   };
-  document.getElementById("opacity").oninput = ({ target }) => {
-    shown.opacity = Number(target.value) / 100;
-    changed();
-  };
-  const looks = { back: () => view.goBack(), "as-camera": lookFromCamera };
-  for (const [id, look] of Object.entries(looks)) {
-    document.getElementById(id).onclick = () => { look(); changed(); };
-  }
 }
 
 function begin() {
-  document.getElementById("title").textContent = title();
+  element("title").textContent = title();
   document.title = title();
   listShapes();
   showPictures();

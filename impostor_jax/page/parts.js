@@ -2,8 +2,9 @@
 // What the pages of fits and of tracks share beside the stage: `stage`, `view` and `shown` are
 // the page's own.
 
-const scene = JSON.parse(document.getElementById("scene").textContent);
-const [canvas, note] = ["view", "note"].map((id) => document.getElementById(id));
+const element = (id) => document.getElementById(id);
+const scene = JSON.parse(element("scene").textContent);
+const [canvas, note] = [element("view"), element("note")];
 const SLANT = { yaw: -0.45, pitch: -0.25 };  // of the first view: beside the camera's
 let stage = null, asked = 0;
 
@@ -43,6 +44,21 @@ function lookFrom(place) {
   const away = DISTANCE * scene.radius, zoom = Math.max(-place[2] / away, 1 / FARTHEST);
   Object.assign(view, { yaw: 0, pitch: 0, zoom,
                         shift: place.map((x, k) => x + zoom * away * FORWARD[k]) });
+}
+
+// The controls that the pages share; after a switch, `switched` is called.
+function listenToControls(switches, lookFromCamera, switched) {
+  for (const name of switches) {
+    element(name).onchange = ({ target }) => { shown[name] = target.checked; switched(); };
+  }
+  element("opacity").oninput = ({ target }) => {
+    shown.opacity = Number(target.value) / 100;
+    changed();
+  };
+  const looks = { back: () => view.goBack(), "as-camera": lookFromCamera };
+  for (const [id, look] of Object.entries(looks)) {
+    element(id).onclick = () => { look(); changed(); };
+  }
 }
 
 function listenToHands(choose, keys) {
