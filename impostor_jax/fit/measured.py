@@ -246,7 +246,8 @@ def _measured(
     if not own_levels[1]:
         return None
     step = _step(depth[own]) / middle**2
-    white = max(math.sqrt(_least(own_levels[1])), step / math.sqrt(12))
+    # Along the axis along which the surface bends less.
+    white = max(math.sqrt(min(own_levels[1])), step / math.sqrt(12))
     if not white * middle > LEAST:
         return None
     if not isinstance(camera, PinholeCamera):
@@ -272,7 +273,7 @@ def _measured(
     if not (around.is_filtered or around.smooth > 0):
         return _white(white * middle**2)
     far = _variances(inverse, own, FAR, 3) or _variances(inverse, own, NEAR, 3)
-    total = max(white, math.sqrt(_least(far))) if far else white
+    total = max(white, math.sqrt(min(far))) if far else white
     bands = around.smooth or max(BANDS, total)
     noise = _matching(total, bands, camera, around.is_fine)
     reach = noise.bias.window_reach
@@ -418,11 +419,6 @@ def _clipped(values: Float[np.ndarray, " n"]) -> float:
         most = CLIP**2 * variance
         variance = float(np.mean(np.minimum(squares, most))) / CLIPPED
     return variance
-
-
-def _least(levels: Sequence[float]) -> float:
-    """The variance along the axis along which a surface bends less."""
-    return min(levels)
 
 
 def _is_filtered(levels: dict[int, list[float]], step: float) -> bool:
