@@ -131,11 +131,16 @@ def assess(problem: Problem, solution: Solution, correlated: bool) -> Assessment
     agrees = _agrees(problem, body, told, on, errors, rms, chi2, correlated)
     is_possible = _has_size(problem, body, told) & ~_is_as_flat(problem, told, on)
     finite = are_numbers(body, std, budget, covariance, chi2, errors.border_chi2)
-    code = _status_code(
-        converged=solution.converged,
-        finite=solution.finite & finite,
-        fits=agrees,
-        determined=is_possible & is_known,
+    determined = is_possible & is_known
+    # The steps of a radius that readings leave open grow for ever.
+    is_open = agrees & ~determined
+    code = code_of_first(
+        {
+            FitStatus.NOT_FINITE: ~(solution.finite & finite),
+            FitStatus.STEP_LIMIT: ~solution.converged & ~is_open,
+            FitStatus.POOR_FIT: ~agrees,
+            FitStatus.UNDETERMINED: ~determined,
+        }
     )
     success = code == STATUSES.index(FitStatus.CONVERGED)
     num_free = jnp.sum(jnp.any(settings.free != 0, axis=0)).astype(chi2.dtype)
@@ -250,24 +255,6 @@ def _is_filled(told: Compared, on: Inliers) -> Bool[Array, ""]:
     off = (seen.depth - depth) * readings.terms.weight > 4 * on.spread
     count, total = (jnp.sum(x, dtype=depth.dtype) for x in (within & off, within))
     return count > MOST_FILLED * total
-
-
-def _status_code(
-    converged: Bool[Array, ""],
-    finite: Bool[Array, ""],
-    fits: Bool[Array, ""],
-    determined: Bool[Array, ""],
-) -> Int[Array, ""]:
-    """Code of the first thing that went wrong."""
-    # The steps of a radius that readings leave open grow for ever.
-    is_open = fits & ~determined
-    wrong = {
-        FitStatus.NOT_FINITE: ~finite,
-        FitStatus.STEP_LIMIT: ~converged & ~is_open,
-        FitStatus.POOR_FIT: ~fits,
-        FitStatus.UNDETERMINED: ~determined,
-    }
-    return code_of_first(wrong)
 
 
 def _is_as_flat(problem: Problem, told: Compared, on: Inliers) -> Bool[Array, ""]:

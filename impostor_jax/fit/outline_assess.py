@@ -14,7 +14,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Bool, Float
 
 from impostor_jax.fit.across import exact_rays
 from impostor_jax.fit.agreement import reduced_chi2, tail
@@ -144,7 +144,14 @@ def assess_outline(problem: OutlineProblem, found: Traced) -> Assessment:
         # What may be as thin as a coin, or the end of anything, shows no wall.
         is_known &= places.wall_seen
         is_known &= (told["height"] > LEAST_HEIGHT * height) | ~jnp.isfinite(height)
-    code = _status_code(finite, found.converged, agrees, is_known)
+    code = code_of_first(
+        {
+            FitStatus.NOT_FINITE: ~finite,
+            FitStatus.POOR_FIT: ~agrees,
+            FitStatus.UNDETERMINED: ~is_known,
+            FitStatus.STEP_LIMIT: ~found.converged,
+        }
+    )
     success = code == STATUSES.index(FitStatus.CONVERGED)
     # Of what is left open all that is known is told.
     is_told = success | (code == STATUSES.index(FitStatus.UNDETERMINED))
@@ -208,13 +215,11 @@ class _Agreement(NamedTuple):
         near: Pixels whose coverage is within three deviations.
         total: Number of those that the outline crosses.
         squares: Sum of the squares of what these are off, in deviations.
-        spread: Robust standard deviation of what all are off, at least 1.
     """
 
     near: Bool[Array, " n"]
     total: Float[Array, ""]
     squares: Float[Array, ""]
-    spread: Float[Array, ""]
 
     @property
     def chi2(self) -> Float[Array, ""]:
@@ -231,14 +236,12 @@ def _agreement(
     off: Float[Array, " n"], slope: Float[Array, "n c"], is_pixel: Bool[Array, " n"]
 ) -> _Agreement:
     crossed = is_pixel & jnp.any(slope != 0, axis=1)
-    spread = spread_of(off, crossed)
-    near = is_pixel & (jnp.abs(off) <= 3 * spread)
+    near = is_pixel & (jnp.abs(off) <= 3 * spread_of(off, crossed))
     inlier = crossed & near
     return _Agreement(
         near=near,
         total=jnp.maximum(jnp.sum(inlier), 1).astype(off.dtype),
         squares=jnp.sum(jnp.where(inlier, off, 0) ** 2),
-        spread=spread,
     )
 
 
@@ -387,19 +390,3 @@ def _of_edge(problem: OutlineProblem, edge: _Edge) -> Float[Array, "k k"]:
     pull = edge.pull(thins**2) * (problem.edge_sigma / problem.sigma**2)
     of_all = jnp.sum(pull, axis=0)
     return product(pull.T, pull) + of_all[:, None] * of_all[None]
-
-
-def _status_code(
-    finite: Bool[Array, ""],
-    converged: Bool[Array, ""],
-    agrees: Bool[Array, ""],
-    determined: Bool[Array, ""],
-) -> Int[Array, ""]:
-    """Code of the first thing that went wrong."""
-    wrong = {
-        FitStatus.NOT_FINITE: ~finite,
-        FitStatus.POOR_FIT: ~agrees,
-        FitStatus.UNDETERMINED: ~determined,
-        FitStatus.STEP_LIMIT: ~converged,
-    }
-    return code_of_first(wrong)
