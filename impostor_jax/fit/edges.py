@@ -17,7 +17,7 @@ from jaxtyping import Array, Bool
 
 from impostor_jax.camera.ray_table import Sight
 from impostor_jax.effort import MIN_READINGS
-from impostor_jax.fit.regions import jump_reach
+from impostor_jax.fit.regions import STEEP, jump_parts
 from impostor_jax.fit.request import DepthImage, Mask
 from impostor_jax.fit.surface import cropped
 from impostor_jax.sensor.base import AbstractDepthNoise
@@ -144,7 +144,8 @@ def _at_jumps(
 ) -> Marks:
     """Pixels with a neighbor along a row or column on another surface, or in a hole."""
     has = depth > 0
-    reach = jump_reach(depth, camera, noise, xp)
+    noisy, width = jump_parts(depth, camera, noise, xp)
+    reach = noisy + STEEP * width
     # The hole of a pixel or two is a reading that is missing.
     is_hole = ~_closed(has, xp)
 

@@ -9,7 +9,6 @@ __all__ = [
     "DepthUnitsWarning",
     "chosen_pixels",
     "jump_parts",
-    "jump_reach",
     "most_readings",
     "pixel_indices",
     "places_for",
@@ -112,17 +111,6 @@ def sigma_face_on(
 ) -> Float[Array, "*batch"]:
     """Standard deviation of readings of a surface that rays meet at a right angle."""
     return noise.sigma(depth, jnp.ones_like(depth))
-
-
-def jump_reach(
-    depth: Image, camera: Sight, noise: AbstractDepthNoise, xp: ModuleType
-) -> Image:
-    """By how much neighbors of readings may differ that show the same surface.
-
-    The arguments are of the next.
-    """
-    noisy, width = jump_parts(depth, camera, noise, xp)
-    return noisy + STEEP * width
 
 
 def jump_parts(
