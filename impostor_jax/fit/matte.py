@@ -23,7 +23,7 @@ from jaxtyping import Bool, Float, Int
 from impostor_jax.arguments import bounded_number, real_number, unmasked
 from impostor_jax.camera.pinhole import PinholeCamera
 from impostor_jax.camera.ray_table import has_rays
-from impostor_jax.fit.regions import small_holes
+from impostor_jax.fit.regions import CROSS, SQUARE, small_holes
 from impostor_jax.fit.request import TooFewReadingsError, checked_mask
 from impostor_jax.opencv import cv2
 
@@ -39,10 +39,6 @@ nothing: masks that are a pixel too wide are common."""
 
 FEWEST_PLACES = 20
 """Of an edge, that a fit needs."""
-
-SQUARE = np.ones((3, 3), np.uint8)
-CROSS = np.array([[0, 1, 0], [1, 1, 1], [0, 1, 0]], np.uint8)
-"""A pixel and its eight neighbors, or four."""
 
 
 @dataclasses.dataclass(frozen=True)

@@ -2,6 +2,7 @@
 
 __all__ = [
     "BUCKETS",
+    "CROSS",
     "GENTLE",
     "NOISY",
     "SQUARE",
@@ -77,7 +78,8 @@ NODES = 256
 Image = Float[Array, "*shape"] | Float[np.ndarray, "*shape"]
 
 SQUARE = np.ones((3, 3), np.uint8)
-"""A pixel and its eight neighbors."""
+CROSS = cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3))
+"""A pixel and its eight neighbors, or four."""
 
 
 def typical_sigma(

@@ -21,7 +21,14 @@ from impostor_jax.fit.body import AbstractBody
 from impostor_jax.fit.gather import ray_list
 from impostor_jax.fit.per_pixel import law_of
 from impostor_jax.fit.problem import RayList, sigma_of
-from impostor_jax.fit.regions import GENTLE, SQUARE, STEEP, jump_parts, pixel_indices
+from impostor_jax.fit.regions import (
+    CROSS,
+    GENTLE,
+    SQUARE,
+    STEEP,
+    jump_parts,
+    pixel_indices,
+)
 from impostor_jax.fit.seen import Seen
 from impostor_jax.fit.surface import cropped
 from impostor_jax.opencv import cv2
@@ -46,8 +53,6 @@ MOST = 6
 FARTHER = 4.0
 """Sizes of a body up to which it may go on where its end is not seen: no side of a box
 is longer than three."""
-
-CROSS = cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3))
 
 AROUND = np.array([(k, j) for k in (-1, 0, 1) for j in (-1, 0, 1) if k or j]).T
 """Rows down and columns right to a pixel's neighbors."""
