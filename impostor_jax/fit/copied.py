@@ -8,9 +8,7 @@ so noisy, that values change by several steps of the rounding to both sides, har
 two are equal.
 """
 
-__all__ = ["copies_along", "counted_copies"]
-
-from collections.abc import Sequence
+__all__ = ["copies_along", "with_copies"]
 
 import jax.numpy as jnp
 import numpy as np
@@ -47,16 +45,8 @@ MOST_PIXELS = 1 << 13
 """Pixels that are looked at, in the middle rows of a region, which takes 0.7 ms."""
 
 
-def counted_copies(seen: Sequence[Seen]) -> list[Seen]:
-    """The same, with what copies err by in the noise of the images that hold any.
-
-    Args:
-        seen: An object in each of its images.
-    """
-    return [_counted(one) for one in seen]
-
-
-def _counted(seen: Seen) -> Seen:
+def with_copies(seen: Seen) -> Seen:
+    """An object in an image, with what copies err by in its noise if it holds any."""
     if seen.noise.bias.lean is not None:
         # The caller says so.
         return seen

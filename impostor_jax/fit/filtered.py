@@ -123,9 +123,8 @@ def _neighbors_err_alike(fit: Fit, seen: Sequence[Seen]) -> bool:
     count = products = squares = 0.0
     for told in fit.pixelwise:
         residual, is_on = _around(told)
-        for axis in (0, 1):
-            first = np.s_[:-1, :] if axis == 0 else np.s_[:, :-1]
-            second = np.s_[1:, :] if axis == 0 else np.s_[:, 1:]
+        pairs = (np.s_[:-1], np.s_[1:]), (np.s_[:, :-1], np.s_[:, 1:])
+        for first, second in pairs:
             both = is_on[first] & is_on[second]
             one, other = residual[first][both], residual[second][both]
             count += len(one)

@@ -75,11 +75,8 @@ class Matte:
         and rows, of less than a pixel.
         """
         found = []
-        pairs = {
-            (0, 1): (np.s_[:, :-1], np.s_[:, 1:]),
-            (1, 0): (np.s_[:-1], np.s_[1:]),
-        }
-        for (down, right), (first, second) in pairs.items():
+        pairs = (0, 1, np.s_[:, :-1], np.s_[:, 1:]), (1, 0, np.s_[:-1], np.s_[1:])
+        for down, right, first, second in pairs:
             low, high = self.covered[first], self.covered[second]
             crosses = (low >= 0.5) != (high >= 0.5)
             row, col = np.nonzero(crosses & self.sees[first] & self.sees[second])

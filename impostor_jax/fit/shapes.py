@@ -21,7 +21,7 @@ from impostor_jax.effort import MIN_READINGS, Effort
 from impostor_jax.fit.assess import Assessment
 from impostor_jax.fit.body import AbstractBody
 from impostor_jax.fit.border import fit_of_one_surface
-from impostor_jax.fit.copied import counted_copies
+from impostor_jax.fit.copied import with_copies
 from impostor_jax.fit.edges import without_edges
 from impostor_jax.fit.far import fitted_near
 from impostor_jax.fit.filtered import less_noise, shared_errors
@@ -133,7 +133,7 @@ def fit_shape(
         ]
 
         if places is None:
-            seen = counted_copies(seen)
+            seen = [with_copies(one) for one in seen]
         correlated = any(options.correlated(one.noise) for one in seen)
 
         also = effort, correlated, rounding, in_search
