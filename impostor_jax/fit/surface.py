@@ -92,18 +92,10 @@ def cropped(region: Bool[np.ndarray, "h w"], margin: int = 0) -> tuple[slice, sl
     ]
 
 
-class _Straight(NamedTuple):
-    """A region of an image as a camera without a lens sees it.
-
-    Attributes:
-        depth: In meters; 0 where there is no reading.
-        region: Pixels of the object.
-        matrix: Of the camera.
-    """
-
-    depth: Float[np.ndarray, "h w"]
-    region: Bool[np.ndarray, "h w"]
-    matrix: Float[np.ndarray, "3 3"]
+_Straight = tuple[
+    Float[np.ndarray, "h2 w2"], Bool[np.ndarray, "h2 w2"], Float[np.ndarray, "3 3"]
+]
+"""Depth and region as a camera without a lens sees them, and the camera's matrix."""
 
 
 def _straight(
@@ -115,7 +107,7 @@ def _straight(
     # From the class: of an instance Equinox copies a method's fields, in 60 us.
     matrix = PinholeCamera.matrix(camera)
     if camera.distortion is None:
-        return _Straight(depth, region, matrix)
+        return depth, region, matrix
     size = camera.width, camera.height
     coefficients = np.asarray(camera.distortion, dtype=np.float64)
     module = cv2.fisheye if camera.fisheye else cv2
@@ -124,7 +116,7 @@ def _straight(
     )
     seen = np.where(region, depth, 0).astype(np.float32)
     straight = cv2.remap(seen, *maps, cv2.INTER_NEAREST)
-    return _Straight(straight, straight > 0, matrix)
+    return straight, straight > 0, matrix
 
 
 def _of_rays(
@@ -133,7 +125,7 @@ def _of_rays(
     """The image of a pinhole camera, about as fine, that sees the same points."""
     used = region & (depth > 0)
     if not used.any():
-        return _Straight(depth, used, np.eye(3))
+        return depth, used, np.eye(3)
     x, y, z = (np.asarray(part)[used] for part in (camera.x, camera.y, depth))
     x, y = x * z, y * z
     if camera.start is not None:
@@ -149,7 +141,7 @@ def _of_rays(
     image[row[order], col[order]] = z[order]
     matrix = np.diag([focal, focal, 1.0])
     matrix[:2, 2] = -focal * x.min(), -focal * y.min()
-    return _Straight(image, image > 0, matrix)
+    return image, image > 0, matrix
 
 
 def samples_of(
