@@ -233,14 +233,19 @@ class TubeBody(AbstractBody):
 
         That of the logarithm of a radius is as its square.
         """
-        *moves, in_radius, lower, upper = self.outer.of_reading(
-            passing, alpha, beta, on_cap
-        )
+        told = self.outer.of_reading(passing, alpha, beta, on_cap)
+        return self._by_own_radius(told, passing.within)
+
+    def _by_own_radius(
+        self, of_outer: list[Numbers], is_bore: Bool[Array, "*batch"]
+    ) -> list[Numbers]:
+        """Derivatives of the outer cylinder, with that in the radius of the wall."""
+        *moves, in_radius, lower, upper = of_outer
         ratio = self.inner_radius / self.radius
         return [
             *moves,
-            jnp.where(passing.within, 0, in_radius),
-            jnp.where(passing.within, in_radius * ratio * ratio, 0),
+            jnp.where(is_bore, 0, in_radius),
+            jnp.where(is_bore, in_radius * ratio * ratio, 0),
             lower,
             upper,
         ]
@@ -306,15 +311,7 @@ class TubeBody(AbstractBody):
             half_slope=jnp.where(takes_outer, slope, passing.half_slope),
         )
         error, gradient = self.outer.of_end(seen, end, side)
-        *moves, in_radius, lower, upper = gradient
-        ratio = self.inner_radius / self.radius
-        found = [
-            *moves,
-            jnp.where(of_wall, 0, in_radius),
-            jnp.where(of_wall, in_radius * ratio * ratio, 0),
-            lower,
-            upper,
-        ]
+        found = self._by_own_radius(gradient, of_wall)
         o, d = passing.local.origin, passing.local.direction
         parallel = jnp.abs(d.z) < smallest_slope(d.z.dtype)
         per_step = jnp.where(parallel, 0, 1 / jnp.where(parallel, 1, d.z))
