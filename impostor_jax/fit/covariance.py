@@ -21,7 +21,7 @@ from impostor_jax.fit.agreement import contradiction, strays
 from impostor_jax.fit.between_views import DOUBTED, BetweenViews, between_views
 from impostor_jax.fit.body import AbstractBody, Readout
 from impostor_jax.fit.evidence import Terms, joined_readings, readings_of
-from impostor_jax.fit.form import Departures, Form, departures_of, no_form
+from impostor_jax.fit.form import Form, departures_of, no_form
 from impostor_jax.fit.inliers import MIN_END_TERMS, Compared, Inliers
 from impostor_jax.fit.prior import prior_residuals, scale_left
 from impostor_jax.fit.problem import Problem
@@ -152,9 +152,12 @@ def uncertainty_of(
     views, into, terms = problem.views, free.into, told.readings.terms
     alone = _independent(problem, told, on, free)
     root, independent, variance = alone.root, alone.covariance, on.variance
-    rests, between = {"all": on.whitened}, None
-    departures = _departures(estimate, told, on, into, root, alone.pull)
-    if departures is not None:
+    rests, departures, between = {"all": on.whitened}, None, None
+    swelling = estimate.swelling(terms.gradient)
+    if swelling is not None:
+        counts = on.tells & ~told.readings.passing.on_cap
+        given = into, root, alone.pull, variance
+        departures = departures_of(terms.augmented, swelling, counts, *given)
         rests["form"] = jnp.where(on.inlier, departures.residual, 0)
     if not problem.is_single:
         # A wall that departs is seen otherwise from each side.
@@ -304,24 +307,6 @@ def _products(
     """Products of some terms of Jacobian and residual, in free coordinates."""
     some = jnp.where(counts[None], terms.augmented, 0)
     return in_coordinates(product(some, some.T), into)
-
-
-def _departures(
-    estimate: AbstractBody,
-    told: Compared,
-    on: Inliers,
-    into: Float[Array, "c t"],
-    root: Float[Array, "c c"],
-    pull: Float[Array, " c"],
-) -> Departures | None:
-    """How the wall departs from its shape; None of a body without one about an axis."""
-    terms = told.readings.terms
-    swelling = estimate.swelling(terms.gradient)
-    if swelling is None:
-        return None
-    counts = on.tells & ~told.readings.passing.on_cap
-    given = into, root, pull, on.variance
-    return departures_of(terms.augmented, swelling, counts, *given)
 
 
 def _of_neighbors(
