@@ -267,8 +267,7 @@ def _is_as_flat(problem: Problem, told: Compared, on: Inliers) -> Bool[Array, ""
     depth, inlier = told.depth, on.inlier
     inverse = jnp.where(inlier, 1 / jnp.where(inlier, depth, 1), 0)
     weight = jnp.where(inlier, told.readings.terms.weight * depth, 0)
-    towards = [_towards(view) for view in problem.views]
-    towards = towards[0] if problem.is_single else jnp.concatenate(towards, axis=1)
+    towards = jnp.concatenate([_towards(view) for view in problem.views], axis=1)
     rays = towards * (weight * depth)[None]
     normal = product(rays, rays.T)
     right = product(rays, weight * depth * inverse)

@@ -535,8 +535,6 @@ def joined_terms(
         views: The views.
         body: In the frame of the first.
     """
-    if len(terms) == 1:
-        return terms[0]
     told = [
         eqx.tree_at(lambda t: t.augmented, own, view.told(own.augmented, body))
         for own, view in zip(terms, views, strict=True)

@@ -72,9 +72,9 @@ def compared(problem: Problem, body: AbstractBody) -> Compared:
         of_views=of_views,
         readings=joined_readings(of_views, views, body),
         edges=joined_terms(edges, views, body),
-        depth=_of_all([view.pixels.depth for view in views]),
-        length=_of_all([view.pixels.length for view in views]),
-        beside=_of_all([view.beside for view in views]),
+        depth=jnp.concatenate([view.pixels.depth for view in views]),
+        length=jnp.concatenate([view.pixels.length for view in views]),
+        beside=jnp.concatenate([view.beside for view in views]),
     )
 
 
@@ -153,8 +153,3 @@ def inliers_of(told: Compared, body: AbstractBody, unit: Float[Array, ""]) -> In
         reach=jnp.max(outward, axis=1, initial=-jnp.inf),
         num_telling=num_telling,
     )
-
-
-def _of_all(parts: Sequence[Array]) -> Array:
-    """Values of all views, one after the other."""
-    return parts[0] if len(parts) == 1 else jnp.concatenate(parts)
