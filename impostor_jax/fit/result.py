@@ -520,8 +520,7 @@ class Fit(eqx.Module):
         several = len(self.pixelwise) > 1
         if self.chi2 >= NOTED_TIMES**2 and self._is_weighed:
             posed = ", or a pose is" if several else ""
-            told = f"{self._residuals}: the shape or sigma is wrong{posed}."
-            return as_sentence(told)
+            return as_sentence(f"{self._residuals}: the shape or sigma is wrong{posed}.")
         if self.source == "outline":
             return EDGE
         if 2 * self.num_inliers < int(self.num_pixels):
@@ -548,13 +547,14 @@ class Fit(eqx.Module):
 
     def failed(self, status: FitStatus) -> "Fit":
         """The same estimate as a failure, with infinite standard deviations."""
+        std, budget = jax.tree.map(
+            lambda x: jnp.full_like(x, jnp.inf), (self.std, self.std_budget)
+        )
         return self.having(
             success=jnp.zeros_like(self.success),
             status_code=jnp.full_like(self.status_code, STATUSES.index(status)),
-            std=jax.tree.map(lambda x: jnp.full_like(x, jnp.inf), self.std),
-            std_budget=jax.tree.map(
-                lambda x: jnp.full_like(x, jnp.inf), self.std_budget
-            ),
+            std=std,
+            std_budget=budget,
         )
 
     def noting(self, **facts: Any) -> "Fit":
@@ -607,12 +607,9 @@ class Fit(eqx.Module):
                 "that was traced or stacked does not hold its camera, nor one of too "
                 "few readings; multiply fit.pose by the camera's camera_from_world"
             )
-        cameras = self.asked.arguments["camera"]
+        cameras = each_of(self.asked.arguments["camera"])
         return of_images(
-            [
-                pose_from_camera(self.pose, camera.camera_from_world)
-                for camera in each_of(cameras)
-            ]
+            [pose_from_camera(self.pose, one.camera_from_world) for one in cameras]
         )
 
     def to_dict(
@@ -653,9 +650,8 @@ class Fit(eqx.Module):
         if not self.is_shape:
             return head
         rms = (
-            f"  rms     {millimeters(self.rms)} mm over "
-            f"{self.num_inliers} inliers, chi-squared "
-            f"{float(self.chi2):.2f}"
+            f"  rms     {millimeters(self.rms)} mm over {self.num_inliers} inliers, "
+            f"chi-squared {float(self.chi2):.2f}"
         )
         told = [line(name, *values) for name, values in self.told.items()]
         lines = [head, *told, rms, *self._alternatives_told()]
@@ -671,7 +667,7 @@ class Fit(eqx.Module):
                 f"  Readings err by {millimeters(self.across.deviation)} mm across "
                 "their rays."
             )
-        if self.form.departs and self.is_shape:
+        if self.form.departs:
             lines.append(f"  The wall departs: {self.form}; std allows for it.")
         if self.asked.is_thinned:
             which = (
