@@ -130,13 +130,15 @@ def assess(problem: Problem, solution: Solution, correlated: bool) -> Assessment
     chi2 = reduced_chi2(on.squares, on.num_inliers)
     agrees = _agrees(problem, body, told, on, errors, rms, chi2, correlated)
     is_possible = _has_size(problem, body, told) & ~_is_as_flat(problem, told, on)
-    finite = are_numbers(body, std, budget, covariance, chi2, errors.border_chi2)
+    finite = solution.finite & are_numbers(
+        body, std, budget, covariance, chi2, errors.border_chi2
+    )
     determined = is_possible & is_known
     # The steps of a radius that readings leave open grow for ever.
     is_open = agrees & ~determined
     code = code_of_first(
         {
-            FitStatus.NOT_FINITE: ~(solution.finite & finite),
+            FitStatus.NOT_FINITE: ~finite,
             FitStatus.STEP_LIMIT: ~solution.converged & ~is_open,
             FitStatus.POOR_FIT: ~agrees,
             FitStatus.UNDETERMINED: ~determined,

@@ -156,7 +156,7 @@ def uncertainty_of(
     swelling = estimate.swelling(terms.gradient)
     if swelling is not None:
         counts = on.tells & ~told.readings.passing.on_cap
-        given = into, root, alone.pull, variance
+        given = into, root, alone.pull, on.variance
         departures = departures_of(terms.augmented, swelling, counts, *given)
         rests["form"] = jnp.where(on.inlier, departures.residual, 0)
     if not problem.is_single:
@@ -314,13 +314,7 @@ def _of_neighbors(
     gradient: Float[Array, "c n"],
     rests: dict[str, Float[Array, " n"]],
 ) -> dict[str, Float[Array, "c c"]]:
-    """Covariance of what correlated residuals pull by, by the name of these.
-
-    Args:
-        problem: What was given.
-        gradient: Of the readings, whitened.
-        rests: What several explanations leave of the readings' residuals.
-    """
+    """Covariance of what correlated `rests` of residuals pull by, by their names."""
     slopes = problem.apart(gradient)
     left = problem.apart(jnp.stack([*rests.values()]))
     of_readings = [
@@ -377,12 +371,7 @@ def _of_bias(
 def _wider(
     root: Float[Array, "c c"], independent: Float[Array, "c c"]
 ) -> Float[Array, ""]:
-    """Mean factor on variances, at least 1.
-
-    Args:
-        root: Of the covariance.
-        independent: Covariance if all readings err by themselves.
-    """
+    """Mean factor on variances beside those of `independent` readings, at least 1."""
     variance = jnp.diagonal(independent)
     wider = safe_divide(jnp.sum(root**2, axis=1), variance)
     moves = variance > 0

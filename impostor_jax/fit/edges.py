@@ -67,16 +67,10 @@ def _left(
     leaning: Reach,
     xp: Any,
 ) -> DepthImage:
-    """What is left of the readings.
+    """What is left of an image's readings, or of the part where the region lies.
 
-    Args:
-        depth: Of an image, or the part of it where the region lies.
-        region: Of the same.
-        camera: The camera.
-        noise: Of the readings.
-        mixed: Pixels at a region's border whose readings may be of another surface.
-        leaning: Pixels beside a jump whose readings lean.
-        xp: NumPy, or `jax.numpy` of what is traced.
+    Those within `mixed` pixels of the region's border may be of another surface, those
+    within `leaning` pixels of a jump lean.
     """
     if not is_none(mixed):
         # A hole of a pixel or two is no edge: there the mask just says less.

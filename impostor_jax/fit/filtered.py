@@ -112,12 +112,7 @@ def _level(noise: AbstractDepthNoise, seen: Seen) -> float:
 
 
 def _neighbors_err_alike(fit: Fit, seen: Sequence[Seen]) -> bool:
-    """Whether readings share their errors, whose noise was told as their own.
-
-    Args:
-        fit: To images, concrete.
-        seen: The object in each of them, with the noise that was told.
-    """
+    """Whether readings share their errors, whose noise was told as their own."""
     if not fit.is_shape or not all(_is_white(one.noise) for one in seen):
         return False
     count = products = squares = 0.0

@@ -469,12 +469,7 @@ class Around(NamedTuple):
 def _around(
     image: Float[np.ndarray, "h w"], usable: Bool[np.ndarray, "h w"]
 ) -> Around | None:
-    """What planes tell; None where there is none.
-
-    Args:
-        image: Depths in meters.
-        usable: Readings beside the object.
-    """
+    """What planes among the usable readings tell; None where there is none."""
     tall, wide = (size // TILE for size in image.shape)
     if not tall * wide:
         return None

@@ -248,13 +248,7 @@ def _agreement(
 def _cost(
     problem: OutlineProblem, body: AbstractBody, off: Float[Array, " n"]
 ) -> Float[Array, ""]:
-    """Negative logarithm of a body's posterior probability, up to what all share.
-
-    Args:
-        problem: What was given.
-        body: The estimate.
-        off: As `coverage_errors` returns it.
-    """
+    """Negative logarithm of a body's posterior probability, up to what all share."""
     width = KERNELS[problem.kernel][1]
     squares = jnp.sum(robust_residual(off, width, problem.kernel) ** 2)
     squares += jnp.sum(prior_residuals(problem.prior, body) ** 2)

@@ -399,12 +399,7 @@ def _stacked(parts: Sequence[Any]) -> Any:
 
 
 def _view_of(table: Table, first: RigidTransform | None) -> View:
-    """The view of an image.
-
-    Args:
-        table: What it shows of the object.
-        first: Pose of the first view's camera, where there are several.
-    """
+    """The view of a table; `first` is the first's pose, None where there is but one."""
     rays, num_pixels, at_edge = table.rays, len(table.row), table.inside.shape
     num_edge = math.prod(at_edge)
     told = (table.row, table.col, table.beside, table.num_blocks, table.each)

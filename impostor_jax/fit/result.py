@@ -520,7 +520,9 @@ class Fit(eqx.Module):
         several = len(self.pixelwise) > 1
         if self.chi2 >= NOTED_TIMES**2 and self._is_weighed:
             posed = ", or a pose is" if several else ""
-            return as_sentence(f"{self._residuals}: the shape or sigma is wrong{posed}.")
+            return as_sentence(
+                f"{self._residuals}: the shape or sigma is wrong{posed}."
+            )
         if self.source == "outline":
             return EDGE
         if 2 * self.num_inliers < int(self.num_pixels):

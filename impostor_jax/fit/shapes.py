@@ -196,16 +196,8 @@ def _fit_seen(
 ) -> Fit:
     """Fit to those readings of a region that are of the shape.
 
-    Args:
-        kind: What is fitted.
-        seen: The object in each of its images.
-        start: As of `_fit_pixels`, like the others.
-        prior: In the world frame.
-        settings: What is asked for.
-        effort: How much work it takes.
-        correlated: Whether errors are taken for correlated at first.
-        rounding: As of `fit_shape`.
-        in_search: The same.
+    Errors are taken for `correlated` at first; `rounding` and `in_search` are as of
+    `fit_shape`.
     """
     quick = dataclasses.replace(effort, doubts=False)
 
@@ -262,14 +254,7 @@ def _without_foreign(
     fitted_to: Callable[[Sequence[Seen]], Fit],
     seen: Sequence[Seen],
 ) -> Fit:
-    """The fit without readings of the region that are not of the shape, if there are.
-
-    Args:
-        kind: What is fitted; it tells which they are.
-        fit: To all readings.
-        fitted_to: How to fit what is seen of an object.
-        seen: The object in each of its images.
-    """
+    """The fit without readings of the region that are not of the shape."""
     foreign_in = kind.foreign
     assert foreign_in is not None
     places = [pixel_indices(one.region) for one in seen]
@@ -309,15 +294,8 @@ def _fit_pixels(
 ) -> Fit:
     """Fit from the start that is given, or from guesses.
 
-    Args:
-        kind: What is fitted.
-        seen: The object in each of its images, without its edges.
-        initial: In the world frame.
-        known: A fit of the same pixels, or of more.
-        prior: In the world frame.
-        settings: What is asked for.
-        effort: How much work it takes.
-        correlated: Whether the covariance allows for correlated residuals.
+    What is seen has no edges; `known` is a fit of the same pixels, or of more. Start
+    and prior are in the world frame.
     """
     guesses = guesses_of(kind, seen) if initial is None else []
     shown = all_shown_by(seen, effort.readings, correlated)
@@ -374,15 +352,7 @@ def _told_by_pixel(
     shapes: Sequence[tuple[int, ...]],
     xp: Any = np,
 ) -> Fit:
-    """A fit with what is told of each reading.
-
-    Args:
-        fit: Without that.
-        found: What is said of the readings.
-        shown: Which pixels these are.
-        shapes: Of the images.
-        xp: NumPy, or `jax.numpy` of what is traced.
-    """
+    """A fit with what is told of each reading; the `shapes` are of the images."""
     parts = []
     of_views = zip(found.residual, found.marks, shown, shapes, strict=True)
     for residual, marks, table, (height, width) in of_views:
@@ -399,15 +369,7 @@ def _fit_traced(
     settings: Settings,
     options: Options,
 ) -> Fit:
-    """Fit with sizes that do not depend on any value.
-
-    Args:
-        views: Depth, mask, camera and noise of each.
-        initial: In the world frame.
-        prior: In the world frame.
-        settings: What is asked for.
-        options: As a caller gives them.
-    """
+    """Fit with sizes that do not depend on any value, in the world frame."""
     correlated = any(options.correlated(noise) for *_, noise in views)
     readings = options.effort.readings
     shown = tuple(_shown_traced(*view, initial, readings, correlated) for view in views)

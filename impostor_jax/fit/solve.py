@@ -406,13 +406,8 @@ def _of_readings(
     """Products of a view's terms of [gradient, residual], in tangent coordinates.
 
     The thousands of terms enter a step only so, and are taken block by block. The first
-    of these tells what the width of the robust loss is multiplied by, too.
-
-    Args:
-        problem: What was given.
-        view: One of its views.
-        body: The estimate, in the view's frame.
-        stage: Of the fit.
+    of these tells what the width of the robust loss is multiplied by, too. The body is
+    in the view's frame.
     """
     size = view.row.shape[0]
 

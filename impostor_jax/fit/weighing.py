@@ -149,14 +149,9 @@ def _in_coordinates(
 def _with_rivals(
     fit: Fit, rivals: Sequence[Rival], weights: Float[np.ndarray, " r"]
 ) -> Fit:
-    """A fit that tells of others, and is as unsure as all of them are.
+    """The best fit, which tells of the others and is as unsure as all of them are.
 
     What another leaves open counts as the fit has it.
-
-    Args:
-        fit: The best.
-        rivals: The others, the likeliest first.
-        weights: Of the fit and the others.
     """
     told = _told(fit, rivals, weights[1:])
     fit = fit.having(alternatives=told)
@@ -207,13 +202,10 @@ def _mixed(
     squares: Sequence[Float[np.ndarray, "..."]],
     weights: Float[np.ndarray, " r"],
 ) -> Array:
-    """Mean of (co)variances about an estimate, over solutions.
+    """Mean of (co)variances about an estimate, over it and others.
 
-    Args:
-        own: Of the estimate. What this leaves open stays so.
-        others: Of the others, each about itself.
-        squares: Of how far each of these is away from the estimate.
-        weights: Of the estimate and the others.
+    Each of these is about itself, and away from the estimate by the root of `squares`.
+    What the estimate leaves open stays so.
     """
     own_values = np.asarray(own)
     total = weights[0] * own_values
