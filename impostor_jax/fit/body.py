@@ -7,6 +7,7 @@ is compared with the wall changes with a motion of the body by alpha dn + beta d
 """
 
 __all__ = [
+    "AbstractAxislessBody",
     "AbstractBody",
     "FreeDirections",
     "Margins",
@@ -29,6 +30,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
+from typing_extensions import override
 
 from impostor_jax.geometry.frames import RigidTransform
 from impostor_jax.geometry.rays import Ray
@@ -501,6 +503,36 @@ class AbstractBody(eqx.Module):
 
         That looks much the same from afar but for its depth, where `is_square`.
         """
+
+
+class AbstractAxislessBody(AbstractBody):
+    """A body that is round about no axis: there is none to sign, tilt or turn."""
+
+    @property
+    @override
+    def sign(self) -> Numbers:
+        return jnp.ones_like(self.radius)
+
+    @property
+    @override
+    def is_square(self) -> Bool[Array, "*batch"]:
+        return jnp.zeros(self.radius.shape, bool)
+
+    @override
+    def wall_square(self, passing: Passing) -> Numbers:
+        return self.radius**2 * jnp.ones_like(passing.square)
+
+    @override
+    def reversed(self, sign: Float[Array, ""]) -> AbstractBody:
+        return self
+
+    @override
+    def mirrored(self) -> AbstractBody:
+        return self
+
+    @override
+    def turned(self) -> AbstractBody:
+        return self
 
 
 def shift_to(passing: Passing, aside: Numbers, square: Numbers) -> Numbers:

@@ -20,7 +20,7 @@ from typing_extensions import override
 
 from impostor_jax.compiling import computed_once
 from impostor_jax.fit.body import (
-    AbstractBody,
+    AbstractAxislessBody,
     FreeDirections,
     Margins,
     Passing,
@@ -55,7 +55,7 @@ TURNS = np.array(
 """The 24 rotations that leave a cube as it is."""
 
 
-class BoxBody(AbstractBody):
+class BoxBody(AbstractAxislessBody):
     """A box. It turns about its own axes, and each of its faces moves along its normal.
 
     Where a face is not seen, exactly one coordinate has no effect on the readings.
@@ -126,18 +126,8 @@ class BoxBody(AbstractBody):
 
     @property
     @override
-    def sign(self) -> Numbers:
-        return jnp.ones_like(self.radius)
-
-    @property
-    @override
     def is_long(self) -> Bool[Array, "*batch"]:
         return jnp.ones(self.radius.shape, bool)
-
-    @property
-    @override
-    def is_square(self) -> Bool[Array, "*batch"]:
-        return jnp.zeros(self.radius.shape, bool)
 
     @property
     @override
@@ -292,10 +282,6 @@ class BoxBody(AbstractBody):
         return [jnp.where(on_cap, one, 0) for one in told]
 
     @override
-    def wall_square(self, passing: Passing) -> Numbers:
-        return self.radius**2 * jnp.ones_like(passing.square)
-
-    @override
     def moved_across(
         self, passing: Passing, square: Numbers, slide: Numbers
     ) -> Passing:
@@ -398,10 +384,6 @@ class BoxBody(AbstractBody):
         return box_body(self.center, product(turn, self.frame), half)
 
     @override
-    def reversed(self, sign: Float[Array, ""]) -> "BoxBody":
-        return self
-
-    @override
     def drawn_in(
         self, ends_seen: Bool[Array, " e"], reach: Float[Array, " e"]
     ) -> tuple["BoxBody", Float[Array, "c c"]]:
@@ -419,14 +401,6 @@ class BoxBody(AbstractBody):
         carried = jnp.eye(3 + len(FACES), dtype=self.half.dtype)
         moved = jnp.cross(shift[None], jnp.asarray(normals, shift.dtype))
         return body, carried.at[:3, 3:].set(moved.T)
-
-    @override
-    def mirrored(self) -> "BoxBody":
-        return self
-
-    @override
-    def turned(self) -> "BoxBody":
-        return self
 
 
 def box_body(

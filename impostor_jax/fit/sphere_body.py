@@ -11,7 +11,7 @@ from jaxtyping import Array, Bool, Float
 from typing_extensions import override
 
 from impostor_jax.fit.body import (
-    AbstractBody,
+    AbstractAxislessBody,
     FreeDirections,
     Margins,
     Passing,
@@ -27,7 +27,7 @@ from impostor_jax.numerics import Numbers
 from impostor_jax.primitives.sphere import Sphere
 
 
-class SphereBody(AbstractBody):
+class SphereBody(AbstractAxislessBody):
     """Sphere. It moves by its center and the logarithm of its radius."""
 
     center: Float[Array, "*batch 3"]
@@ -64,17 +64,7 @@ class SphereBody(AbstractBody):
 
     @property
     @override
-    def sign(self) -> Numbers:
-        return jnp.ones_like(self.radius)
-
-    @property
-    @override
     def is_long(self) -> Bool[Array, "*batch"]:
-        return jnp.zeros(self.radius.shape, bool)
-
-    @property
-    @override
-    def is_square(self) -> Bool[Array, "*batch"]:
         return jnp.zeros(self.radius.shape, bool)
 
     @override
@@ -155,10 +145,6 @@ class SphereBody(AbstractBody):
         return 3
 
     @override
-    def wall_square(self, passing: Passing) -> Numbers:
-        return self.radius**2 * jnp.ones_like(passing.square)
-
-    @override
     def moved_across(
         self, passing: Passing, square: Numbers, slide: Numbers
     ) -> Passing:
@@ -225,22 +211,10 @@ class SphereBody(AbstractBody):
         return OrderedDict(center=self.center, radius=self.radius)
 
     @override
-    def reversed(self, sign: Float[Array, ""]) -> "SphereBody":
-        return self
-
-    @override
     def drawn_in(
         self, ends_seen: Bool[Array, " e"], reach: Float[Array, " e"]
     ) -> tuple["SphereBody", Float[Array, "4 4"]]:
         return self, jnp.eye(4, dtype=self.radius.dtype)
-
-    @override
-    def mirrored(self) -> "SphereBody":
-        return self
-
-    @override
-    def turned(self) -> "SphereBody":
-        return self
 
     @override
     def carried(self, target_from_source: RigidTransform) -> Float[Array, "4 4"]:
