@@ -143,7 +143,7 @@ def _finalists(kind: Fittable, problem: OutlineProblem) -> list[Traced]:
     finalists = ways[:1]
     for way in ways[1:]:
         is_near = _loss(way) <= _loss(ways[0]) + MORE
-        if is_near and all(_differ(way.body, other.body) for other in finalists):
+        if is_near and all(_apart(way.body, one.body) > ASIDE for one in finalists):
             finalists.append(way)
     return finalists
 
@@ -160,11 +160,11 @@ def _posed(
     settings = checked_settings(kind, options, initial, None)
     dtype = matte.covered.dtype
     row, col, cols, rows = matte.edge()
-    some = np.arange(min(len(row), MOST_PLACES)) * len(row)
-    some = some // min(len(row), MOST_PLACES)
+    count = min(len(row), MOST_PLACES)
+    some = np.arange(count) * len(row) // count
     places = [part[some] for part in (row, col, cols.astype(dtype), rows.astype(dtype))]
     places = [_filled(part, MOST_PLACES) for part in places]
-    places[0][len(some) :] = camera.height
+    places[0][count:] = camera.height
     row, col = np.nonzero(matte.beside())
     size = next(size for size in BUCKETS if size >= len(row))
     pixels = [_filled(part, size) for part in (row, col, matte.covered[row, col])]
@@ -197,11 +197,8 @@ def _filled(values: np.ndarray, size: int) -> np.ndarray:
 
 def _led(problem: OutlineProblem, start: AbstractBody) -> Traced:
     """Where a start leads to the edge."""
-    return quickly_compiled(_to_edge)(problem, start)
-
-
-def _to_edge(problem: OutlineProblem, start: AbstractBody) -> Traced:
-    return traced(problem, start, to_end=False)
+    to_edge = quickly_compiled(traced, static_argnames="to_end")
+    return to_edge(problem, start, to_end=False)
 
 
 def _assessed(problem: OutlineProblem, way: Traced) -> Assessment:
@@ -237,13 +234,9 @@ def _magnified(body: AbstractBody, ratio: Float[Array, ""]) -> AbstractBody:
     return body.magnified(change_of(ratio))
 
 
-def _differ(first: AbstractBody, second: AbstractBody) -> bool:
-    """Whether two bodies look different, or are, but for how large they are."""
-    return bool(_apart(first, second) > ASIDE)
-
-
 @jax.jit
 def _apart(first: AbstractBody, second: AbstractBody) -> Float[Array, ""]:
+    """By how much two bodies are, or look, different, but for how large they are."""
     second = second.magnified(change_of(first.radius / second.radius))
     seen = jnp.zeros(len(first.ends), bool)
     own = first.readout(first, seen)
