@@ -63,20 +63,6 @@ class Limb(NamedTuple):
         return np.maximum(self.surface, 0) + np.minimum(self.background, 0)
 
 
-class _Wall(NamedTuple):
-    """The wall of a cylinder beside the two planes through the camera that touch it.
-
-    Attributes:
-        radius: In meters.
-        normal: Of both planes, outward, in the camera frame.
-        limb: Points where they touch it, in the camera frame.
-    """
-
-    radius: float
-    normal: Float[np.ndarray, "2 3"]
-    limb: Float[np.ndarray, "2 s 3"]
-
-
 def limb_of(
     body: Cylinder,
     seen: Seen,
@@ -98,19 +84,19 @@ def limb_of(
     if not isinstance(camera, PinholeCamera):
         return None
     rotation, shift = _camera_from_world(camera)
-    wall = _wall(body, along, rotation, shift)
+    radius, wall = float(body.radius), _wall(body, along, rotation, shift)
     if wall is None:
         return None
-    points = wall.normal[:, None, None] * (wall.radius * STEPS)[:, None]
-    points = points + wall.limb[:, :, None]
+    normal, limb = wall
+    points = normal[:, None, None] * (radius * STEPS)[:, None] + limb[:, :, None]
     if points[..., 2].min() <= 0:
         return None
     places = _projected(points, camera)
-    behind = wall.limb[..., 2] + BEHIND * wall.radius + slack
-    bounds = _bounds(seen, behind, JUMP * wall.radius, places, is_outline)
+    behind = limb[..., 2] + BEHIND * radius + slack
+    bounds = _bounds(seen, behind, JUMP * radius, places, is_outline)
     ends = places[:, len(along) // 2, [0, -1]]
     pixels = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=-1) / (STEPS[-1] - STEPS[0])
-    return Limb(*bounds, pixels, wall.normal @ rotation)
+    return Limb(*bounds, pixels, normal @ rotation)
 
 
 def _wall(
@@ -118,8 +104,11 @@ def _wall(
     along: Float[np.ndarray, " s"],
     rotation: Float[np.ndarray, "3 3"],
     shift: Float[np.ndarray, "3"],
-) -> _Wall | None:
-    """The wall as a camera sees it; None from within."""
+) -> tuple[Float[np.ndarray, "2 3"], Float[np.ndarray, "2 s 3"]] | None:
+    """Outward normals of the planes through a camera that touch a wall, and where.
+
+    In the camera frame; None from within.
+    """
     center = rotation @ np.asarray(body.center, np.float64) + shift
     axis = rotation @ np.asarray(body.axis, np.float64)
     axis /= np.linalg.norm(axis)
@@ -132,8 +121,7 @@ def _wall(
     side = np.array([[-1.0], [1.0]]) * np.sqrt(1 - sine**2)
     normal = side * np.cross(axis, away) - sine * away
     places = float(body.height) * along[:, None] * axis
-    limb = center + radius * normal[:, None] + places
-    return _Wall(radius, normal, limb)
+    return normal, center + radius * normal[:, None] + places
 
 
 def _bounds(
