@@ -16,9 +16,9 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from impostor_jax.camera.ray_table import Sight
-from impostor_jax.fit.gather import ray_list
+from impostor_jax.fit.gather import passed_by, ray_list
 from impostor_jax.fit.per_pixel import law_of
-from impostor_jax.fit.problem import RayList, sigma_of
+from impostor_jax.fit.problem import RayList
 from impostor_jax.fit.tube_body import TubeBody
 from impostor_jax.primitives.base import in_camera_frame
 from impostor_jax.sensor.base import AbstractDepthNoise
@@ -107,11 +107,7 @@ def floor_pixels(
 def _readings_within(
     rays: RayList, body: TubeBody, noise: AbstractDepthNoise
 ) -> _Within:
-    pixels = rays.pixels()
-    seen = body.passing(pixels.direction, body.radius / 100, pixels.start)
-    read = (pixels.depth > 0) & pixels.exists
-    near = jnp.where(read, pixels.depth, 1)
-    sigma = sigma_of(noise, pixels, near, seen.cos_incidence)
+    pixels, seen, read, sigma = passed_by(rays, body, noise)
     ahead = seen.local.direction.z
     # From the plane of the end that faces the camera.
     along = seen.local.origin.z + (pixels.depth - seen.foot) * ahead

@@ -4,7 +4,7 @@ On the host by NumPy, in few sizes, so that no compiled program depends on the i
 what is traced by the same functions with JAX's arrays.
 """
 
-__all__ = ["lattice_of", "ray_list", "table_of"]
+__all__ = ["lattice_of", "passed_by", "ray_list", "table_of"]
 
 import functools
 from types import ModuleType
@@ -17,8 +17,9 @@ from jax.typing import DTypeLike
 from jaxtyping import Array, Bool, Float
 
 from impostor_jax.camera.ray_table import RayTable, Sight, directions_of, shows_image
+from impostor_jax.fit.body import AbstractBody, Passing
 from impostor_jax.fit.per_pixel import law_of, spread_of
-from impostor_jax.fit.problem import BLOCK, Lattice, RayList, Table
+from impostor_jax.fit.problem import BLOCK, Lattice, Pixels, RayList, Table, sigma_of
 from impostor_jax.fit.regions import GENTLE, STEEP, jump_parts
 from impostor_jax.fit.surface import cropped
 from impostor_jax.fit.uncertainty import MAX_LAG
@@ -158,6 +159,17 @@ def ray_list(
             start = xp.asarray(camera.start)[row, col].astype(dtype)
     read = xp.where(exists, _at(depth, row, col), 0).astype(dtype)
     return RayList(x, y, read, exists, length, start, spread_of(noise, row, col, xp))
+
+
+def passed_by(
+    rays: RayList, body: AbstractBody, noise: AbstractDepthNoise
+) -> tuple[Pixels, Passing, Bool[Array, " n"], Float[Array, " n"]]:
+    """What a list holds, how its rays pass a body, which read, and their deviations."""
+    pixels = rays.pixels()
+    seen = body.passing(pixels.direction, body.radius / 100, pixels.start)
+    read = pixels.depth > 0
+    near = jnp.where(read, pixels.depth, 1)
+    return pixels, seen, read, sigma_of(noise, pixels, near, seen.cos_incidence)
 
 
 def _at_border(

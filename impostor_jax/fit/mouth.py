@@ -10,14 +10,13 @@ is read, and one without is not seen.
 __all__ = ["mouth_pixels"]
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from impostor_jax.camera.ray_table import Sight
-from impostor_jax.fit.gather import ray_list
+from impostor_jax.fit.gather import passed_by, ray_list
 from impostor_jax.fit.per_pixel import law_of
-from impostor_jax.fit.problem import RayList, sigma_of
+from impostor_jax.fit.problem import RayList
 from impostor_jax.fit.regions import SQUARE
 from impostor_jax.fit.round_body import RoundBody
 from impostor_jax.opencv import cv2
@@ -77,12 +76,7 @@ def _through_ends(
     rays: RayList, body: RoundBody, noise: AbstractDepthNoise
 ) -> tuple[Bool[Array, " n"], Bool[Array, " n"]]:
     """Which readings are seen through an end, and which of these lie behind it."""
-    pixels = rays.pixels()
-    seen = body.passing(pixels.direction, body.radius / 100, pixels.start)
-    read = (pixels.depth > 0) & pixels.exists
-    sigma = sigma_of(
-        noise, pixels, jnp.where(read, pixels.depth, 1), seen.cos_incidence
-    )
+    pixels, seen, read, sigma = passed_by(rays, body, noise)
     through = read & seen.on_cap & (seen.rim < seen.cap_radius)
     behind = pixels.depth - (seen.cap + seen.foot) > BEHIND * sigma
     return through, through & behind

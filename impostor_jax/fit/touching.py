@@ -18,9 +18,9 @@ from jaxtyping import Array, Bool, Float
 from impostor_jax.camera.ray_table import shows_image
 from impostor_jax.effort import MIN_READINGS
 from impostor_jax.fit.body import AbstractBody
-from impostor_jax.fit.gather import ray_list
+from impostor_jax.fit.gather import passed_by, ray_list
 from impostor_jax.fit.per_pixel import law_of
-from impostor_jax.fit.problem import RayList, sigma_of
+from impostor_jax.fit.problem import RayList
 from impostor_jax.fit.regions import (
     CROSS,
     GENTLE,
@@ -178,11 +178,7 @@ def _sigmas_off(
 
     The core tells radius and place to a small part of a pixel.
     """
-    pixels = rays.pixels()
-    seen = body.passing(pixels.direction, body.radius / 100, pixels.start)
-    read = pixels.depth > 0
-    near = jnp.where(read, pixels.depth, 1)
-    sigma = sigma_of(noise, pixels, near, seen.cos_incidence)
+    pixels, seen, read, sigma = passed_by(rays, body, noise)
     behind = (pixels.depth - seen.depth) / sigma
     far = jnp.sign(behind) * jnp.maximum(jnp.abs(behind), 2 * OFF)
     away = jnp.where(seen.is_missed, far, behind)
