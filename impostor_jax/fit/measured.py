@@ -194,20 +194,19 @@ def measured_noise(
         region: Pixels of the object, or of all that is seen.
         camera: That took it.
     """
-    usual = _despiked(image)
-    return None if usual is None else _measured(usual, region, camera)
+    return _measured(_despiked(image), region, camera)
 
 
-def _despiked(image: Float[np.ndarray, "h w"]) -> Float[np.ndarray, "h w"] | None:
+def _despiked(image: Float[np.ndarray, "h w"]) -> Float[np.ndarray, "h w"]:
     """An image without readings that lie far from what is around them.
 
     Differences of the fourth order hold five readings each: of a tenth of outliers two
-    fifths are wrong, more than clipping takes away. None where they are so many that
-    they hide each other.
+    fifths are wrong, more than clipping takes away. Where they are so many that they
+    hide each other, no reading is left.
     """
     seen = image[image > 0]
     if not len(seen):
-        return None
+        return image
     single = np.ascontiguousarray(image, np.float32)
     middle = cv2.medianBlur(single, WINDOW)
     off = np.abs(single - middle)
@@ -222,7 +221,7 @@ def _despiked(image: Float[np.ndarray, "h w"]) -> Float[np.ndarray, "h w"] | Non
     # Where most has no reading nothing tells.
     is_spike = (off > least_off) & (middle > 0) & (image > 0)
     if np.count_nonzero(is_spike) > MOST_SPIKES * len(seen):
-        return None
+        return np.zeros_like(image)
     return np.where(is_spike, 0, image)
 
 
@@ -297,10 +296,8 @@ def law_of_noise(
         camera: That took it.
     """
     usual = _despiked(image)
-    whole = (
-        None if usual is None else _measured(usual, usual > 0, camera, is_scene=True)
-    )
-    if usual is None or whole is None:
+    whole = _measured(usual, usual > 0, camera, is_scene=True)
+    if whole is None:
         return MeasuredNoise(checked_noise(None), NOT_MEASURED)
     if whole.is_of_all:
         return whole
