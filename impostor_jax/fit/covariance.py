@@ -270,7 +270,6 @@ class _Independent(NamedTuple):
 def _independent(
     problem: Problem, told: Compared, on: Inliers, free: FreeCoordinates
 ) -> _Independent:
-    """Arguments as of `uncertainty_of`."""
     bias, into, known = problem.bias, free.into, free.known
     terms, variance = told.readings.terms, on.variance
     of_all = _products(terms, on.tells, into)
@@ -334,13 +333,8 @@ def _of_bias(
     """Covariance of sums of a score times smooth errors, and times those of a scale.
 
     One view's error of scale looks like another size, which is counted there. Two views
-    do not agree on it: it is an error of each.
-
-    Args:
-        problem: What was given.
-        scores: Of each view's readings, per meter that the sensor measures.
-        told: What the views show, compared with the estimate.
-        body: The estimate, in the first view's frame.
+    do not agree on it: it is an error of each. Scores are per meter that the sensor
+    measures, of each view's readings.
     """
     views = problem.views
     depths = problem.apart(told.readings.passing.depth * told.length)
@@ -382,10 +376,7 @@ def _wider(
 def _leaning(
     problem: Problem, scores: Sequence[Float[Array, "c n"]], told: Compared
 ) -> Float[Array, " c"]:
-    """Sum of a score times a deviation of what walls lean by, in all views alike.
-
-    Arguments as of `_of_bias`.
-    """
+    """Sum of a score times a deviation of what walls lean by, in all views alike."""
     pulls = []
     views = zip(problem.views, scores, told.bodies, told.of_views, strict=True)
     for view, score, body, readings in views:

@@ -199,12 +199,6 @@ def _around_some(
     """Rows and columns of pixels at the edge, and of their neighbors.
 
     Rows of -1 only fill up.
-
-    Args:
-        at_edge: Which pixels are.
-        row: Of all pixels.
-        col: Of all pixels.
-        xp: As of `table_of`.
     """
     count = min(MOST_AT_EDGE, max(FEWEST_AT_EDGE, len(row) // 8))
     if xp is np:
@@ -232,15 +226,8 @@ def _off(
 ) -> tuple[Indices, Indices]:
     """Which readings beside the object are neither its own nor of the next beyond.
 
-    Of a sensor that is said to mix readings at edges none: that counts as it says.
-
-    Args:
-        depth: In meters; 0 where there is no reading.
-        camera: That took the image.
-        noise: Of its readings.
-        row: Of pixels as `_around_some` has them.
-        col: Of the same.
-        xp: As of `table_of`.
+    Of a sensor that is said to mix readings at edges none: that counts as it says. The
+    pixels are as `_around_some` has them.
 
     Returns:
         Those beyond which the object goes on, which are wrong; and the others, the

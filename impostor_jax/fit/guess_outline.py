@@ -67,13 +67,8 @@ def _lying(
 ) -> AbstractBody | None:
     """A body whose axis goes one way in the image, and is tilted; None where none is.
 
-    Args:
-        blank: As in `guess_outlines`.
-        center: Of the silhouette.
-        way: Direction of the axis in the image.
-        length: Of the silhouette along that.
-        width: Across it.
-        cosine: Of the angle between axis and view.
+    Along that way the silhouette has its length; the cosine is that of the angle
+    between axis and view.
     """
     sight = center / np.linalg.norm(center)
     across = np.array([*way, 0.0])

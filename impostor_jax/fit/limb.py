@@ -133,15 +133,8 @@ def _bounds(
 ) -> tuple[Float[np.ndarray, "2 s"], Float[np.ndarray, "2 s"], Bool[np.ndarray, "2 s"]]:
     """Where the surface is seen last and the background first, in radii.
 
-    Args:
-        seen: The object in the image.
-        behind: Depth at each place of both sides beyond which the background is.
-        jump: From the last of the surface to the first of the background, at least.
-        places: Columns and rows of the image from there outward, by `STEPS`.
-        is_outline: Whether the region's edge is the silhouette.
-
-    Returns:
-        Both of each place, and whether it shows the outline.
+    And whether each place, which leads outward by `STEPS`, shows the outline. The
+    background lies `behind` that depth, and a `jump` from the last of the surface.
     """
     height, width = seen.image.shape
     col, row = np.rint(places[..., 0]), np.rint(places[..., 1])

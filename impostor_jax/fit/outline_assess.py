@@ -327,11 +327,8 @@ def _edge_of(
 ) -> _Edge:
     """The edge of an estimate.
 
-    Args:
-        problem: What was given.
-        body: The estimate.
-        near: Pixels that count.
-        into: Tangent coordinates that each of the others moves, one a row.
+    Pixels that are `near` count, and each row of `into` has the tangent coordinates
+    that one of the others moves.
     """
 
     def distance_at(tangent: Float[Array, " c"]) -> Float[Array, " n"]:

@@ -149,10 +149,7 @@ def _beside_wall(
 ) -> tuple[Float[np.ndarray, " n"], Bool[np.ndarray, " n"]]:
     """Places along a wall of readings near it, and whether they lie on it.
 
-    Args:
-        body: The wall, in the world frame.
-        seen: An image; pixels beside its region, too.
-        reach: Half heights from the middle within which readings are.
+    Pixels beside the region count, too, within `reach` half heights from the middle.
     """
     row, col = np.nonzero(seen.region)
     margin = 1 + min(np.ptp(row), np.ptp(col)) // 2

@@ -115,13 +115,7 @@ def _flattest(
     rays: Float[np.ndarray, "n 3"],
     chosen: Int[np.ndarray, "k 3"],
 ) -> Bool[np.ndarray, " n"]:
-    """Readings on that plane through three of them on which most lie.
-
-    Args:
-        inverse: Of their depths.
-        rays: Their directions, with z = 1.
-        chosen: Which three.
-    """
+    """Readings on that plane through a chosen three of them on which most lie."""
     corners = rays[chosen]
     apart = np.abs(np.linalg.det(corners)) > 1e-6
     if not apart.any():

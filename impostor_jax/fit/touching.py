@@ -126,11 +126,7 @@ def _beside(
 ) -> Bool[np.ndarray, "h w"]:
     """Pixels of a region that depth goes on to from others beside it.
 
-    Args:
-        other: The others, in an image with a margin of 2 pixels that holds nothing.
-        image: In meters; 0 where there is no reading.
-        region: Of the same image.
-        seen: The camera and the noise.
+    All are of an image with a margin of 2 pixels that holds nothing.
     """
     row, col = (place[:, None] for place in np.nonzero(other))
     inward = [(row + k * AROUND[0], col + k * AROUND[1]) for k in range(3)]
