@@ -132,8 +132,7 @@ def test_bore(fit: Fit) -> BoreTest:
     }
     cost = _costs(held)
     found = [fit_shape(TUBE, **asked | {"initial": start}) for start in _starts(held)]
-    tubes = sorted(found, key=lambda tube: (not tube.is_shape, cost(TUBE, tube.shape)))
-    tube = tubes[0]
+    tube = min(found, key=lambda one: (not one.is_shape, cost(TUBE, one.shape)))
     values = tube.tube
     outer = Cylinder(values.center, values.axis, values.outer_radius, values.height)
     solid = min(cost(CYLINDER, shape) for shape in (fit.cylinder, outer))
@@ -176,9 +175,8 @@ def _costs(held: dict[str, Any]) -> Any:
     options, sigma = held["options"], held["sigma"]
     plain = dataclasses.replace(options, fixed=(), prior=None)
     effort = options.effort
-    names = "depth", "camera", "mask", "sigma"
-    views = views_given(*(held[name] for name in names))
-    given = (held["depth"], held["camera"], sigma)
+    given = held["depth"], held["camera"], sigma
+    views = views_given(held["depth"], held["camera"], held["mask"], sigma)
     world = LocalWorld.of(view.camera for view in views)
 
     def cost(kind: Fittable, shape: Any) -> float:

@@ -21,7 +21,6 @@ import numpy as np
 from impostor_jax.fit.learned import SPEAKS
 from impostor_jax.fit.measured import with_measured
 from impostor_jax.fit.per_pixel import PerPixelNoise
-from impostor_jax.fit.pixelwise import Pixelwise
 from impostor_jax.fit.regions import typical_sigma
 from impostor_jax.fit.request import Given
 from impostor_jax.fit.result import Fit
@@ -117,7 +116,9 @@ def _neighbors_err_alike(fit: Fit, seen: Sequence[Seen]) -> bool:
         return False
     count = products = squares = 0.0
     for told in fit.pixelwise:
-        residual, is_on = _around(told)
+        is_on = np.asarray(told.inliers)
+        box = cropped(is_on)
+        is_on, residual = is_on[box], np.asarray(told.residuals)[box].astype(float)
         pairs = (np.s_[:-1], np.s_[1:]), (np.s_[:, :-1], np.s_[:, 1:])
         for first, second in pairs:
             both = is_on[first] & is_on[second]
@@ -135,10 +136,3 @@ def _is_white(noise: AbstractDepthNoise) -> bool:
     """Whether all that is told of a sensor is how far single readings scatter."""
     bias = noise.bias
     return not (bias.errs_at_edges or bias.fields or bias.lean is not None)
-
-
-def _around(told: Pixelwise) -> tuple[np.ndarray, np.ndarray]:
-    """Residuals in a block of the image, and which of them are of the body."""
-    is_on = np.asarray(told.inliers)
-    box = cropped(is_on)
-    return np.asarray(told.residuals)[box].astype(float), is_on[box]

@@ -33,6 +33,7 @@ def fit_record(
         taper: Its `TaperTest`, if there was one.
         bore: Its `BoreTest`, if there was one.
     """
+    gap = fit.outline_gap
     return {
         "version": FIT_VERSION,
         "success": bool(fit.success),
@@ -66,7 +67,7 @@ def fit_record(
             "chi2": numbers(fit.form.chi2),
             **{name: numbers(told) for name, told in fit.form.sizes.items()},
         },
-        "outline_gap": _outline_gap(fit.outline_gap),
+        "outline_gap": gap and {name: numbers(x) for name, x in gap._asdict().items()},
         "taper": None if taper is None else _test(taper, "frustum"),
         "bore": None if bore is None else _test(bore, "tube"),
         "seconds": seconds,
@@ -86,13 +87,6 @@ def estimate_record(fit: Any) -> dict[str, Any]:
     values = {name: value for name, (value, _) in told.items()}
     budget = {name: of_all(std) for name, std in fit.std_budget.some.items()}
     return _named(values) | {"std": of_all(fit.std), "std_budget": budget}
-
-
-def _outline_gap(gap: Any) -> dict[str, Any] | None:
-    """The record of an `OutlineGap`, if there is one."""
-    if gap is None:
-        return None
-    return {name: numbers(value) for name, value in gap._asdict().items()}
 
 
 def _test(test: Any, shape: str) -> dict[str, Any]:

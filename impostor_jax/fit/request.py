@@ -69,7 +69,6 @@ VECTORS = ("center", "axis", "size")
 USUAL_SIGMA = 0.001
 """Standard deviation in meters that is taken where a caller names none."""
 
-
 LARGEST_OF_16_BITS = 65.535
 """In meters of a file in millimeters: no sensor's reading, and some programs' code for
 none. Beside an end of a can it would be background."""

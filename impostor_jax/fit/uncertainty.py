@@ -35,7 +35,6 @@ MOST_TAKEN = 0.5
 """Most of the correlation that a fit may have taken from its residuals; on fewer pixels
 than that makes, standard deviations are too small."""
 
-
 OWN_ROUNDING = 64
 """Spacings of numbers, of the most that any coordinate moves a quantity, up to which
 one that is free moves it by rounding: of a pole that leans by 8e-6 a place across it is
@@ -154,7 +153,6 @@ def score_covariance(
         for right in range(-MAX_LAG + 1, MAX_LAG)
         if (down, right) > (0, 0)
     ]
-
     windows = np.exp(-np.sum((np.array(lags) / WINDOW) ** 2, axis=1) / 2)
 
     def at_lag(
