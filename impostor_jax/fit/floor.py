@@ -8,8 +8,6 @@ wall is seen. Readings at it, below it, and of the wall just above it are left o
 
 __all__ = ["floor_pixels"]
 
-from typing import NamedTuple
-
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -38,24 +36,6 @@ THICKNESS = 6.0
 CORNER = 0.2
 """Part of the inner radius above a floor in which its corner may be round: a mug's is,
 by 5 mm and more."""
-
-
-class _Within(NamedTuple):
-    """Readings through the mouth of a bore.
-
-    Attributes:
-        within: Which they are.
-        front: How far in front of the wall they lie, in standard deviations.
-        deep: How far beyond the mouth they lie along the axis.
-        wall: How far the wall's point does.
-        sigma: Standard deviations of their places along the axis.
-    """
-
-    within: Bool[Array, " n"]
-    front: Float[Array, " n"]
-    deep: Float[Array, " n"]
-    wall: Float[Array, " n"]
-    sigma: Float[Array, " n"]
 
 
 def floor_pixels(
@@ -106,16 +86,17 @@ def floor_pixels(
 @jax.jit
 def _readings_within(
     rays: RayList, body: TubeBody, noise: AbstractDepthNoise
-) -> _Within:
+) -> tuple[Array, ...]:
+    """Which readings lie through the mouth of a bore, and where.
+
+    How far in front of the wall, in standard deviations; how far beyond the mouth along
+    the axis, as the wall's point does; and the standard deviation of that place.
+    """
     pixels, seen, read, sigma = passed_by(rays, body, noise)
     ahead = seen.local.direction.z
     # From the plane of the end that faces the camera.
     along = seen.local.origin.z + (pixels.depth - seen.foot) * ahead
     sign, half = jnp.sign(ahead), body.height / 2
-    return _Within(
-        within=seen.within & read,
-        front=(seen.depth - pixels.depth) / sigma,
-        deep=sign * along + half,
-        wall=sign * seen.along + half,
-        sigma=sigma * jnp.abs(ahead),
-    )
+    front = (seen.depth - pixels.depth) / sigma
+    deep, wall = sign * along + half, sign * seen.along + half
+    return seen.within & read, front, deep, wall, sigma * jnp.abs(ahead)

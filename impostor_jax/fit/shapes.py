@@ -235,10 +235,7 @@ def _fit_seen(
 
     if not effort.doubts:
         return fitted(seen, correlated)
-    fit = fitted_to(seen)
-    if kind.foreign is None:
-        return fit
-    return _without_foreign(kind, fit, fitted_to, seen)
+    return _without_foreign(kind, fitted_to(seen), fitted_to, seen)
 
 
 def _checked(view: Given) -> tuple[Given, AbstractDepthNoise]:
@@ -256,7 +253,8 @@ def _without_foreign(
 ) -> Fit:
     """The fit without readings of the region that are not of the shape."""
     foreign_in = kind.foreign
-    assert foreign_in is not None
+    if foreign_in is None:
+        return fit
     places = [pixel_indices(one.region) for one in seen]
     left_out = [np.zeros_like(one.region) for one in seen]
     for _ in range(MOST_LOOKS):
