@@ -163,12 +163,13 @@ def _posed(
     count = min(len(row), MOST_PLACES)
     some = np.arange(count) * len(row) // count
     places = [part[some] for part in (row, col, cols.astype(dtype), rows.astype(dtype))]
-    places = [_filled(part, MOST_PLACES) for part in places]
+    places = [np.pad(part, (0, MOST_PLACES - count)) for part in places]
     places[0][count:] = camera.height
     row, col = np.nonzero(matte.beside())
-    size = next(size for size in BUCKETS if size >= len(row))
-    pixels = [_filled(part, size) for part in (row, col, matte.covered[row, col])]
-    pixels[0][len(row) :] = camera.height
+    count = len(row)
+    more = next(size for size in BUCKETS if size >= count) - count
+    pixels = [np.pad(x, (0, more)) for x in (row, col, matte.covered[row, col])]
+    pixels[0][count:] = camera.height
     known = {*options.fixed, *(options.prior or {})} - {"axis"}
     facts = {
         "is_hard": matte.is_hard,
@@ -188,11 +189,6 @@ def _posed(
         kernel=options.effort.kernel,
         max_steps=options.effort.max_steps,
     )
-
-
-def _filled(values: np.ndarray, size: int) -> np.ndarray:
-    """Values with zeros behind them."""
-    return np.concatenate([values, np.zeros(size - len(values), values.dtype)])
 
 
 def _led(problem: OutlineProblem, start: AbstractBody) -> Traced:
