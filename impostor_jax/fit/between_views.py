@@ -22,8 +22,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from impostor_jax.fit.problem import Problem
-from impostor_jax.fit.solve import in_coordinates
+from impostor_jax.fit.problem import Problem, in_coordinates
 from impostor_jax.numerics import product
 
 DOUBTED = 14.0

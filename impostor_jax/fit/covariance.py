@@ -24,9 +24,8 @@ from impostor_jax.fit.evidence import Terms, joined_readings, readings_of
 from impostor_jax.fit.form import Form, departures_of, no_form
 from impostor_jax.fit.inliers import MIN_END_TERMS, Compared, Inliers
 from impostor_jax.fit.prior import prior_residuals, scale_left
-from impostor_jax.fit.problem import Problem
+from impostor_jax.fit.problem import Problem, in_coordinates
 from impostor_jax.fit.result import DISAGREEING
-from impostor_jax.fit.solve import in_coordinates
 from impostor_jax.fit.uncertainty import (
     LEAST_LEFT,
     covariance_root,

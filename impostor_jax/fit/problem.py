@@ -16,6 +16,7 @@ __all__ = [
     "Settings",
     "Table",
     "View",
+    "in_coordinates",
     "posed",
     "sigma_of",
 ]
@@ -262,7 +263,7 @@ class View(eqx.Module):
         """
         if self.from_first is None:
             return terms
-        return product(self._into(body), terms)
+        return product(_with_residual(body.carried(self.from_first)), terms)
 
     def products_told(
         self, products: Float[Array, "k k"], body: AbstractBody
@@ -270,13 +271,25 @@ class View(eqx.Module):
         """The same of products of such terms, summed up."""
         if self.from_first is None:
             return products
-        into = self._into(body)
-        return product(into, products, into.T)
+        return in_coordinates(products, body.carried(self.from_first))
 
-    def _into(self, body: AbstractBody) -> Float[Array, "k k"]:
-        assert self.from_first is not None
-        carried = body.carried(self.from_first)
-        return jnp.pad(carried, ((0, 1), (0, 1))).at[-1, -1].set(1)
+
+def in_coordinates(
+    products: Float[Array, "k k"], into: Float[Array, "m c"]
+) -> Float[Array, "l l"]:
+    """Products of terms of [gradient, residual] from tangent to other coordinates.
+
+    Args:
+        products: In tangent coordinates.
+        into: Tangent coordinates that each of the others moves, one a row.
+    """
+    turn = _with_residual(into)
+    return product(turn, products, turn.T)
+
+
+def _with_residual(into: Float[Array, "m c"]) -> Float[Array, "l k"]:
+    """Of [gradient, residual] what `in_coordinates` takes: the last stays."""
+    return jnp.pad(into, ((0, 1), (0, 1))).at[-1, -1].set(1)
 
 
 class Problem(eqx.Module):

@@ -10,7 +10,6 @@ __all__ = [
     "STAGES",
     "STAGE_TOLERANCE",
     "Solution",
-    "in_coordinates",
     "solve",
     "spread_of",
 ]
@@ -32,7 +31,7 @@ from impostor_jax.device import is_processor
 from impostor_jax.fit.body import AbstractBody, FreeDirections
 from impostor_jax.fit.evidence import Terms, crossing_terms, reading_terms
 from impostor_jax.fit.prior import prior_residuals
-from impostor_jax.fit.problem import BLOCK, Problem, View
+from impostor_jax.fit.problem import BLOCK, Problem, View, in_coordinates
 from impostor_jax.fit.robust import KERNELS, robust_residual
 from impostor_jax.fit.scatter import scatter_products
 from impostor_jax.numerics import all_finite, eps, product, safe_divide
@@ -381,19 +380,6 @@ def _told(problem: Problem, body: AbstractBody, stage: Stage) -> _Pass:
     loss = sum(losses, jnp.zeros_like(problem.unit))
     total = in_coordinates(total, basis.T)
     return _Pass(total[:-1, :-1], total[:-1, -1], basis, loss)
-
-
-def in_coordinates(
-    products: Float[Array, "k k"], into: Float[Array, "m c"]
-) -> Float[Array, "l l"]:
-    """Products of terms of [gradient, residual] from tangent to other coordinates.
-
-    Args:
-        products: In tangent coordinates.
-        into: Tangent coordinates that each of the others moves, one a row.
-    """
-    turn = jnp.pad(into, ((0, 1), (0, 1))).at[-1, -1].set(1)
-    return product(turn, products, turn.T)
 
 
 def _free_basis(problem: Problem, body: AbstractBody) -> Float[Array, "c c"]:
