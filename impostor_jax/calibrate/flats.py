@@ -15,6 +15,7 @@ from jaxtyping import Bool, Float, Int
 from impostor_jax.camera.base import AbstractCamera
 from impostor_jax.find.planes import PlaneRegions, planes_of
 from impostor_jax.find.view import View, view_of
+from impostor_jax.fit.regions import SQUARE
 from impostor_jax.opencv import cv2
 from impostor_jax.sensor.base import AbstractDepthNoise
 
@@ -47,9 +48,6 @@ NUM_TRIMS = 10
 
 NUM_FITS = 3
 """Times a plane is fitted, each with the depths that the last one has."""
-
-SQUARE = np.ones((3, 3), np.uint8)
-"""A pixel and its eight neighbors."""
 
 
 class Flat(NamedTuple):
