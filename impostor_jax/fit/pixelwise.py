@@ -104,13 +104,8 @@ class Pixelwise(eqx.Module):
         more = count - self.place.shape[-1]
         if not more:
             return self
-        beyond = math.prod(self.shape)
-        residual, marks, place = (
-            np.pad(np.asarray(values), (0, more), constant_values=value)
-            for values, value in (
-                (self.residual, 0), (self.marks, 0), (self.place, beyond)
-            )
-        )  # fmt: skip
+        residual, marks = (np.pad(x, (0, more)) for x in (self.residual, self.marks))
+        place = np.pad(self.place, (0, more), constant_values=math.prod(self.shape))
         return Pixelwise(residual, marks, place, self.shape)
 
 
