@@ -415,8 +415,7 @@ def _view_of(table: Table, first: RigidTransform | None) -> View:
     """The view of a table; `first` is the first's pose, None where there is but one."""
     rays, num_pixels, at_edge = table.rays, len(table.row), table.inside.shape
     num_edge = math.prod(at_edge)
-    told = (table.row, table.col, table.beside, table.num_blocks, table.each)
-    row, col, beside, num_blocks, each = map(jnp.asarray, told)
+    names = "row", "col", "beside", "num_blocks", "each", "pixel"
     return View(
         pixels=rays.pixels(0, (num_pixels,)),
         edge=Edge(
@@ -425,15 +424,10 @@ def _view_of(table: Table, first: RigidTransform | None) -> View:
             jnp.asarray(table.mixed),
         ),
         around=rays.pixels(num_pixels + num_edge),
-        row=row,
-        col=col,
-        beside=beside,
         is_image=table.is_image,
         lattice=table.lattice,
-        num_blocks=num_blocks,
-        each=each,
-        pixel=jnp.asarray(table.pixel),
         noise=table.noise,
+        **{name: jnp.asarray(getattr(table, name)) for name in names},
         world_from_camera=table.camera_from_world.inverse(),
         from_first=first and table.camera_from_world @ first.inverse(),
     )
