@@ -245,9 +245,9 @@ def calibration_of(
     flats = _flats(images, table, camera, noise, of_kind, margin)
     variances = [_variance(flat, law, of_kind.power) for flat in flats]
     flats = without_bends(flats, variances)
-    found = _measured(flats, of_kind, first)
-    fields = _fields((found.grain, found.warp), of_kind)
-    sensor = law = jax.tree.map(_rounded, found.law)
+    law, grain, is_filtered, warp = _measured(flats, of_kind, first)
+    fields = _fields((grain, warp), of_kind)
+    sensor = law = jax.tree.map(_rounded, law)
     if of_kind.matches:
         sensor = MatchingWindow(law, half_window, native_scale)
     for field in fields:
@@ -266,7 +266,7 @@ def calibration_of(
         sensor = ScaleError(sensor, deviation, mean, relation)
     known = np.concatenate([flat.depth[flat.labels > 0] for flat in flats])
     return Calibration(
-        sensor, law, of_kind.power, found.grain, found.is_filtered, found.warp, scale,
+        sensor, law, of_kind.power, grain, is_filtered, warp, scale,
         depths=(float(known.min()), float(known.max())),
         num_planes=sum(len(np.unique(flat.labels)) - 1 for flat in flats),
         num_pixels=len(known),
@@ -274,25 +274,10 @@ def calibration_of(
     )  # fmt: skip
 
 
-class _Measured(NamedTuple):
-    """What planes tell.
-
-    Attributes:
-        law: Of readings.
-        grain: The error that next neighbors share, if there is one.
-        is_filtered: Whether that is most of the noise: then the law counts it, too.
-        warp: The error that many pixels share, if there is one.
-    """
-
-    law: AbstractDepthNoise
-    grain: Smooth | None
-    is_filtered: bool
-    warp: Warp | None
-
-
 def _measured(
     flats: Sequence[Flat], kind: Kind, first: AbstractDepthNoise
-) -> _Measured:
+) -> tuple[AbstractDepthNoise, Smooth | None, bool, Warp | None]:
+    """Law, grain, whether that is most of the noise, and warp, as of `Calibration`."""
     differences = differences_of(flats)
     readings = readings_of(differences, kind, first, USUAL_WARP, find_warp=True)
     expected, longest = readings.warp, max(flats[0].labels.shape) / 2
@@ -315,7 +300,7 @@ def _measured(
     is_filtered = grain is not None and readings.ratio > MOST_GRAIN
     if grain is not None and is_filtered:
         law = law_of_all(differences, kind, first, known, grain)
-    return _Measured(law, grain, is_filtered, warp)
+    return law, grain, is_filtered, warp
 
 
 def _variance(
