@@ -125,7 +125,7 @@ def readings_of(
         find_warp: Whether `warp` is only what it begins with.
     """
     model = _Model.of(differences, kind, first, warp, find_warp)
-    own = model.start(0.0)
+    own = np.zeros(model.num_own)
     trials = [
         _least_squares(model.residuals, np.concatenate([own, start]))
         for start in model.grains
@@ -160,7 +160,7 @@ def law_of_all(
     apart = (np.array(LAGS) > APART * grain.length) | (np.array(LAGS) == LAGS[-1])
     beyond = differences._replace(number=differences.number * apart)
     model = _Model.of(beyond, kind, first, warp, False)
-    return model.law(_least_squares(model.residuals, model.start(0.0))[0])
+    return model.law(_least_squares(model.residuals, np.zeros(model.num_own))[0])
 
 
 def sigma_of(
@@ -222,11 +222,6 @@ class _Model(NamedTuple):
         """How many of what is fitted are not the grain's."""
         return len(self.kind.fitted) + 2 * self.find_warp
 
-    def start(self, log_scale: float) -> Float[np.ndarray, " p"]:
-        """Where a fit without grain begins."""
-        own = np.full(len(self.kind.fitted), log_scale)
-        return np.concatenate([own, np.zeros(2 * self.find_warp)])
-
     def law(self, at: Float[np.ndarray, " p"]) -> AbstractDepthNoise:
         """The law with some of the numbers."""
 
@@ -266,7 +261,7 @@ class _Model(NamedTuple):
     @property
     def grains(self) -> Sequence[Float[np.ndarray, "2"]]:
         """Numbers of grains that a fit begins with."""
-        typical = math.log(float(np.median(self._white(self.start(0.0))))) / 2
+        typical = math.log(float(np.median(self._white(np.zeros(self.num_own))))) / 2
         return [np.array([typical - 0.7, odds]) for odds in (-2.0, 0.0)]
 
     def is_apart(self, at: Float[np.ndarray, " p"], grain: Smooth) -> bool:
