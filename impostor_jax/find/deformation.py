@@ -19,6 +19,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from impostor_jax.find.evidence import LIMIT, Evidence, Scene
+from impostor_jax.fit.regions import SQUARE
 from impostor_jax.fit.seam import (
     ALONG,
     FACING,
@@ -169,7 +170,7 @@ def _within(scene: Scene, evidence: Evidence) -> np.ndarray:
     if evidence.share == 1:
         explained = np.zeros(scene.view.depth.shape, np.uint8)
         explained.ravel()[index] = 1
-        inner = np.flatnonzero(cv2.erode(explained, np.ones((3, 3), np.uint8)))
+        inner = np.flatnonzero(cv2.erode(explained, SQUARE))
         if len(inner) >= min(FEWEST, len(index) / 4):
             index = inner
     return index[:: max(1, len(index) // 2000)]

@@ -27,6 +27,7 @@ from impostor_jax.find.patches import Part, proposed
 from impostor_jax.find.planes import PlaneRegions, planes_of
 from impostor_jax.find.rivals import rivals
 from impostor_jax.find.view import View
+from impostor_jax.fit.regions import SQUARE
 from impostor_jax.fit.result import DISAGREEING, Fit
 from impostor_jax.fit.status import FitStatus
 from impostor_jax.opencv import cv2
@@ -381,7 +382,7 @@ class _Search:
         if not sure >= self.request.least_sure:
             return False, []
         self.detections.append(Detection(fit, final, facts, self._of_image(mask), sure))
-        taken = cv2.dilate(mask.view(np.uint8), np.ones((3, 3), np.uint8)) > 0
+        taken = cv2.dilate(mask.view(np.uint8), SQUARE) > 0
         self.free, self.joined = self.free & ~taken, None
         return True, []
 
