@@ -21,7 +21,7 @@ from impostor_jax.find.deformation import (
 )
 from impostor_jax.find.evidence import Candidate, Evidence, Scene, shown, weighed
 from impostor_jax.find.fitting import Fitter
-from impostor_jax.find.normals import STEEPEST, Normals, normals_of, stray
+from impostor_jax.find.normals import STEEPEST, normals_of, stray
 from impostor_jax.find.objects import creases, numbered, objects_of
 from impostor_jax.find.patches import Part, proposed
 from impostor_jax.find.planes import PlaneRegions, planes_of
@@ -149,35 +149,26 @@ def search(view: View, request: Request, fitter: Fitter) -> Searched:
         request: What is looked for.
         fitter: Fits what is likely.
     """
-    usable = view.valid & ~stray(view)
-    normals = normals_of(view, usable)
-    planes = planes_of(view, usable)
-    state = _Search(view, request, fitter, usable, normals, planes)
+    state = _Search(view, request, fitter)
     for _ in range(MOST_TURNS):
         if not state.took_another():
             break
-    return Searched(state.detections, planes)
+    return Searched(state.detections, state.planes)
 
 
 class _Search:
     """The state of a search: what is free, and what was found."""
 
-    def __init__(
-        self,
-        view: View,
-        request: Request,
-        fitter: Fitter,
-        usable: Bool[np.ndarray, "h w"],
-        normals: Normals,
-        planes: PlaneRegions,
-    ):
+    def __init__(self, view: View, request: Request, fitter: Fitter):
         self.view, self.request, self.fitter = view, request, fitter
-        self.usable, self.normals, self.planes = usable, normals, planes
+        self.usable = view.valid & ~stray(view)
+        self.normals = normals_of(view, self.usable)
+        self.planes = planes_of(view, self.usable)
         self.least_chance = LEAST_CHANCE * request.least_sure
         self.fewest = max(20, request.min_pixels // view.stride**2)
-        self.free = usable & (planes.labels == 0)
+        self.free = self.usable & (self.planes.labels == 0)
         self.joined: Int[np.ndarray, "h w"] | None = None
-        self.crease = creases(view, normals)
+        self.crease = creases(view, self.normals)
         self.detections: list[Detection] = []
         self.looked_at: set[tuple[int, int]] = set()
         self.refused: list[Candidate] = []
@@ -201,17 +192,18 @@ class _Search:
             best = queue.pop(int(np.argmax([entry.gain for entry in queue])))
             if not (best.gain > 0 and best.chance >= self.least_chance):
                 break
-            if self._known(best.evidence.wall):
+            wall = best.evidence.wall
+            if self._found(wall) or any(alike(wall, one) for one in self.refused):
                 continue
             if not self.free.ravel()[best.evidence.pixels].all():
                 # Something has taken pixels since.
-                queue += self._entries(scene, best.evidence.wall)
+                queue += self._entries(scene, wall)
                 continue
             found, others = self._fitted(scene, best)
             if found:
                 scene = self.scene()
             else:
-                self.refused.append(best.evidence.wall)
+                self.refused.append(wall)
             queue += others
         return len(self.detections) > before
 
@@ -304,9 +296,6 @@ class _Search:
         known = Observed(evidence, caps, shape, shared=shared)
         chance = confidence(facts_of(known))
         return Entry(evidence, caps, readings, shape, chance)
-
-    def _known(self, wall: Candidate) -> bool:
-        return self._found(wall) or any(alike(wall, other) for other in self.refused)
 
     def _found(self, wall: Candidate) -> bool:
         return any(alike(wall, one.entry.evidence.wall) for one in self.detections)
