@@ -86,6 +86,21 @@ class Wall(NamedTuple):
         """How distances change with the radius, and with the axis at either end."""
         return wall_terms(self.place, self.out, axis)
 
+    def ahead(
+        self, axis: Float[np.ndarray, "3"]
+    ) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "2 n"]] | None:
+        """Mean direction out of it, and places aside of the axis and along that.
+
+        Over the radius. None where the directions go all around.
+        """
+        forward = self.out.mean(axis=0)
+        length = np.linalg.norm(forward)
+        if length < ALL_AROUND:
+            return None
+        forward /= length
+        place = self.out * (1 + self.miss)[:, None]
+        return forward, np.stack([place @ np.cross(axis, forward), place @ forward])
+
 
 def wall_readings(scene: Scene, evidence: Evidence) -> Wall | None:
     """The readings that tell of a wall's shape; None where they are too few."""
@@ -125,13 +140,10 @@ def bending(axis: Float[np.ndarray, "3"], wall: Wall, shared: float) -> float:
         wall: Its readings.
         shared: How many of them share an error.
     """
-    forward = wall.out.mean(axis=0)
-    length = np.linalg.norm(forward)
-    if length < ALL_AROUND:
+    found = wall.ahead(axis)
+    if found is None:
         return np.inf
-    forward /= length
-    place = wall.out * (1 + wall.miss)[:, None]
-    aside, ahead = place @ np.cross(axis, forward), place @ forward
+    _, (aside, ahead) = found
     aside = aside - aside.mean()
     terms = np.stack([np.ones_like(aside), aside, wall.place, aside**2], axis=1)
     found = solved(terms, ahead, wall.deviation)

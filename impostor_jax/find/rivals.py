@@ -25,9 +25,6 @@ STEPS = 4
 KNEES = np.linspace(0.15, 0.85, 9)
 """Parts of a wall's readings on one side of where two planes may meet."""
 
-ALL_AROUND = 0.5
-"""Length of the mean of the directions out of a wall, below which it is no edge."""
-
 LEAST_ALONG = 0.2
 """Cosine of a view and the middle direction out of a wall, at least."""
 
@@ -80,13 +77,10 @@ def rivals(scene: Scene, evidence: Evidence, wall: Wall, cap: Inner) -> Rivals:
 
 def _edge(scene: Scene, axis: Float[np.ndarray, "3"], wall: Wall) -> float:
     """Logarithm of the misfit of a wall over that of two planes."""
-    forward = wall.out.mean(axis=0)
-    length = np.linalg.norm(forward)
-    if length < ALL_AROUND:
+    found = wall.ahead(axis)
+    if found is None:
         return NO_EDGE
-    forward /= length
-    place = wall.out * (1 + wall.miss)[:, None]
-    aside, ahead = place @ np.cross(axis, forward), place @ forward
+    forward, (aside, ahead) = found
     views = scene.view.views.reshape(-1, 3)[wall.pixels]
     # What is known along a ray, as a distance ahead.
     cosine = np.abs((wall.out * views).sum(axis=1))
