@@ -220,6 +220,7 @@ def _on_plane(
     x, y = view.x[box], view.y[box]
     if view.is_central:
         depth = (middle @ axis) / (x * axis[0] + y * axis[1] + axis[2])
-        return np.stack([x * depth, y * depth, depth], axis=-1)
-    rest = (x - middle[0]) * axis[0] + (y - middle[1]) * axis[1]
-    return np.stack([x, y, middle[2] - rest / axis[2]], axis=-1)
+    else:
+        rest = (x - middle[0]) * axis[0] + (y - middle[1]) * axis[1]
+        depth = middle[2] - rest / axis[2]
+    return view.lifted(x, y, depth)

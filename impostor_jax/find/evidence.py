@@ -251,12 +251,8 @@ def _out(
     along: Float[np.ndarray, " n"],
 ) -> Float[np.ndarray, "n 3"]:
     """Unit directions away from the axis, where rays meet a wall."""
-    point = np.stack([x, y, np.ones_like(x)], axis=-1)
-    if view.is_central:
-        point *= depth[:, None]
-    else:
-        point[:, 2] = depth
-    return (point - wall.center - along[:, None] * wall.axis) / wall.radius
+    off = view.lifted(x, y, depth) - wall.center
+    return (off - along[:, None] * wall.axis) / wall.radius
 
 
 def ring(

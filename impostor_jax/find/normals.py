@@ -203,7 +203,7 @@ class _Blocks:
         n = total(self.count)
         su = total(self.count, offset) + total(self.u)
         sv = total(self.count, one, offset) + total(self.v)
-        sixteenth = total(self.count) / 16
+        sixteenth = n / 16
         suu = total(self.count, offset**2) + 2 * total(self.u, offset) + sixteenth
         svv = (
             total(self.count, one, offset**2)

@@ -85,10 +85,7 @@ class View:
     @cached_property
     def points(self) -> Float[np.ndarray, "h w 3"]:
         """Points of the camera frame that the readings show, in meters."""
-        x, y, z = self.x, self.y, self.depth
-        if self.is_central:
-            x, y = x * z, y * z
-        return np.stack([x, y, z], axis=-1)
+        return self.lifted(self.x, self.y, self.depth)
 
     @cached_property
     def views(self) -> Float[np.ndarray, "h w 3"]:
@@ -126,6 +123,17 @@ class View:
         reach = NOISY * self.sigma + STEEP * self.width(self.depth)
         own, reach = (self.enlarged(part, depth.shape) for part in (self.depth, reach))
         return (depth == 0) | (np.abs(depth - own) <= reach)
+
+    def lifted(
+        self,
+        x: Float[np.ndarray, "*b"],
+        y: Float[np.ndarray, "*b"],
+        depth: Float[np.ndarray, "*b"],
+    ) -> Float[np.ndarray, "*b 3"]:
+        """Points of the camera frame that rays meet at a depth, in meters."""
+        if self.is_central:
+            x, y = x * depth, y * depth
+        return np.stack([x, y, depth], axis=-1)
 
     def width(self, depth: Any) -> Any:
         """Of a pixel at a depth, in meters."""
@@ -186,7 +194,7 @@ def view_of(
     """
     stride = stride_of(depth.shape, most_pixels, stride)
     pick = _pick(depth, stride)
-    x, y, sees = (part[pick] for part in _rays(camera))
+    x, y, sees = (np.asarray(part)[pick] for part in _rays(camera))
     picked = np.where(sees, depth[pick], 0).astype(np.float32)
     sigma, grazing = sigmas_of(noise, picked)
     return View(
@@ -271,15 +279,9 @@ def _sigmas(
     return noise.sigma(depth, jnp.ones_like(depth)), turned
 
 
-def _rays(camera: AbstractCamera) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The x and y of the rays, and which pixels see anything."""
-    x, y, sees = jax.tree.map(np.asarray, _rays_of(camera))
-    shape = (camera.height, camera.width)
-    return np.broadcast_to(x, shape), np.broadcast_to(y, shape), sees
-
-
 @jax.jit
-def _rays_of(camera: AbstractCamera) -> tuple[Array, Array, Array]:
+def _rays(camera: AbstractCamera) -> tuple[Array, Array, Array]:
+    """The x and y of the rays, and which pixels see anything."""
     row, col = camera.frame.pixels()
     ray, sees = camera.rays(row, col, jnp.float32), camera.sees(row, col)
     part = ray.direction if camera.is_central else ray.origin
