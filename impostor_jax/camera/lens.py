@@ -62,12 +62,8 @@ def distort(
     if coefficients.shape[0] < 14:
         return xd, yd
     # The image plane is tilted about x, then about y, and seen from the lens's center.
-    sin_x, cos_x, sin_y, cos_y = (
-        jnp.sin(tilt_x),
-        jnp.cos(tilt_x),
-        jnp.sin(tilt_y),
-        jnp.cos(tilt_y),
-    )
+    sin_x, cos_x = jnp.sin(tilt_x), jnp.cos(tilt_x)
+    sin_y, cos_y = jnp.sin(tilt_y), jnp.cos(tilt_y)
     r13, r23, r33 = -sin_y * cos_x, sin_x, cos_y * cos_x
     tilted_x = cos_y * xd + sin_y * sin_x * yd + r13
     tilted_y = cos_x * yd + r23
