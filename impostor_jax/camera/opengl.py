@@ -91,17 +91,10 @@ def perspective_arguments(projection: Any, size: Any) -> dict[str, Any]:
         projection: (4, 4), as of glFrustum or gluPerspective; may be traced.
         size: Width and height in pixels.
     """
-    m, (width, height) = _matrix("projection", projection), _size(size)
+    m, size = _matrix("projection", projection), _size(size)
     if is_concrete(m):
         _check_perspective(m)
-    return {
-        "fx": m[0, 0] * (width / 2),
-        "fy": m[1, 1] * (height / 2),
-        "cx": (1 - m[0, 2]) * (width / 2) - 0.5,
-        "cy": (1 + m[1, 2]) * (height / 2) - 0.5,
-        "width": width,
-        "height": height,
-    }
+    return _arguments(m, size, 1 - m[0, 2], 1 + m[1, 2])
 
 
 def orthographic_arguments(projection: Any, size: Any) -> dict[str, Any]:
@@ -111,14 +104,22 @@ def orthographic_arguments(projection: Any, size: Any) -> dict[str, Any]:
         projection: (4, 4), as of glOrtho; may be traced.
         size: Width and height in pixels.
     """
-    m, (width, height) = _matrix("projection", projection), _size(size)
+    m, size = _matrix("projection", projection), _size(size)
     if is_concrete(m):
         _check_orthographic(m)
+    return _arguments(m, size, 1 + m[0, 3], 1 - m[1, 3])
+
+
+def _arguments(
+    m: Matrix, size: tuple[int, int], right: Any, down: Any
+) -> dict[str, Any]:
+    """Arguments of a camera; the last two are where its axis is, in half sizes."""
+    width, height = size
     return {
         "fx": m[0, 0] * (width / 2),
         "fy": m[1, 1] * (height / 2),
-        "cx": (1 + m[0, 3]) * (width / 2) - 0.5,
-        "cy": (1 - m[1, 3]) * (height / 2) - 0.5,
+        "cx": right * (width / 2) - 0.5,
+        "cy": down * (height / 2) - 0.5,
         "width": width,
         "height": height,
     }
