@@ -96,7 +96,8 @@ def cloud_of(
     distance, _ = tree.query(own, k=2, workers=-1)
     found, rough, is_flat = _planes_at(own, tree)
     if normals is not None:
-        found = _unit(normals[chosen])
+        length = np.linalg.norm(normals[chosen], axis=1, keepdims=True)
+        found = normals[chosen] / np.maximum(length, np.finfo(float).tiny)
     seen_from = None if origins is None else origins[chosen] - middle
     if seen_from is not None:
         away = np.sum(found * (seen_from - own), axis=1) < 0
@@ -115,11 +116,6 @@ def cloud_of(
         chosen=chosen,
         tree=tree,
     )
-
-
-def _unit(vectors: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
-    length = np.linalg.norm(vectors, axis=1, keepdims=True)
-    return vectors / np.maximum(length, np.finfo(float).tiny)
 
 
 def _thinned(

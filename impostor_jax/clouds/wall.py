@@ -97,10 +97,10 @@ class Wall(NamedTuple):
 
 def wall_near(points: Float[np.ndarray, "n 3"], cylinder: Cylinder) -> Wall | None:
     """The wall near which points lie, from one that is nearly it; None if none is."""
-    parts = cylinder.axis, cylinder.center
-    axis, center = (np.asarray(part, np.float64) for part in parts)
-    size = float(np.linalg.norm(points - np.median(points, axis=0), axis=1).max())
-    return _refined(points, axis, center, float(cylinder.radius), size)
+    parts = cylinder.axis, cylinder.center, cylinder.radius
+    axis, center, radius = (np.asarray(part, np.float64)[None] for part in parts)
+    size = np.linalg.norm(points - np.median(points, axis=0), axis=1).max()
+    return refined_walls(points[None], axis, center, radius, size[None])[0]
 
 
 def wall_of(points: Float[np.ndarray, "n 3"]) -> Wall | None:
@@ -185,18 +185,6 @@ def _circle_about(
     best = np.argmin(medians)
     middle = frame[:2].T @ centers[best]
     return _Circle(middle, float(radius[best]), float(medians[best]))
-
-
-def _refined(
-    points: Float[np.ndarray, "n 3"],
-    axis: Float[np.ndarray, "3"],
-    center: Float[np.ndarray, "3"],
-    radius: float,
-    size: float,
-) -> Wall | None:
-    """Wall with the least distances from points, robustly; the arguments are of one."""
-    start = axis[None], center[None], np.array([radius])
-    return refined_walls(points[None], *start, np.array([size]))[0]
 
 
 def refined_walls(
