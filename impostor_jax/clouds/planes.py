@@ -95,9 +95,7 @@ def planes_of(cloud: Cloud) -> Planes:
                 found.append((middle, normal))
                 edged = _with_edge(cloud, own, label == 0, *found[-1], deviation)
                 label[edged] = len(found)
-    if not found:
-        return Planes(np.zeros((0, 3)), np.zeros((0, 3)), label)
-    middles, normals = map(np.array, zip(*found, strict=True))
+    middles, normals = np.array(found).reshape(-1, 2, 3).transpose(1, 0, 2)
     return Planes(middles, normals, label)
 
 
