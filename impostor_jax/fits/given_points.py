@@ -154,7 +154,11 @@ def _check_origins(starts: Float[np.ndarray, "n 3"]) -> None:
     levels = starts if starts.max() > 1 else 255 * starts
     if np.all(np.abs(np.linalg.norm(starts, axis=1) - 1) < UNIT_WITHIN):
         what = "unit vectors, as of normals"
-    elif starts.min() >= 0 and levels.max() <= 255 and _are_whole(levels):
+    elif (
+        starts.min() >= 0
+        and levels.max() <= 255
+        and np.all(np.abs(levels - np.round(levels)) < WHOLE_WITHIN)
+    ):
         what = "colors"
     else:
         return
@@ -164,10 +168,6 @@ def _check_origins(starts: Float[np.ndarray, "n 3"]) -> None:
         "points must be (N, 3), or (N, 6) with the origin of each in columns 4 to 6, "
         f"got {what} there: give points[:, :3]"
     )
-
-
-def _are_whole(values: Float[np.ndarray, "..."]) -> bool:
-    return bool(np.all(np.abs(values - np.round(values)) < WHOLE_WITHIN))
 
 
 def as_numbers(name: str, value: Any) -> Float[np.ndarray, "..."]:

@@ -172,7 +172,8 @@ def fit_cylinder_to_points(
         # Rings and wires show no surface to a guess, but a wall to its distances; and
         # what lies beside a wall moves it, unless it is left out.
         for wall in _known_walls(given):
-            near = _fit_near(given, sigma, asked, wall)
+            seen = seen_across(given.ends, wall)
+            near = fit_points(_near_ones(given, seen), sigma, seen.start, asked, wall)
             if is_failed and near.is_shape:
                 return near
             # Few of them make the wall no likelier, and move it by nine deviations.
@@ -189,12 +190,6 @@ def fit_cylinder_to_points(
 def _is_mixed(fit: Fit, count: int) -> bool:
     """Whether points seem to be of more than a wall, or of a wall and its caps."""
     return bool(fit.num_inliers < MOST * count or fit.chi2.item() > MOST_SCATTERED)
-
-
-def _fit_near(cloud: GivenPoints, sigma: Any, asked: Options, wall: Wall) -> Fit:
-    """Fit to what lies near a wall, of points of which it is known from where."""
-    seen = seen_across(cloud.ends, wall)
-    return fit_points(_near_ones(cloud, seen), sigma, seen.start, asked, wall)
 
 
 def _near_ones(cloud: GivenPoints, seen: Viewless) -> GivenPoints:
@@ -249,12 +244,9 @@ def _fit_cloud(
     for view in views:
         check_types(Cylinder, view.camera, initial)
         view.mask[0, : len(view.places)] &= counts[view.places]
-    depths, cameras, masks = (
-        [getattr(view, name) for view in views] for name in ("depth", "camera", "mask")
-    )
+    depths, cameras, masks, places = map(list, zip(*views, strict=True))
     if len(views) == 1:
         depths, cameras, masks = depths[0], cameras[0], masks[0]
-    places = [view.places for view in views]
     given = depths, cameras, masks, sigma
     return fit_shape(CYLINDER, *given, initial, asked, places, rounding)
 

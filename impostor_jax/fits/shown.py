@@ -211,20 +211,10 @@ def _fit_found(
         return fits[0]
     good = [fit for fit in fits if fit.is_shape]
     if not good:
-        return _nothing(kind, image, noise, precision)
+        warn_of_units(image, image > 0, noise)
+        with working_precision(precision, ()):
+            return no_guess(kind, np.zeros(image.shape, bool))
     return max(good, key=lambda fit: fit.num_inliers)
-
-
-def _nothing(
-    kind: Fittable,
-    image: Float[np.ndarray, "h w"],
-    noise: AbstractDepthNoise,
-    precision: str | None,
-) -> Fit:
-    """What a fit returns where no object is found."""
-    warn_of_units(image, image > 0, noise)
-    with working_precision(precision, ()):
-        return no_guess(kind, np.zeros(image.shape, bool))
 
 
 def _surest(
