@@ -49,7 +49,7 @@ class _Source(NamedTuple):
 
 
 def items_of(
-    given: Sequence[str | Path],
+    given: str | Path | Sequence[str | Path],
     camera: str | Path | CameraFile | None = None,
     beside: Sequence[str | Path] = (),
     meaning: str = MASK,
@@ -175,12 +175,12 @@ def _sources_in(
         return
     suffixes = CLOUDS if camera is None else IMAGES
     files = [one for one in folder.iterdir() if one.suffix.lower() in suffixes]
-    if files and not _is_known(folder):
+    if _is_known(folder):
+        yield from _of_folder(folder, camera)
+    elif files:
         yield from map(_Source, sorted(files))
-        return
-    if not _is_known(folder):
+    else:
         raise ValueError(f"{str(folder)!r} must hold depth images, got none")
-    yield from _of_folder(folder, camera)
 
 
 def _is_known(folder: Path) -> bool:

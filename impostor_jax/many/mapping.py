@@ -128,8 +128,7 @@ def map_images(
         raise ValueError(f"{meaning} must be given with what is fitted alone")
     if isinstance(beside, str | Path):
         beside = [beside]
-    given = [images] if isinstance(images, str | Path) else images
-    items = items_of(given, file, beside, meaning)
+    items = items_of(images, file, beside, meaning)
     chosen = Options.of(
         fixed, prior, mask_meaning or "region", scale or "estimated", errors, effort
     )
@@ -261,9 +260,8 @@ def _entry(task: AbstractTask, output: Path | None, item: AbstractItem) -> Entry
         words = " ".join(str(error).split())
         if not isinstance(error, ValueError | OSError):
             words = f"{type(error).__name__}: {words}"
-        rows = [{"status": FAILED, "reason": words}]
-        return Entry(item.name, None, [{"image": item.name, **row} for row in rows])
+        row = {"image": item.name, "status": FAILED, "reason": words}
+        return Entry(item.name, None, [row])
     said = {"version": impostor_jax.__version__}
-    return Entry(
-        item.name, made_from, [{"image": item.name, **row, **said} for row in rows]
-    )
+    rows = [{"image": item.name, **row, **said} for row in rows]
+    return Entry(item.name, made_from, rows)
