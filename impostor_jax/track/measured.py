@@ -125,7 +125,7 @@ class Measured:
             own=turn @ both @ turn.T,
             shared=turn @ np.column_stack([scale, others]),
             is_known=is_known,
-            end=int(turned) * int(ends[1]) - int(turned) * int(ends[0]),
+            end=int(turned) * (int(ends[1]) - int(ends[0])),
             end_std=pixel * float(np.linalg.norm(offset)),
         )
 

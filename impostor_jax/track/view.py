@@ -61,7 +61,7 @@ class View:
             rotation = np.asarray(pose.rotation, float)
             place = -rotation.T @ np.asarray(pose.translation, float)
         bare = posed(camera, None)
-        pixel = 1 / min(float(camera.fx), float(camera.fy))
+        pixel = float(camera.spacing)
         return View(image, camera, bare, noise, rotation, place, pixel)
 
     def sight(self, state: State, planes: Float[np.ndarray, "m 4"]) -> Sight:
