@@ -1,8 +1,6 @@
 """The cylinder that most points are of, among others that are of something else."""
 
-__all__ = ["Among", "surest_among"]
-
-from typing import NamedTuple
+__all__ = ["surest_among"]
 
 import numpy as np
 from jaxtyping import Bool
@@ -11,9 +9,8 @@ from impostor_jax.clouds.cloud import cloud_of
 from impostor_jax.clouds.confidence import confidence, facts_of
 from impostor_jax.clouds.planes import planes_of
 from impostor_jax.clouds.search import Request, belonging, searched
-from impostor_jax.clouds.wall import Wall
+from impostor_jax.clouds.support import Support
 from impostor_jax.fits.given_points import GivenPoints
-from impostor_jax.primitives.cylinder import Cylinder
 
 SURE = 0.9
 """Probability that a cylinder is there, from which the other points are left out: a fit
@@ -23,22 +20,12 @@ RADII = (1e-4, 1e3)
 """That are looked for, in meters."""
 
 
-class Among(NamedTuple):
-    """A cylinder among points.
+def surest_among(
+    given: GivenPoints, level: float | None
+) -> tuple[Support, Bool[np.ndarray, " n"]] | None:
+    """The surest cylinder among points, in the world, and which points are of it.
 
-    Attributes:
-        wall: Near which its points lie, in the world.
-        start: The wall between its ends.
-        own: Which points are of it.
-    """
-
-    wall: Wall
-    start: Cylinder
-    own: Bool[np.ndarray, " n"]
-
-
-def surest_among(given: GivenPoints, level: float | None) -> Among | None:
-    """The surest cylinder among points; None where none is sure.
+    None where none is sure.
 
     Args:
         given: The points.
@@ -55,5 +42,4 @@ def surest_among(given: GivenPoints, level: float | None) -> Among | None:
     best = max(sure, key=lambda one: len(one.own)).support
     own = np.zeros(len(given.ends), bool)
     own[belonging(given.ends - cloud.middle, best, level or 0.0)] = True
-    best = best.moved(cloud.middle)
-    return Among(best.wall, best.start, own)
+    return best.moved(cloud.middle), own

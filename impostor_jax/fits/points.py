@@ -182,8 +182,9 @@ def fit_cylinder_to_points(
     if is_failed:
         found = surest_among(given, level_of(sigma, given))
         if found is not None:
-            cloud = given._replace(counts=found.own)
-            return fit_points(cloud, sigma, found.start, asked, found.wall)
+            support, own = found
+            cloud = given._replace(counts=own)
+            return fit_points(cloud, sigma, support.start, asked, support.wall)
     return fit
 
 
