@@ -10,6 +10,8 @@ the noise model's own.
 
 __all__ = ["KINDS", "Kind", "Readings", "law_of_all", "readings_of", "sigma_of"]
 
+import dataclasses
+import functools
 import math
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
@@ -124,7 +126,7 @@ def readings_of(
         warp: That is in the differences, too.
         find_warp: Whether `warp` is only what it begins with.
     """
-    model = _Model.of(differences, kind, first, warp, find_warp)
+    model = _Model(differences, kind, first, warp, find_warp)
     own = np.zeros(model.num_own)
     trials = [
         _least_squares(model.residuals, np.concatenate([own, start]))
@@ -159,7 +161,7 @@ def law_of_all(
     """
     apart = (np.array(LAGS) > APART * grain.length) | (np.array(LAGS) == LAGS[-1])
     beyond = differences._replace(number=differences.number * apart)
-    model = _Model.of(beyond, kind, first, warp, False)
+    model = _Model(beyond, kind, first, warp, False)
     return model.law(_least_squares(model.residuals, np.zeros(model.num_own))[0])
 
 
@@ -183,7 +185,8 @@ def _sigma(
     return law.sigma(depth, cosine)
 
 
-class _Model(NamedTuple):
+@dataclasses.dataclass(frozen=True)
+class _Model:
     """What is compared with the differences.
 
     What is fitted are logarithms: of the law's numbers over those it begins with; of
@@ -195,7 +198,6 @@ class _Model(NamedTuple):
         first: What it begins with.
         warp: That is in the differences, too.
         find_warp: Whether it is fitted.
-        weight: Reciprocal of the standard deviation of a half square's logarithm.
     """
 
     differences: Differences
@@ -203,19 +205,13 @@ class _Model(NamedTuple):
     first: AbstractDepthNoise
     warp: Smooth | None
     find_warp: bool
-    weight: Float[np.ndarray, "b k"]
 
-    @staticmethod
-    def of(
-        differences: Differences,
-        kind: Kind,
-        first: AbstractDepthNoise,
-        warp: Smooth | None,
-        find_warp: bool,
-    ) -> "_Model":
-        is_known = (differences.number > 0) & (differences.half_square > 0)
-        weight = np.sqrt(np.where(is_known, differences.number, 0) / (2 * PAIRS))
-        return _Model(differences, kind, first, warp, find_warp, weight)
+    @functools.cached_property
+    def weight(self) -> Float[np.ndarray, "b k"]:
+        """Reciprocal of the standard deviation of a half square's logarithm."""
+        number = self.differences.number
+        is_known = (number > 0) & (self.differences.half_square > 0)
+        return np.sqrt(np.where(is_known, number, 0) / (2 * PAIRS))
 
     @property
     def num_own(self) -> int:
