@@ -217,14 +217,13 @@ class Tracker:
         return time
 
     def _view(self, depth: Any, camera: PinholeCamera) -> View:
-        if self.noise is None:
-            image, noise, _ = checked_readings(depth, camera, None)
+        noise = self.noise
+        if noise is None:
+            image, *_ = checked_readings(depth, camera, None)
             found = law_of_noise(np.asarray(image), camera)
             noise = found.noise
             if found.text != NOT_MEASURED:
                 self.noise = noise
-        else:
-            noise = self.noise
         image, noise, _ = checked_readings(depth, camera, noise)
         return View.of(np.asarray(image), camera, noise)
 
