@@ -9,6 +9,7 @@ to where it is refuted.
 __all__ = ["LIMIT", "Candidate", "Evidence", "Scene", "shown", "weighed"]
 
 import dataclasses
+import functools
 from typing import NamedTuple
 
 import numpy as np
@@ -90,54 +91,44 @@ class Pool(NamedTuple):
     most: Float[np.ndarray, " p"]
 
 
-class Scene(NamedTuple):
+@dataclasses.dataclass(frozen=True)
+class Scene:
     """What candidates are compared with.
 
     Attributes:
         view: What is searched.
         normals: Of it.
         noise: Factor of its sigma, from planes.
-        shared: Pixels that share an error, from planes.
         usable: Readings that are no flying pixels.
         free: Those that nothing has explained yet.
         planes: Those that lie on a plane.
-        pool: Of those that are free.
+        shared: Pixels that share an error, from planes.
     """
 
     view: View
     normals: Normals
     noise: float
-    shared: float
     usable: Bool[np.ndarray, "h w"]
     free: Bool[np.ndarray, "h w"]
     planes: Bool[np.ndarray, "h w"]
-    pool: Pool
+    shared: float = 1.0
 
-    @staticmethod
-    def of(
-        view: View,
-        normals: Normals,
-        noise: float,
-        usable: Bool[np.ndarray, "h w"],
-        free: Bool[np.ndarray, "h w"],
-        planes: Bool[np.ndarray, "h w"],
-        shared: float = 1.0,
-    ) -> "Scene":
-        """The scene, with its pool."""
-        index = np.flatnonzero(free)
+    @functools.cached_property
+    def pool(self) -> Pool:
+        """Of the readings that are free."""
+        view, index = self.view, np.flatnonzero(self.free)
         if len(index):
             index = index[spread(len(index), MOST_POOLED)]
-        depth, sigma = view.depth.ravel()[index], noise * view.sigma.ravel()[index]
+        depth, sigma = view.depth.ravel()[index], self.noise * view.sigma.ravel()[index]
         cosines = np.linspace(LEAST_COSINE, 1, 20)
         away = [cosine * view.deviation(depth, sigma, cosine) for cosine in cosines]
-        pool = Pool(
+        return Pool(
             view.points.reshape(-1, 3)[index],
             view.views.reshape(-1, 3)[index],
             depth,
             sigma,
             1.1 * LIMIT * np.max(away, axis=0),
         )
-        return Scene(view, normals, noise, shared, usable, free, planes, pool)
 
 
 @dataclasses.dataclass(frozen=True)

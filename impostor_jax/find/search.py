@@ -175,7 +175,7 @@ class _Search:
 
     def scene(self) -> Scene:
         """What candidates are compared with now."""
-        return Scene.of(
+        return Scene(
             self.view, self.normals, self.planes.noise, self.usable, self.free,
             self.planes.labels > 0, self.planes.shared,
         )  # fmt: skip

@@ -67,7 +67,7 @@ def scene_of(image, camera=CAMERA, sigma=SIGMA, free=None):
         free = usable & ~planes
     else:
         planes = np.zeros_like(usable)
-    return Scene.of(view, normals, 1.0, usable, usable & free, planes)
+    return Scene(view, normals, 1.0, usable, usable & free, planes)
 
 
 def wall_of(can, side=1.0, **changes):

@@ -1,5 +1,7 @@
 """Departures from a cylinder, told from noise."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -125,6 +127,6 @@ def test_errors_that_pixels_share_leave_more_open():
     evidence = weighed(scene, wall)
     alone, shared = (
         deformation(wall.axis, wall_readings(one, evidence), one.shared)
-        for one in (scene, scene._replace(shared=100.0))
+        for one in (scene, dataclasses.replace(scene, shared=100.0))
     )
     assert shared.vague == pytest.approx(10 * alone.vague)
