@@ -36,14 +36,11 @@ def errors_across(across: Any, angle: Any) -> tuple[Scalar | None, Scalar | None
         across: Of a reading's place, along each of two directions, in meters.
         angle: Of the ray's direction, likewise, in radians.
     """
-    return (
-        None
-        if across is None
-        else bounded_number("across", across, "0 or positive, in meters"),
-        None
-        if angle is None
-        else bounded_number("angle", angle, "from 0 to 0.1 radians", 0.1),
-    )
+    if across is not None:
+        across = bounded_number("across", across, "0 or positive, in meters")
+    if angle is not None:
+        angle = bounded_number("angle", angle, "from 0 to 0.1 radians", 0.1)
+    return across, angle
 
 
 class AcrossRay(AbstractDepthNoise):

@@ -190,12 +190,10 @@ class Bias(eqx.Module):
     @staticmethod
     def of_rays(across: Scalar | None, angle: Scalar | None) -> "Bias":
         """Of a sensor whose readings share nothing; the arguments are attributes."""
-        # Of exact rays it is asked for five times a fit, and takes 60 us to make.
-        return (
-            EXACT
-            if across is None and angle is None
-            else Bias(across=across, angle=angle)
-        )
+        # It is asked for five times a fit, and takes 60 us to make.
+        if across is None and angle is None:
+            return EXACT
+        return Bias(across=across, angle=angle)
 
     @property
     def has_exact_rays(self) -> bool:
