@@ -145,15 +145,12 @@ def map_images(
         "scale": scale,
         "errors": errors,
     }
-    are_clouds = isinstance(items[0], CloudFile)
-    _refuse(of_fit if task == "find" else of_search, f"task {task!r}")
-    _refuse(
-        {"min_pixels": min_pixels}
-        if are_clouds
-        else {"origin": origin, "min_points": min_points},
-        "clouds" if are_clouds else "images",
-    )
-    own = of_search if task == "find" else of_fit
+    own, others = (of_search, of_fit) if task == "find" else (of_fit, of_search)
+    _refuse(others, f"task {task!r}")
+    if isinstance(items[0], CloudFile):
+        _refuse({"min_pixels": min_pixels}, "clouds")
+    else:
+        _refuse({"origin": origin, "min_points": min_points}, "images")
     told = {"sigma": sigma, "prior": prior, "origin": origin, **own}
     options = {name: value for name, value in told.items() if value is not None}
     options["effort"] = chosen.effort
