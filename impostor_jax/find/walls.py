@@ -187,10 +187,7 @@ def _stepped(
     weight = precision / (1 + miss**2 * precision / (KERNEL * scale) ** 2) ** 2
     radius = jnp.exp(wall.log_radius)
     basis = tangent_basis(wall.axis)
-    first, second = (
-        out.dot(Vec3.from_array(basis[0])),
-        out.dot(Vec3.from_array(basis[1])),
-    )
+    first, second = (out.dot(Vec3.from_array(basis[k])) for k in (0, 1))
     one = jnp.ones_like(along)
     rows = jnp.stack([first, second, along * first, along * second, one, along, miss])
     sums = (rows * weight[None]) @ rows.T
