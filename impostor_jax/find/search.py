@@ -78,9 +78,6 @@ FEW_OF_WALL = 100
 """Readings of a wall up to which it is fitted before it is compared with its rivals: a
 radius that is 10 % off picks those that a cone explains best."""
 
-LEAST_SURE = 0.5
-"""Confidence of what is found: what is likelier than not."""
-
 
 @dataclasses.dataclass(frozen=True)
 class Request:
@@ -90,13 +87,13 @@ class Request:
         min_pixels: Fewest pixels of a cylinder, in the image.
         min_arc: Smallest angle around its axis that is seen of it, in radians.
         radius_range: Smallest and largest radius, in meters.
-        least_sure: Confidence of what is found.
+        least_sure: Confidence of what is found: it is likelier than not.
     """
 
     min_pixels: int = 150
     min_arc: float = 0.6
     radius_range: tuple[float, float] = (0.003, 1.0)
-    least_sure: float = LEAST_SURE
+    least_sure: float = 0.5
 
 
 class Entry(NamedTuple):
