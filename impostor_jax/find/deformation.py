@@ -163,16 +163,10 @@ def deformation(axis: Float[np.ndarray, "3"], wall: Wall, shared: float) -> Defo
     deviation = wall.deviation * found.scatter
     kept = np.abs(wall.miss) < 2 * LIMIT * deviation
     rows = np.column_stack([terms, wall.miss])[kept] / deviation[kept, None]
-    split, price = best_split(wall.place[kept], rows), PRICE * shared
-    is_split = (
-        split is not None
-        and min(split.alone - 2 * price, split.smooth) - split.halves >= price
-    )
-    return Deformation(
-        found.value[5:],
-        np.sqrt(shared) * found.deviation[5:],
-        wall.middle + wall.half * split.place if split and is_split else None,
-    )
+    split, price, seam = best_split(wall.place[kept], rows), PRICE * shared, None
+    if split and min(split.alone - 2 * price, split.smooth) - split.halves >= price:
+        seam = wall.middle + wall.half * split.place
+    return Deformation(found.value[5:], np.sqrt(shared) * found.deviation[5:], seam)
 
 
 def _within(scene: Scene, evidence: Evidence) -> np.ndarray:
