@@ -241,9 +241,11 @@ def calibration_of(
     table = usable & ~seen
     # Planes are looked for by the usual noise, and again by what is found on them.
     flats = _flats(images, table, camera, _Total(first, ()), of_kind, margin)
-    law, noise = _roughly(flats, of_kind, first)
+    differences = differences_of(flats)
+    rough = readings_of(differences, of_kind, first, USUAL_WARP, find_warp=True)
+    noise = _Total(rough.law, _fields((rough.grain, rough.warp), of_kind))
     flats = _flats(images, table, camera, noise, of_kind, margin)
-    variances = [_variance(flat, law, of_kind.power) for flat in flats]
+    variances = [_variance(flat, rough.law, of_kind.power) for flat in flats]
     flats = without_bends(flats, variances)
     law, grain, is_filtered, warp = _measured(flats, of_kind, first)
     fields = _fields((grain, warp), of_kind)
@@ -333,16 +335,6 @@ def _flats(
             f"more from their edges, got {count}: a bare wall or table does"
         )
     return flats
-
-
-def _roughly(
-    flats: Sequence[Flat], kind: Kind, first: AbstractDepthNoise
-) -> tuple[AbstractDepthNoise, AbstractDepthNoise]:
-    """The law, and all deviations from planes, as differences alone tell of them."""
-    differences = differences_of(flats)
-    readings = readings_of(differences, kind, first, USUAL_WARP, find_warp=True)
-    fields = _fields((readings.grain, readings.warp), kind)
-    return readings.law, _Total(readings.law, fields)
 
 
 def _fields(
