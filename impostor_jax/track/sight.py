@@ -86,7 +86,8 @@ def sight_of(
             camera, and their product with the points of each.
     """
     shape = shape.astype(np.result_type(image))
-    margin = _margin(shape, camera)
+    pixel = max(shape[2], shape[6]) / min(float(camera.fx), float(camera.fy))
+    margin = np.asarray(min(MARGIN * pixel, MOST_MARGIN * shape[6]), shape.dtype)
     first_row, last_row, first_col, last_col = map(
         int, np.asarray(kept(_box)(shape, margin, camera))
     )
@@ -113,13 +114,6 @@ def sight_of(
 def _start(first: int, last: int, length: int, limit: int) -> int:
     """Start of a stretch that is centered on others, within an image."""
     return int(np.clip((first + last + 1 - length) // 2, 0, limit - length))
-
-
-def _margin(
-    shape: Float[np.ndarray, "8"], camera: PinholeCamera
-) -> Float[np.ndarray, ""]:
-    pixel = max(shape[2], shape[6]) / min(float(camera.fx), float(camera.fy))
-    return np.asarray(min(MARGIN * pixel, MOST_MARGIN * shape[6]), shape.dtype)
 
 
 def _below(
