@@ -18,6 +18,7 @@ __all__ = [
 import abc
 import dataclasses
 import functools
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -28,11 +29,7 @@ from typing_extensions import override
 from impostor_jax.camera.base import posed
 from impostor_jax.camera.pinhole import PinholeCamera
 from impostor_jax.geometry.frames import RigidTransform
-from impostor_jax.io.camera_file import (
-    CameraFile,
-    camera_record,
-    read_camera,
-)
+from impostor_jax.io.camera_file import CameraFile, camera_record, read_camera
 from impostor_jax.io.dataset import MANIFEST, Dataset, read_dataset
 from impostor_jax.io.depth_folder import DepthFolder
 from impostor_jax.io.depth_image import read_depth
@@ -266,7 +263,7 @@ def _labels_of(masks: Bool[np.ndarray, "n h w"]) -> Integer[np.ndarray, "h w"] |
 def _camera_told(camera: Camera) -> Any:
     """What a camera is, as JSON can hold it."""
     if isinstance(camera, Path):
-        return _digest_at(camera, camera.stat().st_mtime_ns)
+        return _of_file(sha256_of, camera, camera.stat().st_mtime_ns)
     return _told_of(camera)
 
 
@@ -276,24 +273,18 @@ def _told_of(camera: CameraFile) -> Any:
     return [camera_record(*camera), moved]
 
 
-@functools.lru_cache(maxsize=1000)
-def _digest_at(path: Path, changed: int) -> str:
-    """Digest of a file that many images share, as it was when it was last changed."""
-    del changed
-    return sha256_of(path)
-
-
 def _read_camera(camera: Camera) -> CameraFile:
     if isinstance(camera, CameraFile):
         return camera
-    return _camera_at(camera, camera.stat().st_mtime_ns if camera.exists() else 0)
+    changed = camera.stat().st_mtime_ns if camera.exists() else 0
+    return _of_file(read_camera, camera, changed)
 
 
-@functools.lru_cache(maxsize=1000)
-def _camera_at(path: Path, changed: int) -> CameraFile:
-    """What is in a camera file that many images share, likewise."""
+@functools.lru_cache(maxsize=2000)
+def _of_file(function: Callable[[Path], Any], path: Path, changed: int) -> Any:
+    """What is made of a file that many images share, as it was last changed."""
     del changed
-    return read_camera(path)
+    return function(path)
 
 
 @functools.lru_cache(maxsize=8)
