@@ -19,13 +19,7 @@ from typing_extensions import override
 from impostor_jax.arguments import is_concrete, one_of, real_number
 from impostor_jax.calibrate.differences import differences_of
 from impostor_jax.calibrate.flats import Flat, flat_of, without_bends
-from impostor_jax.calibrate.laws import (
-    KINDS,
-    Kind,
-    law_of_all,
-    readings_of,
-    sigma_of,
-)
+from impostor_jax.calibrate.laws import KINDS, Kind, law_of_all, readings_of, sigma_of
 from impostor_jax.calibrate.request import (
     checked_images,
     checked_masks,

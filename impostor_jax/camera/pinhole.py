@@ -11,19 +11,9 @@ from jax.typing import DTypeLike
 from jaxtyping import Array, Bool, Float
 from typing_extensions import override
 
-from impostor_jax.arguments import (
-    float_array,
-    image_size,
-    is_concrete,
-    real_number,
-)
+from impostor_jax.arguments import float_array, image_size, is_concrete, real_number
 from impostor_jax.camera.base import AbstractCamera, Projection
-from impostor_jax.camera.lens import (
-    RayField,
-    distort,
-    solve_ray_field,
-    undistort_step,
-)
+from impostor_jax.camera.lens import RayField, distort, solve_ray_field, undistort_step
 from impostor_jax.camera.opengl import perspective_arguments, pose_of_view
 from impostor_jax.camera.pixels import (
     PixelBox,

@@ -90,9 +90,7 @@ def linear_pixel_box(
     return PixelBox(first[1], last[1], first[0], last[0])
 
 
-def first_and_last(
-    seen: Bool[Array, " n"],
-) -> tuple[Int[Array, ""], Int[Array, ""]]:
+def first_and_last(seen: Bool[Array, " n"]) -> tuple[Int[Array, ""], Int[Array, ""]]:
     """First and last index that holds True; the number of all and -1 if none does."""
     index = jnp.arange(seen.shape[0])
     first = jnp.min(jnp.where(seen, index, seen.shape[0]))

@@ -16,12 +16,7 @@ from jax.typing import DTypeLike
 from jaxtyping import Array, Bool, Float
 from typing_extensions import override
 
-from impostor_jax.arguments import (
-    float_array,
-    image_size,
-    is_concrete,
-    real_number,
-)
+from impostor_jax.arguments import float_array, image_size, is_concrete, real_number
 from impostor_jax.camera.base import AbstractCamera, Projection
 from impostor_jax.camera.pixels import PixelBox, Pixels, first_and_last
 from impostor_jax.geometry.frames import Points, RigidTransform

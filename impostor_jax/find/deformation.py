@@ -5,13 +5,7 @@ barrel, an ellipse, a bend. Each comes with its standard deviation, so that what
 image leaves open is told from what it refutes.
 """
 
-__all__ = [
-    "Deformation",
-    "Wall",
-    "bending",
-    "deformation",
-    "wall_readings",
-]
+__all__ = ["Deformation", "Wall", "bending", "deformation", "wall_readings"]
 
 from typing import NamedTuple
 

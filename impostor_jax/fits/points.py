@@ -6,12 +6,7 @@ distance of points is biased. What only an image shows is left out: background b
 end, outlines, and errors that neighbors share.
 """
 
-__all__ = [
-    "fit_cylinder_to_points",
-    "fit_points",
-    "in_one_frame",
-    "prepare_points",
-]
+__all__ = ["fit_cylinder_to_points", "fit_points", "in_one_frame", "prepare_points"]
 
 import warnings
 from collections.abc import Mapping, Sequence

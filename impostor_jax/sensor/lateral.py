@@ -28,10 +28,7 @@ from impostor_jax.sensor.base import (
 )
 from impostor_jax.sensor.bias import Bias
 from impostor_jax.sensor.draws import normal_draws
-from impostor_jax.sensor.structured_light import (
-    MAX_ANGLE,
-    grazing_ratio,
-)
+from impostor_jax.sensor.structured_light import MAX_ANGLE, grazing_ratio
 from impostor_jax.sensor.surface import has_surface
 
 RARE_SHIFT = 2.6

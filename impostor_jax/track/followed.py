@@ -12,14 +12,7 @@ from impostor_jax.fit.budget import Deviations
 from impostor_jax.fit.result import Fit
 from impostor_jax.track.measured import COORDINATES, Measured, basis_of
 from impostor_jax.track.sight import Sight
-from impostor_jax.track.state import (
-    AXIS,
-    CENTER,
-    HEIGHT,
-    RADIUS,
-    VELOCITY,
-    State,
-)
+from impostor_jax.track.state import AXIS, CENTER, HEIGHT, RADIUS, VELOCITY, State
 from impostor_jax.track.track import Track, TrackStatus
 
 MOST_HIDDEN = 0.5
