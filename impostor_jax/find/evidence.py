@@ -141,8 +141,6 @@ class Evidence:
         pixels: Flat indices of those that it explains, of those weighed.
         explained: How many it explains.
         behind: Where something behind it is seen.
-        front: Where something in front of it is seen.
-        unread: Without a reading.
         other: Of another surface: taken, of a plane, or of other normals.
         arc: Around the axis, over which it is explained, in radians.
         misfit: Mean square of the deviations of what it explains.
@@ -155,8 +153,6 @@ class Evidence:
     pixels: Int[np.ndarray, " n"]
     explained: float
     behind: float
-    front: float
-    unread: float
     other: float
     arc: float
     misfit: float
@@ -167,11 +163,6 @@ class Evidence:
     def is_narrow(self) -> bool:
         """Whether it is so few pixels wide that what is proposed for it is rough."""
         return 2 * self.wall.radius < NARROW * self.width
-
-    @property
-    def seen(self) -> float:
-        """Pixels inside of the outline, between the ends."""
-        return self.explained + self.behind + self.front + self.unread + self.other
 
 
 class _Meeting(NamedTuple):
@@ -304,8 +295,6 @@ def weighed(scene: Scene, wall: Candidate) -> Evidence | None:
         pixels=index[explained],
         explained=number(explained),
         behind=number(behind),
-        front=number(core & seen & (deviation < -LIMIT)),
-        unread=number(core & ~seen),
         other=number(other),
         arc=_arc(out, wall.axis, told, core),
         misfit=float(np.mean(deviation[told] ** 2)),

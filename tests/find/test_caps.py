@@ -15,7 +15,7 @@ def known(shape, side=1.0):
     """A wall of which nothing is known but its ends."""
     nothing = np.zeros(0, int)
     return Evidence(
-        wall_of(shape, side), ends_of(shape), nothing, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0
+        wall_of(shape, side), ends_of(shape), nothing, 0.0, 0.0, 0.0, 0.0, 1.0
     )
 
 

@@ -32,7 +32,7 @@ def test_the_true_wall_explains_its_pixels_and_ends_where_it_does(shape, camera)
     on_wall &= np.abs(image.normal @ axis) < 0.5
     assert np.mean(on_wall.ravel()[found.pixels]) > 0.97
     assert found.explained > 0.9 * np.count_nonzero(on_wall)
-    assert found.behind + found.other + found.front < 0.05 * found.explained
+    assert found.behind + found.other < 0.05 * found.explained
     # A reading may be a third of a pixel aside, too, which where it grazes is most.
     assert 0.5 < found.misfit < 1.2
     assert np.radians(120) < found.arc < np.radians(190)
@@ -57,7 +57,6 @@ def test_parts_beside_an_occluder_are_one_wall():
     found = weighed(scene, wall_of(POST))
     np.testing.assert_allclose(found.ends, ends_of(POST), atol=0.006)
     assert found.explained > 0.9 * np.count_nonzero(image.owner == 0)
-    assert found.front > 0.2 * found.explained
     assert found.behind == 0
     col = found.pixels % 160
     assert (col < 50).any()
@@ -101,7 +100,8 @@ def test_missing_readings_are_neither_for_nor_against_a_wall():
     image.depth[holes] = 0
     found = weighed(scene_of(image, free=image.owner == 0), wall_of(POST))
     np.testing.assert_allclose(found.ends, ends_of(POST), atol=0.006)
-    assert found.unread == pytest.approx(0.4 * found.seen, rel=0.2)
+    assert found.explained > 0.9 * np.count_nonzero((image.owner == 0) & ~holes)
+    assert found.behind + found.other < 0.01 * found.explained
 
 
 def test_an_orthographic_camera_sees_as_a_pinhole_far_away_does():
