@@ -53,7 +53,6 @@ class Cloud(NamedTuple):
         spacing: The typical one.
         middle: Of the caller's points, in their frame.
         representative: Of each of the caller's points, the one that stands for it.
-        chosen: Which of the caller's points these are.
         tree: Of the points.
     """
 
@@ -66,7 +65,6 @@ class Cloud(NamedTuple):
     spacing: float
     middle: Float[np.ndarray, "3"]
     representative: Int[np.ndarray, " m"]
-    chosen: Int[np.ndarray, " n"]
     tree: KDTree
 
     def __len__(self) -> int:
@@ -113,7 +111,6 @@ def cloud_of(
         spacing=float(np.median(gaps)),
         middle=middle,
         representative=representative,
-        chosen=chosen,
         tree=tree,
     )
 

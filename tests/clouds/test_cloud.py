@@ -10,7 +10,7 @@ from tests.clouds.scenes import floor, wall
 def test_few_points_stay_as_they_are():
     points = floor(np.random.default_rng(0), 500, 1.0) + np.array([5e5, 4e6, 100])
     cloud = cloud_of(points, None)
-    np.testing.assert_array_equal(cloud.chosen, np.arange(500))
+    np.testing.assert_array_equal(cloud.representative, np.arange(500))
     np.testing.assert_allclose(cloud.points + cloud.middle, points, atol=1e-9)
 
 
@@ -24,7 +24,7 @@ def test_many_points_are_thinned_evenly_and_each_has_its_own_stand_in():
     assert 500 < len(cloud) <= 1000
     left = np.count_nonzero(cloud.points[:, 0] + cloud.middle[0] < 0)
     assert left == pytest.approx(len(cloud) / 2, rel=0.2)
-    away = points - points[cloud.chosen][cloud.representative]
+    away = points - (cloud.points + cloud.middle)[cloud.representative]
     # No farther than a voxel's diagonal.
     edge = np.sqrt(1.0 / len(cloud))
     assert np.linalg.norm(away, axis=1).max() < 2 * edge
