@@ -41,6 +41,9 @@ MOST_POOLED = 2048
 LEAST_COSINE = 0.05
 """Cosine of the incidence, at least, of a reading that lies on a wall."""
 
+INNER = 0.7
+"""Pixels inside of an outline, from which a pixel shows what is there."""
+
 NARROW = 12.0
 """Pixels across a narrow wall."""
 
@@ -165,7 +168,7 @@ class Evidence:
         return 2 * self.wall.radius < NARROW * self.width
 
 
-class _Meeting(NamedTuple):
+class Meeting(NamedTuple):
     """Where rays meet a wall; of any shape, and zero where they miss it.
 
     Attributes:
@@ -183,12 +186,12 @@ class _Meeting(NamedTuple):
     inside: Float[np.ndarray, "..."]
 
 
-def _meeting(
+def meeting(
     view: View,
     x: Float[np.ndarray, "..."],
     y: Float[np.ndarray, "..."],
     wall: Candidate,
-) -> _Meeting:
+) -> Meeting:
     c, a, r, side, _ = wall
     c, a = c.astype(np.float32).tolist(), a.astype(np.float32).tolist()
     if view.is_central:
@@ -221,7 +224,7 @@ def _meeting(
     chord = np.minimum(root / (np.sqrt(square) * r), 1)
     width = view.width(np.where(hit, depth, 1))
     inside = r * (1 - np.sqrt(1 - chord * chord)) / width
-    return _Meeting(hit, depth, depth * da - oa, root / (r * length), inside)
+    return Meeting(hit, depth, depth * da - oa, root / (r * length), inside)
 
 
 def _out(
@@ -259,7 +262,7 @@ def weighed(scene: Scene, wall: Candidate) -> Evidence | None:
     if len(index) < 4:
         return None
     x, y = view.x.ravel()[index], view.y.ravel()[index]
-    met = _meeting(view, x, y, wall)
+    met = meeting(view, x, y, wall)
     z, seen = view.depth.ravel()[index], scene.usable.ravel()[index]
     sigma = scene.noise * view.sigma.ravel()[index]
     # Without a reading it is 0, and what comes of it is not looked at.
@@ -269,7 +272,7 @@ def weighed(scene: Scene, wall: Candidate) -> Evidence | None:
     normal = scene.normals.normal.reshape(-1, 3)[index]
     agrees = wall.side * (normal * out).sum(axis=-1) > AGREEING
     agrees |= scene.normals.error.ravel()[index] > UNSURE
-    core = met.inside > 0.7
+    core = met.inside > INNER
     near = seen & (np.abs(deviation) < LIMIT)
     explained = near & scene.free.ravel()[index] & agrees
     behind = core & seen & (deviation > LIMIT)
@@ -338,7 +341,7 @@ def _inside(
     row = np.arange(rows.start, rows.stop, step)
     col = np.arange(cols.start, cols.stop, step)
     pick = np.s_[rows.start : rows.stop : step, cols.start : cols.stop : step]
-    met = _meeting(view, view.x[pick], view.y[pick], wall)
+    met = meeting(view, view.x[pick], view.y[pick], wall)
     hit = met.hit & (met.along > reach[0]) & (met.along < reach[1])
     down, right = np.nonzero(hit)
     index = row[down] * view.depth.shape[1] + col[right]
@@ -442,7 +445,7 @@ def shown(
     box = view.box_around(ring(wall, ends, 1.2 if mixed else 1.05))
     if box is None:
         return region
-    met = _meeting(view, view.x[box], view.y[box], wall)
+    met = meeting(view, view.x[box], view.y[box], wall)
     # Ends are known to a pixel; beyond them nothing is near the wall.
     middle = wall.center + (ends[0] + ends[1]) / 2 * wall.axis
     width = float(view.width(max(middle[2], 0.0)))
@@ -477,7 +480,7 @@ def _beside(
     """Pixels of a box up to 1.5 widths outside of an outline that are as far."""
     view = scene.view
     wider = wall._replace(radius=wall.radius + 1.5 * width)
-    met = _meeting(view, view.x[box], view.y[box], wider)
+    met = meeting(view, view.x[box], view.y[box], wider)
     near = met.hit & (met.along > ends[0]) & (met.along < ends[1])
     reach = wall.radius + LIMIT * scene.noise * view.sigma[box]
     return near & own[box] & (np.abs(view.depth[box] - met.depth) < reach)

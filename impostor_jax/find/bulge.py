@@ -1,0 +1,71 @@
+"""What stands out of a wall through its middle, as a box's edge does.
+
+What is in front of a wall hides it, and says nothing against it. But that begins with a
+jump in depth: where readings rise from the wall without one, and fall back to it on the
+other side, they are of the same surface, and that is no cylinder.
+"""
+
+__all__ = ["bulging"]
+
+import numpy as np
+
+from impostor_jax.find.evidence import INNER, LIMIT, Evidence, Scene, meeting, ring
+from impostor_jax.opencv import cv2
+
+RISING = 2 * LIMIT
+"""Deviations up to which a reading beside the wall rises from it, and does not jump."""
+
+LEAST_RISING = 0.7
+"""Part of the places where what is in front meets the wall at which it rises."""
+
+LEAST_ASIDE = 0.1
+"""Part of all these places at which it falls back to the wall to either side, around
+the axis: what touches a can, or what its wall seems to go on behind, does to one."""
+
+FEWEST = 6
+"""Places where it meets the wall, at least."""
+
+
+def bulging(scene: Scene, evidence: Evidence) -> float:
+    """Part of what is seen of a wall, between its ends, that stands out of it."""
+    view, wall, (low, high) = scene.view, evidence.wall, evidence.ends
+    box = view.box_around(ring(wall, evidence.ends, 1.05))
+    if box is None:
+        return 0.0
+    met = meeting(view, view.x[box], view.y[box], wall)
+    seen = met.hit & (met.along > low) & (met.along < high) & (met.inside > INNER)
+    seen &= scene.usable[box]
+    depth = np.where(seen, met.depth, 1)
+    deviation = view.deviation(depth, scene.noise * view.sigma[box], met.cosine)
+    off = (view.depth[box] - depth) / deviation
+    on = seen & (np.abs(off) < LIMIT)
+    front = seen & scene.free[box] & (off < -LIMIT)
+    count, label = cv2.connectedComponents(front.view(np.uint8), connectivity=4)
+    if count == 1:
+        return 0.0
+    out = view.lifted(view.x[box], view.y[box], depth) - wall.center
+    out = out - (out @ wall.axis)[..., None] * wall.axis
+    ahead = out[seen].mean(axis=0)
+    turn = np.arctan2(out @ np.cross(wall.axis, ahead), out @ ahead).ravel()
+    # Each pixel in front with each neighbor on the wall.
+    place = np.arange(front.size).reshape(front.shape)
+    pairs = (place[:, :-1], place[:, 1:]), (place[:-1], place[1:])
+    own, other = np.hstack([np.stack([a.ravel(), b.ravel()]) for a, b in pairs])
+    own, other = np.hstack([own, other]), np.hstack([other, own])
+    meets = front.ravel()[own] & on.ravel()[other]
+    own, other = own[meets], other[meets]
+    of = label.ravel()[own]
+    rises = off.ravel()[own] > -RISING
+    number, rising = np.bincount(of, minlength=count), np.bincount(of, rises, count)
+    bulges = (number >= FEWEST) & (rising > LEAST_RISING * number)
+    stands = bulges[label].ravel()
+    if not stands.any():
+        return 0.0
+    own, other = own[stands[own]], other[stands[own]]
+    beside = turn[own] - turn[stands].mean()
+    falls = (turn[other] - turn[own]) * np.sign(beside)
+    aside = [np.count_nonzero(falls[beside * sign > 0] > 0) for sign in (-1, 1)]
+    if min(aside) < LEAST_ASIDE * len(own):
+        return 0.0
+    bulge = np.count_nonzero(stands)
+    return bulge / (bulge + np.count_nonzero(on))
