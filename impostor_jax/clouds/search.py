@@ -6,11 +6,11 @@ import dataclasses
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from impostor_jax.clouds.cloud import Cloud
 from impostor_jax.clouds.planes import Planes
-from impostor_jax.clouds.proposals import proposed
+from impostor_jax.clouds.proposals import Proposal, proposed
 from impostor_jax.clouds.support import Support, supported
 
 MOST_TAKEN = 0.3
@@ -36,6 +36,10 @@ LEAST_LENGTH = 0.5
 
 BESIDE = 2.0
 """Distance from a wall up to which a point belongs to it, in thrice the scatter."""
+
+SMALLER, CLOSER = 0.7, 0.4
+"""Radius and scatter of walls of parts of a wall, over its own, up to which they are
+others, as the pipes of a rack are."""
 
 COAXIAL = np.cos(np.radians(10))
 """Cosine between the axes of pieces of one thing, at least."""
@@ -80,17 +84,40 @@ def searched(cloud: Cloud, planes: Planes, request: Request) -> list[Candidate]:
     free = planes.label == 0
     least = max(request.sigma or 0.0, 1e-4 * cloud.spacing)
     found: list[Candidate] = []
-    for proposal in proposed(cloud, free, request.radius_range):
-        if np.mean(~free[proposal.sample]) > MOST_TAKEN:
-            continue
-        support = supported(cloud, free, proposal.wall, least)
-        if support is None or not _is_likely(support, request):
-            continue
-        own = belonging(cloud.points, support, least)
-        own = own[free[own]]
-        free[own] = False
-        found.append(Candidate(support, own))
+    left = proposed(cloud, free, request.radius_range)
+    for is_last in (False, True):
+        waiting: list[Proposal] = []
+        for number, proposal in enumerate(left):
+            if np.mean(~free[proposal.sample]) > MOST_TAKEN:
+                continue
+            support = supported(cloud, free, proposal.wall, least)
+            if support is None or not _is_likely(support, request):
+                continue
+            if not is_last and _is_of_several(support, left[number:], free):
+                waiting.append(proposal)
+                continue
+            own = belonging(cloud.points, support, least)
+            own = own[free[own]]
+            free[own] = False
+            found.append(Candidate(support, own))
+        left = waiting
     return found
+
+
+def _is_of_several(
+    support: Support, others: list[Proposal], free: Bool[np.ndarray, " n"]
+) -> bool:
+    """Whether a wall is one around smaller ones, each of which fits far closer."""
+    on = np.zeros(len(free), bool)
+    on[support.on] = True
+    inside = np.mean(on[[one.sample for one in others]], axis=1) > 1 - MOST_TAKEN
+    walls = [one.wall for one, is_in in zip(others, inside, strict=True) if is_in]
+    smaller = [
+        wall.radius < SMALLER * support.wall.radius
+        and wall.scatter < CLOSER * support.wall.scatter
+        for wall in walls
+    ]
+    return len(smaller) > 0 and bool(np.mean(smaller) > 0.5)
 
 
 def _is_likely(support: Support, request: Request) -> bool:

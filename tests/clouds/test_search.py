@@ -47,6 +47,26 @@ def test_pipes_that_cross_are_found_from_end_to_end():
         assert confidence(facts_of(cloud, one.support)) > 0.9
 
 
+def test_a_wall_around_several_pipes_leaves_their_points_to_them():
+    rng = np.random.default_rng(0)
+    turns = np.radians([-45, -15, 15, 45])
+    axes = 0.35 * np.stack([np.sin(turns), np.cos(turns)], axis=1)
+    # Outer sides of pipes that lie side by side along an arc.
+    out = rng.uniform(-1.2, 1.2, (4, 1500)) + turns[:, None]
+    points = np.stack(
+        [
+            rng.uniform(0, 3, out.shape),
+            axes[:, :1] + rng.normal(0.085, 0.002, out.shape) * np.sin(out),
+            axes[:, 1:] + rng.normal(0.085, 0.002, out.shape) * np.cos(out),
+        ],
+        axis=-1,
+    )
+    _, found = found_in(points.reshape(-1, 3))
+    assert [one.support.wall.radius for one in found] == pytest.approx(
+        4 * [0.085], 0.05
+    )
+
+
 @FULL
 def test_a_wall_goes_on_behind_an_occluder():
     rng = np.random.default_rng(1)
