@@ -18,9 +18,10 @@ RISING = 2 * LIMIT
 LEAST_RISING = 0.7
 """Part of the places where what is in front meets the wall at which it rises."""
 
-LEAST_ASIDE = 0.1
-"""Part of all these places at which it falls back to the wall to either side, around
-the axis: what touches a can, or what its wall seems to go on behind, does to one."""
+LEAST_ASIDE = 0.15
+"""Pixels of the wall to either side, around the axis, over those in front: beside what
+touches a can, or what its wall seems to go on behind, there are some to one side, and
+to none beside a hoop."""
 
 FEWEST = 6
 """Places where it meets the wall, at least."""
@@ -30,7 +31,8 @@ def bulging(scene: Scene, evidence: Evidence) -> float:
     """Part of what is seen of a wall, between its ends, that stands out of it."""
     view, wall, (low, high) = scene.view, evidence.wall, evidence.ends
     box = view.box_around(ring(wall, evidence.ends, 1.05))
-    if box is None:
+    if box is None or wall.side < 0:
+        # In a tunnel things lie on its floor.
         return 0.0
     met = meeting(view, view.x[box], view.y[box], wall)
     seen = met.hit & (met.along > low) & (met.along < high) & (met.inside > INNER)
@@ -61,11 +63,12 @@ def bulging(scene: Scene, evidence: Evidence) -> float:
     stands = bulges[label].ravel()
     if not stands.any():
         return 0.0
-    own, other = own[stands[own]], other[stands[own]]
-    beside = turn[own] - turn[stands].mean()
-    falls = (turn[other] - turn[own]) * np.sign(beside)
-    aside = [np.count_nonzero(falls[beside * sign > 0] > 0) for sign in (-1, 1)]
-    if min(aside) < LEAST_ASIDE * len(own):
-        return 0.0
+    along = met.along.ravel()
+    bottom, top = np.quantile(along[stands], (0.1, 0.9))
+    left, right = np.quantile(turn[stands], (0.05, 0.95))
+    beside = turn[on.ravel() & (along > bottom) & (along < top)]
+    aside = np.count_nonzero(beside < left), np.count_nonzero(beside > right)
     bulge = np.count_nonzero(stands)
+    if min(aside) < LEAST_ASIDE * bulge:
+        return 0.0
     return bulge / (bulge + np.count_nonzero(on))

@@ -32,6 +32,11 @@ def test_a_post_has_no_bulge_whatever_is_in_front_of_it():
     assert bulge_of([POST, near]) == 0
 
 
+def test_a_hoop_around_a_post_is_no_bulge():
+    hoop = ij.Cylinder((0.0, 0.0, 0.4), (0.0, 1.0, 0.0), 0.036, 0.03)
+    assert bulge_of([POST, hoop]) == 0
+
+
 def test_what_touches_a_post_on_one_side_or_both_is_no_bulge_of_it():
     # Between it and the camera, so that the post is hidden from where they touch.
     left, right = (
