@@ -103,7 +103,8 @@ class Budget(eqx.Module):
     * `noise`: What each reading errs by on its own.
     * `correlation`: What residuals of neighbors have in common, beyond that.
     * `warp`: Smooth errors that the sensor says it has.
-    * `scale`: Errors of all depths alike, in so far as no prior tells them.
+    * `scale`: Errors of all depths alike, in so far as no prior tells them; without
+      depth, of a mask's edge all along.
     * `alignment`: What walls lean by where readings were copied to several pixels.
     * `poses`: What views disagree by beyond their noise, as where poses err.
     * `outline`: The place of the ends, and of a silhouette, in the image.

@@ -122,14 +122,18 @@ def assess_outline(problem: OutlineProblem, found: Traced) -> Assessment:
     of_prior = product(known.T, known)
     root, directions, free = covariance_root(of_outline + of_prior)
     edge = _edge_of(problem, estimate, agreement.near, into)
-    of_mask = jnp.where(problem.is_hard, _of_grid(problem, edge), of_outline)
-    of_mask += _of_edge(problem, edge)
+    parts = {
+        "outline": jnp.where(problem.is_hard, _of_grid(problem, edge), of_outline),
+        # What is wider all along looks nearer: that leaves a shape known.
+        "scale": _of_edge(problem, edge),
+        "prior": of_prior,
+    }
     independent = product(root, root.T)
     shares = {
-        name: product(independent, part, independent)
-        for name, part in {"outline": of_mask, "prior": of_prior}.items()
+        name: product(independent, part, independent) for name, part in parts.items()
     }
-    whole = sandwich_root(root, product(root.T, of_mask + of_prior, root))
+    of_all = jnp.sum(jnp.stack([*parts.values()]), axis=0)
+    whole = sandwich_root(root, product(root.T, of_all, root))
     variance = jnp.sum(whole**2, axis=1)
     wider = safe_divide(variance, jnp.diagonal(independent))
     std, budget, covariance, observed, is_known = deviations_of(

@@ -89,6 +89,15 @@ def test_a_mask_that_is_a_pixel_too_large_or_small_is_within_what_is_said(change
         assert_close(fit_to(mask), truth)
 
 
+def test_a_small_mask_tells_the_shape_though_its_edge_may_be_off():
+    small = ij.Cylinder((0.0, 0.0, 0.5), (0.2, 0.9, 0.3), 0.04, 0.16)
+    fit = fit_to(mask_of(small), sigma=None)
+    # The distance by more than half a radius.
+    assert float(fit.std.center[2]) > 0.02
+    assert float(fit.std_budget["scale"].center[2]) > 0.02
+    assert_close(fit, small)
+
+
 def test_an_edge_that_errs_in_places_is_told_by_sigma():
     truth = can(60)
     # Drawn at a quarter of the resolution, as by some networks.
