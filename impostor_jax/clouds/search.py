@@ -6,7 +6,7 @@ import dataclasses
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 
 from impostor_jax.clouds.cloud import Cloud
 from impostor_jax.clouds.planes import Planes
@@ -93,7 +93,7 @@ def searched(cloud: Cloud, planes: Planes, request: Request) -> list[Candidate]:
             support = supported(cloud, free, proposal.wall, least)
             if support is None or not _is_likely(support, request):
                 continue
-            if not is_last and _is_of_several(support, left[number:], free):
+            if not is_last and _is_of_several(support, left[number:], len(cloud)):
                 waiting.append(proposal)
                 continue
             own = belonging(cloud.points, support, least)
@@ -104,11 +104,9 @@ def searched(cloud: Cloud, planes: Planes, request: Request) -> list[Candidate]:
     return found
 
 
-def _is_of_several(
-    support: Support, others: list[Proposal], free: Bool[np.ndarray, " n"]
-) -> bool:
+def _is_of_several(support: Support, others: list[Proposal], num_points: int) -> bool:
     """Whether a wall is one around smaller ones, each of which fits far closer."""
-    on = np.zeros(len(free), bool)
+    on = np.zeros(num_points, bool)
     on[support.on] = True
     inside = np.mean(on[[one.sample for one in others]], axis=1) > 1 - MOST_TAKEN
     walls = [one.wall for one, is_in in zip(others, inside, strict=True) if is_in]

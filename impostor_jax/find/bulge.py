@@ -10,6 +10,7 @@ __all__ = ["bulging"]
 import numpy as np
 
 from impostor_jax.find.evidence import INNER, LIMIT, Evidence, Scene, meeting, ring
+from impostor_jax.fit.regions import CROSS
 from impostor_jax.opencv import cv2
 
 RISING = 2 * LIMIT
@@ -45,28 +46,21 @@ def bulging(scene: Scene, evidence: Evidence) -> float:
     count, label = cv2.connectedComponents(front.view(np.uint8), connectivity=4)
     if count == 1:
         return 0.0
+    # How many neighbors of each pixel are on the wall.
+    around = np.pad(on, 1).view(np.uint8)
+    meets = cv2.filter2D(around, -1, CROSS)[1:-1, 1:-1][front]
+    of, rises = label[front], off[front] > -RISING
+    number, rising = (np.bincount(of, x, count) for x in (meets, meets * rises))
+    stands = ((number >= FEWEST) & (rising > LEAST_RISING * number))[label]
+    if not stands.any():
+        return 0.0
     out = view.lifted(view.x[box], view.y[box], depth) - wall.center
     out = out - (out @ wall.axis)[..., None] * wall.axis
     ahead = out[seen].mean(axis=0)
-    turn = np.arctan2(out @ np.cross(wall.axis, ahead), out @ ahead).ravel()
-    # Each pixel in front with each neighbor on the wall.
-    place = np.arange(front.size).reshape(front.shape)
-    pairs = (place[:, :-1], place[:, 1:]), (place[:-1], place[1:])
-    own, other = np.hstack([np.stack([a.ravel(), b.ravel()]) for a, b in pairs])
-    own, other = np.hstack([own, other]), np.hstack([other, own])
-    meets = front.ravel()[own] & on.ravel()[other]
-    own, other = own[meets], other[meets]
-    of = label.ravel()[own]
-    rises = off.ravel()[own] > -RISING
-    number, rising = np.bincount(of, minlength=count), np.bincount(of, rises, count)
-    bulges = (number >= FEWEST) & (rising > LEAST_RISING * number)
-    stands = bulges[label].ravel()
-    if not stands.any():
-        return 0.0
-    along = met.along.ravel()
-    bottom, top = np.quantile(along[stands], (0.1, 0.9))
+    turn = np.arctan2(out @ np.cross(wall.axis, ahead), out @ ahead)
+    bottom, top = np.quantile(met.along[stands], (0.1, 0.9))
     left, right = np.quantile(turn[stands], (0.05, 0.95))
-    beside = turn[on.ravel() & (along > bottom) & (along < top)]
+    beside = turn[on & (met.along > bottom) & (met.along < top)]
     aside = np.count_nonzero(beside < left), np.count_nonzero(beside > right)
     bulge = np.count_nonzero(stands)
     if min(aside) < LEAST_ASIDE * bulge:

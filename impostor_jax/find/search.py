@@ -61,8 +61,8 @@ MOST_MISFIT = 3.0
 """Mean square of the deviations of what a cylinder explains, at most."""
 
 MOST_BULGING = 0.1
-"""Part of a wall that stands out of it, at most: of boxes it was .23 to .35, of cans
-that something touches .03."""
+"""Part of a wall that stands out of it, at most: of boxes it was 0.3 to 0.5, of cans
+that something touches 0.03."""
 
 MOST_OPEN = 0.1
 """Standard deviation of the radius of a wall that departs, over the radius, at most."""

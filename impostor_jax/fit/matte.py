@@ -130,18 +130,17 @@ def checked_matte(mask: Any, camera: PinholeCamera, sigma: Any) -> Matte:
         # Of the errors that are taken for a matte's, each pixel's its own, a mask that
         # is stored as floats has none: the fit would be up to 31 deviations off.
         is_hard = bool(np.all((values == 0) | (values == 1)))
-    edge_sigma = EDGE_SIGMA if sigma is None else 0.0
     if is_hard:
         # No silhouette of what is fitted has any: they are of what is in front.
         values = (values > 0) | small_holes(values > 0)
-        if sigma is not None:
-            wanted = "pixels by which the edge of a mask of booleans may be off: 0 or"
-            edge_sigma = float(bounded_number("sigma", sigma, f"{wanted} positive"))
-        deviation = math.hypot(GRID_SIGMA, 0.0 if sigma is None else edge_sigma)
-    elif sigma is None:
-        deviation = USUAL_SIGMA
-    else:
+    deviation, edge_sigma = GRID_SIGMA if is_hard else USUAL_SIGMA, EDGE_SIGMA
+    if is_hard and sigma is not None:
+        wanted = "pixels by which the edge of a mask of booleans may be off: 0 or"
+        edge_sigma = float(bounded_number("sigma", sigma, f"{wanted} positive"))
+        deviation = math.hypot(GRID_SIGMA, edge_sigma)
+    elif sigma is not None:
         deviation = real_number("sigma", sigma, positive=True, unit="parts of a pixel")
+        edge_sigma = 0.0
     sees = np.ones(values.shape, np.uint8)
     if camera.ray_field is not None:
         sees = cv2.erode(has_rays(camera).astype(np.uint8), SQUARE)
