@@ -33,13 +33,12 @@ from jaxtyping import Array, Bool, Float
 
 from impostor_jax.effort import MIN_READINGS, Effort
 from impostor_jax.find.cylinders import find_cylinders
+from impostor_jax.fit.axial_body import AbstractAxialBody
 from impostor_jax.fit.body import AbstractBody
 from impostor_jax.fit.fittable import KINDS
 from impostor_jax.fit.options import Options
 from impostor_jax.fit.result import Fit
-from impostor_jax.fit.round_body import RoundBody
 from impostor_jax.fit.shapes import fit_shape
-from impostor_jax.fit.tube_body import TubeBody
 from impostor_jax.io.dataset_shard import LabeledImage
 from impostor_jax.matching import Comparison, compare, detection_of, truth_of
 from impostor_jax.opencv import cv2
@@ -241,7 +240,7 @@ def _less(
     about_found: bool,
     ends_seen: Bool[Array, " e"],
 ) -> Float[Array, " m"]:
-    if isinstance(found, RoundBody | TubeBody) and isinstance(true, type(found)):
+    if isinstance(found, AbstractAxialBody) and isinstance(true, type(found)):
         opposed = jnp.sum(found.axis * true.axis) < 0
         turn = jnp.where(opposed, -1, 1).astype(found.axis.dtype)
         if about_found:

@@ -12,8 +12,8 @@ from jaxtyping import Array, Bool, Float
 from typing_extensions import override
 
 from impostor_jax.compiling import computed_once
+from impostor_jax.fit.axial_body import AbstractAxialBody, in_frame
 from impostor_jax.fit.body import (
-    AbstractBody,
     FreeDirections,
     Margins,
     Passing,
@@ -21,15 +21,12 @@ from impostor_jax.fit.body import (
     blunted_root,
     grown,
     local_ray,
-    shift_to,
 )
-from impostor_jax.geometry.frames import RigidTransform
 from impostor_jax.geometry.so3 import tangent_basis
 from impostor_jax.geometry.vec3 import Vec3, unit
 from impostor_jax.numerics import (
     Numbers,
     product,
-    safe_divide,
     safe_norm,
     safe_sqrt,
     smallest_slope,
@@ -51,24 +48,16 @@ CENTRAL = 0.2
 """Squared half-chord, in squared radii, from which a ray passes the wall so far within
 its outline that an end has a place along the axis there."""
 
-SHORT = 2.0
-"""Height in radii up to which an object is short."""
-
-SQUARE = 2.0
-"""Length over width, or width over length, up to which one is taken for the other."""
-
 END_ON = 0.1
 """Sine of the angle to the line of sight from which an axis has a direction across."""
 
 
-class RoundBody(AbstractBody):
+class RoundBody(AbstractAxialBody):
     """A body about an axis, whose radius may change linearly along it.
 
-    Its tangent coordinates are the tilt of the axis and the motion of the center along
-    the two vectors of `tangent_basis(axis)`, the logarithms of the radius, or of both
-    ends' radii, and the motions of the ends along the axis. The ends, not center and
-    height, are coordinates, and an end moves along the wall that is there: where one is
-    not seen, exactly one coordinate has no effect on the readings.
+    Its radius, or those of both ends, are coordinates. The ends, not center and height,
+    are, too, and an end moves along the wall that is there: where one is not seen,
+    exactly one coordinate has no effect on the readings.
 
     Attributes:
         center: Midpoint of the axis between the ends.
@@ -134,53 +123,14 @@ class RoundBody(AbstractBody):
         return 0.0 if self.growth is None else 2 * self.growth / self.height
 
     @property
+    @override
     def names_of_radii(self) -> tuple[str, ...]:
-        """Names of the radii that are fitted."""
         return ("radius",) if self.growth is None else ("radius1", "radius2")
-
-    @property
-    @override
-    def coordinates(self) -> dict[str, tuple[str, ...]]:
-        """First and second are along the two vectors of `tangent_basis(axis)`."""
-        return {
-            "axis": ("axis_first", "axis_second"),
-            "across_axis": ("center_first", "center_second"),
-            "along_axis": ("center_along",),
-            **{name: (name,) for name in self.names_of_radii},
-            "height": ("height",),
-        }
-
-    @property
-    @override
-    def ends(self) -> tuple[int, ...]:
-        return -1, 1
 
     @property
     @override
     def of_ends(self) -> tuple[str, ...]:
         return () if self.growth is None else self.names_of_radii
-
-    @property
-    @override
-    def sign(self) -> Numbers:
-        largest = self.axis[jnp.argmax(jnp.abs(self.axis))]
-        return jnp.where(largest < 0, -1, 1).astype(largest.dtype)
-
-    @property
-    @override
-    def is_long(self) -> Bool[Array, "*batch"]:
-        return self.height > SHORT * self.radius
-
-    @property
-    @override
-    def is_square(self) -> Bool[Array, "*batch"]:
-        width = 2 * self.radius
-        return (self.height < SQUARE * width) & (width < SQUARE * self.height)
-
-    @property
-    @override
-    def size(self) -> Numbers:
-        return (self.height + self.radius) / 2
 
     @override
     def passing(
@@ -295,27 +245,6 @@ class RoundBody(AbstractBody):
         return (passing.square > 0) & passing.outside & enters & leaves
 
     @override
-    def end_shown(self, passing: Passing, depth: Numbers, slack: Numbers) -> Numbers:
-        seen = passing
-        wall = seen.nearest + seen.foot + seen.sign * safe_sqrt(seen.square)
-        on_cap = seen.on_cap & (seen.rim < seen.cap_radius)
-        on_cap &= jnp.abs(wall - depth) > slack
-        return jnp.where(on_cap, seen.sign * jnp.sign(seen.local.direction.z), 0)
-
-    @override
-    def outward(self, passing: Passing) -> Float[Array, "e n"]:
-        ends = jnp.array(self.ends, passing.along.dtype)[:, None]
-        along = passing.along[None] * ends
-        return jnp.where(passing.on_cap[None], -jnp.inf, along)
-
-    @override
-    def far_side(self, passing: Passing) -> Numbers:
-        # A mug has no cap, and shows the inside of its wall and its floor.
-        along, ahead = passing.local.origin.z, passing.local.direction.z
-        floor = -passing.cap - 2 * safe_divide(along, ahead)
-        return jnp.minimum(passing.nearest + jnp.maximum(passing.half, 0), floor)
-
-    @override
     def of_reading(
         self, passing: Passing, alpha: Numbers, beta: Numbers, on_cap: Bool[Array, "*b"]
     ) -> list[Numbers]:
@@ -334,7 +263,7 @@ class RoundBody(AbstractBody):
         by_weight = -2 * overshoot * weight**2 * away / (radius * radius)
         of_rim = jnp.where(on_cap, by_weight * rim / radius + direct, 0)
         outward = jnp.where(on_cap, by_weight + direct, 0) / jnp.maximum(rim, radius)
-        (o1, o2, _), (e1, e2, _) = _in_frame(passing)
+        (o1, o2, _), (e1, e2, _) = in_frame(passing)
         point1, point2 = o1 + e1 * passing.cap, o2 + e2 * passing.cap
         follow = per_step * (weight + outward * (point1 * e1 + point2 * e2))
         end = _end_ahead(passing.outside, d_a)
@@ -373,7 +302,7 @@ class RoundBody(AbstractBody):
             A dq = 2 N.dc + 2 ((l + k R) x + q (1 + k^2) (d.a) e).da
                    + 2 R dr + (2 R l + 2 q k (d.a)^2) dk.
         """
-        (o1, o2, o_a), (e1, e2, d_a) = _in_frame(passing)
+        (o1, o2, o_a), (e1, e2, d_a) = in_frame(passing)
         alpha, beta = alpha * passing.inverse, beta * (2 * passing.inverse)
         n, q = passing.nearest, passing.square
         x1, x2, along = o1 + n * e1, o2 + n * e2, o_a + n * d_a
@@ -407,11 +336,6 @@ class RoundBody(AbstractBody):
         )
         return gradient[4] * first + gradient[5] * second
 
-    @property
-    @override
-    def bends(self) -> int:
-        return 2
-
     @override
     def wall_square(self, passing: Passing) -> Numbers:
         r = self.radius
@@ -419,20 +343,6 @@ class RoundBody(AbstractBody):
             return r * r * jnp.ones_like(passing.square)
         # Beside the point that is seen.
         return (r + self.slope * passing.along) ** 2
-
-    @override
-    def moved_across(
-        self, passing: Passing, square: Numbers, slide: Numbers
-    ) -> Passing:
-        (o1, o2, _), (e1, e2, _) = _in_frame(passing)
-        n = passing.nearest
-        x1, x2 = o1 + n * e1, o2 + n * e2
-        more = shift_to(passing, x1 * x1 + x2 * x2, square)
-        start, step = passing.local.origin.z, passing.local.direction.z
-        origin = Vec3(o1 + more * x1, o2 + more * x2, start + slide * step)
-        return eqx.tree_at(
-            lambda p: (p.local.origin, p.square), passing, (origin, square)
-        )
 
     @override
     def margins(self, passing: Passing) -> Margins:
@@ -459,7 +369,7 @@ class RoundBody(AbstractBody):
     def of_end(
         self, passing: Passing, end: Numbers, side: Numbers
     ) -> tuple[Numbers, list[Numbers]]:
-        (o1, o2, o_a), (e1, e2, d_a) = _in_frame(passing)
+        (o1, o2, o_a), (e1, e2, d_a) = in_frame(passing)
         edge = passing.nearest + side * passing.half
         error = o_a + edge * d_a - end * (self.height / 2)
         in_square = side * d_a * passing.half_slope
@@ -502,31 +412,17 @@ class RoundBody(AbstractBody):
         unit: Float[Array, ""],
         end_unit: Float[Array, ""],
     ) -> Float[Array, "c c"]:
-        lever, one = unit / self.size, jnp.ones_like(self.radius)
         radii = [self.radius]
         if self.growth is not None:
             least = LEAST_END * self.radius
             radii = [jnp.maximum(end, least) for end in (self.radius1, self.radius2)]
-        steps = [lever, lever, unit * one, unit * one, *(unit / r for r in radii)]
-        steps = jnp.stack([*steps, end_unit * one, end_unit * one])
-        basis = jnp.asarray(free) * steps[:, None]
+        basis = self.scaled(free, unit, end_unit, radii)
         if self.growth is None:
             return basis
         # A radius that is held does not follow the wall to where its end goes.
         held = jnp.diagonal(free)[4:6, None] == 0
         back = -self.slope * basis[-2:] / jnp.stack(radii)[:, None]
         return basis.at[4:6].add(jnp.where(held, back, 0))
-
-    @override
-    def free_directions(self, fixed: tuple[str, ...]) -> Float[np.ndarray, "c c"]:
-        names = ("axis", "axis", "center", "center", *self.names_of_radii)
-        free = np.diag([*(float(name not in fixed) for name in names), 1.0, 1.0])
-        # A held height moves both ends together, a held center moves them apart.
-        together, apart = float("center" not in fixed), float("height" not in fixed)
-        if together + apart < 2:
-            free[-2:, -2] = together
-            free[-2:, -1] = -apart, apart
-        return free
 
     @override
     def readout(self, near: "RoundBody", ends_seen: Bool[Array, " e"]) -> Readout:
@@ -600,12 +496,6 @@ class RoundBody(AbstractBody):
         )
 
     @override
-    def mirrored(self) -> "RoundBody":
-        axis, center = self.axis, self.center
-        along = jnp.sum(axis * center) / jnp.sum(center**2)
-        return eqx.tree_at(lambda b: b.axis, self, axis - 2 * along * center)
-
-    @override
     def turned(self) -> "RoundBody":
         sight = unit(self.center)
         across = jnp.cross(sight, self.axis)
@@ -619,32 +509,6 @@ class RoundBody(AbstractBody):
             height=2 * self.radius,
             growth=None if self.growth is None else jnp.zeros_like(self.growth),
         )
-
-    @override
-    def transformed(self, target_from_source: RigidTransform) -> "RoundBody":
-        return eqx.tree_at(
-            lambda b: (b.center, b.axis),
-            self,
-            (
-                target_from_source.apply(self.center),
-                target_from_source.rotate(self.axis),
-            ),
-        )
-
-    @override
-    def carried(self, target_from_source: RigidTransform) -> Float[Array, "c c"]:
-        own = target_from_source.rotate(tangent_basis(self.axis))
-        there = tangent_basis(target_from_source.rotate(self.axis))
-        # Both bases are of the plane across the axis.
-        turn = product(own, there.T)
-        carried = jnp.eye(6 + len(self.names_of_radii), dtype=turn.dtype)
-        return carried.at[:2, :2].set(turn).at[2:4, 2:4].set(turn)
-
-
-def _in_frame(passing: Passing) -> tuple[tuple[Numbers, ...], tuple[Numbers, ...]]:
-    """Where rays begin and their directions: across the axis twice, and along it."""
-    o, d = passing.local.origin, passing.local.direction
-    return (o.x, o.y, o.z), (d.x, d.y, d.z)
 
 
 def _end_ahead(outside: Bool[Array, "*batch"], slope: Numbers) -> Numbers:

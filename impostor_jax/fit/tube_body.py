@@ -24,8 +24,8 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 from typing_extensions import override
 
+from impostor_jax.fit.axial_body import AbstractAxialBody
 from impostor_jax.fit.body import (
-    AbstractBody,
     FreeDirections,
     Margins,
     Passing,
@@ -33,7 +33,6 @@ from impostor_jax.fit.body import (
     grown,
 )
 from impostor_jax.fit.round_body import CENTRAL, RoundBody
-from impostor_jax.geometry.frames import RigidTransform
 from impostor_jax.geometry.vec3 import Vec3
 from impostor_jax.numerics import Numbers, safe_divide, safe_sqrt, smallest_slope
 from impostor_jax.primitives.solid import Solid
@@ -49,7 +48,7 @@ OF_BORE = (2.0, 3.0)
 """Numbers of the lines on which a bore's ends are seen."""
 
 
-class TubeBody(AbstractBody):
+class TubeBody(AbstractAxialBody):
     """A cylinder with a bore, from end to end.
 
     Its tangent coordinates are those of `RoundBody` with the logarithm of the inner
@@ -97,48 +96,15 @@ class TubeBody(AbstractBody):
         """The name that a caller knows the radius by."""
         return self.radius
 
+    @property
+    @override
+    def names_of_radii(self) -> tuple[str, ...]:
+        return "outer_radius", "inner_radius"
+
     def _with_outer(self, outer: RoundBody, inner_radius: Numbers) -> "TubeBody":
         return TubeBody(
             outer.center, outer.axis, outer.radius, inner_radius, outer.height
         )
-
-    @property
-    @override
-    def coordinates(self) -> dict[str, tuple[str, ...]]:
-        """First and second are along the two vectors of `tangent_basis(axis)`."""
-        return {
-            "axis": ("axis_first", "axis_second"),
-            "across_axis": ("center_first", "center_second"),
-            "along_axis": ("center_along",),
-            "outer_radius": ("outer_radius",),
-            "inner_radius": ("inner_radius",),
-            "height": ("height",),
-        }
-
-    @property
-    @override
-    def ends(self) -> tuple[int, ...]:
-        return -1, 1
-
-    @property
-    @override
-    def sign(self) -> Numbers:
-        return self.outer.sign
-
-    @property
-    @override
-    def is_long(self) -> Bool[Array, "*batch"]:
-        return self.outer.is_long
-
-    @property
-    @override
-    def is_square(self) -> Bool[Array, "*batch"]:
-        return self.outer.is_square
-
-    @property
-    @override
-    def size(self) -> Numbers:
-        return self.outer.size
 
     @override
     def passing(
@@ -185,21 +151,10 @@ class TubeBody(AbstractBody):
             leave_along=outer.leave_along,
         )
 
-    @property
-    @override
-    def bends(self) -> int:
-        return self.outer.bends
-
     @override
     def wall_square(self, passing: Passing) -> Numbers:
         r = jnp.where(passing.within, self.inner_radius, self.radius)
         return r * r
-
-    @override
-    def moved_across(
-        self, passing: Passing, square: Numbers, slide: Numbers
-    ) -> Passing:
-        return self.outer.moved_across(passing, square, slide)
 
     def _is_through(self, passing: Passing) -> Bool[Array, "*batch"]:
         """Rays that fall through the bore and see nothing of it."""
@@ -212,18 +167,6 @@ class TubeBody(AbstractBody):
     def covers(self, passing: Passing) -> Bool[Array, "*batch"]:
         is_wall = passing.within & passing.outside & ~self._is_through(passing)
         return is_wall | (self.outer.covers(passing) & ~passing.within)
-
-    @override
-    def end_shown(self, passing: Passing, depth: Numbers, slack: Numbers) -> Numbers:
-        return self.outer.end_shown(passing, depth, slack)
-
-    @override
-    def outward(self, passing: Passing) -> Float[Array, "e n"]:
-        return self.outer.outward(passing)
-
-    @override
-    def far_side(self, passing: Passing) -> Numbers:
-        return self.outer.far_side(passing)
 
     @override
     def of_reading(
@@ -353,19 +296,8 @@ class TubeBody(AbstractBody):
         unit: Float[Array, ""],
         end_unit: Float[Array, ""],
     ) -> Float[Array, "c c"]:
-        lever, one = unit / self.size, jnp.ones_like(self.radius)
-        radii = unit / self.radius, unit / self.inner_radius
-        steps = [lever, lever, unit * one, unit * one, *radii]
-        steps = jnp.stack([*steps, end_unit * one, end_unit * one])
-        return jnp.asarray(free) * steps[:, None]
-
-    @override
-    def free_directions(self, fixed: tuple[str, ...]) -> Float[np.ndarray, "c c"]:
-        names = {"outer_radius": "radius"}
-        outer = self.outer.free_directions(tuple(names.get(x, x) for x in fixed))
-        free = np.insert(np.insert(outer, INNER, 0.0, axis=0), INNER, 0.0, axis=1)
-        free[INNER, INNER] = "inner_radius" not in fixed
-        return free
+        radii = [self.radius, self.inner_radius]
+        return self.scaled(free, unit, end_unit, radii)
 
     @override
     def readout(self, near: "TubeBody", ends_seen: Bool[Array, " e"]) -> Readout:
@@ -395,23 +327,10 @@ class TubeBody(AbstractBody):
         return self._with_outer(self.outer.magnified(change), inner)
 
     @override
-    def mirrored(self) -> "TubeBody":
-        return self._with_outer(self.outer.mirrored(), self.inner_radius)
-
-    @override
     def turned(self) -> "TubeBody":
         outer = self.outer.turned()
         inner = self.inner_radius * (outer.radius / self.radius)
         return self._with_outer(outer, inner)
-
-    @override
-    def transformed(self, target_from_source: RigidTransform) -> "TubeBody":
-        outer = self.outer.transformed(target_from_source)
-        return self._with_outer(outer, self.inner_radius)
-
-    @override
-    def carried(self, target_from_source: RigidTransform) -> Float[Array, "c c"]:
-        return _with_inner(self.outer.carried(target_from_source))
 
 
 def _with_inner(of_outer: Float[Array, "k k"]) -> Float[Array, "c c"]:
