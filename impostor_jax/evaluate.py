@@ -37,6 +37,7 @@ from impostor_jax.fit.axial_body import AbstractAxialBody
 from impostor_jax.fit.body import AbstractBody
 from impostor_jax.fit.fittable import KINDS
 from impostor_jax.fit.options import Options
+from impostor_jax.fit.request import FitRequest
 from impostor_jax.fit.result import Fit
 from impostor_jax.fit.shapes import fit_shape
 from impostor_jax.io.dataset_shard import LabeledImage
@@ -114,9 +115,8 @@ def evaluate(
             num_readings = int(np.count_nonzero(mask & (image.depth > 0)))
             if num_readings < MIN_READINGS:
                 continue
-            fit = fit_shape(
-                kind, image.depth, image.pinhole, mask, sensor, None, options
-            )
+            given = image.depth, image.pinhole, mask, sensor
+            fit = fit_shape(FitRequest(kind, *given, None, options))
             outcomes.append(_outcome(image, number, num_readings, fit))
         yield outcomes
 

@@ -28,7 +28,7 @@ from impostor_jax.find.view import View
 from impostor_jax.fit.fittable import CYLINDER
 from impostor_jax.fit.options import Options
 from impostor_jax.fit.regions import BUCKETS, DepthUnitsWarning, typical_sigma
-from impostor_jax.fit.request import checked_noise, is_trusted
+from impostor_jax.fit.request import FitRequest, checked_noise, is_trusted
 from impostor_jax.fit.result import Asked, Fit
 from impostor_jax.fit.shapes import fit_shape, prepare_fit
 from impostor_jax.fit.status import FitStatus
@@ -232,7 +232,8 @@ class Fitter:
             if self.away:
                 # The depth is not what the caller gave.
                 warnings.simplefilter("ignore", DepthUnitsWarning)
-            fit = fit_shape(CYLINDER, *given, start, options, in_search=True)
+            request = FitRequest(CYLINDER, *given, start, options)
+            fit = fit_shape(request, in_search=True)
         if not self.away:
             return fit
         fit = _in_own_precision(fit)

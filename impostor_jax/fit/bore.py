@@ -33,16 +33,15 @@ from impostor_jax.device import on_processor
 from impostor_jax.fit.body import AbstractBody
 from impostor_jax.fit.evidence import readings_of
 from impostor_jax.fit.fittable import CYLINDER, TUBE, Fittable
-from impostor_jax.fit.options import Options
 from impostor_jax.fit.posterior import cost_of, hidden_pixels
 from impostor_jax.fit.prior import Prior
 from impostor_jax.fit.problem import Settings, Table, posed
 from impostor_jax.fit.request import (
-    arguments_of_cylinder,
+    FitRequest,
     checked_noise,
     checked_prior,
     checked_settings,
-    views_given,
+    request_of_cylinder,
 )
 from impostor_jax.fit.result import Fit
 from impostor_jax.fit.seen import all_shown_by, seen_by
@@ -120,18 +119,20 @@ def test_bore(fit: Fit) -> BoreTest:
         ValueError: The fit is of another shape, of an outline or of a traced call, or
             it was stacked or made anew since.
     """
-    held = arguments_of_cylinder(fit, "bore")
-    options: Options = held["options"]
+    request, places = request_of_cylinder(fit, "bore")
+    options = request.options
     prior = {NAMES.get(name, name): x for name, x in (options.prior or {}).items()}
-    asked: dict[str, Any] = held | {
-        "options": dataclasses.replace(
-            options,
-            fixed=tuple(NAMES.get(name, name) for name in options.fixed),
-            prior=prior or None,
-        )
-    }
-    cost = _costs(held)
-    found = [fit_shape(TUBE, **asked | {"initial": start}) for start in _starts(held)]
+    of_tube = dataclasses.replace(
+        options,
+        fixed=tuple(NAMES.get(name, name) for name in options.fixed),
+        prior=prior or None,
+    )
+    asked = request._replace(kind=TUBE, options=of_tube)
+    cost = _costs(request)
+    found = [
+        fit_shape(asked._replace(initial=start), places=places)
+        for start in _starts(request.initial)
+    ]
     tube = min(found, key=lambda one: (not one.is_shape, cost(TUBE, one.shape)))
     values = tube.tube
     outer = Cylinder(values.center, values.axis, values.outer_radius, values.height)
@@ -149,9 +150,8 @@ def test_bore(fit: Fit) -> BoreTest:
     )
 
 
-def _starts(held: dict[str, Any]) -> list[Any]:
+def _starts(begin: Cylinder | None) -> list[Any]:
     """Tubes about the start that the cylinder had; None, to look for one, without."""
-    begin: Cylinder | None = held["initial"]
     if begin is None:
         return [None]
     return [
@@ -170,17 +170,15 @@ def _repeats(fit: Fit) -> float:
     return max(float(fit.chi2), 1.0) * max(wider, 1.0)
 
 
-def _costs(held: dict[str, Any]) -> Any:
+def _costs(request: FitRequest) -> Any:
     """How badly shapes of the world explain the readings of a fit, as a function."""
-    options, sigma = held["options"], held["sigma"]
+    options, views = request.options, request.views
     plain = dataclasses.replace(options, fixed=(), prior=None)
     effort = options.effort
-    given = held["depth"], held["camera"], sigma
-    views = views_given(held["depth"], held["camera"], held["mask"], sigma)
     world = LocalWorld.of(view.camera for view in views)
 
     def cost(kind: Fittable, shape: Any) -> float:
-        with working_precision(effort.precision, given) as converted:
+        with working_precision(effort.precision, request.values) as converted:
             cameras = [view.camera for view in views]
             if world is not None:
                 shape, cameras = world.near(shape), list(map(world.seen_by, cameras))
@@ -196,7 +194,7 @@ def _costs(held: dict[str, Any]) -> Any:
             ]
             clear = [one.without_edges() for one in seen]
             shown = all_shown_by(clear, effort.readings)
-            settings = checked_settings(kind, plain, None, sigma)
+            settings = checked_settings(kind, plain, None, request.sigma)
             known = checked_prior(None, kind.expectable, None)
             compiled = quickly_compiled(_cost, static_argnames="kernel")
             body = kind.body.of(shape)

@@ -9,67 +9,61 @@ __all__ = ["fitted_near", "near_prior", "told_in_world"]
 
 import dataclasses
 import functools
-import inspect
 from collections.abc import Callable, Mapping
-from typing import Any, TypeVar, cast
+from typing import Any
 
 import numpy as np
 
 from impostor_jax.arguments import is_concrete, working_precision
-from impostor_jax.fit.options import Options
+from impostor_jax.fit.request import FitRequest
 from impostor_jax.fit.result import Fit, each_of
 from impostor_jax.primitives.base import AbstractPrimitive
 from impostor_jax.primitives.local_world import LocalWorld
-
-Fitting = TypeVar("Fitting", bound=Callable[..., Fit])
 
 FARTHEST_TRACED = 1000.0
 """Meters from the origin up to which a fit may be traced, which is told in single
 precision: that rounds a place there by 0.03 mm."""
 
 
-def fitted_near(function: Fitting) -> Fitting:
-    """Let a fit run near the origin, whose arguments are those of `fit_shape`.
+def fitted_near(function: Callable[..., Fit]) -> Callable[..., Fit]:
+    """Let a fit run near the origin.
 
     Raises:
         ValueError: A camera is far off, and something is traced: the fit, told in
             single precision, would be rounded by more than it says.
     """
-    signature = inspect.signature(function)
 
     @functools.wraps(function)
-    def fitted(*args: Any, **kwargs: Any) -> Fit:
-        given = signature.bind(*args, **kwargs)
-        asked = given.arguments
-        cameras = each_of(asked["camera"])
+    def fitted(request: FitRequest, **also: Any) -> Fit:
+        camera, start, options = request.camera, request.initial, request.options
+        cameras = each_of(camera)
         world = LocalWorld.of(cameras)
         if world is None:
-            return function(*args, **kwargs)
-        options: Options = asked["options"]
-        values = [value for name, value in asked.items() if name != "kind"]
+            return function(request, **also)
         is_too_far = np.linalg.norm(world.place) > FARTHEST_TRACED
-        if is_too_far and not is_concrete((values, options.prior)):
+        if is_too_far and not is_concrete(request.values):
             raise ValueError(
                 "camera must be near the origin of the world in a traced fit, got one "
                 f"at {world.place.tolist()} m, where single precision rounds the "
                 "result: subtract an offset from poses and start, or set "
                 "jax_enable_x64"
             )
-        known = {name: asked[name] for name in ("camera", "initial", "options")}
+        known = {"camera": camera, "initial": start, "options": options}
         with working_precision(options.effort.precision, ()):
-            local = [world.seen_by(camera) for camera in cameras]
-            if isinstance(asked["initial"], AbstractPrimitive):
-                asked["initial"] = world.near(asked["initial"])
-        asked["camera"] = (
-            local if isinstance(known["camera"], list | tuple) else local[0]
-        )
+            local = [world.seen_by(one) for one in cameras]
+            if isinstance(start, AbstractPrimitive):
+                start = world.near(start)
         prior = near_prior(world, options.prior)
-        asked["options"] = dataclasses.replace(options, prior=prior)
-        fit = function(*given.args, **given.kwargs)
+        near = request._replace(
+            camera=local if isinstance(camera, list | tuple) else local[0],
+            initial=start,
+            options=dataclasses.replace(options, prior=prior),
+        )
+        fit = function(near, **also)
         with working_precision(options.effort.precision, ()):
             return told_in_world(world, fit, known)
 
-    return cast(Fitting, fitted)
+    return fitted
 
 
 def near_prior(world: LocalWorld, prior: Any) -> Any:

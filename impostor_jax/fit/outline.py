@@ -9,8 +9,6 @@ is in a fit to depth.
 
 __all__ = ["fit_outline"]
 
-from typing import Any
-
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -33,7 +31,12 @@ from impostor_jax.fit.outline_solve import (
     traced,
 )
 from impostor_jax.fit.prior import Prior
-from impostor_jax.fit.request import check_types, checked_prior, checked_settings
+from impostor_jax.fit.request import (
+    FitRequest,
+    check_types,
+    checked_prior,
+    checked_settings,
+)
 from impostor_jax.fit.result import Fit, name_of
 from impostor_jax.fit.stated import tested_by_readings
 from impostor_jax.fit.weighing import best_of
@@ -54,21 +57,15 @@ ASIDE = 0.02
 """Motion in radii, and turn in radians, within which two ways led to the same."""
 
 
-def fit_outline(
-    kind: Fittable,
-    camera: Any,
-    mask: Any,
-    sigma: Any,
-    initial: AbstractPrimitive | None,
-    options: Options,
-) -> Fit:
-    """Fit a shape to a mask without depth; the arguments are those of `fit_cylinder`.
+def fit_outline(request: FitRequest) -> Fit:
+    """Fit a shape to a mask without depth.
 
     Raises:
-        ValueError: As there; or the mask is none, or not said to be the outline, the
-            camera is no pinhole camera, or there are several, the shape is a box or a
-            tube, or something is traced.
+        ValueError: As of `fit_cylinder`; or the mask is none, or not said to be the
+            outline, the camera is no pinhole camera, or there are several, the shape is
+            a box or a tube, or something is traced.
     """
+    kind, _, camera, mask, sigma, initial, options = request
     if kind in (BOX, TUBE):
         raise ValueError(
             f"depth must be given to fit a {name_of(kind.shape)}, got None: only the "
@@ -89,13 +86,12 @@ def fit_outline(
             f"{type(camera).__name__}"
         )
     check_types(kind.shape, camera, initial)
-    given = (mask, camera, sigma, initial, options.prior)
-    if not is_concrete(given):
+    if not is_concrete(request.values):
         raise ValueError(
             "mask, camera and what is asked must be concrete where depth is None, got "
             "traced ones: the edge is found outside JAX"
         )
-    with working_precision(options.effort.precision, given) as converted:
+    with working_precision(options.effort.precision, request.values) as converted:
         matte = checked_matte(mask, camera, sigma)
         posed, begin = converted((camera, initial))
 

@@ -3,11 +3,11 @@
 __all__ = [
     "USUAL_SIGMA",
     "DepthImage",
+    "FitRequest",
     "Given",
     "Mask",
     "ReadingsError",
     "TooFewReadingsError",
-    "arguments_of_cylinder",
     "check_one_object",
     "check_readings",
     "check_types",
@@ -18,6 +18,7 @@ __all__ = [
     "checked_readings",
     "checked_settings",
     "is_trusted",
+    "request_of_cylinder",
     "views_given",
 ]
 
@@ -46,7 +47,7 @@ from impostor_jax.arguments import (
 from impostor_jax.camera.base import AbstractRays, not_accepted
 from impostor_jax.camera.orthographic import OrthographicCamera
 from impostor_jax.effort import MIN_READINGS
-from impostor_jax.fit.fittable import Fittable
+from impostor_jax.fit.fittable import CYLINDER, Fittable
 from impostor_jax.fit.options import Options
 from impostor_jax.fit.per_pixel import PerPixelNoise, noise_of_pixels, read_with
 from impostor_jax.fit.prior import Prior
@@ -81,6 +82,28 @@ class Given(NamedTuple):
     camera: Any
     mask: Any
     sigma: Any
+
+
+class FitRequest(NamedTuple):
+    """What a fit is asked: the shape, and the arguments of `fit_cylinder`."""
+
+    kind: Fittable
+    depth: Any
+    camera: Any
+    mask: Any
+    sigma: Any
+    initial: Any
+    options: Options
+
+    @property
+    def values(self) -> tuple[Any, ...]:
+        """All that may be traced."""
+        return (*self[1:-1], self.options.prior)
+
+    @property
+    def views(self) -> list[Given]:
+        """What is given, view by view; raises as `views_given` does."""
+        return views_given(self.depth, self.camera, self.mask, self.sigma)
 
 
 DepthImage = Float[np.ndarray, "h w"] | Float[Array, "h w"]
@@ -458,8 +481,8 @@ def check_one_object(mask: Integer[np.ndarray, "h w"], what: str, cure: str) -> 
         )
 
 
-def arguments_of_cylinder(fit: Fit, what: str) -> dict[str, Any]:
-    """What `fit_shape` was asked for a cylinder, by name, to test it anew.
+def request_of_cylinder(fit: Fit, what: str) -> tuple[FitRequest, Any]:
+    """What `fit_shape` was asked for a cylinder, and its `places`, to test it anew.
 
     Args:
         fit: As `fit_cylinder` returned it.
@@ -482,7 +505,9 @@ def arguments_of_cylinder(fit: Fit, what: str) -> dict[str, Any]:
             f"fit must be as fit_cylinder returned it to test its {what}: one that was "
             "traced or stacked does not hold its image, nor one of too few readings"
         )
-    return fit.asked.arguments
+    arguments = dict(fit.asked.arguments)
+    places = arguments.pop("places", None)
+    return FitRequest(CYLINDER, **arguments), places
 
 
 def check_readings(views: Sequence[Given]) -> None:

@@ -203,8 +203,8 @@ class Asked:
     """What a fit was asked; no part of its tree, so that any change of that forgets it.
 
     Attributes:
-        arguments: Of `fit_shape` or `fit_outline`, by name, once that has ended; None
-            where the fit was traced, stacked, or made from another.
+        arguments: Of a `FitRequest`, by name, once the fit has ended; None where it was
+            traced, stacked, or made from another.
         measured: What is told of the noise, where no `sigma` was given.
         doubt: What is wrong with that which was given, or may be, in words.
         is_thinned: Whether more readings were given than a fit takes.

@@ -44,6 +44,7 @@ from impostor_jax.fit.regions import (
 )
 from impostor_jax.fit.request import (
     DepthImage,
+    FitRequest,
     Given,
     Mask,
     check_readings,
@@ -53,7 +54,6 @@ from impostor_jax.fit.request import (
     checked_prior,
     checked_readings,
     checked_settings,
-    views_given,
 )
 from impostor_jax.fit.result import Fit, each_of
 from impostor_jax.fit.seam import refuted_by_seam
@@ -74,29 +74,22 @@ its corner."""
 
 @fitted_near
 def fit_shape(
-    kind: Fittable,
-    depth: Any,
-    camera: Any,
-    mask: Any,
-    sigma: Any,
-    initial: AbstractPrimitive | None,
-    options: Options,
+    request: FitRequest,
     places: Sequence[Any] | None = None,
     rounding: float | None = None,
     in_search: bool = False,
 ) -> Fit:
-    """Fit a shape; the arguments are those of `fit_cylinder`.
+    """Fit a shape.
 
     A mask must be given unless something is traced. Where the images are made of
     points, `places` are those of `Pixelwise.of_points`, and `rounding` is the standard
     deviation that their coordinates were rounded with. A step `in_search` is told the
     noise of the whole image, and where to begin.
     """
-    effort = options.effort
-    views = views_given(depth, camera, mask, sigma)
+    kind, depth, camera, _, sigma, initial, options = request
+    effort, views, given = options.effort, request.views, request.values
     for view in views:
         check_types(kind.shape, view.camera, initial)
-    given = (depth, mask, camera, sigma, initial, options.prior)
     told = ""
     if places is None and is_concrete(given):
         views, sigma, told = with_measured(views, sigma)
@@ -151,8 +144,7 @@ def fit_shape(
                 shown = less_noise(fit, views, seen)
             if shown is not None:
                 sigma, told = shown
-                given = depth, camera, mask, sigma, initial, options
-                fit = fit_shape(kind, *given, in_search=in_search)
+                fit = fit_shape(request._replace(sigma=sigma), in_search=in_search)
                 return fit.noting(measured=told)
         fit = tested_by_readings(kind, fit, options, start, fitted_as)
         if places is None:

@@ -7,8 +7,6 @@ freedom where there is none.
 
 __all__ = ["TaperTest", "test_taper"]
 
-from typing import Any
-
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -18,8 +16,7 @@ from jaxtyping import Array, Bool, Float
 from impostor_jax.arguments import is_exact
 from impostor_jax.device import on_processor
 from impostor_jax.fit.fittable import FRUSTUM
-from impostor_jax.fit.options import Options
-from impostor_jax.fit.request import arguments_of_cylinder
+from impostor_jax.fit.request import request_of_cylinder
 from impostor_jax.fit.result import Fit
 from impostor_jax.fit.shapes import fit_shape
 from impostor_jax.fit.text import millimeters
@@ -83,14 +80,14 @@ def test_taper(fit: Fit) -> TaperTest:
         ValueError: It is of another shape, of an outline or of a traced call, or it was
             stacked or made anew since; or its radius was fixed or expected.
     """
-    held = arguments_of_cylinder(fit, "taper")
-    options: Options = held["options"]
+    request, places = request_of_cylinder(fit, "taper")
+    options = request.options
     if "radius" in {*options.fixed, *(options.prior or {})}:
         raise ValueError(
             "fit must leave the radius open to test its taper, got one in which it is "
             "fixed or expected: a frustum has two"
         )
-    begin = fit.cylinder if fit.success else held["initial"]
+    begin = fit.cylinder if fit.success else request.initial
     initial = None
     if begin is not None:
         half = unit(begin.axis) * (begin.height / 2)
@@ -99,8 +96,8 @@ def test_taper(fit: Fit) -> TaperTest:
             half = np.asarray(half)
         ends = begin.center - half, begin.center + half
         initial = Frustum(*ends, begin.radius, begin.radius)
-    asked: dict[str, Any] = held | {"initial": initial}
-    frustum = fit_shape(FRUSTUM, **asked)
+    asked = request._replace(kind=FRUSTUM, initial=initial)
+    frustum = fit_shape(asked, places=places)
     first = frustum.coordinates.index("radius1")
     (one, both), (_, two) = frustum.covariance[first : first + 2, first : first + 2]
     difference = frustum.frustum.radius2 - frustum.frustum.radius1

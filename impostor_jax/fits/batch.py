@@ -15,7 +15,7 @@ from impostor_jax.effort import Effort
 from impostor_jax.fit.fittable import CYLINDER
 from impostor_jax.fit.options import Errors, MaskMeaning, Options, Scale
 from impostor_jax.fit.pixelwise import alike
-from impostor_jax.fit.request import ReadingsError, check_types
+from impostor_jax.fit.request import FitRequest, ReadingsError, check_types
 from impostor_jax.fit.result import Fit, on_device
 from impostor_jax.fit.threads import side_by_side
 from impostor_jax.fits.shown import failure_of, fit_or_failure
@@ -102,11 +102,12 @@ def fit_cylinders(
         mask = None if masks is None else masks[index]
         start = None if initial is None else jax.tree.map(lambda a: a[index], initial)
         own = sigma[index] if told else sigma
-        given = CYLINDER, depths[index], cameras[index], mask, own
+        given = depths[index], cameras[index], mask, own
+        request = FitRequest(CYLINDER, *given, start, asked)
         try:
-            return fit_or_failure(*given, start, asked)
+            return fit_or_failure(request)
         except ReadingsError as error:
-            return failure_of(*given, asked, error)
+            return failure_of(request, error)
 
     return _stacked(side_by_side(fit, range(count)))
 

@@ -13,6 +13,7 @@ from impostor_jax.device import on_processor
 from impostor_jax.effort import Effort
 from impostor_jax.fit.fittable import BOX, CYLINDER, FRUSTUM, SPHERE, TUBE
 from impostor_jax.fit.options import Errors, MaskMeaning, Options, Scale
+from impostor_jax.fit.request import FitRequest
 from impostor_jax.fit.result import Fit
 from impostor_jax.fit.threads import side_by_side
 from impostor_jax.fits.shown import fit_or_failure
@@ -113,7 +114,7 @@ def fit_labels(
     asked = Options.of(fixed, prior, mask_meaning, scale, errors, effort)
 
     def fit_one(label: int) -> Fit:
-        mask = numbers == label
-        return fit_or_failure(kind, depth, camera, mask, sigma, initial, asked)
+        given = depth, camera, numbers == label, sigma
+        return fit_or_failure(FitRequest(kind, *given, initial, asked))
 
     return dict(zip(found, side_by_side(fit_one, found), strict=True))

@@ -26,7 +26,7 @@ from impostor_jax.fit.learned import CLEARLY, likelier
 from impostor_jax.fit.measured import NOT_MEASURED
 from impostor_jax.fit.options import Errors, MaskMeaning, Options, Scale
 from impostor_jax.fit.regions import BUCKETS, DepthUnitsWarning, places_for
-from impostor_jax.fit.request import USUAL_SIGMA, check_types
+from impostor_jax.fit.request import USUAL_SIGMA, FitRequest, check_types
 from impostor_jax.fit.result import Fit
 from impostor_jax.fit.shapes import fit_shape, prepare_fit
 from impostor_jax.fit.status import FitStatus
@@ -243,8 +243,8 @@ def _fit_cloud(
     depths, cameras, masks, places = map(list, zip(*views, strict=True))
     if len(views) == 1:
         depths, cameras, masks = depths[0], cameras[0], masks[0]
-    given = depths, cameras, masks, sigma
-    return fit_shape(CYLINDER, *given, initial, asked, places, rounding)
+    request = FitRequest(CYLINDER, depths, cameras, masks, sigma, initial, asked)
+    return fit_shape(request, places=places, rounding=rounding)
 
 
 def prepare_points(cloud: GivenPoints, sigma: Any, asked: Options) -> None:

@@ -32,6 +32,7 @@ from impostor_jax.fit.outline import fit_outline
 from impostor_jax.fit.ranges import refuted_as_ranges
 from impostor_jax.fit.regions import warn_of_units
 from impostor_jax.fit.request import (
+    FitRequest,
     Given,
     ReadingsError,
     TooFewReadingsError,
@@ -42,7 +43,6 @@ from impostor_jax.fit.request import (
     checked_prior,
     checked_readings,
     checked_settings,
-    views_given,
 )
 from impostor_jax.fit.result import Fit
 from impostor_jax.fit.shapes import fit_shape
@@ -81,85 +81,68 @@ MOST_OBJECTS = 5
 
 
 @fitted_near
-def fit_shown(
-    kind: Fittable,
-    depth: Any,
-    camera: Any,
-    mask: Any,
-    sigma: Any,
-    initial: AbstractPrimitive | None,
-    options: Options,
-) -> Fit:
+def fit_shown(request: FitRequest) -> Fit:
     """As `fit_shape`; without a mask the object is looked for, unless it is traced.
 
     Without depth the mask is all there is, and `fit_outline` fits.
     """
-    if depth is None:
-        return fit_outline(kind, camera, mask, sigma, initial, options)
-    views = views_given(depth, camera, mask, sigma)
-    if options.mask_meaning == "outline" and any(view.mask is None for view in views):
+    if request.depth is None:
+        return fit_outline(request)
+    views = request.views
+    are_masked = all(view.mask is not None for view in views)
+    if request.options.mask_meaning == "outline" and not are_masked:
         # Pixels that are near a start, or found, end where that does.
         raise ValueError(
             "mask must be given where mask_meaning is 'outline', got None: the edge of "
             "what is found is no silhouette"
         )
-    if not is_concrete((depth, camera, sigma, initial, options.prior)):
-        return fit_shape(kind, depth, camera, mask, sigma, initial, options)
-    if all(view.mask is not None for view in views):
-        fit = fit_shape(kind, depth, camera, mask, sigma, initial, options)
-    else:
-        fit = _fit_looked_for(kind, depth, camera, sigma, views, initial, options)
+    if not is_concrete(request._replace(mask=None).values):
+        return fit_shape(request)
+    fit = fit_shape(request) if are_masked else _fit_looked_for(request)
     return refuted_as_ranges(fit, views)
 
 
-def _fit_looked_for(
-    kind: Fittable,
-    depth: Any,
-    camera: Any,
-    sigma: Any,
-    views: Sequence[Given],
-    initial: AbstractPrimitive | None,
-    options: Options,
-) -> Fit:
+def _fit_looked_for(request: FitRequest) -> Fit:
     """Fit what is found in images of which some have no mask.
 
     One noise of several images is of one sensor, so it is passed on as it was given.
     """
     # What is found goes on to what lies beside: it is cut down with any effort.
-    options = replace(options, effort=replace(options.effort, doubts=True))
+    effort = replace(request.options.effort, doubts=True)
+    options = replace(request.options, effort=effort)
+    request = request._replace(options=options)
+    kind, views = request.kind, request.views
     if len(views) == 1:
-        return _fit_found(kind, *views[0], initial, options)
-    masks = _masks_of(kind, views, initial, options)
+        return _fit_found(FitRequest(kind, *views[0], request.initial, options))
+    masks = _masks_of(request)
     if masks is None:
         images = [np.asarray(checked_depth(v.depth, v.camera)) for v in views]
-        with working_precision(options.effort.precision, ()):
+        with working_precision(effort.precision, ()):
             return no_guess(kind, *(np.zeros(image.shape, bool) for image in images))
-    return fit_shape(kind, depth, camera, masks, sigma, initial, options)
+    return fit_shape(request._replace(mask=masks))
 
 
-def _masks_of(
-    kind: Fittable,
-    views: Sequence[Given],
-    initial: AbstractPrimitive | None,
-    options: Options,
-) -> list[Any] | None:
+def _masks_of(request: FitRequest) -> list[Any] | None:
     """Masks of several views of which some have none; None where nothing is found.
 
     They are what reads near the start, or near what the views with a mask show, or else
     near what is found in the first view in which something is.
     """
+    kind, views, options = request.kind, request.views, request.options
     for view in views:
-        check_types(kind.shape, view.camera, initial)
-    near = initial
+        check_types(kind.shape, view.camera, request.initial)
+    near = request.initial
     if near is None:
         masked = [view for view in views if view.mask is not None]
         alone = replace(options, fixed=(), mask_meaning="region")
         if masked:
             depths, cameras, masks, sigmas = map(list, zip(*masked, strict=True))
-            fit = fit_shape(kind, depths, cameras, masks, sigmas, None, alone)
+            asked = FitRequest(kind, depths, cameras, masks, sigmas, None, alone)
+            fit = fit_shape(asked)
             near = fit.shape if fit.is_shape else None
         else:
-            fits = (fit_or_failure(kind, *view, None, alone) for view in views)
+            each = (FitRequest(kind, *view, None, alone) for view in views)
+            fits = map(fit_or_failure, each)
             near = next((fit.shape for fit in fits if fit.is_shape), None)
     if near is None:
         return None
@@ -175,20 +158,12 @@ def _masks_of(
     return masks
 
 
-def _fit_found(
-    kind: Fittable,
-    depth: Any,
-    camera: Any,
-    mask: None,
-    sigma: Any,
-    initial: AbstractPrimitive | None,
-    options: Options,
-) -> Fit:
+def _fit_found(request: FitRequest) -> Fit:
     """Fit what is found in an image without a mask."""
-    given = (depth, camera, sigma, initial, options.prior)
+    kind, depth, camera, _, sigma, initial, options = request
     check_types(kind.shape, camera, initial)
     precision = options.effort.precision
-    with working_precision(precision, given) as converted:
+    with working_precision(precision, request.values) as converted:
         # Before a search: it takes longer than all else.
         checked_settings(kind, options, initial, sigma)
         checked_prior(options.prior, kind.expectable, initial)
@@ -203,7 +178,7 @@ def _fit_found(
         else:
             masks = _objects(kind, image, camera, noise)
     fits = [
-        fit_shape(kind, image, camera, one, sigma, initial, options)
+        fit_shape(FitRequest(kind, image, camera, one, sigma, initial, options))
         for one in masks
         if np.count_nonzero(image[one]) >= MIN_READINGS
     ]
@@ -367,40 +342,24 @@ def _carries(
 
 
 @fitted_near
-def fit_or_failure(
-    kind: Fittable,
-    depth: Any,
-    camera: Any,
-    mask: Any,
-    sigma: Any,
-    initial: AbstractPrimitive | None,
-    options: Options,
-) -> Fit:
+def fit_or_failure(request: FitRequest) -> Fit:
     """As `fit_shown`, or a failed fit where there are too few readings."""
     try:
-        return fit_shown(kind, depth, camera, mask, sigma, initial, options)
+        return fit_shown(request)
     except TooFewReadingsError as error:
-        return failure_of(kind, depth, camera, mask, sigma, options, error)
+        return failure_of(request, error)
 
 
-def failure_of(
-    kind: Fittable,
-    depth: Any,
-    camera: Any,
-    mask: Any,
-    sigma: Any,
-    options: Options,
-    error: ReadingsError,
-) -> Fit:
-    """The failed fit of readings that cannot be fitted; arguments as of `fit_shown`."""
+def failure_of(request: FitRequest, error: ReadingsError) -> Fit:
+    """The failed fit of readings that cannot be fitted."""
     regions = []
-    with working_precision(options.effort.precision, ()):
-        for view in views_given(depth, camera, mask, sigma):
+    with working_precision(request.options.effort.precision, ()):
+        for view in request.views:
             region = checked_mask(view.mask, view.camera)
             if region is None:
                 region = np.zeros((view.camera.height, view.camera.width), bool)
             regions.append(np.asarray(region))
-        failed = no_guess(kind, *regions)
-    if depth is None:
+        failed = no_guess(request.kind, *regions)
+    if request.depth is None:
         failed = failed.having(source="outline")
     return failed.noting(doubt=f"{error}.")

@@ -10,6 +10,7 @@ from impostor_jax.device import on_processor
 from impostor_jax.effort import Effort
 from impostor_jax.fit.fittable import BOX, CYLINDER, FRUSTUM, SPHERE, TUBE
 from impostor_jax.fit.options import Errors, MaskMeaning, Options, Scale
+from impostor_jax.fit.request import FitRequest
 from impostor_jax.fit.result import Fit
 from impostor_jax.fits.shown import fit_shown
 from impostor_jax.primitives.box import Box
@@ -144,7 +145,7 @@ def fit_cylinder(
         the implicit function theorem at the solution.
     """
     asked = Options.of(fixed, prior, mask_meaning, scale, errors, effort)
-    return fit_shown(CYLINDER, depth, camera, mask, sigma, initial, asked)
+    return fit_shown(FitRequest(CYLINDER, depth, camera, mask, sigma, initial, asked))
 
 
 @on_processor
@@ -197,7 +198,7 @@ def fit_frustum(
         ValueError: As in `fit_cylinder`.
     """
     asked = Options.of(fixed, prior, mask_meaning, scale, errors, effort)
-    return fit_shown(FRUSTUM, depth, camera, mask, sigma, initial, asked)
+    return fit_shown(FitRequest(FRUSTUM, depth, camera, mask, sigma, initial, asked))
 
 
 @on_processor
@@ -256,7 +257,7 @@ def fit_box(
         ValueError: As in `fit_cylinder`; or depth is None.
     """
     asked = Options.of(fixed, prior, mask_meaning, scale, errors, effort)
-    return fit_shown(BOX, depth, camera, mask, sigma, initial, asked)
+    return fit_shown(FitRequest(BOX, depth, camera, mask, sigma, initial, asked))
 
 
 @on_processor
@@ -303,7 +304,7 @@ def fit_sphere(
         ValueError: As in `fit_cylinder`.
     """
     asked = Options.of(fixed, prior, mask_meaning, scale, errors, effort)
-    return fit_shown(SPHERE, depth, camera, mask, sigma, initial, asked)
+    return fit_shown(FitRequest(SPHERE, depth, camera, mask, sigma, initial, asked))
 
 
 @on_processor
@@ -370,4 +371,4 @@ def fit_tube(
         ValueError: As in `fit_cylinder`; or `initial` is another solid than a tube.
     """
     asked = Options.of(fixed, prior, mask_meaning, scale, errors, effort)
-    return fit_shown(TUBE, depth, camera, mask, sigma, initial, asked)
+    return fit_shown(FitRequest(TUBE, depth, camera, mask, sigma, initial, asked))

@@ -13,6 +13,7 @@ from impostor_jax.camera.pinhole import PinholeCamera
 from impostor_jax.effort import MIN_READINGS
 from impostor_jax.fit.fittable import CYLINDER
 from impostor_jax.fit.options import Options
+from impostor_jax.fit.request import FitRequest
 from impostor_jax.fit.result import Fit
 from impostor_jax.fits.shown import fit_or_failure
 from impostor_jax.primitives.cylinder import Cylinder
@@ -119,9 +120,8 @@ class View:
         self, mask: Bool[np.ndarray, "h w"], start: Cylinder, options: Options
     ) -> Fit:
         """A fit to some pixels, from a start."""
-        return fit_or_failure(
-            CYLINDER, self.image, self.camera, mask, self.noise, start, options
-        )
+        given = self.image, self.camera, mask, self.noise
+        return fit_or_failure(FitRequest(CYLINDER, *given, start, options))
 
     def measured(self, fit: Fit, state: State | None) -> Measured:
         """What a fit says, whose axis has the sign of a state's."""
