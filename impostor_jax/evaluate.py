@@ -31,7 +31,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from impostor_jax.effort import MIN_READINGS, Effort
+from impostor_jax.effort import MIN_READINGS, Effort, effort_of
 from impostor_jax.find.cylinders import find_cylinders
 from impostor_jax.fit.axial_body import AbstractAxialBody
 from impostor_jax.fit.body import AbstractBody
@@ -106,7 +106,7 @@ def evaluate(
     Returns:
         For each image, the outcomes of its shapes.
     """
-    options = Options.of(effort=effort)
+    options = Options(effort=effort_of(effort))
     for image in images:
         outcomes = []
         kind = KINDS[type(image.shapes)]

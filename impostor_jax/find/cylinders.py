@@ -14,7 +14,7 @@ from impostor_jax.arguments import is_concrete, real_number, whole_number
 from impostor_jax.camera.base import AbstractCamera, not_accepted
 from impostor_jax.camera.spherical import SphericalCamera
 from impostor_jax.device import on_processor
-from impostor_jax.effort import Effort
+from impostor_jax.effort import Effort, effort_of
 from impostor_jax.find.fitting import Fitter
 from impostor_jax.find.found import Found
 from impostor_jax.find.planes import PlaneRegions, primitives_of
@@ -103,7 +103,7 @@ def find_cylinders(
                          "ones: a search runs outside JAX")  # fmt: skip
     if not isinstance(camera, AbstractCamera):
         raise ValueError(f"camera must be a camera, got {not_accepted(camera)}")
-    options = Options.of(prior=prior, effort=effort)
+    options = Options(prior=prior, effort=effort_of(effort))
     checked_prior(prior, CYLINDER.parameters, None)
     world = LocalWorld.of([camera])
     if world is not None:

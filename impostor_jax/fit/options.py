@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any, Literal, get_args
 
 from impostor_jax.arguments import one_of
-from impostor_jax.effort import EFFORTS, Effort, effort_of
+from impostor_jax.effort import EFFORTS, Effort
 from impostor_jax.sensor.base import AbstractDepthNoise
 from impostor_jax.sensor.bias import is_none
 
@@ -23,7 +23,11 @@ Errors = Literal["independent", "correlated"]
 
 @dataclasses.dataclass(frozen=True)
 class Options:
-    """Options of a fit, which `fit_cylinder` explains: each checked, or its default."""
+    """Options of a fit, which `fit_cylinder` explains: each checked, or its default.
+
+    Raises:
+        ValueError: An option has a value that is not allowed.
+    """
 
     fixed: Sequence[str] = ()
     prior: Mapping[str, Any] | None = None
@@ -31,6 +35,14 @@ class Options:
     scale: Scale = "estimated"
     errors: Errors | None = None
     effort: Effort = EFFORTS["balanced"][1]
+
+    def __post_init__(self) -> None:
+        if isinstance(self.fixed, str):
+            raise ValueError(f"fixed must be a sequence of names, got {self.fixed!r}")
+        one_of("mask_meaning", self.mask_meaning, get_args(MaskMeaning))
+        one_of("scale", self.scale, get_args(Scale))
+        if self.errors is not None:
+            one_of("errors", self.errors, get_args(Errors))
 
     def correlated(self, noise: AbstractDepthNoise) -> bool:
         """Whether errors of neighbors are taken for correlated."""
@@ -41,25 +53,3 @@ class Options:
             # Copies have the same error.
             return True
         return not (is_none(bias.window_reach) or bias.fields)
-
-    @staticmethod
-    def of(
-        fixed: Sequence[str] = (),
-        prior: Mapping[str, Any] | None = None,
-        mask_meaning: MaskMeaning = "region",
-        scale: Scale = "estimated",
-        errors: Errors | None = None,
-        effort: Effort | str = "balanced",
-    ) -> "Options":
-        """Check what is given.
-
-        Raises:
-            ValueError: An option has a value that is not allowed.
-        """
-        if isinstance(fixed, str):
-            raise ValueError(f"fixed must be a sequence of names, got {fixed!r}")
-        one_of("mask_meaning", mask_meaning, get_args(MaskMeaning))
-        one_of("scale", scale, get_args(Scale))
-        if errors is not None:
-            one_of("errors", errors, get_args(Errors))
-        return Options(fixed, prior, mask_meaning, scale, errors, effort_of(effort))

@@ -11,7 +11,7 @@ import numpy as np
 from impostor_jax.arguments import is_concrete, is_exact, unmasked, unread
 from impostor_jax.camera.base import AbstractCamera
 from impostor_jax.device import on_processor
-from impostor_jax.effort import Effort
+from impostor_jax.effort import Effort, effort_of
 from impostor_jax.fit.fittable import CYLINDER
 from impostor_jax.fit.options import Errors, MaskMeaning, Options, Scale
 from impostor_jax.fit.pixelwise import alike
@@ -96,7 +96,7 @@ def fit_cylinders(
     told = isinstance(sigma, jax.Array | np.ndarray) and sigma.ndim == 3
     if told and len(sigma) != count:
         raise ValueError(f"sigma must be of {count} images, got {len(sigma)}")
-    asked = Options.of(fixed, prior, mask_meaning, scale, errors, effort)
+    asked = Options(fixed, prior, mask_meaning, scale, errors, effort_of(effort))
 
     def fit(index: int) -> Fit:
         mask = None if masks is None else masks[index]

@@ -10,7 +10,7 @@ import numpy as np
 from impostor_jax.arguments import is_concrete, unmasked, unread
 from impostor_jax.camera.base import AbstractCamera
 from impostor_jax.device import on_processor
-from impostor_jax.effort import Effort
+from impostor_jax.effort import Effort, effort_of
 from impostor_jax.fit.fittable import BOX, CYLINDER, FRUSTUM, SPHERE, TUBE
 from impostor_jax.fit.options import Errors, MaskMeaning, Options, Scale
 from impostor_jax.fit.request import FitRequest
@@ -111,7 +111,7 @@ def fit_labels(
     if not found:
         raise ValueError("labels must hold at least one that is not 0, got none")
     kind = KIND_OF[fit]
-    asked = Options.of(fixed, prior, mask_meaning, scale, errors, effort)
+    asked = Options(fixed, prior, mask_meaning, scale, errors, effort_of(effort))
 
     def fit_one(label: int) -> Fit:
         given = depth, camera, numbers == label, sigma

@@ -20,7 +20,7 @@ from impostor_jax.arguments import is_concrete, users_level, working_precision
 from impostor_jax.camera.ray_table import RayTable, turned_to
 from impostor_jax.clouds.wall import Wall, apart, wall_of, walls_of
 from impostor_jax.device import on_processor
-from impostor_jax.effort import MIN_READINGS, Effort
+from impostor_jax.effort import MIN_READINGS, Effort, effort_of
 from impostor_jax.fit.fittable import CYLINDER, no_guess
 from impostor_jax.fit.learned import CLEARLY, likelier
 from impostor_jax.fit.measured import NOT_MEASURED
@@ -150,7 +150,7 @@ def fit_cylinder_to_points(
             the world that it rounds their coordinates by a tenth of the noise: give
             them in double precision, or subtract an offset.
     """
-    asked = Options.of(fixed, prior, mask_meaning, scale, errors, effort)
+    asked = Options(fixed, prior, mask_meaning, scale, errors, effort_of(effort))
     check_options(asked)
     if not is_concrete((points, origin, sigma, initial)):
         raise ValueError(

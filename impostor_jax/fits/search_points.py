@@ -22,7 +22,7 @@ from impostor_jax.clouds.search import (
 )
 from impostor_jax.clouds.support import Support
 from impostor_jax.device import on_processor
-from impostor_jax.effort import MIN_READINGS, Effort
+from impostor_jax.effort import MIN_READINGS, Effort, effort_of
 from impostor_jax.find.cylinders import checked_radii
 from impostor_jax.find.found import FoundInPoints
 from impostor_jax.fit.fittable import CYLINDER
@@ -110,7 +110,7 @@ def find_cylinders_in_points(
     if not is_concrete((points, origin, sigma, normals, prior)):
         raise ValueError("points, origin, sigma, normals and prior must be concrete, "
                          "got traced ones: a search runs outside JAX")  # fmt: skip
-    options = Options.of(prior=prior, effort=effort)
+    options = Options(prior=prior, effort=effort_of(effort))
     checked_prior(prior, CYLINDER.parameters, None)
     given = points_given(points, origin)
     if sigma is not None and given.starts is None:

@@ -7,7 +7,7 @@ from typing import Any
 
 from impostor_jax.camera.base import AbstractCamera
 from impostor_jax.device import on_processor
-from impostor_jax.effort import Effort
+from impostor_jax.effort import Effort, effort_of
 from impostor_jax.fit.fittable import BOX, CYLINDER, FRUSTUM, SPHERE, TUBE
 from impostor_jax.fit.options import Errors, MaskMeaning, Options, Scale
 from impostor_jax.fit.request import FitRequest
@@ -144,7 +144,7 @@ def fit_cylinder(
         With `initial` given: of the cylinder in the depths, the camera and sigma, by
         the implicit function theorem at the solution.
     """
-    asked = Options.of(fixed, prior, mask_meaning, scale, errors, effort)
+    asked = Options(fixed, prior, mask_meaning, scale, errors, effort_of(effort))
     return fit_shown(FitRequest(CYLINDER, depth, camera, mask, sigma, initial, asked))
 
 
@@ -197,7 +197,7 @@ def fit_frustum(
     Raises:
         ValueError: As in `fit_cylinder`.
     """
-    asked = Options.of(fixed, prior, mask_meaning, scale, errors, effort)
+    asked = Options(fixed, prior, mask_meaning, scale, errors, effort_of(effort))
     return fit_shown(FitRequest(FRUSTUM, depth, camera, mask, sigma, initial, asked))
 
 
@@ -256,7 +256,7 @@ def fit_box(
     Raises:
         ValueError: As in `fit_cylinder`; or depth is None.
     """
-    asked = Options.of(fixed, prior, mask_meaning, scale, errors, effort)
+    asked = Options(fixed, prior, mask_meaning, scale, errors, effort_of(effort))
     return fit_shown(FitRequest(BOX, depth, camera, mask, sigma, initial, asked))
 
 
@@ -303,7 +303,7 @@ def fit_sphere(
     Raises:
         ValueError: As in `fit_cylinder`.
     """
-    asked = Options.of(fixed, prior, mask_meaning, scale, errors, effort)
+    asked = Options(fixed, prior, mask_meaning, scale, errors, effort_of(effort))
     return fit_shown(FitRequest(SPHERE, depth, camera, mask, sigma, initial, asked))
 
 
@@ -370,5 +370,5 @@ def fit_tube(
     Raises:
         ValueError: As in `fit_cylinder`; or `initial` is another solid than a tube.
     """
-    asked = Options.of(fixed, prior, mask_meaning, scale, errors, effort)
+    asked = Options(fixed, prior, mask_meaning, scale, errors, effort_of(effort))
     return fit_shown(FitRequest(TUBE, depth, camera, mask, sigma, initial, asked))

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import impostor_jax
-from impostor_jax.effort import Effort
+from impostor_jax.effort import Effort, effort_of
 from impostor_jax.fit.options import Errors, MaskMeaning, Options, Scale
 from impostor_jax.io.atomic import check_output_folder
 from impostor_jax.io.camera_file import CameraFile, FiledCamera
@@ -129,9 +129,8 @@ def map_images(
     if isinstance(beside, str | Path):
         beside = [beside]
     items = items_of(images, file, beside, meaning)
-    chosen = Options.of(
-        fixed, prior, mask_meaning or "region", scale or "estimated", errors, effort
-    )
+    meant = mask_meaning or "region", scale or "estimated"
+    chosen = Options(fixed, prior, *meant, errors, effort_of(effort))
     of_search = {
         "radius_range": radius_range,
         "min_arc": min_arc,

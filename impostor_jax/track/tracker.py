@@ -20,7 +20,7 @@ from impostor_jax.arguments import bounded_number, real_number, whole_number
 from impostor_jax.camera.base import AbstractCamera, not_accepted, posed
 from impostor_jax.camera.pinhole import PinholeCamera
 from impostor_jax.device import on_processor
-from impostor_jax.effort import Effort
+from impostor_jax.effort import Effort, effort_of
 from impostor_jax.find.cylinders import checked_radii, find_cylinders
 from impostor_jax.find.found import Found
 from impostor_jax.find.search import Request
@@ -158,7 +158,7 @@ class Tracker:
             "prior": self._sizes or None,
             "min_pixels": whole_number("min_pixels", min_pixels, 1, unit="pixels"),
         }
-        self._options = Options.of(effort=effort)
+        self._options = Options(effort=effort_of(effort))
         self._careful = Options()
         self._followed: list[Followed] = []
         self._planes = NO_PLANES
