@@ -17,8 +17,8 @@ from jaxtyping import Array, Bool
 
 from impostor_jax.camera.ray_table import Sight
 from impostor_jax.effort import MIN_READINGS
+from impostor_jax.fit.problem import DepthImage, Mask
 from impostor_jax.fit.regions import STEEP, jump_parts
-from impostor_jax.fit.request import DepthImage, Mask
 from impostor_jax.fit.surface import cropped
 from impostor_jax.sensor.base import AbstractDepthNoise
 from impostor_jax.sensor.bias import Reach, is_none

@@ -11,12 +11,12 @@ __all__ = ["floor_pixels"]
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Bool
 
-from impostor_jax.camera.ray_table import Sight
-from impostor_jax.fit.gather import passed_by, ray_list
+from impostor_jax.fit.gather import passed_by
 from impostor_jax.fit.per_pixel import law_of
 from impostor_jax.fit.problem import RayList
+from impostor_jax.fit.seen import Seen
 from impostor_jax.fit.tube_body import TubeBody
 from impostor_jax.primitives.base import in_camera_frame
 from impostor_jax.sensor.base import AbstractDepthNoise
@@ -38,28 +38,18 @@ CORNER = 0.2
 by 5 mm and more."""
 
 
-def floor_pixels(
-    image: Float[np.ndarray, "h w"],
-    row: Int[np.ndarray, " n"],
-    col: Int[np.ndarray, " n"],
-    body: TubeBody,
-    camera: Sight,
-    noise: AbstractDepthNoise,
-) -> Bool[np.ndarray, "h w"]:
+def floor_pixels(seen: Seen, body: TubeBody) -> Bool[np.ndarray, "h w"]:
     """Pixels of a region that show a floor, or the wall beside it; none without one.
 
     Args:
-        image: In meters; 0 where there is no reading.
-        row: Rows of the region's pixels, as `pixel_indices` has them.
-        col: Their columns.
+        seen: The region, and what is read there.
         body: A tube's estimate, in the world frame.
-        camera: The camera.
-        noise: Of the readings.
     """
-    rays = ray_list(image, camera, row, col, noise)
-    found = _readings_within(rays, in_camera_frame(body, camera), law_of(noise))
+    row, col, rays = seen.rays()
+    placed = in_camera_frame(body, seen.camera)
+    found = _readings_within(rays, placed, law_of(seen.noise))
     within, front, deep, wall, sigma = map(np.asarray, found)
-    none = np.zeros(image.shape, bool)
+    none = np.zeros(seen.image.shape, bool)
     off = within & (front > OFF) & (deep > 0)
     if np.count_nonzero(off) < FEWEST:
         return none

@@ -19,7 +19,16 @@ from jaxtyping import Array, Bool, Float
 from impostor_jax.camera.ray_table import RayTable, Sight, directions_of, shows_image
 from impostor_jax.fit.body import AbstractBody, Passing
 from impostor_jax.fit.per_pixel import law_of, spread_of
-from impostor_jax.fit.problem import BLOCK, Lattice, Pixels, RayList, Table, sigma_of
+from impostor_jax.fit.problem import (
+    BLOCK,
+    DepthImage,
+    Lattice,
+    Mask,
+    Pixels,
+    RayList,
+    Table,
+    sigma_of,
+)
 from impostor_jax.fit.regions import GENTLE, STEEP, jump_parts
 from impostor_jax.fit.surface import cropped
 from impostor_jax.fit.uncertainty import MAX_LAG
@@ -47,14 +56,12 @@ thinned."""
 CROSS = np.array([[0, 0, 0, -1, 1], [0, -1, 1, 0, 0]])[..., None]
 """Rows down and columns right to a pixel itself, left, right, above and below."""
 
-Image = Float[Array, "h w"] | Float[np.ndarray, "h w"]
-Mask = Bool[Array, "h w"] | Bool[np.ndarray, "h w"]
 Indices = Any
 """Of NumPy or JAX."""
 
 
 def table_of(
-    depth: Image,
+    depth: DepthImage,
     mask: Mask,
     row: Indices,
     col: Indices,
@@ -127,7 +134,7 @@ def _still(dtype: DTypeLike) -> RigidTransform:
 
 
 def ray_list(
-    depth: Image,
+    depth: DepthImage,
     camera: Sight,
     row: Indices,
     col: Indices,
@@ -217,7 +224,7 @@ def _around_some(
 
 
 def _off(
-    depth: Image,
+    depth: DepthImage,
     camera: Sight,
     noise: AbstractDepthNoise,
     row: Indices,
@@ -264,7 +271,7 @@ def _shuffle(size: int) -> Float[np.ndarray, " n"]:
     return np.random.default_rng(0).uniform(0.5, 1, size).astype(np.float32)
 
 
-def _exists(image: Image, row: Indices, col: Indices) -> Indices:
+def _exists(image: DepthImage, row: Indices, col: Indices) -> Indices:
     """Which pixels lie within an image."""
     height, width = image.shape
     return (row >= 0) & (row < height) & (col >= 0) & (col < width)

@@ -11,14 +11,14 @@ __all__ = ["mouth_pixels"]
 
 import jax
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Bool
 
-from impostor_jax.camera.ray_table import Sight
-from impostor_jax.fit.gather import passed_by, ray_list
+from impostor_jax.fit.gather import passed_by
 from impostor_jax.fit.per_pixel import law_of
 from impostor_jax.fit.problem import RayList
 from impostor_jax.fit.regions import SQUARE
 from impostor_jax.fit.round_body import RoundBody
+from impostor_jax.fit.seen import Seen
 from impostor_jax.opencv import cv2
 from impostor_jax.primitives.base import in_camera_frame
 from impostor_jax.sensor.base import AbstractDepthNoise
@@ -37,33 +37,22 @@ BESIDE = 2
 """Pixels beside such readings that may be of the same."""
 
 
-def mouth_pixels(
-    image: Float[np.ndarray, "h w"],
-    row: Int[np.ndarray, " n"],
-    col: Int[np.ndarray, " n"],
-    body: RoundBody,
-    camera: Sight,
-    noise: AbstractDepthNoise,
-) -> Bool[np.ndarray, "h w"]:
+def mouth_pixels(seen: Seen, body: RoundBody) -> Bool[np.ndarray, "h w"]:
     """Pixels of a region that see through an open end; none where it is closed.
 
     Args:
-        image: In meters; 0 where there is no reading.
-        row: Rows of the region's pixels, as `pixel_indices` has them.
-        col: Their columns.
+        seen: The region, and what is read there.
         body: An estimate, in the world frame.
-        camera: The camera.
-        noise: Of the readings.
     """
-    rays = ray_list(image, camera, row, col, noise)
-    found = _through_ends(rays, in_camera_frame(body, camera), law_of(noise))
+    row, col, rays = seen.rays()
+    found = _through_ends(rays, in_camera_frame(body, seen.camera), law_of(seen.noise))
     through, behind = map(np.asarray, found)
     count = np.count_nonzero(behind)
     if count < max(FEWEST, MOST_CLOSED * np.count_nonzero(through)):
-        return np.zeros(image.shape, bool)
+        return np.zeros(seen.image.shape, bool)
 
     def marked(which: Bool[np.ndarray, " n"]) -> np.ndarray:
-        marks = np.zeros(image.shape, np.uint8)
+        marks = np.zeros(seen.image.shape, np.uint8)
         marks[row[which], col[which]] = 1
         return marks
 

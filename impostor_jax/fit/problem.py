@@ -8,8 +8,10 @@ which is the camera's where there is but one.
 
 __all__ = [
     "BLOCK",
+    "DepthImage",
     "Edge",
     "Lattice",
+    "Mask",
     "Pixels",
     "Problem",
     "RayList",
@@ -46,6 +48,8 @@ BLOCK = 512
 """Readings that are summed at a time; the last of them, which are evenly spread over
 the object, speak for all."""
 
+DepthImage = Float[np.ndarray, "h w"] | Float[Array, "h w"]
+Mask = Bool[np.ndarray, "h w"] | Bool[Array, "h w"]
 Values = Float[Array, " n"] | Float[np.ndarray, " n"]
 Flags = Bool[Array, " n"] | Bool[np.ndarray, " n"]
 

@@ -2,10 +2,8 @@
 
 __all__ = [
     "USUAL_SIGMA",
-    "DepthImage",
     "FitRequest",
     "Given",
-    "Mask",
     "ReadingsError",
     "TooFewReadingsError",
     "check_one_object",
@@ -32,7 +30,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.typing import DTypeLike
-from jaxtyping import Array, Bool, Float, Integer
+from jaxtyping import Integer
 
 from impostor_jax.arguments import (
     check_direction,
@@ -51,7 +49,7 @@ from impostor_jax.fit.fittable import CYLINDER, Fittable
 from impostor_jax.fit.options import Options
 from impostor_jax.fit.per_pixel import PerPixelNoise, noise_of_pixels, read_with
 from impostor_jax.fit.prior import Prior
-from impostor_jax.fit.problem import Settings
+from impostor_jax.fit.problem import DepthImage, Mask, Settings
 from impostor_jax.fit.result import Fit, each_of
 from impostor_jax.numerics import safe_normalize
 from impostor_jax.primitives.base import AbstractPrimitive
@@ -104,10 +102,6 @@ class FitRequest(NamedTuple):
     def views(self) -> list[Given]:
         """What is given, view by view; raises as `views_given` does."""
         return views_given(self.depth, self.camera, self.mask, self.sigma)
-
-
-DepthImage = Float[np.ndarray, "h w"] | Float[Array, "h w"]
-Mask = Bool[np.ndarray, "h w"] | Bool[Array, "h w"]
 
 
 class ReadingsError(ValueError):

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 from impostor_jax.camera.ray_table import (
     RayTable,
@@ -17,8 +17,8 @@ from impostor_jax.camera.ray_table import (
 )
 from impostor_jax.camera.spherical import SphericalCamera
 from impostor_jax.fit.edges import without_edges
-from impostor_jax.fit.gather import table_of
-from impostor_jax.fit.problem import Table
+from impostor_jax.fit.gather import ray_list, table_of
+from impostor_jax.fit.problem import RayList, Table
 from impostor_jax.fit.regions import (
     chosen_pixels,
     most_readings,
@@ -27,6 +27,8 @@ from impostor_jax.fit.regions import (
     takes_all,
 )
 from impostor_jax.sensor.base import AbstractDepthNoise
+
+Indices = Int[np.ndarray, " n"]
 
 
 class Seen(NamedTuple):
@@ -51,6 +53,12 @@ class Seen(NamedTuple):
     def num_readings(self) -> int:
         """Pixels of the object that hold one."""
         return int(np.count_nonzero(self.image[self.region]))
+
+    def rays(self) -> tuple[Indices, Indices, RayList]:
+        """Rows and columns of its pixels, as of `pixel_indices`, and their rays."""
+        row, col = pixel_indices(self.region)
+        rays = ray_list(self.image, self.camera, row, col, self.noise)
+        return row, col, rays
 
     def is_taken(self, readings: int | None) -> bool:
         """Whether a fit takes all its pixels, with as many `readings` as asked."""

@@ -33,7 +33,7 @@ from impostor_jax.fit.options import Options
 from impostor_jax.fit.outline_gap import compared_with_outline, tested_beyond_ends
 from impostor_jax.fit.pixelwise import Pixelwise
 from impostor_jax.fit.prior import Prior
-from impostor_jax.fit.problem import Settings, Table
+from impostor_jax.fit.problem import DepthImage, Mask, Settings, Table
 from impostor_jax.fit.program import Program, fit_from
 from impostor_jax.fit.regions import (
     chosen_pixels,
@@ -43,10 +43,8 @@ from impostor_jax.fit.regions import (
     warn_of_units,
 )
 from impostor_jax.fit.request import (
-    DepthImage,
     FitRequest,
     Given,
-    Mask,
     check_readings,
     check_types,
     checked_mask,
@@ -247,17 +245,13 @@ def _without_foreign(
     foreign_in = kind.foreign
     if foreign_in is None:
         return fit
-    places = [pixel_indices(one.region) for one in seen]
     left_out = [np.zeros_like(one.region) for one in seen]
     for _ in range(MOST_LOOKS):
         is_own = fit.num_inliers >= ALL_OWN * int(fit.num_pixels)
         if is_own or not fit.status.has_numbers:
             break
         body = kind.body.of(fit.shape)
-        foreign = [
-            foreign_in(one.image, *place, body, one.camera, one.noise)
-            for one, place in zip(seen, places, strict=True)
-        ]
+        foreign = [foreign_in(one, body) for one in seen]
         if not any(found.any() for found in foreign) or all(
             map(np.array_equal, foreign, left_out)
         ):

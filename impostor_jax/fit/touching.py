@@ -18,7 +18,7 @@ from jaxtyping import Array, Bool, Float
 from impostor_jax.camera.ray_table import shows_image
 from impostor_jax.effort import MIN_READINGS
 from impostor_jax.fit.body import AbstractBody
-from impostor_jax.fit.gather import passed_by, ray_list
+from impostor_jax.fit.gather import passed_by
 from impostor_jax.fit.per_pixel import law_of
 from impostor_jax.fit.problem import RayList
 from impostor_jax.fit.regions import (
@@ -27,7 +27,6 @@ from impostor_jax.fit.regions import (
     SQUARE,
     STEEP,
     jump_parts,
-    pixel_indices,
 )
 from impostor_jax.fit.seen import Seen
 from impostor_jax.fit.surface import cropped
@@ -158,8 +157,7 @@ def sigmas_off(seen: Seen, body: AbstractBody) -> Float[np.ndarray, "h w"]:
         seen: The readings.
         body: In the world frame.
     """
-    row, col = pixel_indices(seen.region)
-    rays = ray_list(seen.image, seen.camera, row, col, seen.noise)
+    row, col, rays = seen.rays()
     off = _sigmas_off(rays, in_camera_frame(body, seen.camera), law_of(seen.noise))
     away = np.zeros(seen.image.shape)
     away[row[rays.exists], col[rays.exists]] = np.asarray(off)[rays.exists]

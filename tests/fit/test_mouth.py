@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 import impostor_jax as ij
-from impostor_jax.fit.fittable import CYLINDER
 from impostor_jax.fit.mouth import mouth_pixels
-from impostor_jax.fit.regions import pixel_indices
+from impostor_jax.fit.round_body import RoundBody
+from impostor_jax.fit.seen import Seen
 from tests.fit.scenes import CAMERA, SIGMA, can, image_of
 from tests.fit.test_tube import HEIGHT, OUTER, mug, pipe
 from tests.groups import FULL, SMALL_IMAGES
@@ -17,9 +17,8 @@ pytestmark = SMALL_IMAGES
 def marked(shape):
     """What is taken for a mouth, at the true outer shape, and the true one."""
     depth, mask = image_of(shape)
-    body = CYLINDER.body.of(can(40.0))
-    place = pixel_indices(mask)
-    found = mouth_pixels(depth, *place, body, CAMERA, ij.ConstantNoise(SIGMA))
+    body = RoundBody.of(can(40.0))
+    found = mouth_pixels(Seen(depth, mask, CAMERA, ij.ConstantNoise(SIGMA)), body)
     closed = ij.render(can(40.0), CAMERA, outputs=("depth",)).depth
     return found, mask & (depth - np.asarray(closed) > 5 * SIGMA)
 
