@@ -56,7 +56,7 @@ from impostor_jax.fit.request import (
 from impostor_jax.fit.result import Fit, each_of
 from impostor_jax.fit.seam import refuted_by_seam
 from impostor_jax.fit.seen import Seen, all_shown_by, seen_by, shown_by
-from impostor_jax.fit.starts import Search, found_by, guesses_of
+from impostor_jax.fit.starts import Search, guesses_of
 from impostor_jax.fit.stated import tested_by_readings
 from impostor_jax.fit.weighing import best_of, likeliest
 from impostor_jax.primitives.base import AbstractPrimitive, in_camera_frame
@@ -285,9 +285,8 @@ def _fit_pixels(
     shown = all_shown_by(seen, effort.readings, correlated)
     program = Program(shown, prior, settings, effort.kernel, correlated)
     counts = [one.num_readings for one in seen]
-    search = Search(kind, effort, program.fit, program.race, counts)
-    moves = [table.camera_from_world for table in shown]
-    found_by(search, moves, guesses, initial, known)
+    search = Search(kind, effort, program, counts)
+    search.run(guesses, initial, known)
     found, num_starts = search.found, search.num_starts
     if not found:
         return no_guess(kind, *(one.region for one in seen))

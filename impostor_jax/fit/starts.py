@@ -5,11 +5,11 @@ few readings that speak for all, and those that may lead to a better end, or ano
 are fitted to all readings.
 """
 
-__all__ = ["Search", "found_by", "guesses_of", "leaves_no_doubt"]
+__all__ = ["Search", "guesses_of", "leaves_no_doubt"]
 
 import dataclasses
 import itertools
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import partial
 
 import jax
@@ -19,7 +19,8 @@ from impostor_jax.effort import Effort
 from impostor_jax.fit.assess import Assessment
 from impostor_jax.fit.body import AbstractBody
 from impostor_jax.fit.fittable import Fittable
-from impostor_jax.fit.race import MOST_STARTS, Ends, worth_a_fit
+from impostor_jax.fit.program import Program
+from impostor_jax.fit.race import MOST_STARTS, worth_a_fit
 from impostor_jax.fit.regions import typical_sigma
 from impostor_jax.fit.result import Fit
 from impostor_jax.fit.seen import Seen
@@ -52,8 +53,7 @@ class Search:
     Attributes:
         kind: What is fitted.
         effort: How much work it takes.
-        fitted: How to fit all readings from a start.
-        led: Where starts lead on a few of them.
+        program: Fits all readings from a start, or a few from several.
         counts: Readings of the object in each of its images.
         found: What starts led to.
         num_starts: How many were tried.
@@ -61,8 +61,7 @@ class Search:
 
     kind: Fittable
     effort: Effort
-    fitted: Callable[[AbstractBody], Assessment]
-    led: Callable[[Sequence[AbstractBody]], Ends]
+    program: Program
     counts: Sequence[int]
     found: list[Assessment] = dataclasses.field(default_factory=list)
     num_starts: int = 0
@@ -72,9 +71,71 @@ class Search:
         """Of the object in all images."""
         return sum(self.counts)
 
+    def run(
+        self,
+        guesses: Sequence[list[AbstractBody]],
+        initial: AbstractPrimitive | None,
+        known: Fit | None,
+    ) -> None:
+        """Search from the start that is given, or from guesses, if there are any.
+
+        Args:
+            guesses: Of each image, as `guesses_of` returns them; none beside a start.
+            initial: In the world frame.
+            known: A fit of the same pixels, or of more.
+        """
+        effort, body = self.effort, self.kind.body
+        moves = [table.camera_from_world for table in self.program.shown]
+        if initial is not None:
+            self.fit(_placed(body, initial, moves[0]))
+            if effort.doubts:
+                self.look_beside()
+            self.closed()
+            return
+        starts = _in_order(guesses, moves, self.counts)[: effort.starts]
+        if not starts:
+            return
+        if known is not None and leaves_no_doubt(known):
+            # Of other pixels beside these, it may be off; the best guess is not.
+            self.race([_placed(body, known.shape, moves[0]), starts[0]])
+            self.closed()
+            return
+        if self.num_readings > MOST_AT_ONCE:
+            self.race(starts)
+        else:
+            self.fit(starts[0])
+        if effort.all_starts or not any(bool(one.is_clear) for one in self.found):
+            self.race(starts[self.num_starts :])
+            # Noise may hide which of two tilts is the true one.
+            if effort.starts > 1 and any(bool(one.hides_tilt) for one in self.found):
+                self.race([_mirrored(start) for start in starts])
+        self.closed()
+        if effort.doubts:
+            self.doubt()
+
+    def doubt(self) -> None:
+        """Look where another solution may be, beside the best."""
+        best, is_alone = likeliest(self.found), self.num_starts == 1
+        if is_alone and not (bool(best.hides_turn) or bool(best.ends_early)):
+            return
+        bodies = [best.body]
+        # And which of a short one's sides its axis is along.
+        if self.effort.starts > 1 and bool(best.hides_turn):
+            self.fit(_turned(best.body))
+            bodies.append(self.found[-1].body)
+        if not is_alone:
+            # A guess that leads to one tilt may be too far off, mirrored, for the
+            # other.
+            self.race([_mirrored(body) for body in bodies])
+        # Where noise is deep, or an end shows little, a fit may end where readings that
+        # it leaves out would not let it, 10 standard deviations off; its first stages
+        # lead on from there.
+        if not is_alone or any(bool(one.ends_early) for one in self.found):
+            self.fit(likeliest(self.found).body)
+
     def fit(self, start: AbstractBody) -> None:
         """Fit all readings from a start."""
-        self.found.append(self.fitted(start))
+        self.found.append(self.program.fit(start))
         self.num_starts += 1
 
     def race(self, starts: Sequence[AbstractBody]) -> None:
@@ -88,7 +149,7 @@ class Search:
             # It is not where it led: what ends there has to be fitted.
             best = None
         first = [] if best is None else [best.body]
-        ends = self.led([*first, *starts])
+        ends = self.program.race([*first, *starts])
         repeats = 1.0 if best is None else float(best.repeats)
         for k, count in worth_a_fit(ends, self.num_readings, repeats).items():
             if best is not None and k == 0:
@@ -97,12 +158,12 @@ class Search:
                 self.found[place] = best._replace(num_ended=num_ended)
                 continue
             end = jax.tree.map(lambda values, k=k: values[k], ends.body)
-            both = [self.fitted(end)]
+            both = [self.program.fit(end)]
             if self.effort.doubts and count == 1:
                 # From where it began, too: all readings may lead a start elsewhere than
                 # the few, which are not always the ones misled. Where several starts
                 # end in one place, they are not.
-                both.append(self.fitted(starts[k - len(first)]))
+                both.append(self.program.fit(starts[k - len(first)]))
             better = likeliest(both)
             self.found.extend(one for one in both if one is not better)
             self.found.append(better._replace(num_ended=count))
@@ -138,79 +199,12 @@ class Search:
         best = likeliest(self.found)
         if self.kind.closed is None or np.isfinite(best.fit.std.inner_radius):
             return
-        other = self.fitted(_closed(self.kind.closed, best.body))
+        other = self.program.fit(_closed(self.kind.closed, best.body))
         is_better = bool(other.fit.success) and not bool(best.fit.success)
         if float(other.cost) > float(best.cost) + (CLOSES if is_better else -CLOSES):
             return
         better = [one for one in self.found if float(one.cost) > float(other.cost)]
         self.found = [*better, other]
-
-
-def found_by(
-    search: Search,
-    moves: Sequence[RigidTransform],
-    guesses: Sequence[list[AbstractBody]],
-    initial: AbstractPrimitive | None,
-    known: Fit | None,
-) -> None:
-    """Search from the start that is given, or from guesses, if there are any.
-
-    Args:
-        search: As yet without a start.
-        moves: Poses of the cameras.
-        guesses: Of each image, as `guesses_of` returns them; none beside a start.
-        initial: In the world frame.
-        known: A fit of the same pixels, or of more.
-    """
-    kind, effort, found = search.kind, search.effort, search.found
-    move = moves[0]
-    if initial is not None:
-        search.fit(_placed(kind.body, initial, move))
-        if effort.doubts:
-            search.look_beside()
-        search.closed()
-        return
-    starts = _in_order(guesses, moves, search.counts)[: effort.starts]
-    if not starts:
-        return
-    if known is not None and leaves_no_doubt(known):
-        # Of other pixels beside these, it may be off; the best guess is not.
-        search.race([_placed(kind.body, known.shape, move), starts[0]])
-        search.closed()
-        return
-    if search.num_readings > MOST_AT_ONCE:
-        search.race(starts)
-    else:
-        search.fit(starts[0])
-    if effort.all_starts or not any(bool(one.is_clear) for one in found):
-        search.race(starts[search.num_starts :])
-        # Noise may hide which of two tilts is the true one.
-        if effort.starts > 1 and any(bool(one.hides_tilt) for one in found):
-            search.race([_mirrored(start) for start in starts])
-    search.closed()
-    if effort.doubts:
-        _doubt(search)
-
-
-def _doubt(search: Search) -> None:
-    """Look where another solution may be, beside the best."""
-    found = search.found
-    best, is_alone = likeliest(found), search.num_starts == 1
-    if is_alone and not (bool(best.hides_turn) or bool(best.ends_early)):
-        return
-    bodies = [best.body]
-    # And which of a short one's sides its axis is along.
-    if search.effort.starts > 1 and bool(best.hides_turn):
-        search.fit(_turned(best.body))
-        bodies.append(found[-1].body)
-    if not is_alone:
-        # A guess that leads to one tilt may be too far off, mirrored, for the other.
-        search.race([_mirrored(body) for body in bodies])
-    # Where noise is deep, or an end shows little, a fit may end where readings that it
-    # leaves out would not let it, 10 standard deviations off; its first stages lead on
-    # from there.
-    if not is_alone or any(bool(one.ends_early) for one in found):
-        search.fit(likeliest(found).body)
 
 
 def leaves_no_doubt(fit: Fit) -> bool:
