@@ -27,6 +27,7 @@ from impostor_jax.find.sectors import Sector
 from impostor_jax.find.view import View
 from impostor_jax.fit.fittable import CYLINDER
 from impostor_jax.fit.options import Options
+from impostor_jax.fit.pose import in_double
 from impostor_jax.fit.regions import BUCKETS, DepthUnitsWarning, typical_sigma
 from impostor_jax.fit.request import FitRequest, checked_noise, is_trusted
 from impostor_jax.fit.result import Asked, Fit
@@ -205,11 +206,12 @@ class Fitter:
     ) -> Fit:
         wall, (low, high) = evidence.wall, _around(evidence)
         center = wall.center + (low + high) / 2 * wall.axis
+        rotation, translation = in_double(self.searched_from_world)
         if not self.away:
-            center = center - self._translation
+            center = center - translation
         start = Cylinder(
-            center @ self._rotation,
-            wall.axis @ self._rotation,
+            center @ rotation,
+            wall.axis @ rotation,
             wall.radius,
             1.02 * (high - low),
         )
@@ -241,22 +243,11 @@ class Fitter:
             return fit
         # The far camera has the rotation of its pose alone.
         shape = fit.cylinder
-        center = np.asarray(shape.center) - self._translation @ self._rotation
+        rotation, translation = in_double(self.searched_from_world)
+        center = np.asarray(shape.center) - translation @ rotation
         moved = Cylinder(center, shape.axis, shape.radius, shape.height)
         # What was asked was asked of the far camera.
         return dataclasses.replace(fit, shape=moved, asked=Asked())
-
-    @property
-    def _rotation(self) -> Float[np.ndarray, "3 3"]:
-        """Of the pose: world vectors are v @ rotation."""
-        move = self.searched_from_world
-        return np.eye(3) if move is None else np.asarray(move.rotation, float)
-
-    @property
-    def _translation(self) -> Float[np.ndarray, "3"]:
-        """Of the pose, in the camera's frame."""
-        move = self.searched_from_world
-        return np.zeros(3) if move is None else np.asarray(move.translation, float)
 
     def wall_of(self, fit: Fit, start: Candidate) -> Candidate:
         """The wall of a fit, in the searched frame, between the limits of its start."""

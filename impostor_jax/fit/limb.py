@@ -14,6 +14,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from impostor_jax.camera.pinhole import PinholeCamera
+from impostor_jax.fit.pose import in_double
 from impostor_jax.fit.seen import Seen
 from impostor_jax.primitives.cylinder import Cylinder
 
@@ -83,7 +84,7 @@ def limb_of(
     camera = seen.camera
     if not isinstance(camera, PinholeCamera):
         return None
-    rotation, shift = _camera_from_world(camera)
+    rotation, shift = in_double(camera.camera_from_world)
     radius, wall = float(body.radius), _wall(body, along, rotation, shift)
     if wall is None:
         return None
@@ -182,19 +183,6 @@ def _lasting(
 def _last(marks: Bool[np.ndarray, "2 s t"]) -> Int[np.ndarray, "2 s"]:
     """Last step that is marked at each place; -1 where none is."""
     return np.where(marks, np.arange(marks.shape[-1]), -1).max(axis=-1)
-
-
-def _camera_from_world(
-    camera: PinholeCamera,
-) -> tuple[Float[np.ndarray, "3 3"], Float[np.ndarray, "3"]]:
-    """Rotation and translation of a camera."""
-    pose = camera.camera_from_world
-    if pose is None:
-        return np.eye(3), np.zeros(3)
-    return (
-        np.asarray(pose.rotation, np.float64),
-        np.asarray(pose.translation, np.float64),
-    )
 
 
 def _projected(

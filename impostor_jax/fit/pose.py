@@ -1,6 +1,6 @@
 """Poses of what is fitted: the frame at a shape's center, with z along its axis."""
 
-__all__ = ["Pose", "pose_from_camera", "pose_of"]
+__all__ = ["Pose", "in_double", "pose_from_camera", "pose_of"]
 
 import jax.numpy as jnp
 import numpy as np
@@ -64,6 +64,15 @@ def pose_from_camera(pose: Pose, camera_from_world: RigidTransform | None) -> Po
     axes = camera_from_world.rotate(jnp.swapaxes(pose[..., :3, :3], -1, -2))
     center = camera_from_world.apply(pose[..., :3, 3])
     return _homogeneous(jnp.swapaxes(axes, -1, -2), center)
+
+
+def in_double(
+    move: RigidTransform | None,
+) -> tuple[Float[np.ndarray, "3 3"], Float[np.ndarray, "3"]]:
+    """Rotation and translation of a pose, for NumPy; those of None move nothing."""
+    if move is None:
+        return np.eye(3), np.zeros(3)
+    return np.asarray(move.rotation, float), np.asarray(move.translation, float)
 
 
 def _homogeneous(rotation: Float[Array, "*batch 3 3"], center: Points) -> Pose:

@@ -35,6 +35,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from impostor_jax.fit.gather import ray_list
+from impostor_jax.fit.pose import in_double
 from impostor_jax.fit.regions import sigma_between
 from impostor_jax.fit.result import Fit, each_of, is_sure
 from impostor_jax.fit.seen import Seen
@@ -359,11 +360,8 @@ def wall_readings(
     points = view * depth[:, None]
     if rays.start is not None:
         points += rays.start
-    pose = seen.camera.camera_from_world
-    if pose is not None:
-        rotation = np.asarray(pose.rotation, float)
-        points = (points - np.asarray(pose.translation, float)) @ rotation
-        view = view @ rotation
+    rotation, translation = in_double(seen.camera.camera_from_world)
+    points, view = (points - translation) @ rotation, view @ rotation
     radius, half = float(body.radius), float(body.height) / 2
     center = np.asarray(body.center, float)
     along, distance, out = about_axis(points, center, np.asarray(body.axis, float))

@@ -13,6 +13,7 @@ from impostor_jax.camera.pinhole import PinholeCamera
 from impostor_jax.effort import MIN_READINGS
 from impostor_jax.fit.fittable import CYLINDER
 from impostor_jax.fit.options import Options
+from impostor_jax.fit.pose import in_double
 from impostor_jax.fit.request import FitRequest
 from impostor_jax.fit.result import Fit
 from impostor_jax.fits.shown import fit_or_failure
@@ -56,11 +57,8 @@ class View:
         noise: AbstractDepthNoise,
     ) -> "View":
         """The view of an image, from a camera with its pose, if it has one."""
-        pose = camera.camera_from_world
-        rotation, place = np.eye(3), np.zeros(3)
-        if pose is not None:
-            rotation = np.asarray(pose.rotation, float)
-            place = -rotation.T @ np.asarray(pose.translation, float)
+        rotation, translation = in_double(camera.camera_from_world)
+        place = -rotation.T @ translation
         bare = posed(camera, None)
         pixel = float(camera.spacing)
         return View(image, camera, bare, noise, rotation, place, pixel)
