@@ -4,7 +4,7 @@ A normal is that of the plane through the nearest neighbors, of which there are 
 as it takes for the plane to be several times wider than the points scatter about it.
 """
 
-__all__ = ["MOST_POINTS", "Cloud", "cloud_of"]
+__all__ = ["MOST_POINTS", "Cloud", "cloud_of", "scatter_of", "spread_seeds"]
 
 from typing import NamedTuple
 

@@ -6,7 +6,17 @@ is free space. Along the axis the wall reaches from where the image begins to ex
 to where it is refuted.
 """
 
-__all__ = ["LIMIT", "Candidate", "Evidence", "Scene", "shown", "weighed"]
+__all__ = [
+    "LIMIT",
+    "Candidate",
+    "Evidence",
+    "Scene",
+    "meeting",
+    "ring",
+    "shown",
+    "turned",
+    "weighed",
+]
 
 import dataclasses
 import functools
@@ -192,6 +202,14 @@ def meeting(
     y: Float[np.ndarray, "..."],
     wall: Candidate,
 ) -> Meeting:
+    """Where rays at some places of a view meet a wall.
+
+    Args:
+        view: What is searched.
+        x: Of the rays, as the view has them.
+        y: Likewise.
+        wall: The candidate, in the camera's frame; it has no ends here.
+    """
     c, a, r, side, _ = wall
     c, a = c.astype(np.float32).tolist(), a.astype(np.float32).tolist()
     if view.is_central:

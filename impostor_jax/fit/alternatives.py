@@ -1,6 +1,6 @@
 """Other solutions that explain an image almost as well as the one that is returned."""
 
-__all__ = ["MOST_ALTERNATIVES", "Alternatives", "no_alternatives"]
+__all__ = ["MOST_ALTERNATIVES", "Alternatives", "Named", "no_alternatives"]
 
 from collections.abc import Callable
 from typing import Any

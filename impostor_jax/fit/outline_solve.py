@@ -13,8 +13,10 @@ __all__ = [
     "OutlineProblem",
     "Traced",
     "coordinates",
+    "coverage_errors",
     "outline_problem",
     "rays_through",
+    "scale_coordinate",
     "traced",
 ]
 

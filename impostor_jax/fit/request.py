@@ -17,7 +17,6 @@ __all__ = [
     "checked_settings",
     "is_trusted",
     "request_of_cylinder",
-    "views_given",
 ]
 
 import dataclasses
@@ -100,8 +99,14 @@ class FitRequest(NamedTuple):
 
     @property
     def views(self) -> list[Given]:
-        """What is given, view by view; raises as `views_given` does."""
-        return views_given(self.depth, self.camera, self.mask, self.sigma)
+        """What is given, view by view.
+
+        Of several images there are lists; a noise model may be that of all.
+
+        Raises:
+            ValueError: The lists are not of one length, or not there for the images.
+        """
+        return _views_given(self.depth, self.camera, self.mask, self.sigma)
 
 
 class ReadingsError(ValueError):
@@ -112,14 +117,8 @@ class TooFewReadingsError(ReadingsError):
     """An image, or its mask, holds too little for a fit."""
 
 
-def views_given(depth: Any, camera: Any, mask: Any, sigma: Any) -> list[Given]:
-    """What is given, view by view.
-
-    Of several images there are lists; a noise model may be that of all.
-
-    Raises:
-        ValueError: The lists are not of one length, or there is none for the images.
-    """
+def _views_given(depth: Any, camera: Any, mask: Any, sigma: Any) -> list[Given]:
+    """The views of a `FitRequest`."""
     if not isinstance(depth, list | tuple):
         unread("depth", depth)
         unread("mask", mask)

@@ -5,7 +5,7 @@ image to image. Others it shares with the fits of the images before: the sensor'
 its smooth errors, walls that lean, and pixels, at which a still outline lies alike.
 """
 
-__all__ = ["COORDINATES", "SHARED", "Measured"]
+__all__ = ["COORDINATES", "SHARED", "Measured", "basis_of"]
 
 import dataclasses
 from typing import Any
