@@ -34,8 +34,7 @@ from impostor_jax.fit.body import AbstractBody
 from impostor_jax.fit.evidence import readings_of
 from impostor_jax.fit.fittable import CYLINDER, TUBE, Fittable
 from impostor_jax.fit.posterior import cost_of, hidden_pixels
-from impostor_jax.fit.prior import Prior
-from impostor_jax.fit.problem import Settings, Table, posed
+from impostor_jax.fit.problem import Inputs, posed
 from impostor_jax.fit.request import (
     FitRequest,
     checked_noise,
@@ -196,22 +195,15 @@ def _costs(request: FitRequest) -> Any:
             shown = all_shown_by(clear, effort.readings)
             settings = checked_settings(kind, plain, None, request.sigma)
             known = checked_prior(None, kind.expectable, None)
-            compiled = quickly_compiled(_cost, static_argnames="kernel")
-            body = kind.body.of(shape)
-            return float(compiled(shown, known, settings, body, kernel=effort.kernel))
+            inputs = Inputs(known, settings, shown, effort.kernel)
+            return float(quickly_compiled(_cost)(inputs, kind.body.of(shape)))
 
     return cost
 
 
-def _cost(
-    shown: tuple[Table, ...],
-    prior: Prior,
-    settings: Settings,
-    body: AbstractBody,
-    kernel: str,
-) -> Float[Array, ""]:
-    problem = posed(shown, prior, settings, kernel)
-    body = body.transformed(shown[0].camera_from_world)
+def _cost(inputs: Inputs, body: AbstractBody) -> Float[Array, ""]:
+    problem = posed(inputs)
+    body = body.transformed(inputs.tables[0].camera_from_world)
     views = problem.views
     bodies = [view.own(body) for view in views]
     readings = readings_of(problem, bodies, [view.noise for view in views])

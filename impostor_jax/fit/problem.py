@@ -10,6 +10,7 @@ __all__ = [
     "BLOCK",
     "DepthImage",
     "Edge",
+    "Inputs",
     "Lattice",
     "Mask",
     "Pixels",
@@ -217,6 +218,22 @@ class Table(NamedTuple):
     noise: AbstractDepthNoise
 
 
+class Inputs(eqx.Module):
+    """What the programs of a fit are given, from any start.
+
+    Attributes:
+        prior: In the world frame.
+        settings: What is asked for.
+        tables: What each image shows of the object.
+        kernel: Name of the robust loss.
+    """
+
+    prior: Prior
+    settings: Settings
+    tables: tuple[Table, ...]
+    kernel: str = eqx.field(static=True)
+
+
 class View(eqx.Module):
     """What an image shows of an object, in the frame of its camera.
 
@@ -365,17 +382,9 @@ class Problem(eqx.Module):
         return jnp.split(values, np.cumsum(sizes)[:-1], axis=-1)
 
 
-def posed(
-    tables: tuple[Table, ...], prior: Prior, settings: Settings, kernel: str
-) -> Problem:
-    """The problem of an object in some images.
-
-    Args:
-        tables: What each of them shows of it.
-        prior: In the world frame.
-        settings: What is asked for.
-        kernel: Name of the robust loss.
-    """
+def posed(inputs: Inputs) -> Problem:
+    """The problem of an object in some images."""
+    tables, settings = inputs.tables, inputs.settings
     first = tables[0].camera_from_world
     is_single = len(tables) == 1
     views = tuple(_view_of(one, None if is_single else first) for one in tables)
@@ -390,12 +399,12 @@ def posed(
     return Problem(
         views=views,
         together=None if is_single else _together(views),
-        prior=prior.transformed(first),
+        prior=inputs.prior.transformed(first),
         nominal=nominal,
         unit=unit,
         end_unit=jnp.maximum(unit, footprint / 20),
         settings=settings,
-        kernel=kernel,
+        kernel=inputs.kernel,
     )
 
 

@@ -8,9 +8,9 @@ and without.
 
 __all__ = ["Program", "fit_from"]
 
+import dataclasses
 import functools
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import jax
@@ -20,8 +20,7 @@ import numpy as np
 from impostor_jax.compiling import quickly_compiled
 from impostor_jax.fit.assess import Assessment, assess
 from impostor_jax.fit.body import AbstractBody
-from impostor_jax.fit.prior import Prior
-from impostor_jax.fit.problem import Settings, Table, posed
+from impostor_jax.fit.problem import Inputs, Table, posed
 from impostor_jax.fit.race import Ends, coarse, ends_of
 from impostor_jax.fit.regions import BUCKETS
 from impostor_jax.fit.solve import Solution, solve
@@ -32,22 +31,16 @@ SOLVER_SIZES = BUCKETS[2::2]
 padding, so that larger tables cost nothing, and fewer sizes are compiled."""
 
 
-@dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True)
 class Program:
     """A fit of one object in some images, from any start.
 
     Attributes:
-        shown: What each of them shows.
-        prior: In the world frame.
-        settings: What is asked for.
-        kernel: Name of the robust loss.
+        inputs: What they show, and what is known and asked.
         correlated: Whether the covariance allows for correlated residuals.
     """
 
-    shown: tuple[Table, ...]
-    prior: Prior
-    settings: Settings
-    kernel: str
+    inputs: Inputs
     correlated: bool
 
     def prepare(self, body: AbstractBody) -> None:
@@ -59,36 +52,30 @@ class Program:
         no = jnp.zeros((), bool)
         ended = Solution(body, no, no, jnp.zeros((), jnp.int32))
         waited_for = in_background(
-            lambda: _assessed().prepare(*self._for_assessment(ended))
+            lambda: _assessed().prepare(self.inputs, ended, self.correlated)
         )
-        _solved().prepare(*self._for_solver(body))
+        _solved().prepare(self._of_solver, body)
         waited_for()
 
     def fit(self, start: AbstractBody) -> Assessment:
         """The assessed estimate from a start in the first view's frame."""
-        asked = self._for_solver(start)
-        solved = _solved().ready(*asked)
+        solved = _solved().ready(self._of_solver, start)
         if solved is None:
             self.prepare(start)
-        found = _solved()(*asked) if solved is None else solved()
-        return _assessed()(*self._for_assessment(found))
+        found = _solved()(self._of_solver, start) if solved is None else solved()
+        return _assessed()(self.inputs, found, self.correlated)
 
     def race(self, starts: Sequence[AbstractBody]) -> Ends:
         """The estimates from several starts, on a few readings."""
-        few = [coarse(table) for table in self.shown]
-        return ends_of(few, self.prior, self.settings, starts, self.kernel)
+        few = tuple(map(coarse, self.inputs.tables))
+        return ends_of(dataclasses.replace(self.inputs, tables=few), starts)
 
     @functools.cached_property
-    def _solver_tables(self) -> tuple[Table, ...]:
-        """What the solver is given of each image, from any start."""
-        return tuple(_padded(table)._replace(lattice=None) for table in self.shown)
-
-    def _for_solver(self, start: AbstractBody) -> tuple[Any, ...]:
-        return self._solver_tables, self.prior, self.settings, start, self.kernel
-
-    def _for_assessment(self, found: Solution) -> tuple[Any, ...]:
-        given = self.shown, self.prior, self.settings, found
-        return *given, self.kernel, self.correlated
+    def _of_solver(self) -> Inputs:
+        """What the solver is given."""
+        padded = map(_padded, self.inputs.tables)
+        tables = tuple(table._replace(lattice=None) for table in padded)
+        return dataclasses.replace(self.inputs, tables=tables)
 
 
 def _padded(table: Table) -> Table:
@@ -107,43 +94,23 @@ def _padded(table: Table) -> Table:
     return table._replace(rays=rays, row=row, col=col, beside=beside)
 
 
-def fit_from(
-    shown: tuple[Table, ...],
-    prior: Prior,
-    settings: Settings,
-    start: AbstractBody,
-    kernel: str,
-    correlated: bool,
-) -> Assessment:
+def fit_from(inputs: Inputs, start: AbstractBody, correlated: bool) -> Assessment:
     """Solver and assessment inside a caller's program; arguments as of `Program`."""
-    problem = posed(shown, prior, settings, kernel)
+    problem = posed(inputs)
     return assess(problem, solve(problem, start), correlated)
 
 
-def _solution_of(
-    shown: tuple[Table, ...],
-    prior: Prior,
-    settings: Settings,
-    start: AbstractBody,
-    kernel: str,
-) -> Solution:
-    return solve(posed(shown, prior, settings, kernel), start)
+def _solution_of(inputs: Inputs, start: AbstractBody) -> Solution:
+    return solve(posed(inputs), start)
 
 
-def _assessment_of(
-    shown: tuple[Table, ...],
-    prior: Prior,
-    settings: Settings,
-    found: Solution,
-    kernel: str,
-    correlated: bool,
-) -> Assessment:
-    return assess(posed(shown, prior, settings, kernel), found, correlated)
+def _assessment_of(inputs: Inputs, found: Solution, correlated: bool) -> Assessment:
+    return assess(posed(inputs), found, correlated)
 
 
 def _solved() -> Any:
-    return quickly_compiled(_solution_of, static_argnames="kernel")
+    return quickly_compiled(_solution_of)
 
 
 def _assessed() -> Any:
-    return quickly_compiled(_assessment_of, static_argnames=("kernel", "correlated"))
+    return quickly_compiled(_assessment_of, static_argnames="correlated")

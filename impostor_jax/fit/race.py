@@ -21,8 +21,7 @@ from impostor_jax.compiling import quickly_compiled
 from impostor_jax.fit.body import AbstractBody
 from impostor_jax.fit.evidence import joined_readings, readings_of
 from impostor_jax.fit.posterior import cost_of, hidden_pixels
-from impostor_jax.fit.prior import Prior
-from impostor_jax.fit.problem import BLOCK, Settings, Table, posed
+from impostor_jax.fit.problem import BLOCK, Inputs, Table, posed
 from impostor_jax.fit.solve import solve
 
 MOST_STARTS = 20
@@ -89,40 +88,23 @@ def coarse(table: Table) -> Table:
     )
 
 
-def ends_of(
-    tables: Sequence[Table],
-    prior: Prior,
-    settings: Settings,
-    starts: Sequence[AbstractBody],
-    kernel: str,
-) -> Ends:
+def ends_of(inputs: Inputs, starts: Sequence[AbstractBody]) -> Ends:
     """Where starts lead.
 
     Args:
-        tables: As of `coarse`.
-        prior: In the world frame.
-        settings: What is asked for.
+        inputs: Of tables as of `coarse`.
         starts: At most `MOST_STARTS`, in the first view's frame.
-        kernel: Name of the robust loss.
     """
     filled = [*starts, *[starts[-1]] * (MOST_STARTS - len(starts))]
     stacked = jax.tree.map(lambda *parts: np.stack(parts), *filled)
     count = np.array(len(starts), np.int32)
-    program = quickly_compiled(_run_all, static_argnames="kernel")
-    ends = program(tuple(tables), prior, settings, stacked, count, kernel=kernel)
+    ends = quickly_compiled(_run_all)(inputs, stacked, count)
     return jax.tree.map(lambda values: np.asarray(values)[: len(starts)], ends)
 
 
-def _run_all(
-    tables: tuple[Table, ...],
-    prior: Prior,
-    settings: Settings,
-    starts: AbstractBody,
-    count: Int[Array, ""],
-    kernel: str,
-) -> Ends:
-    settings = dataclasses.replace(settings, max_steps=MOST_STEPS)
-    problem = posed(tables, prior, settings, kernel)
+def _run_all(inputs: Inputs, starts: AbstractBody, count: Int[Array, ""]) -> Ends:
+    settings = dataclasses.replace(inputs.settings, max_steps=MOST_STEPS)
+    problem = posed(dataclasses.replace(inputs, settings=settings))
 
     def led(start: AbstractBody) -> Ends:
         body = solve(problem, start).body

@@ -33,7 +33,7 @@ from impostor_jax.fit.options import Options
 from impostor_jax.fit.outline_gap import compared_with_outline, tested_beyond_ends
 from impostor_jax.fit.pixelwise import Pixelwise
 from impostor_jax.fit.prior import Prior
-from impostor_jax.fit.problem import DepthImage, Mask, Settings, Table
+from impostor_jax.fit.problem import DepthImage, Inputs, Mask, Settings, Table
 from impostor_jax.fit.program import Program, fit_from
 from impostor_jax.fit.regions import (
     chosen_pixels,
@@ -283,7 +283,8 @@ def _fit_pixels(
     """
     guesses = guesses_of(kind, seen) if initial is None else []
     shown = all_shown_by(seen, effort.readings, correlated)
-    program = Program(shown, prior, settings, effort.kernel, correlated)
+    inputs = Inputs(prior, settings, shown, effort.kernel)
+    program = Program(inputs, correlated)
     counts = [one.num_readings for one in seen]
     search = Search(kind, effort, program, counts)
     search.run(guesses, initial, known)
@@ -324,8 +325,8 @@ def prepare_fit(
         if rounding is not None:
             own = with_learned_rays(own, rounding)
         shown = (shown_by(own.without_edges(), effort.readings, correlated),)
-        program = Program(shown, known, settings, effort.kernel, correlated)
-        program.prepare(kind.blank)
+        inputs = Inputs(known, settings, shown, effort.kernel)
+        Program(inputs, correlated).prepare(kind.blank)
 
 
 def _told_by_pixel(
@@ -358,8 +359,8 @@ def _fit_traced(
     shown = tuple(_shown_traced(*view, initial, readings, correlated) for view in views)
     settings = dataclasses.replace(settings, refutes=True)
     start = initial.transformed(shown[0].camera_from_world)
-    kernel = options.effort.kernel
-    found = fit_from(shown, prior, settings, start, kernel, correlated)
+    inputs = Inputs(prior, settings, shown, options.effort.kernel)
+    found = fit_from(inputs, start, correlated)
     sizes = [depth.shape for depth, *_ in views]
     return _told_by_pixel(found.fit, found, shown, sizes, jnp)
 

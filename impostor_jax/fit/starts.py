@@ -85,7 +85,7 @@ class Search:
             known: A fit of the same pixels, or of more.
         """
         effort, body = self.effort, self.kind.body
-        moves = [table.camera_from_world for table in self.program.shown]
+        moves = [table.camera_from_world for table in self.program.inputs.tables]
         if initial is not None:
             self.fit(_placed(body, initial, moves[0]))
             if effort.doubts:

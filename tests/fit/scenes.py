@@ -10,6 +10,7 @@ import numpy as np
 import impostor_jax as ij
 from impostor_jax.fit.fittable import CYLINDER
 from impostor_jax.fit.options import Options
+from impostor_jax.fit.problem import Inputs
 from impostor_jax.fit.program import Program
 from impostor_jax.fit.request import checked_noise, checked_prior, checked_settings
 from impostor_jax.fit.seen import Seen, shown_by
@@ -48,7 +49,8 @@ def program_of(start=None, readings=None, **options):
     table = shown_by(Seen(depth, mask, CAMERA, checked_noise(SIGMA)), readings)
     settings = checked_settings(CYLINDER, asked, start, SIGMA)
     known = checked_prior(None, CYLINDER.parameters, None)
-    return Program((table,), known, settings, asked.effort.kernel, correlated=False)
+    inputs = Inputs(known, settings, (table,), asked.effort.kernel)
+    return Program(inputs, correlated=False)
 
 
 def with_outliers(depth, share, seed=0):

@@ -70,9 +70,8 @@ def test_the_terms_of_readings_are_computed_once(monkeypatch):
 @FULL
 def test_what_is_compiled_asks_the_host_nothing():
     given = program_of(effort=ij.Effort(kernel="squares"))
-    shown = given.shown, given.prior, given.settings, body_of(can())
-    run = jax.jit(fit_from, static_argnames=("kernel", "correlated"))
-    text = run.lower(*shown, kernel=given.kernel, correlated=given.correlated).as_text()
+    run = jax.jit(fit_from, static_argnames="correlated")
+    text = run.lower(given.inputs, body_of(can()), given.correlated).as_text()
     # The stages, and the blocks of readings in each of their steps.
     assert text.count("stablehlo.while") == 2
     assert "callback" not in text

@@ -10,7 +10,7 @@ from impostor_jax.fit.evidence import crossing_terms, reading_terms
 from impostor_jax.fit.fittable import CYLINDER
 from impostor_jax.fit.gather import table_of
 from impostor_jax.fit.options import Options
-from impostor_jax.fit.problem import Pixels, posed
+from impostor_jax.fit.problem import Inputs, Pixels, posed
 from impostor_jax.fit.regions import pixel_indices
 from impostor_jax.fit.request import checked_prior, checked_settings
 from impostor_jax.fit.round_body import RoundBody
@@ -108,9 +108,7 @@ def edge_of(depth, mask):
     known = checked_prior(None, CYLINDER.parameters, None)
     noise = ij.ConstantNoise(jnp.float32(SIGMA))
     table = table_of(depth, mask, *pixel_indices(mask), CAMERA, noise)
-    problem = jax.jit(posed, static_argnames="kernel")(
-        (table,), known, settings, kernel="squares"
-    )
+    problem = jax.jit(posed)(Inputs(known, settings, (table,), "squares"))
     return problem.views[0].edge
 
 

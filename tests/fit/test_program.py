@@ -1,5 +1,7 @@
 """The two compiled programs of a fit."""
 
+import dataclasses
+
 import numpy as np
 
 from impostor_jax.fit import program
@@ -10,7 +12,7 @@ from tests.groups import SMALL_IMAGES
 
 
 def test_padding_holds_no_reading():
-    (table,) = program_of().shown
+    (table,) = program_of().inputs.tables
     padded = _padded(table)
     count, whole = len(table.row), len(padded.row)
     assert count < whole == len(_padded(padded).row)
@@ -24,17 +26,17 @@ def test_padding_holds_no_reading():
 
 
 def test_a_table_of_a_quick_fit_is_not_padded():
-    (table,) = program_of(readings=1024).shown
+    (table,) = program_of(readings=1024).inputs.tables
     assert _padded(table) is table
 
 
 @SMALL_IMAGES
 def test_padding_does_not_move_the_estimate():
     given = program_of()
-    padded, prior, settings, start, kernel = given._for_solver(body_of(can()))
-    found = program._solved()(padded, prior, settings, start, kernel)
-    bare = (given.shown[0]._replace(lattice=None),)
-    same = program._solved()(bare, prior, settings, start, kernel)
+    start, (table,) = body_of(can()), given.inputs.tables
+    found = program._solved()(given._of_solver, start)
+    bare = (table._replace(lattice=None),)
+    same = program._solved()(dataclasses.replace(given.inputs, tables=bare), start)
     assert bool(found.converged)
     assert int(found.num_steps) == int(same.num_steps)
     # Sums of different lengths round differently.

@@ -6,7 +6,7 @@ import pytest
 import impostor_jax as ij
 from impostor_jax.fit.fittable import CYLINDER
 from impostor_jax.fit.options import Options
-from impostor_jax.fit.problem import BLOCK, posed
+from impostor_jax.fit.problem import BLOCK, Inputs, posed
 from impostor_jax.fit.race import Ends, coarse, worth_a_fit
 from impostor_jax.fit.request import checked_prior, checked_settings
 from impostor_jax.fit.round_body import RoundBody
@@ -50,7 +50,7 @@ def test_an_end_that_is_no_number_is_dropped():
 
 def started_from(*starts):
     program = program_of()
-    return coarse(program.shown[0]), program.race(starts)
+    return coarse(program.inputs.tables[0]), program.race(starts)
 
 
 @FULL
@@ -73,7 +73,7 @@ def test_the_few_keep_their_places_at_the_edge(readings):
 def posed_alone(table):
     settings = checked_settings(CYLINDER, Options(), None, SIGMA)
     prior = checked_prior(None, CYLINDER.parameters, None)
-    (view,) = posed((table,), prior, settings, "geman_mcclure").views
+    (view,) = posed(Inputs(prior, settings, (table,), "geman_mcclure")).views
     return view
 
 

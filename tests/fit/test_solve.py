@@ -11,7 +11,7 @@ import pytest
 import impostor_jax as ij
 from impostor_jax.fit.fittable import SPHERE
 from impostor_jax.fit.options import Options
-from impostor_jax.fit.problem import posed
+from impostor_jax.fit.problem import Inputs, posed
 from impostor_jax.fit.request import checked_noise, checked_prior, checked_settings
 from impostor_jax.fit.seen import Seen, shown_by
 from impostor_jax.fit.solve import solve, spread_of
@@ -34,7 +34,7 @@ def problem_of(tolerance, prior=None, meaning="region"):
     shown = shown_by(Seen(depth.astype(float), mask, CAMERA, noise))
     known = checked_prior(prior, kind.parameters, ball())
     shown = jax.tree.map(jnp.asarray, shown)
-    return posed((shown,), known, settings, kernel="geman_mcclure")
+    return posed(Inputs(known, settings, (shown,), "geman_mcclure"))
 
 
 def start():
