@@ -12,6 +12,7 @@ from jaxtyping import Array, Float
 import impostor_jax as ij
 from experiments.scenes import CAMERA, Shape, View
 from impostor_jax.evaluate import difference
+from impostor_jax.fit.body import Rays
 from impostor_jax.fit.fittable import KINDS
 from impostor_jax.geometry.so3 import tangent_basis
 from impostor_jax.primitives.base import in_camera_frame
@@ -119,7 +120,7 @@ def _derivatives(shape: Shape, camera: ij.AbstractCamera):
     assert maps.normal is not None
     body = in_camera_frame(KINDS[type(shape)].body.of(shape), camera)
     rays = camera.rays(*camera.frame.pixels(), maps.normal.dtype).direction
-    d, seen = rays.stack(), body.passing(rays)
+    d, seen = rays.stack(), body.passing(Rays(rays))
     cosine = jnp.abs(jnp.sum(maps.normal * d, axis=-1)) / jnp.linalg.norm(d, axis=-1)
     half = jnp.where(seen.on_cap, 1e9, jnp.sqrt(jnp.maximum(seen.square, 0)))
     return jnp.where(jnp.isfinite(columns), columns, 0), cosine, half

@@ -9,9 +9,11 @@ is compared with the wall changes with a motion of the body by alpha dn + beta d
 __all__ = [
     "AbstractAxislessBody",
     "AbstractBody",
+    "Chord",
     "FreeDirections",
     "Margins",
     "Passing",
+    "Rays",
     "Readout",
     "blunted_root",
     "change_of",
@@ -44,9 +46,24 @@ Readout = OrderedDict[str, Array]
 FreeDirections = Float[Array, "c c"] | Float[np.ndarray, "c c"]
 """As `AbstractBody.free_directions` returns them; a trace may know their values."""
 
+Chord = float | Float[Array, "*#batch"]
+"""Length of a part of a ray, in its parameter."""
+
 AHEAD = 0.1
 """Cosine of the angle from the camera's z axis to a center up to which the plane of
 that center, where rays begin, is not far from it."""
+
+
+class Rays(NamedTuple):
+    """Rays that a camera sees a body by.
+
+    Attributes:
+        direction: Of each, with z = 1.
+        start: Where they begin; None for the origin.
+    """
+
+    direction: Vec3
+    start: Vec3 | None = None
 
 
 class Passing(eqx.Module):
@@ -177,9 +194,7 @@ class Margins(NamedTuple):
     lines: tuple[float, ...]
 
 
-def blunted_root(
-    square: Numbers, chord: float | Float[Array, "*#batch"]
-) -> tuple[Numbers, Numbers]:
+def blunted_root(square: Numbers, chord: Chord) -> tuple[Numbers, Numbers]:
     """Half-chord from its square, and its derivative.
 
     Below `chord` the square root gives way to a straight line, so that a solver can
@@ -192,10 +207,7 @@ def blunted_root(
 
 
 def local_ray(
-    direction: Vec3,
-    center: Float[Array, "3"],
-    frame: Float[Array, "3 3"],
-    start: Vec3 | None = None,
+    rays: Rays, center: Float[Array, "3"], frame: Float[Array, "3 3"]
 ) -> tuple[Ray, Numbers]:
     """Rays from the camera, from the plane of a center on; and the depth of that plane.
 
@@ -203,11 +215,11 @@ def local_ray(
     times the difference of two directions, which loses no digits to the distance.
 
     Args:
-        direction: Of the rays, with z = 1.
+        rays: Of the camera.
         center: What they are relative to.
         frame: Unit vectors along which the result's components are.
-        start: Where they begin; None for the origin.
     """
+    direction, start = rays
     if start is not None:
         return _local_ray_from(direction, center, frame, start)
     is_ahead = center[2] > AHEAD * jnp.sqrt(jnp.sum(center**2))
@@ -293,20 +305,13 @@ class AbstractBody(eqx.Module):
         """Whether its outline may be that of one whose axis is across its own."""
 
     @abc.abstractmethod
-    def passing(
-        self,
-        direction: Vec3,
-        chord: float | Float[Array, "*#batch"] = 0.0,
-        start: Vec3 | None = None,
-        apart: bool = False,
-    ) -> Passing:
+    def passing(self, rays: Rays, chord: Chord = 0.0, apart: bool = False) -> Passing:
         """How rays pass the body.
 
         Args:
-            direction: Of the rays, with z = 1.
+            rays: Of the camera.
             chord: Half-chord below which the square root gives way, as in
                 `blunted_root`.
-            start: Where they begin; None for the origin.
             apart: Whether what all else follows from is computed once. Of 2560 rays of
                 which much is asked that takes 55 us for 75, of more readings longer.
         """

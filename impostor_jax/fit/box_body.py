@@ -21,9 +21,11 @@ from typing_extensions import override
 from impostor_jax.compiling import computed_once
 from impostor_jax.fit.body import (
     AbstractAxislessBody,
+    Chord,
     FreeDirections,
     Margins,
     Passing,
+    Rays,
     Readout,
     grown,
     local_ray,
@@ -135,14 +137,8 @@ class BoxBody(AbstractAxislessBody):
         return 1
 
     @override
-    def passing(
-        self,
-        direction: Vec3,
-        chord: float | Float[Array, "*#batch"] = 0.0,
-        start: Vec3 | None = None,
-        apart: bool = False,
-    ) -> Passing:
-        local, foot = local_ray(direction, self.center, self.frame, start)
+    def passing(self, rays: Rays, chord: Chord = 0.0, apart: bool = False) -> Passing:
+        local, foot = local_ray(rays, self.center, self.frame)
         if apart:
             local, foot = computed_once(lambda: (local, foot))
         slabs = self._slabs(local)

@@ -43,7 +43,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from impostor_jax.compiling import computed_once
-from impostor_jax.fit.body import AbstractBody, Passing
+from impostor_jax.fit.body import AbstractBody, Passing, Rays
 from impostor_jax.fit.moved_rays import GRAZING, OUTLIER, moved_rays
 from impostor_jax.fit.problem import Edge, Pixels, Problem, View, sigma_of
 from impostor_jax.geometry.vec3 import Vec3
@@ -166,9 +166,7 @@ def reading_terms(
         is_image: As of `View`.
     """
     soft = soft * body.radius
-    seen = computed_once(
-        lambda: body.passing(pixels.direction, body.radius / 100, pixels.start)
-    )
+    seen = computed_once(lambda: body.passing(pixels.rays, body.radius / 100))
     if body.bends == 1:
         # Readings less than a pixel beyond a face's edge do not pull at it. Otherwise
         # the noise of one column of pixels placed edges that run along it, and an
@@ -312,7 +310,7 @@ def _slant(body: AbstractBody, pixels: Pixels) -> Float[Array, " n"]:
     one, zero = jnp.ones_like(direction.x), jnp.zeros_like(direction.x)
 
     def across(x: Numbers, y: Numbers) -> Numbers:
-        return body.passing(Vec3(x, y, one), start=pixels.start).square
+        return body.passing(Rays(Vec3(x, y, one), pixels.start)).square
 
     at = direction.x, direction.y
     _, in_col = jax.jvp(across, at, (one, zero))
@@ -365,9 +363,7 @@ def crossing_terms(
     """
     r, pixels = body.radius, edge.pixels
     chord = r / 10
-    seen = computed_once(
-        lambda: body.passing(pixels.direction, chord, pixels.start, apart=True)
-    )
+    seen = computed_once(lambda: body.passing(pixels.rays, chord, apart=True))
     outline = body.margins(seen)
     margins, kinds = outline.value, len(outline.value)
     gap, middle = margins[:, 1:] - margins[:, :1], (margins[:, 1:] + margins[:, :1]) / 2
@@ -460,11 +456,10 @@ def crossing_terms(
     variance = jnp.where(is_wall, alike * place**2, of_ends)
     weight = jnp.where(counts, jax.lax.rsqrt(jnp.where(counts, variance, 1)) / step, 0)
 
-    between, start = jax.tree.map(
-        lambda field: pick((field[1:] + field[:1])[None]) / 2,
-        (pixels.direction, pixels.start),
+    between = jax.tree.map(
+        lambda field: pick((field[1:] + field[:1])[None]) / 2, pixels.rays
     )
-    passing = computed_once(lambda: body.passing(between, chord, start))
+    passing = computed_once(lambda: body.passing(between, chord))
     error, gradient = body.of_end(passing, end, side)
     zero = jnp.zeros_like(error)
     of_wall = body.of_reading(passing, zero, zero - 1, jnp.zeros(zero.shape, bool))

@@ -173,7 +173,7 @@ def passed_by(
 ) -> tuple[Pixels, Passing, Bool[Array, " n"], Float[Array, " n"]]:
     """What a list holds, how its rays pass a body, which read, and their deviations."""
     pixels = rays.pixels()
-    seen = body.passing(pixels.direction, body.radius / 100, pixels.start)
+    seen = body.passing(pixels.rays, body.radius / 100)
     read = pixels.depth > 0
     near = jnp.where(read, pixels.depth, 1)
     return pixels, seen, read, sigma_of(noise, pixels, near, seen.cos_incidence)

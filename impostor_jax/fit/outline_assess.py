@@ -20,7 +20,7 @@ from impostor_jax.fit.across import exact_rays
 from impostor_jax.fit.agreement import reduced_chi2, tail
 from impostor_jax.fit.alternatives import no_alternatives
 from impostor_jax.fit.assess import Assessment
-from impostor_jax.fit.body import AbstractBody, Readout, coordinates_of
+from impostor_jax.fit.body import AbstractBody, Rays, Readout, coordinates_of
 from impostor_jax.fit.budget import if_known
 from impostor_jax.fit.deviations import are_numbers, deviations_of
 from impostor_jax.fit.form import no_form
@@ -283,9 +283,8 @@ def _shown(problem: OutlineProblem, body: AbstractBody) -> _Shown:
     slack = 3 * (problem.sigma - jnp.where(problem.is_hard, GRID_SIGMA, 0))
     on = problem.is_place & (jnp.abs(distance) < OFF_PLACE + slack)
     kind = jnp.argmin(places.distance, axis=0)
-    seen = body.passing(
-        Vec3(edge.x, edge.y, jnp.ones_like(edge.x)), CHORD * body.radius
-    )
+    rays = Rays(Vec3(edge.x, edge.y, jnp.ones_like(edge.x)))
+    seen = body.passing(rays, CHORD * body.radius)
     # The end that faces away is the second margin, that towards the camera the third.
     ahead = jnp.sign(seen.local.direction.z)
     end = jnp.where(kind == 0, 0, jnp.where(kind == 1, ahead, -ahead))

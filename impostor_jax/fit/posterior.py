@@ -136,7 +136,7 @@ def hidden_pixels(problem: Problem, body: AbstractBody) -> Float[Array, ""]:
 
 def _hidden_in(problem: Problem, view: View, body: AbstractBody) -> Float[Array, ""]:
     around = view.around
-    seen = body.passing(around.direction, body.radius / 100, around.start)
+    seen = body.passing(around.rays, body.radius / 100)
     sigma = sigma_of(view.noise, around, seen.depth, seen.cos_incidence)
     margin = jnp.minimum(_beside(problem, view, seen), body.radius)
     is_within = seen.square > seen.square_at(margin, body.radius)

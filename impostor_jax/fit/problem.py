@@ -35,7 +35,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from impostor_jax.fit.body import AbstractBody, FreeDirections
+from impostor_jax.fit.body import AbstractBody, FreeDirections, Rays
 from impostor_jax.fit.prior import Prior
 from impostor_jax.geometry.frames import RigidTransform
 from impostor_jax.geometry.vec3 import Vec3
@@ -74,6 +74,11 @@ class Pixels(eqx.Module):
     length: Float[Array, "*batch"]
     start: Vec3 | None = None
     spread: Float[Array, "*batch"] | None = None
+
+    @property
+    def rays(self) -> Rays:
+        """Those of the pixels."""
+        return Rays(self.direction, self.start)
 
 
 class Edge(eqx.Module):

@@ -14,9 +14,11 @@ from typing_extensions import override
 from impostor_jax.compiling import computed_once
 from impostor_jax.fit.axial_body import AbstractAxialBody, in_frame
 from impostor_jax.fit.body import (
+    Chord,
     FreeDirections,
     Margins,
     Passing,
+    Rays,
     Readout,
     blunted_root,
     grown,
@@ -133,15 +135,9 @@ class RoundBody(AbstractAxialBody):
         return () if self.growth is None else self.names_of_radii
 
     @override
-    def passing(
-        self,
-        direction: Vec3,
-        chord: float | Float[Array, "*#batch"] = 0.0,
-        start: Vec3 | None = None,
-        apart: bool = False,
-    ) -> Passing:
+    def passing(self, rays: Rays, chord: Chord = 0.0, apart: bool = False) -> Passing:
         frame = jnp.concatenate([tangent_basis(self.axis), self.axis[None]])
-        local, foot = local_ray(direction, self.center, frame, start)
+        local, foot = local_ray(rays, self.center, frame)
         if apart:
             local, foot = computed_once(lambda: (local, foot))
         of_wall = self._wall(local.origin, local.direction)

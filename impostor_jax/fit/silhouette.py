@@ -25,7 +25,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from impostor_jax.compiling import computed_once
-from impostor_jax.fit.body import AbstractBody
+from impostor_jax.fit.body import AbstractBody, Rays
 from impostor_jax.geometry.vec3 import Vec3
 from impostor_jax.numerics import Numbers, safe_divide, safe_sqrt
 from impostor_jax.rendering.half_pixels import halves
@@ -101,7 +101,7 @@ def distances(body: AbstractBody, rays: RayDifferentials) -> Places:
 
     def insides(x: Float[Array, " n"], y: Float[Array, " n"]) -> Float[Array, "k n"]:
         direction = Vec3(x[None], y[None], jnp.ones_like(x)[None])
-        seen = body.passing(direction, CHORD * body.radius)
+        seen = body.passing(Rays(direction), CHORD * body.radius)
         wall, *ends = body.margins(seen).value
         # From the squared half-chord to the distance within the wall, which is linear
         # in the image: at a pixel's distance the square is 2 % off at 25 pixels.

@@ -12,9 +12,11 @@ from typing_extensions import override
 
 from impostor_jax.fit.body import (
     AbstractAxislessBody,
+    Chord,
     FreeDirections,
     Margins,
     Passing,
+    Rays,
     Readout,
     blunted_root,
     grown,
@@ -22,7 +24,6 @@ from impostor_jax.fit.body import (
     shift_to,
 )
 from impostor_jax.geometry.frames import RigidTransform
-from impostor_jax.geometry.vec3 import Vec3
 from impostor_jax.numerics import Numbers
 from impostor_jax.primitives.sphere import Sphere
 
@@ -68,16 +69,10 @@ class SphereBody(AbstractAxislessBody):
         return jnp.zeros(self.radius.shape, bool)
 
     @override
-    def passing(
-        self,
-        direction: Vec3,
-        chord: float | Float[Array, "*#batch"] = 0.0,
-        start: Vec3 | None = None,
-        apart: bool = False,
-    ) -> Passing:
+    def passing(self, rays: Rays, chord: Chord = 0.0, apart: bool = False) -> Passing:
         r = self.radius
         frame = jnp.eye(3, dtype=r.dtype)
-        local, foot = local_ray(direction, self.center, frame, start)
+        local, foot = local_ray(rays, self.center, frame)
         o, d = local.origin, local.direction
         d_d = d.dot(d)
         inverse = 1 / d_d

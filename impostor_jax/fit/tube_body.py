@@ -26,14 +26,15 @@ from typing_extensions import override
 
 from impostor_jax.fit.axial_body import AbstractAxialBody
 from impostor_jax.fit.body import (
+    Chord,
     FreeDirections,
     Margins,
     Passing,
+    Rays,
     Readout,
     grown,
 )
 from impostor_jax.fit.round_body import CENTRAL, RoundBody
-from impostor_jax.geometry.vec3 import Vec3
 from impostor_jax.numerics import Numbers, safe_divide, safe_sqrt, smallest_slope
 from impostor_jax.primitives.solid import Solid
 from impostor_jax.primitives.tube import Tube, as_tube
@@ -107,16 +108,9 @@ class TubeBody(AbstractAxialBody):
         )
 
     @override
-    def passing(
-        self,
-        direction: Vec3,
-        chord: float | Float[Array, "*#batch"] = 0.0,
-        start: Vec3 | None = None,
-        apart: bool = False,
-    ) -> Passing:
+    def passing(self, rays: Rays, chord: Chord = 0.0, apart: bool = False) -> Passing:
         outer, bore = (
-            body.passing(direction, chord, start, apart)
-            for body in (self.outer, self.bore)
+            body.passing(rays, chord, apart) for body in (self.outer, self.bore)
         )
         # From between the ends and within the outer wall a camera sees the bore's.
         within = ~outer.outside | (outer.on_cap & (outer.rim < self.inner_radius))

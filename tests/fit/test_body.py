@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import impostor_jax as ij
-from impostor_jax.fit.body import change_of, grown
+from impostor_jax.fit.body import Rays, change_of, grown
 from impostor_jax.fit.round_body import RoundBody
 from impostor_jax.fit.tube_body import TubeBody
 from impostor_jax.geometry.frames import RigidTransform
@@ -35,7 +35,7 @@ def double_body(request, double):
 
 @jax.jit
 def passed(body, direction):
-    seen = body.passing(direction)
+    seen = body.passing(Rays(direction))
     return seen, seen.depth, body.covers(seen)
 
 
@@ -104,9 +104,9 @@ def test_motions_are_carried_to_other_frames(double_body):
 
 @jax.jit
 def from_elsewhere(body, direction, start):
-    seen = body.passing(direction, CHORD, start)
+    seen = body.passing(Rays(direction, start), CHORD)
     moved = RigidTransform(jnp.eye(3), -start.stack()[0])
-    near = body.transformed(moved).passing(direction, CHORD)
+    near = body.transformed(moved).passing(Rays(direction), CHORD)
     return seen, near, seen.depth, near.depth
 
 
@@ -131,12 +131,12 @@ def derivatives(body, direction):
 
     def compared(tangent):
         moved = body.retracted(tangent, body.free_directions(()))
-        seen = moved.passing(direction, CHORD)
+        seen = moved.passing(Rays(direction), CHORD)
         beyond = [moved.of_end(seen, one * e, one * s)[0] for e, s in ends]
         first = [seen.nearest + seen.foot, seen.square, seen.half, seen.depth]
         return jnp.stack([*first, *beyond])
 
-    seen = body.passing(direction, CHORD)
+    seen = body.passing(Rays(direction), CHORD)
     of_wall = jnp.where(seen.on_cap, 1 - seen.plane_weight, 1)
     asked = [
         (one, zero, never),
@@ -194,7 +194,7 @@ def test_depth_grows_steadily_as_the_wall_recedes_from_a_ray():
             body.retracted(
                 jnp.zeros(7).at[4].set(jnp.log(radius / 0.05)), body.free_directions(())
             )
-            .passing(direction, 0.001)
+            .passing(Rays(direction), 0.001)
             .depth[0]
         )
 
@@ -331,7 +331,7 @@ def test_held_parameters_do_not_move(kind, fixed, size, dtype):
 @jax.jit
 def of_wall(body, direction):
     """Nearest approach and square, and their gradients."""
-    seen = body.passing(direction)
+    seen = body.passing(Rays(direction))
     one, never = jnp.ones_like(seen.square), jnp.zeros(seen.square.shape, bool)
     gradients = [
         jnp.stack(body.of_reading(seen, a * one, b * one, never))

@@ -7,6 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import impostor_jax as ij
+from impostor_jax.fit.body import Rays
 from impostor_jax.fit.box_body import ENDS, BoxBody
 from impostor_jax.geometry.frames import RigidTransform
 from impostor_jax.geometry.rays import Ray
@@ -68,7 +69,7 @@ def test_a_turn_is_the_vector_that_makes_it(double):
 @jax.jit
 def seen_and_hit(body, shape, direction):
     zero = jnp.zeros_like(direction.x)
-    seen = body.passing(direction)
+    seen = body.passing(Rays(direction))
     hit = shape.intersect(Ray(Vec3(zero, zero, zero), direction))
     return seen, seen.depth, body.covers(seen), body.margins(seen).value, hit
 
@@ -95,12 +96,12 @@ def derivatives(body, direction):
 
     def compared(tangent):
         moved = body.retracted(tangent, body.free_directions(()))
-        seen = moved.passing(direction)
+        seen = moved.passing(Rays(direction))
         return jnp.stack(
             [seen.depth, *(moved.of_end(seen, one * end, one)[0] for end in ENDS)]
         )
 
-    seen = body.passing(direction)
+    seen = body.passing(Rays(direction))
     found = [body.of_reading(seen, zero, zero, one > 0)]
     found += [body.of_end(seen, one * end, one)[1] for end in ENDS]
     plain = jax.jacfwd(compared)(jnp.zeros(len(found[0])))

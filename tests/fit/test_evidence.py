@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import impostor_jax as ij
+from impostor_jax.fit.body import Rays
 from impostor_jax.fit.evidence import crossing_terms, reading_terms
 from impostor_jax.fit.fittable import CYLINDER
 from impostor_jax.fit.gather import table_of
@@ -31,7 +32,7 @@ def read_along(direction, depth):
 def readings_of(body, direction, offset, soft):
     """Residuals of readings beside a surface: by forward mode, and their gradients."""
     free = body.free_directions(())
-    pixels = read_along(direction, body.passing(direction).depth + offset)
+    pixels = read_along(direction, body.passing(Rays(direction)).depth + offset)
     base = reading_terms(pixels, body, NOISE, soft)
 
     def residual(tangent):
@@ -42,7 +43,7 @@ def readings_of(body, direction, offset, soft):
 
     def grazing(tangent):
         # Weights are held, and what is read follows the estimate's own half-chord.
-        seen, own = body.retracted(tangent, free).passing(direction), base.passing
+        seen, own = body.retracted(tangent, free).passing(Rays(direction)), base.passing
         chord = jnp.sqrt(jnp.maximum(own.square, 0))
         sigma = NOISE.sigma(pixels.depth, pixels.depth)
         change = seen.nearest + seen.foot - own.nearest - own.foot
@@ -79,7 +80,7 @@ def test_square_of_a_grazing_reading_is_unbiased():
     x = np.sqrt(0.04**2 - sigma**2) / 0.8
     one = jnp.ones(count)
     direction = Vec3(one * np.float32(x), one * 0, one)
-    depth = np.asarray(body.passing(direction).depth)
+    depth = np.asarray(body.passing(Rays(direction)).depth)
     noise = np.random.default_rng(0).normal(0, sigma, count)
     pixels = read_along(direction, jnp.asarray((depth + noise).astype(np.float32)))
     readings = jax.jit(reading_terms)(pixels, body, ij.ConstantNoise(sigma))
