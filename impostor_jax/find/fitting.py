@@ -181,7 +181,7 @@ class Fitter:
                 region = np.zeros(self.depth.shape, bool)
                 region.ravel()[valid[:count]] = True
                 given = self.depth, self.seen_by, region, self.sigma
-                prepare_fit(CYLINDER, *given, self.options)
+                prepare_fit(FitRequest(CYLINDER, *given, None, self.options))
 
         in_background(compile_all)
 

@@ -296,26 +296,15 @@ def _fit_pixels(
     return _told_by_pixel(fit, likeliest(found), shown, sizes)
 
 
-def prepare_fit(
-    kind: Fittable,
-    depth: DepthImage,
-    camera: Any,
-    mask: Mask,
-    sigma: Any,
-    options: Options,
-    rounding: float | None = None,
-) -> None:
+def prepare_fit(request: FitRequest, rounding: float | None = None) -> None:
     """Load or compile what a fit from a start takes.
 
     Args:
-        kind: What will be fitted.
-        depth: As of `fit_shape`, checked, like the others.
-        camera: Of one view.
-        mask: As many pixels as will be fitted.
-        sigma: As a caller gives it; if None, as of white noise that was measured.
-        options: Of the fit.
+        request: Of one view, checked, of as many pixels as will be fitted; without
+            sigma as of white noise that was measured.
         rounding: As of `fit_shape`.
     """
+    kind, depth, camera, mask, sigma, _, options = request
     noise = checked_noise(sigma, camera)
     effort, correlated = options.effort, options.correlated(noise)
     with working_precision(effort.precision, ()) as converted:

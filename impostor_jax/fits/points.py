@@ -268,7 +268,7 @@ def prepare_points(cloud: GivenPoints, sigma: Any, asked: Options) -> None:
     with working_precision(asked.effort.precision, ()):
         view = _view_of(ends, starts, some, turned_to(unit[0]), BUCKETS[0])
     given = view.depth, view.camera, view.mask, level
-    prepare_fit(CYLINDER, *given, asked, cloud.rounding)
+    prepare_fit(FitRequest(CYLINDER, *given, None, asked), cloud.rounding)
 
 
 def _fit_viewless(
