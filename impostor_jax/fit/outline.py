@@ -22,7 +22,6 @@ from impostor_jax.fit.body import AbstractBody, change_of
 from impostor_jax.fit.fittable import BOX, TUBE, Fittable, no_guess
 from impostor_jax.fit.guess_outline import guess_outlines
 from impostor_jax.fit.matte import Matte, checked_matte
-from impostor_jax.fit.options import Options
 from impostor_jax.fit.outline_assess import assess_outline
 from impostor_jax.fit.outline_solve import (
     OutlineProblem,
@@ -40,7 +39,7 @@ from impostor_jax.fit.request import (
 from impostor_jax.fit.result import Fit, name_of
 from impostor_jax.fit.stated import tested_by_readings
 from impostor_jax.fit.weighing import best_of
-from impostor_jax.primitives.base import AbstractPrimitive, in_camera_frame
+from impostor_jax.primitives.base import in_camera_frame
 
 MOST_PLACES = 512
 """Places of the edge that lead the way; more tell no more of it."""
@@ -95,13 +94,13 @@ def fit_outline(request: FitRequest) -> Fit:
         matte = checked_matte(mask, camera, sigma)
         posed, begin = converted((camera, initial))
 
-        def fitted_as(asked: Options, begin: AbstractPrimitive | None) -> Fit:
-            beliefs = converted(checked_prior(asked.prior, kind.expectable, begin))
-            problem = _posed(kind, matte, posed, beliefs, begin, asked)
-            return _fit_from(kind, problem, begin, asked, matte)
+        def fitted_as(asked: FitRequest) -> Fit:
+            prior = asked.options.prior
+            beliefs = checked_prior(prior, kind.expectable, asked.initial)
+            return _fit_from(asked, _posed(asked, matte, converted(beliefs)), matte)
 
-        fit = fitted_as(options, begin)
-        fit = tested_by_readings(kind, fit, options, begin, fitted_as)
+        own = request._replace(camera=posed, initial=begin)
+        fit = tested_by_readings(fitted_as(own), own, fitted_as)
     arguments = {
         "depth": None, "camera": camera, "sigma": sigma, "initial": initial,
         "options": options,
@@ -111,18 +110,13 @@ def fit_outline(request: FitRequest) -> Fit:
     return fit.noting(arguments=arguments)
 
 
-def _fit_from(
-    kind: Fittable,
-    problem: OutlineProblem,
-    begin: AbstractPrimitive | None,
-    options: Options,
-    matte: Matte,
-) -> Fit:
+def _fit_from(request: FitRequest, problem: OutlineProblem, matte: Matte) -> Fit:
     """The fit from a start in the world frame, or from guesses."""
+    kind, begin = request.kind, request.initial
     if begin is not None:
         start = in_camera_frame(kind.body.of(begin), problem.camera)
         return _assessed(problem, _led(problem, start)).fit
-    finalists = _finalists(kind, problem)[: options.effort.starts]
+    finalists = _finalists(kind, problem)[: request.options.effort.starts]
     if finalists:
         return best_of([_assessed(problem, one) for one in finalists])
     failed = no_guess(kind, np.asarray(matte.beside()))
@@ -144,15 +138,9 @@ def _finalists(kind: Fittable, problem: OutlineProblem) -> list[Traced]:
     return finalists
 
 
-def _posed(
-    kind: Fittable,
-    matte: Matte,
-    camera: PinholeCamera,
-    prior: Prior,
-    initial: AbstractPrimitive | None,
-    options: Options,
-) -> OutlineProblem:
+def _posed(request: FitRequest, matte: Matte, prior: Prior) -> OutlineProblem:
     """The problem of a mask, in arrays that come in few sizes."""
+    kind, _, camera, _, _, initial, options = request
     settings = checked_settings(kind, options, initial, None)
     dtype = matte.covered.dtype
     row, col, cols, rows = matte.edge()

@@ -129,9 +129,10 @@ def fit_shape(
 
         also = effort, correlated, rounding, in_search
 
-        def fitted_as(asked: Options, begin: AbstractPrimitive | None) -> Fit:
-            settings = checked_settings(kind, asked, begin, sigma)
-            known = converted(checked_prior(asked.prior, kind.expectable, begin))
+        def fitted_as(asked: FitRequest) -> Fit:
+            options, begin = asked.options, asked.initial
+            settings = checked_settings(kind, options, begin, sigma)
+            known = converted(checked_prior(options.prior, kind.expectable, begin))
             return _fit_seen(kind, seen, begin, known, settings, *also)
 
         fit = _fit_seen(kind, seen, start, beliefs, settings, *also)
@@ -144,7 +145,7 @@ def fit_shape(
                 sigma, told = shown
                 fit = fit_shape(request._replace(sigma=sigma), in_search=in_search)
                 return fit.noting(measured=told)
-        fit = tested_by_readings(kind, fit, options, start, fitted_as)
+        fit = tested_by_readings(fit, request._replace(initial=start), fitted_as)
         if places is None:
             fit = compared_with_outline(fit, seen, is_outline)
             if is_outline and effort.doubts:

@@ -20,19 +20,18 @@ from jaxtyping import Array, Float
 from impostor_jax.fit.body import AbstractBody
 from impostor_jax.fit.budget import ANGLES
 from impostor_jax.fit.fittable import Fittable
-from impostor_jax.fit.options import Options
 from impostor_jax.fit.prior import OWN
+from impostor_jax.fit.request import FitRequest
 from impostor_jax.fit.result import Fit
 from impostor_jax.fit.status import FitStatus
 from impostor_jax.fit.text import millimeters
 from impostor_jax.geometry.so3 import tangent_basis, turn_of
-from impostor_jax.primitives.base import AbstractPrimitive
 
 MOST_APART = 5.0
 """Deviations from which readings exclude a value: by chance once in 2e6 fits for a
 number, in 7e4 for a center."""
 
-Fitted = Callable[[Options, AbstractPrimitive | None], Fit]
+Fitted = Callable[[FitRequest], Fit]
 """Fit to the same readings with other options and another start."""
 
 
@@ -50,36 +49,28 @@ class Stated(NamedTuple):
     deviation: float
 
 
-def tested_by_readings(
-    kind: Fittable,
-    fit: Fit,
-    options: Options,
-    initial: AbstractPrimitive | None,
-    fitted: Fitted,
-) -> Fit:
+def tested_by_readings(fit: Fit, request: FitRequest, fitted: Fitted) -> Fit:
     """The fit, or a failed one where readings exclude what was stated.
 
     All that is stated is left out at first. Where the readings then leave the shape
     open, as an outline does its size, each is left out by itself.
 
     Args:
-        kind: What is fitted.
         fit: With priors and held values, concrete.
-        options: That it was made with.
-        initial: Its start; held values are those of it.
+        request: What it was asked; held values are those of its start.
         fitted: How to make it anew.
     """
-    all_stated = _all_stated(kind, options, initial)
+    all_stated = _all_stated(request)
     if not all_stated:
         return fit
     left_out: list[Sequence[Stated]] = [all_stated]
     if len(all_stated) > 1:
         left_out += [[one] for one in all_stated]
     for stated in left_out:
-        alone = _fit_without(stated, fit, options, initial, fitted)
+        alone = _fit_without(stated, fit, request, fitted)
         if not alone.is_shape:
             continue
-        told = [_contradiction(kind, one, alone) for one in stated]
+        told = [_contradiction(request.kind, one, alone) for one in stated]
         excluded = [text for text in told if text is not None]
         if excluded:
             return fit.contradicted("; ".join(excluded) + ": one of them is wrong.")
@@ -88,15 +79,14 @@ def tested_by_readings(
     return fit
 
 
-def _all_stated(
-    kind: Fittable, options: Options, initial: AbstractPrimitive | None
-) -> list[Stated]:
+def _all_stated(request: FitRequest) -> list[Stated]:
+    options = request.options
     stated = [
         Stated(name, np.asarray(value, np.float64), float(deviation))
         for name, (value, deviation) in (options.prior or {}).items()
     ]
     if options.fixed:
-        held = kind.body.of(initial)
+        held = request.kind.body.of(request.initial)
         stated += [
             Stated(name, np.asarray(_value(held, name), np.float64), 0.0)
             for name in options.fixed
@@ -105,28 +95,22 @@ def _all_stated(
 
 
 def _fit_without(
-    stated: Sequence[Stated],
-    fit: Fit,
-    options: Options,
-    initial: AbstractPrimitive | None,
-    fitted: Fitted,
+    stated: Sequence[Stated], fit: Fit, request: FitRequest, fitted: Fitted
 ) -> Fit:
     """What readings say where something is not stated.
 
     From where a wrong value led, they may not lead back: then from the first start.
     """
-    names = {one.name for one in stated}
+    names, options = {one.name for one in stated}, request.options
     prior = {name: x for name, x in (options.prior or {}).items() if name not in names}
-    others = dataclasses.replace(
-        options,
-        fixed=tuple(name for name in options.fixed if name not in names),
-        prior=prior or None,
-    )
+    fixed = tuple(name for name in options.fixed if name not in names)
+    others = dataclasses.replace(options, fixed=fixed, prior=prior or None)
+    request = request._replace(options=others)
     if fit.status.has_numbers:
-        found = fitted(others, fit.shape)
+        found = fitted(request._replace(initial=fit.shape))
         if found.is_shape or found.status is FitStatus.UNDETERMINED:
             return found
-    return fitted(others, initial)
+    return fitted(request)
 
 
 def _contradiction(kind: Fittable, stated: Stated, alone: Fit) -> str | None:
