@@ -1,6 +1,7 @@
 """What every primitive promises."""
 
 __all__ = [
+    "AbstractOnePiece",
     "AbstractPrimitive",
     "check_shapes",
     "check_single",
@@ -13,11 +14,13 @@ __all__ = [
 import abc
 import math
 from collections.abc import Callable, Sequence
-from typing import Any, Protocol, TypeVar, runtime_checkable
+from typing import Any, ClassVar, Protocol, TypeVar, runtime_checkable
 
 import equinox as eqx
+import jax
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
+from typing_extensions import override
 
 from impostor_jax.camera.base import AbstractRays
 from impostor_jax.geometry.frames import RigidTransform
@@ -46,17 +49,25 @@ class AbstractPrimitive(eqx.Module):
 
     Of a place that is given in double precision and lies 64 m or more from the origin
     all digits are kept, in a NumPy array, until a camera nearby sees it.
+
+    Attributes:
+        measure: Name of a field that each of a batch has its own of, and that field's
+            rank in a single shape.
     """
 
-    @property
-    @abc.abstractmethod
-    def batch_shape(self) -> tuple[int, ...]:
-        """Shape of a batch of shapes; () for a single one."""
+    measure: ClassVar[tuple[str, int]]
 
     @property
-    @abc.abstractmethod
+    def batch_shape(self) -> tuple[int, ...]:
+        """Shape of a batch of shapes; () for a single one."""
+        name, rank = self.measure
+        shape = getattr(self, name).shape
+        return shape[: len(shape) - rank]
+
+    @property
     def dtype(self) -> np.dtype:
-        """Floating-point type of the fields."""
+        """Floating-point type in which rays meet the fields."""
+        return jax.dtypes.canonicalize_dtype(getattr(self, self.measure[0]).dtype)
 
     @property
     @abc.abstractmethod
@@ -158,6 +169,21 @@ class AbstractPrimitive(eqx.Module):
     def _text(self) -> str:
         # Of a batch the plain form, with shapes and dtypes, says more.
         return repr(self) if self.batch_shape else described(self, UNITS)
+
+
+class AbstractOnePiece(AbstractPrimitive):
+    """A shape whose surface is all one piece, without an edge between two."""
+
+    @property
+    @override
+    def num_parts(self) -> int:
+        return 1
+
+    @override
+    def crease_gap(
+        self, ray: Ray, part: Int[Array, "..."], other: Int[Array, "..."]
+    ) -> None:
+        return None
 
 
 Operator = TypeVar("Operator", bound=Callable[[str, Sequence[Any]], AbstractPrimitive])

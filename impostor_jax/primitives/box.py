@@ -27,11 +27,10 @@ are more than a thousandth of the largest number.
 
 __all__ = ["Box"]
 
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, ClassVar, NamedTuple, TypeVar
 
 import equinox as eqx
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 from typing_extensions import override
 
@@ -81,6 +80,7 @@ class Box(AbstractPrimitive):
         ValueError: A concrete value is out of range, or a shape does not fit.
     """
 
+    measure: ClassVar = "size", 1
     center: Points
     rotation: Float[Array, "*batch 3 3"]
     size: Float[Array, "*batch 3"]
@@ -94,16 +94,6 @@ class Box(AbstractPrimitive):
         self.center = place_of(center, middle)
         check_rotation("rotation", self.rotation)
         check_positive("size", self.size, "meters")
-
-    @property
-    @override
-    def batch_shape(self) -> tuple[int, ...]:
-        return self.center.shape[:-1]
-
-    @property
-    @override
-    def dtype(self) -> np.dtype:
-        return self.size.dtype
 
     @property
     @override

@@ -35,12 +35,11 @@ r (n . d)^3, and are 0 where that is more than a thousandth of the largest numbe
 
 __all__ = ["Cylinder"]
 
-from typing import Any
+from typing import Any, ClassVar
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 from typing_extensions import override
 
@@ -101,6 +100,7 @@ class Cylinder(AbstractPrimitive):
         ValueError: A concrete value is out of range, or a shape does not fit.
     """
 
+    measure: ClassVar = "radius", 0
     center: Points
     axis: Float[Array, "*batch 3"]
     radius: Float[Array, "*batch"]
@@ -144,16 +144,6 @@ class Cylinder(AbstractPrimitive):
     def is_whole(self) -> bool:
         """Whether it is closed and goes all the way round."""
         return self.caps and self.start_angle is None
-
-    @property
-    @override
-    def batch_shape(self) -> tuple[int, ...]:
-        return self.radius.shape
-
-    @property
-    @override
-    def dtype(self) -> np.dtype:
-        return self.radius.dtype
 
     @property
     @override

@@ -7,7 +7,7 @@ cylinder is no special case but the smooth limit of equal radii.
 
 __all__ = ["Frustum"]
 
-from typing import Any
+from typing import Any, ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -64,6 +64,7 @@ class Frustum(AbstractPrimitive):
         ValueError: A concrete value is out of range, or a shape does not fit.
     """
 
+    measure: ClassVar = "radius1", 0
     p1: Points
     p2: Points
     radius1: Float[Array, "*batch"]
@@ -118,16 +119,6 @@ class Frustum(AbstractPrimitive):
     def _is_whole(self) -> bool:
         """Whether it is closed and goes all the way round."""
         return self.caps and self.start_angle is None
-
-    @property
-    @override
-    def batch_shape(self) -> tuple[int, ...]:
-        return self.radius1.shape
-
-    @property
-    @override
-    def dtype(self) -> np.dtype:
-        return self.radius1.dtype
 
     @property
     @override

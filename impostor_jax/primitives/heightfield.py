@@ -16,13 +16,13 @@ it.
 __all__ = ["Heightfield"]
 
 import itertools
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Bool, Float
 from typing_extensions import override
 
 from impostor_jax.arguments import float_array, is_concrete, one_of
@@ -32,7 +32,7 @@ from impostor_jax.geometry.hull import DiscHull
 from impostor_jax.geometry.rays import Hit, Interval, Ray, plane_interval, slab_interval
 from impostor_jax.geometry.vec3 import Vec3
 from impostor_jax.numerics import Numbers, eps, safe_divide, safe_sqrt
-from impostor_jax.primitives.base import AbstractPrimitive, check_single
+from impostor_jax.primitives.base import AbstractOnePiece, check_single
 from impostor_jax.primitives.heightfield_cells import first_crossing
 from impostor_jax.primitives.heightfield_grid import (
     INTERPOLATIONS,
@@ -54,7 +54,7 @@ MOST_CROSSINGS = 4
 """Of a ray with a ground that is part of a solid; each is walked to anew."""
 
 
-class Heightfield(AbstractPrimitive):
+class Heightfield(AbstractOnePiece):
     """Open surface y = height(x, z) over a rectangle of its own frame, whose y is up.
 
     It has no sides and no bottom: a ray from below sees its underside, and beside the
@@ -87,6 +87,7 @@ class Heightfield(AbstractPrimitive):
         ValueError: An argument is out of range or missing, or a shape does not fit.
     """
 
+    measure: ClassVar = "extent", 2
     height: Float[Array, "*batch n m"] | Function
     extent: Float[Array, "*batch 2 2"]
     lipschitz: Float[Array, ""] | None
@@ -133,21 +134,6 @@ class Heightfield(AbstractPrimitive):
         self.curvature = _checked_bound("curvature", curvature, extent.dtype)
         self.world_from_field = RigidTransform.of(world_from_field)
         self.interpolation = interpolation
-
-    @property
-    @override
-    def batch_shape(self) -> tuple[int, ...]:
-        return self.extent.shape[:-2]
-
-    @property
-    @override
-    def dtype(self) -> np.dtype:
-        return self.extent.dtype
-
-    @property
-    @override
-    def num_parts(self) -> int:
-        return 1
 
     @property
     @override
@@ -232,12 +218,6 @@ class Heightfield(AbstractPrimitive):
 
     @override
     def outline_gap(self, ray: Ray) -> None:
-        return None
-
-    @override
-    def crease_gap(
-        self, ray: Ray, part: Int[Array, "..."], other: Int[Array, "..."]
-    ) -> None:
         return None
 
     @override

@@ -20,12 +20,11 @@ rounding, is parallel and misses. Second derivatives grow as the lengths squared
 
 __all__ = ["Plane"]
 
-from typing import Any
+from typing import Any, ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
-import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Float
 from typing_extensions import override
 
 from impostor_jax.arguments import check_direction, float_arrays, place_of
@@ -33,7 +32,7 @@ from impostor_jax.geometry.frames import Points, RigidTransform
 from impostor_jax.geometry.rays import Hit, Ray
 from impostor_jax.geometry.vec3 import Vec3, unit
 from impostor_jax.numerics import Numbers, safe_normalize, smallest_slope
-from impostor_jax.primitives.base import AbstractPrimitive
+from impostor_jax.primitives.base import AbstractOnePiece
 from impostor_jax.primitives.stretch import End, Stretch
 from impostor_jax.primitives.surface import facing, implicit_hit
 
@@ -41,7 +40,7 @@ _Point = tuple[Vec3, Vec3]
 """A point, and the unit normal."""
 
 
-class Plane(AbstractPrimitive):
+class Plane(AbstractOnePiece):
     """Endless plane in the world frame, seen from either side.
 
     A ray parallel to it or moving away from it misses. The signed distance is positive
@@ -61,6 +60,7 @@ class Plane(AbstractPrimitive):
         ValueError: A concrete value is out of range, or a shape does not fit.
     """
 
+    measure: ClassVar = "unit_normal", 1
     point: Points
     unit_normal: Float[Array, "*batch 3"]
 
@@ -71,21 +71,6 @@ class Plane(AbstractPrimitive):
         self.point = place_of(point, place)
         check_direction("normal", normal)
         self.unit_normal = safe_normalize(normal)
-
-    @property
-    @override
-    def batch_shape(self) -> tuple[int, ...]:
-        return self.point.shape[:-1]
-
-    @property
-    @override
-    def dtype(self) -> np.dtype:
-        return self.unit_normal.dtype
-
-    @property
-    @override
-    def num_parts(self) -> int:
-        return 1
 
     @property
     @override
@@ -128,12 +113,6 @@ class Plane(AbstractPrimitive):
         point, n = self._point_and_normal()
         ahead = jnp.sign(n.dot(point - ray.origin))
         return ahead * n.dot(ray.direction) / ray.direction.norm()
-
-    @override
-    def crease_gap(
-        self, ray: Ray, part: Int[Array, "..."], other: Int[Array, "..."]
-    ) -> None:
-        return None
 
     @override
     def transformed(self, target_from_source: RigidTransform) -> "Plane":

@@ -30,7 +30,7 @@ __all__ = ["Expression", "Solid", "difference", "intersection", "union"]
 import functools
 import operator
 from collections.abc import Iterator, Sequence
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import equinox as eqx
 import jax
@@ -94,20 +94,11 @@ class Solid(AbstractPrimitive):
         Like that of a `Scene` it can be made from shapes while they are traced.
     """
 
+    measure: ClassVar = "rotation", 2
     shapes: tuple[AbstractPrimitive, ...]
     expression: Expression = eqx.field(static=True)
     rotation: Float[Array, "*batch 3 3"]
     translation: Points
-
-    @property
-    @override
-    def batch_shape(self) -> tuple[int, ...]:
-        return self.translation.shape[:-1]
-
-    @property
-    @override
-    def dtype(self) -> np.dtype:
-        return self.rotation.dtype
 
     @property
     @override

@@ -16,13 +16,12 @@ derivatives are 0 where |n . d| is at most 3e-10 (1.2e-77 in double precision).
 
 __all__ = ["Sphere"]
 
-from typing import Any
+from typing import Any, ClassVar
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import numpy as np
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Bool, Float
 from typing_extensions import override
 
 from impostor_jax.arguments import check_positive, float_arrays, place_of
@@ -32,7 +31,7 @@ from impostor_jax.geometry.hull import BallHull
 from impostor_jax.geometry.rays import Hit, Ray, ball_interval
 from impostor_jax.geometry.vec3 import Vec3
 from impostor_jax.numerics import Numbers, has_square
-from impostor_jax.primitives.base import AbstractPrimitive
+from impostor_jax.primitives.base import AbstractOnePiece
 from impostor_jax.primitives.stretch import End, Stretch
 from impostor_jax.primitives.surface import facing, implicit_hit
 
@@ -40,7 +39,7 @@ _Ball = tuple[Vec3, Float[Array, "*#batch"]]
 """Center and radius."""
 
 
-class Sphere(AbstractPrimitive):
+class Sphere(AbstractOnePiece):
     """Sphere in the world frame.
 
     Args:
@@ -56,6 +55,7 @@ class Sphere(AbstractPrimitive):
         ValueError: A concrete value is out of range, or a shape does not fit.
     """
 
+    measure: ClassVar = "radius", 0
     center: Points
     radius: Float[Array, "*batch"]
 
@@ -65,21 +65,6 @@ class Sphere(AbstractPrimitive):
         )
         self.center = place_of(center, middle)
         check_positive("radius", self.radius, "meters")
-
-    @property
-    @override
-    def batch_shape(self) -> tuple[int, ...]:
-        return self.radius.shape
-
-    @property
-    @override
-    def dtype(self) -> np.dtype:
-        return self.radius.dtype
-
-    @property
-    @override
-    def num_parts(self) -> int:
-        return 1
 
     @property
     @override
@@ -127,12 +112,6 @@ class Sphere(AbstractPrimitive):
         d = near.direction
         # The norm of a vector product errs by its own rounding alone.
         return self.radius - near.origin.cross(d).norm() / d.norm()
-
-    @override
-    def crease_gap(
-        self, ray: Ray, part: Int[Array, "..."], other: Int[Array, "..."]
-    ) -> None:
-        return None
 
     @override
     def transformed(self, target_from_source: RigidTransform) -> "Sphere":

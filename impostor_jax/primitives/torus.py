@@ -30,13 +30,13 @@ depends on the others: a 640x480 frame takes 11 times as long as a frustum's.
 
 __all__ = ["Torus"]
 
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Bool, Float
 from typing_extensions import override
 
 from impostor_jax.arguments import (
@@ -60,12 +60,12 @@ from impostor_jax.numerics import (
     safe_sqrt,
     smallest_slope,
 )
-from impostor_jax.primitives.base import AbstractPrimitive
+from impostor_jax.primitives.base import AbstractOnePiece
 from impostor_jax.primitives.stretch import End, Stretch
 from impostor_jax.primitives.surface import facing, implicit_hit
 
 
-class Torus(AbstractPrimitive):
+class Torus(AbstractOnePiece):
     """Ring of round section, in the world frame.
 
     Args:
@@ -86,6 +86,7 @@ class Torus(AbstractPrimitive):
         ValueError: A concrete value is out of range, or a shape does not fit.
     """
 
+    measure: ClassVar = "major_radius", 0
     center: Points
     axis: Float[Array, "*batch 3"]
     major_radius: Float[Array, "*batch"]
@@ -108,21 +109,6 @@ class Torus(AbstractPrimitive):
                 "minor_radius must be less than major_radius, in meters, got "
                 f"{minor} and {major}"
             )
-
-    @property
-    @override
-    def batch_shape(self) -> tuple[int, ...]:
-        return self.major_radius.shape
-
-    @property
-    @override
-    def dtype(self) -> np.dtype:
-        return self.major_radius.dtype
-
-    @property
-    @override
-    def num_parts(self) -> int:
-        return 1
 
     @property
     @override
@@ -159,12 +145,6 @@ class Torus(AbstractPrimitive):
 
     @override
     def outline_gap(self, ray: Ray) -> None:
-        return None
-
-    @override
-    def crease_gap(
-        self, ray: Ray, part: Int[Array, "..."], other: Int[Array, "..."]
-    ) -> None:
         return None
 
     @override

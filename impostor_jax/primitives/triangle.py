@@ -49,7 +49,7 @@ References:
 __all__ = ["Triangle", "is_thin"]
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import equinox as eqx
 import jax
@@ -66,7 +66,7 @@ from impostor_jax.geometry.hull import DiscHull
 from impostor_jax.geometry.rays import Hit, Ray
 from impostor_jax.geometry.vec3 import Vec3
 from impostor_jax.numerics import Numbers, eps, first_largest, one_of_three, safe_divide
-from impostor_jax.primitives.base import AbstractPrimitive
+from impostor_jax.primitives.base import AbstractOnePiece
 from impostor_jax.primitives.surface import facing, implicit_hit
 
 WIDTH = 8
@@ -81,7 +81,7 @@ THIN = 4
 Corners = tuple[Vec3, Vec3, Vec3]
 
 
-class Triangle(AbstractPrimitive):
+class Triangle(AbstractOnePiece):
     """Triangle in the world frame, seen from both sides; a batch (n,) is a mesh.
 
     Args:
@@ -99,6 +99,7 @@ class Triangle(AbstractPrimitive):
             does not fit.
     """
 
+    measure: ClassVar = "vertices", 2
     vertices: Float[Array, "*batch 3 3"] | Float[np.ndarray, "*batch 3 3"]
 
     def __init__(self, vertices: Any):
@@ -112,22 +113,6 @@ class Triangle(AbstractPrimitive):
                     "vertices must not lie on a line, in meters, got "
                     f"{first.tolist()} among {thin.size}"
                 )
-
-    @property
-    @override
-    def batch_shape(self) -> tuple[int, ...]:
-        return self.vertices.shape[:-2]
-
-    @property
-    @override
-    def dtype(self) -> np.dtype:
-        # In the type that rays meet it in.
-        return jax.dtypes.canonicalize_dtype(self.vertices.dtype)
-
-    @property
-    @override
-    def num_parts(self) -> int:
-        return 1
 
     @property
     @override
@@ -183,12 +168,6 @@ class Triangle(AbstractPrimitive):
             total = total + turn
         side = jnp.sign(jax.lax.stop_gradient(total))
         return _ends([side * one for one in beside])[0]
-
-    @override
-    def crease_gap(
-        self, ray: Ray, part: Int[Array, "..."], other: Int[Array, "..."]
-    ) -> None:
-        return None
 
     @override
     def transformed(self, target_from_source: RigidTransform) -> "Triangle":
