@@ -99,23 +99,21 @@ class ShardFolder:
     def image(self, number: int) -> LabeledImage:
         """One of its images."""
         name, folder = f"{number:06d}", self._folder
-        camera, info, cylinders = (
-            labels[str(number)] for labels in self._labels.values()
-        )
+        records = (labels[str(number)] for labels in self._labels.values())
         with _named(f"labels of image {number} of scene {str(folder)!r}"):
-            label = _Label.of(camera, info, cylinders)
-        size = (label.camera.height, label.camera.width)
-        depth = read_depth(folder / "depth" / f"{name}.png", label.scale_m, size)
+            image, scale_m = _without_pixels(f"{folder.name}_{name}", *records)
+        size = (image.camera.height, image.camera.width)
+        depth = read_depth(folder / "depth" / f"{name}.png", scale_m, size)
         masks = [
             read_mask(folder / "mask_visib" / f"{name}_{k:06d}.png", size)
-            for k in range(label.num_cylinders)
+            for k in range(len(image.visible_fraction))
         ]
         path, color = folder / "rgb" / f"{name}.png", None
         if path.parent.is_dir():
             what = f"color image {str(path)!r}"
             require_file(path, what)
             color = read_picture(path.read_bytes(), what, size)
-        return label.image(depth, masks, color, f"{folder.name}_{name}")
+        return _with_pixels(image, depth, masks, color)
 
 
 class ShardArchive:
@@ -145,25 +143,25 @@ class ShardArchive:
         """One of its images."""
         key = self._keys[number]
         what = f"{self._what} at {key}"
-        camera, info, cylinders, masks = (
+        *records, runs = (
             json_value(self._read(key, f"{name}.json"), f"{name} of {what}")
             for name in ("camera", "gt_info", "cylinders", "mask_visib")
         )
         with _named(f"labels of {what}"):
-            label = _Label.of(camera, info, cylinders)
-            size = (label.camera.height, label.camera.width)
-            runs = [
-                _entry(masks, str(k), "mask_visib") for k in range(label.num_cylinders)
+            image, scale_m = _without_pixels(key, *records)
+            size = (image.camera.height, image.camera.width)
+            masks = [
+                mask_of_rle(_entry(runs, str(k), "mask_visib"), size)
+                for k in range(len(image.visible_fraction))
             ]
-            decoded = [mask_of_rle(run, size) for run in runs]
         depth = depth_of_png(
-            self._read(key, "depth.png"), label.scale_m, f"depth image of {what}", size
+            self._read(key, "depth.png"), scale_m, f"depth image of {what}", size
         )
         color = None
         if "rgb.png" in self._images[key]:
             what = f"color image of {what}"
             color = read_picture(self._read(key, "rgb.png"), what, size)
-        return label.image(depth, decoded, color, key)
+        return _with_pixels(image, depth, masks, color)
 
     def _read(self, key: str, part: str) -> bytes:
         try:
@@ -196,66 +194,50 @@ def _entry(labels: Any, key: str, what: str) -> Any:
     return labels[key]
 
 
-class _Label(NamedTuple):
-    """Labels of one image, as they are used."""
+def _without_pixels(
+    key: str, camera: Any, info: Any, cylinders: Any
+) -> tuple[LabeledImage, float]:
+    """The image of records, but for its pixels, and meters a unit of its depth.
 
-    camera: FiledCamera
-    cylinders: Cylinder
-    visible_fraction: Float[np.ndarray, " n"]
-    scale_m: float
-    num_cylinders: int
-    seconds: float | None
-    camera_from_world: Float[np.ndarray, "4 4"] | None
-    identity: Int[np.ndarray, " n"] | None
+    What is wrong with them raises something.
+    """
+    listed = cylinders["cylinders"]
+    count = len(listed)
+    if len(info) != count:
+        raise ValueError(f"gt_info must have {count} cylinders, got {len(info)}")
+    center, axis, radius, height = (
+        np.array([one[name] for one in listed], np.float32).reshape(count, *shape)
+        for name, shape in FIELDS.items()
+    )
+    scale = real_number("depth_scale", camera["depth_scale"], positive=True)
+    image = LabeledImage(
+        depth=np.zeros((0, 0)),
+        mask=np.zeros((count, 0, 0), bool),
+        camera=_camera(json.dumps(cylinders["camera"])),
+        shapes=Cylinder(center, axis, radius, height),
+        visible_fraction=np.array([float(one["visib_fract"]) for one in info]),
+        key=key,
+    )
+    seconds = cylinders.get("time_s")
+    if seconds is not None:
+        turn = np.array(camera["cam_R_w2c"], float).reshape(3, 3)
+        shift = 1e-3 * np.array(camera["cam_t_w2c"], float).reshape(3)
+        image = image._replace(
+            seconds=float(seconds),
+            camera_from_world=rigid(turn, shift),
+            identity=np.array([int(one["identity"]) for one in listed], int),
+        )
+    return image, 1e-3 * scale
 
-    @staticmethod
-    def of(camera: Any, info: Any, cylinders: Any) -> "_Label":
-        """The labels of records; what is wrong with them raises something."""
-        listed = cylinders["cylinders"]
-        count = len(listed)
-        if len(info) != count:
-            raise ValueError(f"gt_info must have {count} cylinders, got {len(info)}")
-        center, axis, radius, height = (
-            np.array([one[name] for one in listed], np.float32).reshape(count, *shape)
-            for name, shape in FIELDS.items()
-        )
-        scale = real_number("depth_scale", camera["depth_scale"], positive=True)
-        seconds, pose, identity = cylinders.get("time_s"), None, None
-        if seconds is not None:
-            turn = np.array(camera["cam_R_w2c"], float).reshape(3, 3)
-            pose = rigid(turn, 1e-3 * np.array(camera["cam_t_w2c"], float).reshape(3))
-            identity = np.array([int(one["identity"]) for one in listed], int)
-        return _Label(
-            camera=_camera(json.dumps(cylinders["camera"])),
-            cylinders=Cylinder(center, axis, radius, height),
-            visible_fraction=np.array([float(one["visib_fract"]) for one in info]),
-            scale_m=1e-3 * scale,
-            num_cylinders=count,
-            seconds=None if seconds is None else float(seconds),
-            camera_from_world=pose,
-            identity=identity,
-        )
 
-    def image(
-        self,
-        depth: Float[np.ndarray, "h w"],
-        masks: list[Bool[np.ndarray, "h w"]],
-        color: UInt8[np.ndarray, "h w 3"] | None,
-        key: str,
-    ) -> LabeledImage:
-        """The image with these labels."""
-        return LabeledImage(
-            depth,
-            np.array(masks, bool).reshape(self.num_cylinders, *depth.shape),
-            self.camera,
-            self.cylinders,
-            self.visible_fraction,
-            key,
-            color,
-            self.seconds,
-            self.camera_from_world,
-            self.identity,
-        )
+def _with_pixels(
+    image: LabeledImage,
+    depth: Float[np.ndarray, "h w"],
+    masks: list[Bool[np.ndarray, "h w"]],
+    color: UInt8[np.ndarray, "h w 3"] | None,
+) -> LabeledImage:
+    mask = np.array(masks, bool).reshape(len(masks), *depth.shape)
+    return image._replace(depth=depth, mask=mask, color=color)
 
 
 @functools.lru_cache(maxsize=16)
