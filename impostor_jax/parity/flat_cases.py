@@ -11,7 +11,6 @@ __all__ = [
     "triangles",
 ]
 
-import itertools
 import math
 
 import jax.numpy as jnp
@@ -19,6 +18,7 @@ import numpy as np
 from jaxtyping import Float
 
 from impostor_jax.geometry.frames import RigidTransform
+from impostor_jax.io.mesh_surface import surface_of
 from impostor_jax.opencv import cv2
 from impostor_jax.parity.case import Case, camera_of_kind, camera_on
 from impostor_jax.primitives.box import Box
@@ -106,20 +106,9 @@ def triangles(kind: str) -> list[Case]:
 
 def icosahedron() -> Float[np.ndarray, "20 3 3"]:
     """Faces of radius 1, whose normals point outward."""
-    golden = (1 + math.sqrt(5)) / 2
-    signs = [(y, z) for y in (-1.0, 1.0) for z in (-1.0, 1.0)]
-    corners = np.array(
-        [np.roll((0, y, golden * z), k) for k in range(3) for y, z in signs]
-    )
-    corners /= math.hypot(1, golden)
-    triples = (corners[list(triple)] for triple in itertools.combinations(range(12), 3))
-    # Neighbors are 1.05 apart, all others 1.7 at least.
-    faces = [
-        face
-        for face in triples
-        if np.linalg.norm(face - np.roll(face, 1, axis=0), axis=1).max() < 1.1
-    ]
-    return np.array([face if np.linalg.det(face) > 0 else face[::-1] for face in faces])
+    # The coarsest mesh of a ball.
+    corners, faces = surface_of(Sphere((0.0, 0.0, 0.0), 1.0), tolerance=1.0)
+    return corners[faces]
 
 
 def single_heightfields(kind: str) -> list[Case]:
