@@ -28,14 +28,15 @@ from typing_extensions import override
 
 from impostor_jax.camera.base import posed
 from impostor_jax.camera.pinhole import PinholeCamera
+from impostor_jax.fit.request import check_one_object
 from impostor_jax.geometry.frames import RigidTransform
 from impostor_jax.io.camera_file import CameraFile, camera_record, read_camera
 from impostor_jax.io.dataset import MANIFEST, Dataset, read_dataset
 from impostor_jax.io.depth_folder import DepthFolder
 from impostor_jax.io.depth_image import read_depth
 from impostor_jax.io.depth_layouts import Shot
+from impostor_jax.io.image_file import Size, read_integers
 from impostor_jax.io.input_file import sha256_of
-from impostor_jax.io.label_image import read_labels, read_one_mask
 from impostor_jax.io.points_file import read_points
 from impostor_jax.io.shape_record import pose_rows
 
@@ -117,8 +118,7 @@ class ImageFile(AbstractItem):
         depth = read_depth(self.path, depth_scale_m, size)
         labels = None
         if self.beside is not None:
-            read = read_labels if self.meaning == LABELS else read_one_mask
-            labels = read(self.beside, size)
+            labels = _read_beside(self.beside, size, self.meaning)
         return Shown(depth, camera, labels)
 
     @override
@@ -194,7 +194,8 @@ class OutlineFile(AbstractItem):
     @override
     def read(self) -> Shown:
         camera, _ = _read_camera(self.camera)
-        numbers = read_labels(self.path, (camera.height, camera.width), "mask")
+        size = camera.height, camera.width
+        numbers = read_integers(self.path, f"mask {str(self.path)!r}", size)
         is_single = len(np.unique(numbers[numbers != 0])) < 2
         return Shown(None, camera, numbers != 0 if is_single else numbers)
 
@@ -258,6 +259,18 @@ def _labels_of(masks: Bool[np.ndarray, "n h w"]) -> Integer[np.ndarray, "h w"] |
         return None
     numbers = np.arange(1, len(masks) + 1).reshape(-1, 1, 1)
     return np.max(np.where(masks, numbers, 0), axis=0)
+
+
+def _read_beside(
+    path: Path, size: Size, meaning: str
+) -> Integer[np.ndarray, "h w"] | Bool[np.ndarray, "h w"]:
+    """Numbers of the objects that pixels show; or, of a mask, where its one is."""
+    if meaning == LABELS:
+        return read_integers(path, f"label image {str(path)!r}", size)
+    what = f"mask {str(path)!r}"
+    values = read_integers(path, what, size)
+    check_one_object(values, what, "--labels fits each")
+    return values != 0
 
 
 def _camera_told(camera: Camera) -> Any:
