@@ -23,7 +23,7 @@ from impostor_jax.io.color_image import read_picture
 from impostor_jax.io.depth_image import depth_of_png, read_depth, read_mask
 from impostor_jax.io.input_file import require_file
 from impostor_jax.io.json_file import json_value, read_json_object
-from impostor_jax.io.pose_file import rigid
+from impostor_jax.io.pose_file import bop_pose
 from impostor_jax.io.run_lengths import mask_of_rle
 from impostor_jax.primitives.base import AbstractPrimitive
 from impostor_jax.primitives.cylinder import Cylinder
@@ -220,11 +220,9 @@ def _without_pixels(
     )
     seconds = cylinders.get("time_s")
     if seconds is not None:
-        turn = np.array(camera["cam_R_w2c"], float).reshape(3, 3)
-        shift = 1e-3 * np.array(camera["cam_t_w2c"], float).reshape(3)
         image = image._replace(
             seconds=float(seconds),
-            camera_from_world=rigid(turn, shift),
+            camera_from_world=bop_pose(camera),
             identity=np.array([int(one["identity"]) for one in listed], int),
         )
     return image, 1e-3 * scale

@@ -17,14 +17,16 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from jaxtyping import Float
+from scipy.spatial.transform import Rotation
 
 from impostor_jax.arguments import float_array, real_number
 from impostor_jax.io.json_file import read_json_object
 from impostor_jax.io.pose_file import (
     Matrix,
+    bop_pose,
     checked_pose,
     inverse_pose,
-    quaternion_pose,
     read_log,
     read_rows,
     rigid,
@@ -118,10 +120,17 @@ def _tum_shots(folder: Path) -> list[Shot]:
             nearest = int(np.argmin(np.abs(rows[:, 0] - seconds)))
             if not abs(rows[nearest, 0] - seconds) <= MOST_SECONDS:
                 continue
-            pose = inverse_pose(quaternion_pose(rows[nearest, 1:], str(truth)))
+            pose = inverse_pose(_quaternion_pose(rows[nearest, 1:], str(truth)))
         path = folder / name
         shots.append(Shot(path.stem, path, TUM_UNIT_M, intrinsics, pose))
     return shots
+
+
+def _quaternion_pose(numbers: Float[np.ndarray, " 7"], what: str) -> Matrix:
+    """Pose of a position and a quaternion, whose scalar comes last."""
+    if not (np.isfinite(numbers).all() and np.linalg.norm(numbers[3:]) > 0):
+        raise ValueError(f"file {what!r} must hold finite poses, got {numbers}")
+    return rigid(Rotation.from_quat(numbers[3:]).as_matrix(), numbers[:3])
 
 
 def _bop_shots(folder: Path) -> list[Shot]:
@@ -160,12 +169,11 @@ def _bop_shots(folder: Path) -> list[Shot]:
 
 
 def _bop_pose(record: dict[str, Any]) -> Matrix | None:
-    """Camera from the world, whose translation is in millimeters there."""
     if "cam_R_w2c" not in record:
         return None
-    turn = np.asarray(float_array("cam_R_w2c", record["cam_R_w2c"], (9,)), float)
-    shift = np.asarray(float_array("cam_t_w2c", record["cam_t_w2c"], (3,)), float)
-    return rigid(turn.reshape(3, 3), MILLIMETER * shift)
+    for name, count in (("cam_R_w2c", 9), ("cam_t_w2c", 3)):
+        float_array(name, record[name], (count,))
+    return bop_pose(record)
 
 
 def _depth_of(folder: Path, name: str) -> Path:

@@ -1,20 +1,22 @@
-"""Poses in text files: rows of numbers, quaternions and matrices.
+"""Poses in text files: rows of numbers and matrices.
 
 All is in double precision, before it is rounded to JAX's.
 """
 
 __all__ = [
     "Matrix",
+    "bop_pose",
     "checked_pose",
     "inverse_pose",
-    "quaternion_pose",
     "read_log",
     "read_rows",
     "rigid",
     "text_lines",
 ]
 
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -42,22 +44,6 @@ def read_rows(path: Path, count: int) -> Float[np.ndarray, "n k"]:
     return rows
 
 
-def quaternion_pose(numbers: Float[np.ndarray, " 7"], what: str) -> Matrix:
-    """Pose of a position and a quaternion, whose scalar comes last."""
-    length = np.linalg.norm(numbers[3:])
-    if not (np.isfinite(numbers).all() and length > 0):
-        raise ValueError(f"file {what!r} must hold finite poses, got {numbers}")
-    x, y, z, w = numbers[3:] / length
-    turn = np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-        ]
-    )
-    return rigid(turn, numbers[:3])
-
-
 def checked_pose(matrix: Float[np.ndarray, "n m"], what: str) -> Matrix:
     """A matrix that is a pose to within 1e-3.
 
@@ -79,6 +65,12 @@ def rigid(turn: Float[np.ndarray, "3 3"], shift: Float[np.ndarray, "3"]) -> Matr
     matrix = np.eye(4)
     matrix[:3, :3], matrix[:3, 3] = turn, shift
     return matrix
+
+
+def bop_pose(record: Mapping[str, Any]) -> Matrix:
+    """Camera from the world as BOP tells it, whose translation is in millimeters."""
+    turn = np.array(record["cam_R_w2c"], float).reshape(3, 3)
+    return rigid(turn, 1e-3 * np.array(record["cam_t_w2c"], float).reshape(3))
 
 
 def inverse_pose(matrix: Matrix) -> Matrix:
