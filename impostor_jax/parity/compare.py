@@ -13,10 +13,10 @@ import dataclasses
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
+from scipy.ndimage import maximum_filter, minimum_filter
 
 from impostor_jax.glsl.conventions import DrawnMaps
 from impostor_jax.numerics import eps
-from impostor_jax.opencv import cv2
 from impostor_jax.parity.condition import Condition
 
 
@@ -76,11 +76,10 @@ def edge_band(index: Int[np.ndarray, "h w"]) -> Bool[np.ndarray, "h w"]:
     """Pixels within one pixel of an edge between two primitives or the background.
 
     Args:
-        index: Which primitive is seen; -1 for none.
+        index: Which primitive is seen, -1 for none; or a number of all that is.
     """
-    # As floats: OpenCV takes the extremes of no wider integers than 16 bits.
-    values, window = index.astype(np.float32), np.ones((3, 3), np.uint8)
-    return cv2.dilate(values, window) > cv2.erode(values, window)
+    extremes = (of(index, 3, mode="nearest") for of in (minimum_filter, maximum_filter))
+    return np.not_equal(*extremes)
 
 
 def angles_between(

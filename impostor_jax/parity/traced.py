@@ -8,11 +8,11 @@ from collections.abc import Sequence
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 
 from impostor_jax.camera.orthographic import OrthographicCamera
 from impostor_jax.camera.pinhole import PinholeCamera
-from impostor_jax.parity.compare import Spread
+from impostor_jax.parity.compare import Spread, edge_band
 from impostor_jax.parity.judge import Verdict
 from impostor_jax.primitives.base import AbstractPrimitive
 from impostor_jax.rendering.lights import AbstractLight
@@ -84,7 +84,7 @@ class TracedRow:
 def compare_traced(case: TracedCase, drawn: Float[np.ndarray, "h w 3"]) -> TracedRow:
     """Compare a driver's picture with JAX's."""
     reference, trail = _traced_by_jax(case)
-    edges = _edges(trail)
+    edges = edge_band(trail)
     apart = np.abs(drawn.astype(np.float64) - reference).max(axis=-1)
     color = Spread.of(apart[~edges])
     return TracedRow(
@@ -122,11 +122,3 @@ def _colors_and_trails(scene, materials, lights, background, camera):
     world = world_of(scene.groups, materials, lights, background)
     color, trail = color_of(world, ray, jnp.ones(row.size, bool), BOUNCES)
     return color.stack().reshape(*row.shape, 3), trail.reshape(row.shape)
-
-
-def _edges(trail: Int[np.ndarray, "h w"]) -> Bool[np.ndarray, "h w"]:
-    """Pixels around which a ray has another trail."""
-    around = np.lib.stride_tricks.sliding_window_view(
-        np.pad(trail, 1, mode="edge"), (3, 3)
-    )
-    return (around != trail[..., None, None]).any(axis=(-2, -1))
