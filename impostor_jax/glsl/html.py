@@ -27,14 +27,15 @@ def html_page(name: str, message: dict[str, Any]) -> str:
             includes.
         message: What the page's script finds in the element "scene".
     """
-    files = resources.files("impostor_jax")
-    page = INCLUDE.sub(
-        lambda found: files.joinpath(found[1]).read_text(),
-        files.joinpath(name).read_text(),
-    )
     # A script ends at the first "</", even inside a string, and "<!--" is no better.
     text = json.dumps(message, allow_nan=False).replace("<", "\\u003c")
-    return page.replace("SCENE_JSON", text)
+    return _whole(name).replace("SCENE_JSON", text)
+
+
+def _whole(name: str) -> str:
+    """A file of the package, with those that it includes."""
+    text = (resources.files("impostor_jax") / name).read_text()
+    return INCLUDE.sub(lambda found: _whole(found[1]), text)
 
 
 def traced_message(
