@@ -257,32 +257,6 @@ class Heightfield(AbstractOnePiece):
         return point.where(hit.mask, Vec3(x, jnp.zeros_like(x), z))
 
 
-@jax.custom_jvp
-def _first_hit(ray: Ray, field: Heightfield) -> Float[Array, "*batch"]:
-    """Ray parameter of the first hit, `+inf` on a miss."""
-    return _trace(ray, field)
-
-
-@_first_hit.defjvp
-def _first_hit_jvp(primals, tangents):
-    t = _first_hit(*primals)
-    return t, _hit_tangent(t, primals, tangents)
-
-
-@jax.jit
-def _hit_tangent(t: Numbers, primals: Any, tangents: Any) -> Numbers:
-    hit = Hit.on_one_piece(t)
-
-    def gap(ray: Ray, field: Heightfield) -> tuple[Numbers, Numbers]:
-        """Gap at the held hit, and its slope along the ray."""
-        p, d = field._hit_point(ray, hit), field._own_ray(ray).direction
-        height, by_x, by_z = field.surface(p.x, p.z)
-        return p.y - height, d.y - by_x * d.x - by_z * d.z
-
-    _, d_gap, slope = jax.jvp(gap, primals, tangents, has_aux=True)
-    return hit_tangent(-d_gap, slope, hit.mask)
-
-
 @jax.jit
 def _ground_stretches(ray: Ray, field: Heightfield) -> tuple[Stretch, Stretch]:
     own = field._own_ray(ray)
@@ -374,8 +348,10 @@ def _bounds(field: Heightfield) -> _Bounds:
     return _Bounds(Vec3(x, y, z), half_x, half_z, relief, radius)
 
 
+@jax.custom_jvp
 @jax.jit
-def _trace(ray: Ray, field: Heightfield) -> Float[Array, "*batch"]:
+def _first_hit(ray: Ray, field: Heightfield) -> Float[Array, "*batch"]:
+    """Ray parameter of the first hit, `+inf` on a miss."""
     ray = field._own_ray(ray)
     center, half_x, half_z, relief, radius = _bounds(field)
     slope, points, y = field.lipschitz, None, center.y
@@ -402,6 +378,26 @@ def _trace(ray: Ray, field: Heightfield) -> Float[Array, "*batch"]:
         reach = slope * jnp.sum(jnp.max(jnp.abs(field.extent), axis=1)) + 2 * jnp.abs(y)
         t = advance(gap, near, span, reach, slope, field.curvature)
     return jnp.where(jnp.isfinite(t), foot + t, jnp.inf)
+
+
+@_first_hit.defjvp
+def _first_hit_jvp(primals, tangents):
+    t = _first_hit(*primals)
+    return t, _hit_tangent(t, primals, tangents)
+
+
+@jax.jit
+def _hit_tangent(t: Numbers, primals: Any, tangents: Any) -> Numbers:
+    hit = Hit.on_one_piece(t)
+
+    def gap(ray: Ray, field: Heightfield) -> tuple[Numbers, Numbers]:
+        """Gap at the held hit, and its slope along the ray."""
+        p, d = field._hit_point(ray, hit), field._own_ray(ray).direction
+        height, by_x, by_z = field.surface(p.x, p.z)
+        return p.y - height, d.y - by_x * d.x - by_z * d.z
+
+    _, d_gap, slope = jax.jvp(gap, primals, tangents, has_aux=True)
+    return hit_tangent(-d_gap, slope, hit.mask)
 
 
 def _checked_extent(value: Any) -> Float[Array, "*batch 2 2"]:
