@@ -127,7 +127,8 @@ class RenderCommand:
 
         from impostor_jax.io import depth_image
         from impostor_jax.io.camera_file import write_camera
-        from impostor_jax.io.color_image import write_linear, write_picture
+        from impostor_jax.io.color_image import srgb_levels
+        from impostor_jax.io.npy_file import write_npy
         from impostor_jax.rendering.render import render
         from impostor_jax.rendering.trace import trace
 
@@ -150,8 +151,8 @@ class RenderCommand:
         depth_image.write_mask(output / "mask.png", maps.mask)
         depth_image.write_index(output / "index.png", maps.index)
         if picture is not None:
-            write_picture(output / "picture.png", picture)
-            write_linear(output / "picture.npy", picture)
+            depth_image.write_image(output / "picture.png", srgb_levels(picture))
+            write_npy(output / "picture.npy", np.asarray(picture, np.float32))
         write_camera(output / "camera.json", camera, scale)
         count = np.count_nonzero(np.asarray(maps.mask))
         seen = len(np.unique(np.asarray(maps.index)[np.asarray(maps.mask)]))

@@ -1,15 +1,12 @@
 """Pictures as files: linear light as it is, and in the sRGB of screens."""
 
-__all__ = ["read_picture", "srgb", "srgb_levels", "write_linear", "write_picture"]
+__all__ = ["read_picture", "srgb", "srgb_levels"]
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float, UInt8
 
-from impostor_jax.io.atomic import write_atomically
-from impostor_jax.io.depth_image import write_image
 from impostor_jax.io.image_file import Size
 from impostor_jax.opencv import cv2
 
@@ -52,24 +49,3 @@ def read_picture(data: bytes, what: str, size: Size) -> UInt8[np.ndarray, "h w 3
             f"{what} must have the camera's shape {size}, got {picture.shape[:2]}"
         )
     return np.ascontiguousarray(picture[..., ::-1])
-
-
-def write_picture(path: Path, linear: Any) -> None:
-    """Write a picture of 8 bits a channel, in sRGB.
-
-    Args:
-        path: File name.
-        linear: (H, W, 3), linear red, green and blue.
-    """
-    write_image(path, srgb_levels(linear))
-
-
-def write_linear(path: Path, linear: Any) -> None:
-    """Write linear light as an NPY file of 32-bit floats.
-
-    Args:
-        path: File name, with the suffix .npy.
-        linear: (H, W, 3), linear red, green and blue.
-    """
-    values = np.asarray(linear, np.float32)
-    write_atomically(path, lambda partial: np.save(partial, values))

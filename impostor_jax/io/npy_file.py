@@ -1,13 +1,15 @@
 """NPY files, of which the header is checked before memory is taken for the numbers."""
 
-__all__ = ["check_npy_bytes", "npy_header"]
+__all__ = ["check_npy_bytes", "npy_header", "write_npy"]
 
 import io
 import math
 import warnings
+from pathlib import Path
 
 import numpy as np
 
+from impostor_jax.io.atomic import write_atomically
 from impostor_jax.io.input_file import bytes_left
 
 
@@ -46,3 +48,8 @@ def check_npy_bytes(
             f"{what} is not a readable NPY file: it must hold {num_bytes} bytes "
             f"of numbers, got {there}"
         )
+
+
+def write_npy(path: Path, values: np.ndarray) -> None:
+    """Write an NPY file."""
+    write_atomically(path, lambda partial: np.save(partial, values))

@@ -15,7 +15,6 @@ import abc
 import dataclasses
 import time
 from collections.abc import Callable, Mapping
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -39,8 +38,9 @@ from impostor_jax.fits.single import (
     fit_sphere,
     fit_tube,
 )
-from impostor_jax.io.atomic import write_atomically, write_json
+from impostor_jax.io.atomic import write_json
 from impostor_jax.io.depth_image import write_index
+from impostor_jax.io.npy_file import write_npy
 from impostor_jax.io.record import found_in_points_record, found_record
 from impostor_jax.io.sensor_record import sensor_record
 from impostor_jax.io.shape_record import shape_record
@@ -156,7 +156,7 @@ class FindTask(AbstractTask):
         """
         made_from = self.told()
         if isinstance(found, FoundInPoints):
-            write_atomically(place / "labels.npy", partial(_save, found.labels))
+            write_npy(place / "labels.npy", np.asarray(found.labels))
             told = found_in_points_record(found, seconds, made_from)
         else:
             assert isinstance(found, Found)
@@ -290,8 +290,3 @@ def _told_of(value: Any) -> Any:
     if isinstance(value, np.ndarray):
         return value.tolist()
     return value
-
-
-def _save(labels: Any, path: Path) -> None:
-    with path.open("wb") as file:
-        np.save(file, labels)
