@@ -92,18 +92,14 @@ def _leaf(shape: AbstractPrimitive, tolerance: float, whole: Any, box: Box) -> A
         normal = normal / np.linalg.norm(normal)
         return whole.trim_by_plane(-normal, -normal @ np.asarray(shape.point, float))
     is_ground = isinstance(shape, Heightfield)
-    mesh = (
-        ground_of(shape, tolerance, _corners(box))
-        if is_ground
-        else surface_of(shape, tolerance)
-    )
+    if is_ground:
+        corners = np.array(list(itertools.product(*zip(*box, strict=True))))
+        mesh = ground_of(shape, tolerance, corners)
+    else:
+        mesh = surface_of(shape, tolerance)
     made = Manifold(Mesh64(mesh.vertices, mesh.faces.astype(np.uint64)))
     assert made.status() == Error.NoError, made.status()
     return made ^ whole if is_ground else made
-
-
-def _corners(box: Box) -> Float[np.ndarray, "8 3"]:
-    return np.array(list(itertools.product(*zip(*box, strict=True))))
 
 
 def _box_around(solid: Solid) -> Box:

@@ -31,7 +31,7 @@ from impostor_jax.camera.pinhole import PinholeCamera
 from impostor_jax.fit.request import check_one_object
 from impostor_jax.geometry.frames import RigidTransform
 from impostor_jax.io.camera_file import CameraFile, camera_record, read_camera
-from impostor_jax.io.dataset import MANIFEST, Dataset, read_dataset
+from impostor_jax.io.dataset import MANIFEST, read_dataset
 from impostor_jax.io.depth_folder import DepthFolder
 from impostor_jax.io.depth_image import read_depth
 from impostor_jax.io.depth_layouts import Shot
@@ -300,6 +300,4 @@ def _of_file(function: Callable[[Path], Any], path: Path, changed: int) -> Any:
     return function(path)
 
 
-@functools.lru_cache(maxsize=8)
-def _dataset_at(path: Path) -> Dataset:
-    return read_dataset(path)
+_dataset_at = functools.lru_cache(maxsize=8)(read_dataset)

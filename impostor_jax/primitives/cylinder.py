@@ -318,7 +318,8 @@ def _signed_hit_tangent(
     c = Vec3.from_array(cylinder.center)
     q, d_a = ray.at(t) - c, d.dot(a)
     # Counted in radii, so that no power of a small one is lost. A miss has no q.
-    radial = _radial(q * jnp.where(mask, 1 / cylinder.radius, 0), a)
+    counted = q * jnp.where(mask, 1 / cylinder.radius, 0)
+    radial = (counted - a * counted.dot(a)).normalize()
     # A cap is entered from beyond its plane and left from between the two. The hit does
     # not tell: from afar its place along the axis is rounded to more than the height.
     level = (o - c).dot(a)
@@ -337,11 +338,6 @@ def _signed_hit_tangent(
     change = d_size - n.dot(d_point) + lean.dot(d_axis)
     d_t = hit_tangent(change, n_d, mask)
     return jnp.where(on_cap, -d_t, d_t)
-
-
-def _radial(q: Vec3, a: Vec3) -> Vec3:
-    """Unit vector from the axis to q; zero if q is on the axis."""
-    return (q - a * q.dot(a)).normalize()
 
 
 @jax.custom_jvp
