@@ -53,18 +53,18 @@ Config = TypeVar("Config", bound=Settings)
 def main(
     config_type: type[Config],
     measure: Callable[[Config], Iterable[Metric]],
-    draw: Callable[[Results], Mapping[str, Figure]],
     tables: Callable[[Results], str],
     trial: Config,
+    draw: Callable[[Results], Mapping[str, Figure]] | None = None,
 ) -> None:
     """Run an experiment as its command line says, and write what it finds.
 
     Args:
         config_type: Its settings; each field is a flag.
         measure: Measures; the output that it is told is the folder of the results.
-        draw: Its figures by their names.
         tables: What stands in its README between the marks.
         trial: The settings of a quick run.
+        draw: Its figures by their names, if it has some.
     """
     config = tyro.cli(config_type, config=(tyro.conf.OmitArgPrefixes,))
     run = config.run
@@ -93,7 +93,7 @@ def main(
     except (ValueError, OSError) as problem:
         sys.exit(str(problem))
     results = Results.read(folder)
-    for name, figure in draw(results).items():
+    for name, figure in draw(results).items() if draw else ():
         _save(figure, folder / "figures" / f"{name}.png")
     text, readme = tables(results), folder / "README.md"
     if readme.exists():

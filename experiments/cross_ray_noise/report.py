@@ -1,10 +1,6 @@
 """The tables of the README from results.json."""
 
-__all__ = ["draw", "tables"]
-
-from collections.abc import Mapping
-
-from matplotlib.figure import Figure
+__all__ = ["tables"]
 
 from experiments.cross_ray_noise.programs import OURS, PRACTICE
 from experiments.markdown import number, table
@@ -39,8 +35,3 @@ def tables(results: Results) -> str:
             rows.append(row)
         parts.append(table([head, *NAMES], rows))
     return "\n\n".join(parts)
-
-
-def draw(_: Results) -> Mapping[str, Figure]:
-    """Nothing: all there is to see are a few numbers."""
-    return {}

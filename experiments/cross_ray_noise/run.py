@@ -8,7 +8,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from experiments.cross_ray_noise.programs import OURS, PRACTICE, Program
-from experiments.cross_ray_noise.report import draw, tables
+from experiments.cross_ray_noise.report import tables
 from experiments.cross_ray_noise.scenes import KINDS, SIZES, Wall, draw_wall
 from experiments.fitting import NORMAL_95, bias, in_turn
 from experiments.recording import Metric
@@ -68,4 +68,4 @@ def _found_by(label: str, program: Program, walls: Sequence[Wall]) -> Iterator[M
 
 
 if __name__ == "__main__":
-    main(Config, measure, draw, tables, Config(seeds=2))
+    main(Config, measure, tables, Config(seeds=2))

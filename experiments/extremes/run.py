@@ -167,4 +167,4 @@ def _is_wrong(
 
 
 if __name__ == "__main__":
-    main(Config, measure, draw, tables, Config(rays=2000, each=20, stride=4))
+    main(Config, measure, tables, Config(rays=2000, each=20, stride=4), draw)

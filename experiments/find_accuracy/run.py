@@ -242,4 +242,4 @@ if __name__ == "__main__":
     trial = Config(
         count=2, timed=1, workers=1, presets=NAMES[:1], programs=(OURS,), seed=1
     )
-    main(Config, measure, draw, tables, trial)
+    main(Config, measure, tables, trial, draw)

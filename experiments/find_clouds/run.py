@@ -13,7 +13,7 @@ from jaxtyping import Float
 import impostor_jax as ij
 from experiments.find_accuracy.program import MissingProgramError
 from experiments.find_clouds.programs import ONLY, OURS, PROGRAMS
-from experiments.find_clouds.report import draw, tables
+from experiments.find_clouds.report import tables
 from experiments.find_clouds.scenes import KINDS, draw_cloud
 from experiments.fitting import NORMAL_95
 from experiments.recording import Metric
@@ -170,4 +170,4 @@ def _times(config: Config) -> Iterator[Metric]:
 
 if __name__ == "__main__":
     quick = Config(count=1, workers=1, kinds=("table",))
-    main(Config, measure, draw, tables, quick)
+    main(Config, measure, tables, quick)

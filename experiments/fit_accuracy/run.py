@@ -232,4 +232,4 @@ def measure(config: Config) -> Iterator[Metric]:
 
 
 if __name__ == "__main__":
-    main(Config, measure, draw, tables, Config(seeds=2, draws=2, peers=False))
+    main(Config, measure, tables, Config(seeds=2, draws=2, peers=False), draw)

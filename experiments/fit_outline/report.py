@@ -1,10 +1,6 @@
 """The tables of the README from results.json."""
 
-__all__ = ["TOLD", "draw", "tables"]
-
-from collections.abc import Mapping
-
-from matplotlib.figure import Figure
+__all__ = ["TOLD", "tables"]
 
 from experiments.markdown import number, table
 from experiments.recording import Results
@@ -35,8 +31,3 @@ def tables(results: Results) -> str:
     ]
     blocks.append(table(["mask of", "called a can", "undetermined"], rows))
     return "\n\n".join(blocks)
-
-
-def draw(_: Results) -> Mapping[str, Figure]:
-    """Nothing: all there is to see are a few numbers."""
-    return {}

@@ -15,7 +15,7 @@ from jaxtyping import Array, Float
 
 import impostor_jax as ij
 from experiments.errors import COORDINATES
-from experiments.fit_outline.report import TOLD, draw, tables
+from experiments.fit_outline.report import TOLD, tables
 from experiments.fitting import NORMAL_95
 from experiments.recording import Metric
 from experiments.running import RunConfig, main
@@ -265,4 +265,4 @@ OTHERS = {
 """Coverages of what is no can."""
 
 if __name__ == "__main__":
-    main(Config, measure, draw, tables, Config(seeds=2, others=1))
+    main(Config, measure, tables, Config(seeds=2, others=1))

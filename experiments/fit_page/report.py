@@ -1,8 +1,6 @@
 """The tables of the README from results.json."""
 
-__all__ = ["draw", "tables"]
-
-from matplotlib.figure import Figure
+__all__ = ["tables"]
 
 from experiments.markdown import number, table
 from experiments.recording import Results
@@ -28,9 +26,3 @@ def tables(results: Results) -> str:
         )
     head = ["page, window", "s to open", "ms a frame", "kB of its picture"]
     return f"{table(['page', 'MB'], sizes)}\n\n{table(head, rows)}"
-
-
-def draw(results: Results) -> dict[str, Figure]:
-    """Nothing: the pictures are taken where the pages are opened."""
-    del results
-    return {}

@@ -14,7 +14,7 @@ import numpy as np
 from PIL import Image
 
 import impostor_jax as ij
-from experiments.fit_page.report import draw, tables
+from experiments.fit_page.report import tables
 from experiments.fit_page.scenes import can_page, table_page
 from experiments.recording import Metric
 from experiments.running import RunConfig, main
@@ -114,4 +114,4 @@ def _save(opened: Any, path: Path) -> int:
 
 
 if __name__ == "__main__":
-    main(Config, measure, draw, tables, Config(width=160, frames=2, table=False))
+    main(Config, measure, tables, Config(width=160, frames=2, table=False))

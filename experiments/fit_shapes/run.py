@@ -103,4 +103,4 @@ def tested(taper: float, config: Config) -> Iterator[Metric]:
 
 
 if __name__ == "__main__":
-    main(Config, measure, draw, tables, Config(seeds=2))
+    main(Config, measure, tables, Config(seeds=2), draw)

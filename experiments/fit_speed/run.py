@@ -137,4 +137,4 @@ def measure(config: Config) -> Iterator[Metric]:
 
 
 if __name__ == "__main__":
-    main(Config, measure, draw, tables, Config(repeats=2))
+    main(Config, measure, tables, Config(repeats=2), draw)

@@ -1,10 +1,6 @@
 """The tables of the README from results.json."""
 
-__all__ = ["SIZES", "draw", "tables"]
-
-from collections.abc import Mapping
-
-from matplotlib.figure import Figure
+__all__ = ["SIZES", "tables"]
 
 from experiments.markdown import number, table
 from experiments.recording import Results
@@ -41,8 +37,3 @@ def tables(results: Results) -> str:
         head = ["bore", "needed", "not told", "least statistic", "largest"]
         blocks.append(table(head, rows))
     return "\n\n".join(blocks)
-
-
-def draw(_: Results) -> Mapping[str, Figure]:
-    """Nothing: all there is to see are a few numbers."""
-    return {}

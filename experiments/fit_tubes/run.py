@@ -10,7 +10,7 @@ from jaxtyping import Float
 
 import impostor_jax as ij
 from experiments.errors import bound
-from experiments.fit_tubes.report import SIZES, draw, tables
+from experiments.fit_tubes.report import SIZES, tables
 from experiments.fitting import NORMAL_95, Fits, bias, fit_all, over_bound
 from experiments.recording import Metric
 from experiments.running import RunConfig, main
@@ -127,4 +127,4 @@ def tested(bore: str, noise: str, config: Config) -> Iterator[Metric]:
 
 
 if __name__ == "__main__":
-    main(Config, measure, draw, tables, Config(seeds=2))
+    main(Config, measure, tables, Config(seeds=2))

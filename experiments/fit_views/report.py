@@ -1,10 +1,6 @@
 """The table of the README from results.json."""
 
-__all__ = ["COMPARED", "draw", "tables"]
-
-from collections.abc import Mapping
-
-from matplotlib.figure import Figure
+__all__ = ["COMPARED", "tables"]
 
 from experiments.markdown import table
 from experiments.recording import Results
@@ -39,8 +35,3 @@ def tables(results: Results) -> str:
             "95 % that hold",
         ]
     return table(head, rows)
-
-
-def draw(_: Results) -> Mapping[str, Figure]:
-    """Nothing: all there is to see are a few numbers."""
-    return {}

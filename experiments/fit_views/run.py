@@ -8,7 +8,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from experiments.errors import error
-from experiments.fit_views.report import COMPARED, draw, tables
+from experiments.fit_views.report import COMPARED, tables
 from experiments.fit_views.scenes import Around, draw_around
 from experiments.fitting import NORMAL_95, bias, over_bound
 from experiments.recording import Metric
@@ -72,4 +72,4 @@ def _compared(label: str, cans: list[Around]) -> Iterator[Metric]:
 
 
 if __name__ == "__main__":
-    main(Config, measure, draw, tables, Config(seeds=2))
+    main(Config, measure, tables, Config(seeds=2))

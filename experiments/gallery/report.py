@@ -1,8 +1,6 @@
 """The tables of the README from results.json."""
 
-__all__ = ["draw", "tables"]
-
-from matplotlib.figure import Figure
+__all__ = ["tables"]
 
 from experiments.markdown import table
 from experiments.recording import Results
@@ -44,9 +42,3 @@ def tables(results: Results) -> str:
             table(["picture", "kB"], sizes),
         )
     )
-
-
-def draw(results: Results) -> dict[str, Figure]:
-    """Nothing: the pictures are drawn where they are measured."""
-    del results
-    return {}

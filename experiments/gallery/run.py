@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 from experiments.gallery import fits, gradients, shapes
 from experiments.gallery.panel import save
-from experiments.gallery.report import draw, tables
+from experiments.gallery.report import tables
 from experiments.recording import Metric
 from experiments.running import RunConfig, main
 
@@ -46,4 +46,4 @@ def measure(config: Config) -> Iterator[Metric]:
 
 
 if __name__ == "__main__":
-    main(Config, measure, draw, tables, Config(gradient_width=32, coverage_width=16))
+    main(Config, measure, tables, Config(gradient_width=32, coverage_width=16))

@@ -1,10 +1,6 @@
 """The table of the README from results.json."""
 
-__all__ = ["draw", "tables"]
-
-from collections.abc import Mapping
-
-from matplotlib.figure import Figure
+__all__ = ["tables"]
 
 from experiments.markdown import number, table
 from experiments.recording import Results
@@ -34,8 +30,3 @@ def tables(results: Results) -> str:
         for kind in results.cases("", ".cases")
     ]
     return table(["warm calls", *(head for head, _ in COLUMNS.values())], rows)
-
-
-def draw(_: Results) -> Mapping[str, Figure]:
-    """Nothing: all there is to see are a few numbers."""
-    return {}

@@ -11,7 +11,7 @@ import numpy as np
 
 from experiments.golden.cases import KINDS, real
 from experiments.golden.record import Entry, apart, entry_of, read, write
-from experiments.golden.report import draw, tables
+from experiments.golden.report import tables
 from experiments.recording import RECORD, Metric
 from experiments.running import RunConfig, main
 
@@ -82,4 +82,4 @@ def _compared(
 
 
 if __name__ == "__main__":
-    main(Config, measure, draw, tables, Config(cases=3))
+    main(Config, measure, tables, Config(cases=3))

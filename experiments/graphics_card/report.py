@@ -1,10 +1,6 @@
 """The tables of the README from results.json."""
 
-__all__ = ["draw", "tables"]
-
-from collections.abc import Mapping
-
-from matplotlib.figure import Figure
+__all__ = ["tables"]
 
 from experiments.markdown import number, table, three_digits
 from experiments.recording import Results
@@ -33,8 +29,3 @@ def tables(results: Results) -> str:
     }
     checks = [[label, number(results.values[key])] for label, key in errors.items()]
     return f"{table(head, rows)}\n\n{table(['a can on the card', 'found'], checks)}"
-
-
-def draw(_: Results) -> Mapping[str, Figure]:
-    """Nothing: all there is to see are a few numbers."""
-    return {}

@@ -15,7 +15,7 @@ from jaxtyping import Array, Float
 
 import impostor_jax as ij
 from experiments.fit_speed.cases import fit_one, see_can
-from experiments.graphics_card.report import draw, tables
+from experiments.graphics_card.report import tables
 from experiments.recording import Metric
 from experiments.render_speed.cases import OUTPUTS, larger_can_loss, make_many
 from experiments.running import RunConfig, main
@@ -188,4 +188,4 @@ def _track(view: ij.PinholeCamera) -> Call:
 
 if __name__ == "__main__":
     trial = Config(repeats=2, width=160, batches=(2,), scenes=(4,))
-    main(Config, measure, draw, tables, trial)
+    main(Config, measure, tables, trial)

@@ -1,10 +1,6 @@
 """The table of the README from results.json."""
 
-__all__ = ["draw", "tables"]
-
-from collections.abc import Mapping
-
-from matplotlib.figure import Figure
+__all__ = ["tables"]
 
 from experiments.markdown import number, percent, table
 from experiments.recording import Results
@@ -27,8 +23,3 @@ def tables(results: Results) -> str:
         *("median, deviations", "largest, deviations"),
     ]
     return table(head, rows)
-
-
-def draw(_: Results) -> Mapping[str, Figure]:
-    """Nothing: all there is to see are a few numbers."""
-    return {}

@@ -18,7 +18,7 @@ from experiments.last_bit.images import (
     real,
     rounded,
 )
-from experiments.last_bit.report import draw, tables
+from experiments.last_bit.report import tables
 from experiments.recording import Metric
 from experiments.running import RunConfig, main
 from experiments.sensor_models.scenes import SENSORS
@@ -110,4 +110,4 @@ def _moves(fit: ij.Fit, other: ij.Fit) -> float:
 
 
 if __name__ == "__main__":
-    main(Config, measure, draw, tables, Config(images=2))
+    main(Config, measure, tables, Config(images=2))

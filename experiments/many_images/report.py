@@ -1,8 +1,6 @@
 """The tables of the README from results.json."""
 
-__all__ = ["draw", "tables"]
-
-from matplotlib.figure import Figure
+__all__ = ["tables"]
 
 from experiments.markdown import table
 from experiments.recording import Results
@@ -37,9 +35,3 @@ def tables(results: Results) -> str:
         f"{values['broken.equal']:.1%} are equal.",
     )
     return "\n\n".join([rates, "\n".join(lines)])
-
-
-def draw(results: Results) -> dict[str, Figure]:
-    """No figures: a table tells all."""
-    del results
-    return {}

@@ -22,7 +22,7 @@ from data_synth.distribution import Fixed
 from data_synth.generate import generate
 from data_synth.preset import CameraDraw, Preset, Rules
 from data_synth.presets import PRESETS
-from experiments.many_images.report import draw, tables
+from experiments.many_images.report import tables
 from experiments.recording import Metric
 from experiments.running import RunConfig, main
 from impostor_jax.io.atomic import write_json
@@ -248,4 +248,4 @@ def _rows(ran: Ran, which: object) -> dict[str, np.ndarray]:
 TRIAL = Config(count=8, broken=1, kills=1)
 
 if __name__ == "__main__":
-    main(Config, measure, draw, tables, TRIAL)
+    main(Config, measure, tables, TRIAL)

@@ -249,4 +249,4 @@ def normals(name: str, rays: Rays, true: Depths) -> Iterator[Metric]:
 
 
 if __name__ == "__main__":
-    main(Config, measure, draw, tables, Config(rays=50, checked=500, samples=33))
+    main(Config, measure, tables, Config(rays=50, checked=500, samples=33), draw)

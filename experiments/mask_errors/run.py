@@ -175,4 +175,4 @@ def counted(
 
 
 if __name__ == "__main__":
-    main(Config, measure, draw, tables, Config(seeds=1, images=1, images_inside=1))
+    main(Config, measure, tables, Config(seeds=1, images=1, images_inside=1), draw)

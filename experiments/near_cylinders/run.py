@@ -118,4 +118,4 @@ def told(name: str, found: list[Answer]) -> Iterator[Metric]:
 
 
 if __name__ == "__main__":
-    main(Config, measure, draw, tables, Config(count=2))
+    main(Config, measure, tables, Config(count=2), draw)

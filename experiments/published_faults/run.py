@@ -211,4 +211,4 @@ def draw(results: Results) -> dict[str, Figure]:
 
 
 if __name__ == "__main__":
-    main(Config, measure, draw, tables, Config())
+    main(Config, measure, tables, Config(), draw)

@@ -1,8 +1,6 @@
 """The tables of the README, from results.json."""
 
-__all__ = ["draw", "tables"]
-
-from matplotlib.figure import Figure
+__all__ = ["tables"]
 
 from experiments.markdown import percent, table, three_digits
 from experiments.recording import Results
@@ -51,8 +49,3 @@ FAILURES = [
 ]
 """Statuses of fits that failed, and say so; nothing is stated that readings could
 contradict."""
-
-
-def draw(_: Results) -> dict[str, Figure]:
-    """No figures: the counts are few."""
-    return {}

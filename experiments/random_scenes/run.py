@@ -7,7 +7,7 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 
 from experiments.random_scenes.judged import GROSS, Judged, judge
-from experiments.random_scenes.report import draw, tables
+from experiments.random_scenes.report import tables
 from experiments.recording import Metric
 from experiments.running import RunConfig, main
 from experiments.scenes import draw_scene
@@ -61,4 +61,4 @@ def _counted(name: str, fits: Sequence[Judged]) -> Iterator[Metric]:
 
 
 if __name__ == "__main__":
-    main(Config, measure, draw, tables, Config(scenes=2))
+    main(Config, measure, tables, Config(scenes=2))

@@ -1,8 +1,6 @@
 """The tables of the README, from results.json."""
 
-__all__ = ["draw", "tables"]
-
-from matplotlib.figure import Figure
+__all__ = ["tables"]
 
 from experiments.markdown import number, percent, table
 from experiments.recording import Results
@@ -97,8 +95,3 @@ def _edges(results: Results) -> str:
         rows.append([scene, side, off, rmse, *cost])
     head = ["edge", "drawn", "gradient off by", "RMSE", "ms (spread)", "over hard"]
     return table(head, rows) if rows else ""
-
-
-def draw(_: Results) -> dict[str, Figure]:
-    """No figures."""
-    return {}

@@ -24,7 +24,7 @@ from experiments.ray_tracing.peers import (
     hits_by_open3d,
     picture_by_mitsuba,
 )
-from experiments.ray_tracing.report import draw, tables
+from experiments.ray_tracing.report import tables
 from experiments.recording import Metric
 from experiments.running import RunConfig, main
 from experiments.timing import sample, time_in_turns
@@ -272,4 +272,4 @@ def _flat(tree: Any) -> np.ndarray:
 
 
 if __name__ == "__main__":
-    main(Config, measure, draw, tables, Config(rays=2000, repeats=1, width=32))
+    main(Config, measure, tables, Config(rays=2000, repeats=1, width=32))

@@ -1,10 +1,6 @@
 """The table of the README from results.json."""
 
-__all__ = ["draw", "tables"]
-
-from collections.abc import Mapping
-
-from matplotlib.figure import Figure
+__all__ = ["tables"]
 
 from experiments.markdown import number, table
 from experiments.recording import Results
@@ -59,9 +55,3 @@ def _value(results: Results, name: str) -> str:
 def _interval(results: Results, name: str) -> str:
     value, half = results.pair(name)
     return "failed" if value is None else f"{value:+.2f} +- {half:.2f}"
-
-
-def draw(results: Results) -> Mapping[str, Figure]:
-    """No figure: the table says it."""
-    del results
-    return {}

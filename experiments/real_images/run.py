@@ -13,7 +13,7 @@ import numpy as np
 import impostor_jax as ij
 from experiments.fitting import NORMAL_95
 from experiments.real_images.cases import Case, cases_in, drawn_case
-from experiments.real_images.report import draw, tables
+from experiments.real_images.report import tables
 from experiments.recording import Metric
 from experiments.running import RunConfig, main
 from impostor_jax.fit.budget import BUDGET
@@ -102,4 +102,4 @@ def _of_peers(
 
 
 if __name__ == "__main__":
-    main(Config, measure, draw, tables, Config())
+    main(Config, measure, tables, Config())

@@ -132,4 +132,4 @@ def measure_first_calls(config: Config) -> Iterator[Metric]:
 
 
 if __name__ == "__main__":
-    main(Config, measure, draw, tables, Config(repeats=2))
+    main(Config, measure, tables, Config(repeats=2), draw)

@@ -1,10 +1,6 @@
 """The tables of the README from results.json."""
 
-__all__ = ["LEVELS", "draw", "tables"]
-
-from collections.abc import Mapping
-
-from matplotlib.figure import Figure
+__all__ = ["LEVELS", "tables"]
 
 from experiments.markdown import number, percent, table
 from experiments.recording import Results
@@ -26,8 +22,3 @@ def tables(results: Results) -> str:
         off.append([way, *(number(part, ".2g") for part in parts)])
     head = ["", *(f"all within {at}" for at in LEVELS)]
     return f"{table(head, home)}\n\n{table(['', *PARTS], off)}"
-
-
-def draw(_: Results) -> Mapping[str, Figure]:
-    """Nothing: all there is to see are a few numbers."""
-    return {}

@@ -15,7 +15,7 @@ import optax
 import impostor_jax as ij
 from experiments.recording import Metric
 from experiments.running import RunConfig, main
-from experiments.scene_descent.report import LEVELS, draw, tables
+from experiments.scene_descent.report import LEVELS, tables
 from experiments.scene_descent.scenes import (
     CAMERA,
     PARTS,
@@ -124,4 +124,4 @@ def _moved(begun: dict[str, Any], moved: dict[str, Any]) -> dict[str, Any]:
 
 
 if __name__ == "__main__":
-    main(Config, measure, draw, tables, Config(starts=1, steps=2))
+    main(Config, measure, tables, Config(starts=1, steps=2))

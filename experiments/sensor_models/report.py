@@ -1,10 +1,6 @@
 """The table of the README from results.json."""
 
-__all__ = ["draw", "tables"]
-
-from collections.abc import Mapping
-
-from matplotlib.figure import Figure
+__all__ = ["tables"]
 
 from experiments.markdown import number, table
 from experiments.recording import Results
@@ -52,9 +48,3 @@ def tables(results: Results) -> str:
     head = ["camera, model of the fit", "fits", *SHOWN.values(), "bias of the radius"]
     head += ["its spread, mm", "std, mm", "beyond 5", "wrong", "failed"]
     return table(head, rows)
-
-
-def draw(results: Results) -> Mapping[str, Figure]:
-    """No figure: the table says it."""
-    del results
-    return {}

@@ -10,7 +10,7 @@ import numpy as np
 
 from experiments.recording import Metric
 from experiments.running import RunConfig, main
-from experiments.sensor_models.report import draw, tables
+from experiments.sensor_models.report import tables
 from experiments.sensor_models.scenes import SENSORS, draw_image
 from impostor_jax.evaluate import Outcome, evaluate, interval_coverage, summarize
 from impostor_jax.fit.fittable import CYLINDER
@@ -91,4 +91,4 @@ def _off(outcome: Outcome) -> list[float]:
 
 
 if __name__ == "__main__":
-    main(Config, measure, draw, tables, Config(images=2))
+    main(Config, measure, tables, Config(images=2))

@@ -1,10 +1,6 @@
 """The tables of the README from results.json."""
 
-__all__ = ["DISTANCES", "draw", "tables"]
-
-from collections.abc import Mapping
-
-from matplotlib.figure import Figure
+__all__ = ["DISTANCES", "tables"]
 
 from experiments.markdown import number, table
 from experiments.recording import Results
@@ -50,9 +46,3 @@ def _times(results: Results) -> str:
         rows.append([*row, number(results.values.get(f"first.{name}"), ".2g")])
     head = ["640x480", "ms, small", "times the can", "ms, close", "times", "first, s"]
     return table(head, rows)
-
-
-def draw(results: Results) -> Mapping[str, Figure]:
-    """No figure: the tables say it."""
-    del results
-    return {}

@@ -14,7 +14,7 @@ from experiments.recording import Metric
 from experiments.running import RunConfig, main
 from experiments.scenes import CAMERA
 from experiments.solids.judged import judge, rays_at
-from experiments.solids.report import DISTANCES, draw, tables
+from experiments.solids.report import DISTANCES, tables
 from experiments.solids.trees import KINDS, drawn, jax_solid, random_tree
 from experiments.timing import sample, time_in_turns
 
@@ -114,4 +114,4 @@ def _shapes(z: float) -> dict[str, ij.AbstractPrimitive]:
 
 
 if __name__ == "__main__":
-    main(Config, measure, draw, tables, Config(trees=1, each=1, rays=100, repeats=2))
+    main(Config, measure, tables, Config(trees=1, each=1, rays=100, repeats=2))

@@ -215,4 +215,4 @@ def trace_metrics(settings: list[str], exact: Traced, repeats: int) -> Iterator[
 
 
 if __name__ == "__main__":
-    main(Config, measure, draw, tables, Config(images=1, timed=1, repeats=2))
+    main(Config, measure, tables, Config(images=1, timed=1, repeats=2), draw)

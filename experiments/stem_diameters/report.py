@@ -1,10 +1,6 @@
 """The tables of the README from results.json."""
 
-__all__ = ["draw", "tables"]
-
-from collections.abc import Mapping
-
-from matplotlib.figure import Figure
+__all__ = ["tables"]
 
 from experiments.markdown import number, table, three_digits
 from experiments.recording import Results
@@ -44,8 +40,3 @@ def tables(results: Results) -> str:
             table(head, rows),
         ]
     )
-
-
-def draw(_: Results) -> Mapping[str, Figure]:
-    """Nothing: all there is to see are a few numbers."""
-    return {}

@@ -23,7 +23,7 @@ from experiments.stem_diameters.programs import (
     Estimate,
     Program,
 )
-from experiments.stem_diameters.report import draw, tables
+from experiments.stem_diameters.report import tables
 from experiments.stem_diameters.stems import Scan, draw_scan
 from impostor_jax.fit.fittable import CYLINDER
 
@@ -179,4 +179,4 @@ def _found_by(program: Program, scans: Sequence[Scan]) -> Found:
 
 
 if __name__ == "__main__":
-    main(Config, measure, draw, tables, Config(seeds=2, bounded=1, peers=False))
+    main(Config, measure, tables, Config(seeds=2, bounded=1, peers=False))

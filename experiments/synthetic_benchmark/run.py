@@ -392,4 +392,4 @@ def pictures(home: Path, output: Path, seed: int) -> None:
 
 if __name__ == "__main__":
     trial = Config(count=4, workers=1, repeats=1, others=(), kills=1, eroded=1)
-    main(Config, measure, draw, tables, trial)
+    main(Config, measure, tables, trial, draw)

@@ -1,10 +1,6 @@
 """The tables of the README from results.json."""
 
-__all__ = ["COMPARED", "draw", "tables"]
-
-from collections.abc import Mapping
-
-from matplotlib.figure import Figure
+__all__ = ["COMPARED", "tables"]
 
 from experiments.markdown import table
 from experiments.recording import Results
@@ -99,8 +95,3 @@ def tables(results: Results) -> str:
             f"Hidden for 20 images: {kept} % of the cans keep their identity.",
         ]
     )
-
-
-def draw(_: Results) -> Mapping[str, Figure]:
-    """Nothing: all there is to see are a few numbers."""
-    return {}

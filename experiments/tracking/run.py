@@ -18,7 +18,7 @@ from experiments.fitting import NORMAL_95
 from experiments.recording import Metric
 from experiments.running import RunConfig, main
 from experiments.tracking.real_time import real_time, track_of
-from experiments.tracking.report import COMPARED, draw, tables
+from experiments.tracking.report import COMPARED, tables
 from experiments.tracking.scenes import CAMERA, hidden_video, table_video
 from impostor_jax.evaluate_tracks import evaluate_tracks, score_tracks, track_errors
 
@@ -169,4 +169,4 @@ def _times(config: Config) -> Iterator[Metric]:
 
 
 if __name__ == "__main__":
-    main(Config, measure, draw, tables, Config(videos=1, images=3))
+    main(Config, measure, tables, Config(videos=1, images=3))

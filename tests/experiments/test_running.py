@@ -45,7 +45,7 @@ def tables(results):
 
 def run(monkeypatch, *flags):
     monkeypatch.setattr(sys, "argv", ["run", *flags])
-    main(Config, measure, draw, tables, Config(seeds=2))
+    main(Config, measure, tables, Config(seeds=2), draw)
 
 
 def test_a_run_writes_results_figures_and_the_tables_of_its_readme(
