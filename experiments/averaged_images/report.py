@@ -1,8 +1,6 @@
-"""The table of the README from results.json, and the figure."""
+"""The table of the README from results.json."""
 
-__all__ = ["draw", "tables"]
-
-from matplotlib.figure import Figure
+__all__ = ["tables"]
 
 from experiments.markdown import number, table
 from experiments.recording import Results
@@ -35,17 +33,3 @@ def tables(results: Results) -> str:
             ]
         )
     return table(HEAD, rows)
-
-
-def draw(results: Results) -> dict[str, Figure]:
-    """Mean error of the radius after each change."""
-    figure = Figure(figsize=(7, 3), layout="constrained")
-    axes = figure.subplots()
-    cases = results.cases("", ".success")
-    means = [results.values.get(f"{case}.bias") or 0.0 for case in cases]
-    spreads = [results.spreads.get(f"{case}.bias") or 0.0 for case in cases]
-    axes.barh(range(len(cases)), means, xerr=spreads)
-    axes.set_yticks(range(len(cases)), cases)
-    axes.invert_yaxis()
-    axes.set_xlabel("mean error of the radius in its standard deviations")
-    return {"averaged_images": figure}

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 import impostor_jax as ij
-from experiments.averaged_images.report import draw, tables
+from experiments.averaged_images.report import tables
 from experiments.recording import Metric
 from experiments.running import RunConfig, main
 from experiments.scenes import CAMERA, SIGMA
@@ -187,4 +187,4 @@ def told(name: str, found: list[Answer]) -> Iterator[Metric]:
 
 
 if __name__ == "__main__":
-    main(Config, measure, tables, Config(count=2), draw)
+    main(Config, measure, tables, Config(count=2))

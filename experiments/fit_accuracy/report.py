@@ -1,12 +1,8 @@
-"""The tables and the figure of the README, from results.json."""
+"""The tables of the README from results.json."""
 
-__all__ = ["draw", "tables"]
+__all__ = ["tables"]
 
 from collections.abc import Iterator
-
-import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 from experiments.markdown import number, table
 from experiments.recording import Results
@@ -72,43 +68,6 @@ def _comparison(results: Results, compared: list[str]) -> Iterator[list[str]]:
             cells.append(cell + (f", {failures:.0f} fail" if failures else ""))
         time = values[f"{_prefix(program)}{compared[0]}.time"]
         yield [program, *cells, number(time, ".0f")]
-
-
-def draw(results: Results) -> dict[str, Figure]:
-    """Draw radius errors beside other programs', and the coverage of intervals."""
-    figure = Figure(figsize=(10, 4), layout="constrained")
-    left, right = figure.subplots(1, 2, width_ratios=(3, 2))
-    _draw_errors(left, results)
-    _draw_intervals(right, results)
-    return {"fit_accuracy": figure}
-
-
-def _draw_errors(axes: Axes, results: Results) -> None:
-    cases = _compared(results) or _cases(results)
-    ends = [f"{case}.radius.over_bound" for case in cases]
-    programs = [p for p in PROGRAMS if _prefix(p) + ends[0] in results.values]
-    width = 0.8 / len(programs)
-    for place, program in enumerate(programs):
-        found = np.array([results.pair(_prefix(program) + end) for end in ends], float)
-        where = np.arange(len(cases)) + (place - (len(programs) - 1) / 2) * width
-        axes.bar(where, found[:, 0], width, yerr=found[:, 1], label=program)
-    axes.axhline(1, color="black", linewidth=1)
-    axes.set_yscale("log")
-    axes.set_xticks(range(len(cases)), [case.replace(".", "\n") for case in cases])
-    axes.set_ylabel("RMS radius error / Cramér-Rao bound")
-    axes.legend(fontsize=8)
-
-
-def _draw_intervals(axes: Axes, results: Results) -> None:
-    for noise, marker in zip(_noises(results), "os", strict=False):
-        found = np.array([results.pair(key) for key in _intervals(noise)], float)
-        spread = 2 * found[:, 1]
-        axes.errorbar(range(7), found[:, 0], yerr=spread, fmt=marker, label=noise)
-    axes.axhspan(0.93, 0.97, alpha=0.2)
-    axes.axhline(0.95, color="black", linewidth=1)
-    axes.set_xticks(range(7), CYLINDER.coordinates, rotation=45, ha="right")
-    axes.set_ylabel("part of 95 % intervals that hold the truth")
-    axes.legend(fontsize=8)
 
 
 def _prefix(program: str) -> str:

@@ -12,7 +12,7 @@ from jaxtyping import Bool, Float
 
 import impostor_jax as ij
 from experiments.errors import bound, error
-from experiments.fit_accuracy.report import draw, tables
+from experiments.fit_accuracy.report import tables
 from experiments.fitting import NORMAL_95, Fits, bias, fit_all, over_bound
 from experiments.recording import Metric
 from experiments.running import RunConfig, main
@@ -232,4 +232,4 @@ def measure(config: Config) -> Iterator[Metric]:
 
 
 if __name__ == "__main__":
-    main(Config, measure, tables, Config(seeds=2, draws=2, peers=False), draw)
+    main(Config, measure, tables, Config(seeds=2, draws=2, peers=False))

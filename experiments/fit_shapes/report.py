@@ -1,8 +1,6 @@
-"""The tables of the README from results.json, and the figure."""
+"""The tables of the README from results.json."""
 
-__all__ = ["COORDINATES", "draw", "tables"]
-
-from matplotlib.figure import Figure
+__all__ = ["COORDINATES", "tables"]
 
 from experiments.markdown import number, table
 from experiments.recording import Results
@@ -58,27 +56,3 @@ def tables(results: Results) -> str:
         head = ["taper", "needed", "failures", *(f"{p} %" for p in CHI_SQUARED)]
         blocks.append(table(head, rows))
     return "\n\n".join(blocks)
-
-
-def draw(results: Results) -> dict[str, Figure]:
-    """Error over the bound of every coordinate, with the spread."""
-    figure = Figure(figsize=(9, 3.6), layout="constrained")
-    axes = figure.subplots()
-    cases = [
-        (case, names)
-        for kind, names in COORDINATES.items()
-        for case in results.cases(f"{kind}.", ".failures")
-    ]
-    for place, (case, names) in enumerate(cases):
-        for index, name in enumerate(names):
-            value, spread = results.pair(f"{case}.{name}.over_bound")
-            x = place + 0.1 * (index - len(names) / 2)
-            axes.errorbar(
-                x, value, 2 * spread, fmt="o", color=f"C{index}", markersize=4
-            )
-    axes.axhline(1, color="black", linewidth=0.8)
-    axes.axhline(1.15, color="gray", linewidth=0.8, linestyle="--")
-    axes.set_xticks(range(len(cases)), [case.replace(".", "\n") for case, _ in cases])
-    axes.set_ylabel("error over the bound (bars: 2 deviations)")
-    axes.set_ylim(0, 1.6)
-    return {"fit_shapes": figure}

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 import numpy as np
 
 import impostor_jax as ij
-from experiments.fit_shapes.report import CHI_SQUARED, COORDINATES, draw, tables
+from experiments.fit_shapes.report import CHI_SQUARED, COORDINATES, tables
 from experiments.fitting import bias, fit_all, over_bound
 from experiments.recording import Metric
 from experiments.running import RunConfig, main
@@ -103,4 +103,4 @@ def tested(taper: float, config: Config) -> Iterator[Metric]:
 
 
 if __name__ == "__main__":
-    main(Config, measure, tables, Config(seeds=2), draw)
+    main(Config, measure, tables, Config(seeds=2))

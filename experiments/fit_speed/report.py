@@ -1,4 +1,4 @@
-"""The tables and the figures of the README, from results.json."""
+"""The tables and the figure of the README, from results.json."""
 
 __all__ = ["FIRST", "FIRST_PARTS", "draw", "tables"]
 
@@ -9,7 +9,6 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter
 
 from experiments.markdown import table, three_digits
-from experiments.plots import bars
 from experiments.recording import Results
 from experiments.timing import COLUMNS, case_row
 
@@ -152,30 +151,7 @@ def _sizes(results: Results, curve: str) -> list[int]:
 
 
 def draw(results: Results) -> dict[str, Figure]:
-    """Draw warm and first fits as bars, and what they grow with."""
-    return {"fit_speed": _bars(results), "scaling": _curves(results)}
-
-
-def _bars(results: Results) -> Figure:
-    labels = {f"{case}.median": label for case, label in CASES.items()} | {
-        f"first.{case}.without_jax": f"first: {label}" for case, label in FIRST.items()
-    }
-    figure = Figure(figsize=(8, 6.5), layout="constrained")
-    axes = figure.subplots()
-    beside = ("peer.", "single.fft2")
-    shown = bars(
-        axes, results, labels, lambda name: "C7" if name.startswith(beside) else "C0"
-    )
-    marks = [
-        (wish.most, shown.index(wish.metric)) for wish in WANTED if wish.metric in shown
-    ]
-    axes.plot(*np.transpose(marks), "C3|", markersize=16, mew=3, label="wanted")
-    axes.set_xlabel("median time in ms; whiskers as wide as the interquartile range")
-    axes.legend()
-    return figure
-
-
-def _curves(results: Results) -> Figure:
+    """Draw what fits grow with."""
     figure = Figure(figsize=(11, 3.6), layout="constrained")
     labels = list(dict.fromkeys(label for label, _ in CURVES.values()))
     panels = dict(zip(labels, figure.subplots(1, len(labels)), strict=True))
@@ -198,7 +174,7 @@ def _curves(results: Results) -> Figure:
         # Above the curves, which go from corner to corner.
         axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1), fontsize=8)
         axes.grid(alpha=0.3)
-    return figure
+    return {"scaling": figure}
 
 
 def _with_spread(results: Results, name: str) -> str:

@@ -1,8 +1,6 @@
-"""The table of the README from results.json, and the figure."""
+"""The table of the README from results.json."""
 
-__all__ = ["draw", "tables"]
-
-from matplotlib.figure import Figure
+__all__ = ["tables"]
 
 from experiments.markdown import table
 from experiments.recording import Results
@@ -29,22 +27,3 @@ def tables(results: Results) -> str:
             ]
         )
     return table(HEAD, rows)
-
-
-def draw(results: Results) -> dict[str, Figure]:
-    """Shares that are wrong and called a success, with the form's part and without."""
-    figure = Figure(figsize=(8, 3.2), layout="constrained")
-    axes = figure.subplots()
-    cases = results.cases("", ".success")
-    for shift, (label, name) in zip(
-        (-0.2, 0.2),
-        (("wrong_without", "without"), ("wrong", "with the part of its form")),
-        strict=True,
-    ):
-        shares = [results.values[f"{case}.{label}"] for case in cases]
-        places = [k + shift for k in range(len(cases))]
-        axes.bar(places, shares, width=0.4, label=name)
-    axes.set_xticks(range(len(cases)), [case.replace(".", "\n") for case in cases])
-    axes.set_ylabel("success, 3 deviations off or more")
-    axes.legend(title="deviations")
-    return {"near_cylinders": figure}

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 import impostor_jax as ij
-from experiments.near_cylinders.report import draw, tables
+from experiments.near_cylinders.report import tables
 from experiments.near_cylinders.scenes import (
     CAMERA,
     KINDS,
@@ -118,4 +118,4 @@ def told(name: str, found: list[Answer]) -> Iterator[Metric]:
 
 
 if __name__ == "__main__":
-    main(Config, measure, tables, Config(count=2), draw)
+    main(Config, measure, tables, Config(count=2))

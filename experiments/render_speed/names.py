@@ -1,6 +1,6 @@
 """The names of what is measured, in results.json and in the tables."""
 
-__all__ = ["FIRST", "GROUPS", "RATIOS", "CaseGroup", "Ratio"]
+__all__ = ["FIRST", "GROUPS", "RATIOS"]
 
 from typing import NamedTuple
 
@@ -11,7 +11,7 @@ class CaseGroup(NamedTuple):
     """Cases that are timed in turns.
 
     Attributes:
-        title: In tables and figures.
+        title: In tables.
         labels: By the name of the case.
         share: Of the run's repeats.
         warm_up: Calls before each block that do not count.

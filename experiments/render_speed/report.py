@@ -1,4 +1,4 @@
-"""The tables and the figures of the README, from results.json."""
+"""The tables and the figure of the README, from results.json."""
 
 __all__ = ["draw", "tables"]
 
@@ -7,9 +7,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from experiments.markdown import table, three_digits
-from experiments.plots import bars
 from experiments.recording import Results
-from experiments.render_speed.names import FIRST, GROUPS, RATIOS, CaseGroup
+from experiments.render_speed.names import FIRST, GROUPS, RATIOS
 from experiments.timing import COLUMNS, case_row
 
 CURVE_LABELS = {
@@ -22,9 +21,6 @@ CURVE_LABELS = {
 
 BUSY = 1.5
 """Median of C over its minimum that only a busy machine shows."""
-
-OURS = ("frame", "depth", "tile", "loss", "scene", "mixed")
-"""What the names of our cases begin with."""
 
 Points = list[tuple[int, float, float]]
 
@@ -67,22 +63,14 @@ def tables(results: Results) -> str:
 
 
 def draw(results: Results) -> dict[str, Figure]:
-    """Draw the medians as bars and the scaling as curves, on logarithmic axes."""
-    rows = [len(group.labels) for group in GROUPS.values()]
-    medians = Figure(figsize=(9, 1.5 + 0.27 * sum(rows)), layout="constrained")
-    panels = medians.subplots(len(GROUPS), 1, sharex=True, height_ratios=rows)
-    for axes, (name, group) in zip(panels, GROUPS.items(), strict=True):
-        _bars(axes, results, name, group)
-    panels[-1].set_xlabel(
-        "median time in ms; whiskers as wide as the interquartile range"
-    )
+    """Draw the scaling as curves, on logarithmic axes."""
     curves = Figure(figsize=(10, 7), layout="constrained")
     for axes, (name, label) in zip(
         curves.subplots(2, 2).flat, CURVE_LABELS.items(), strict=True
     ):
         _lines(axes, results, name)
         axes.set_xlabel(label)
-    return {"render_speed": medians, "scaling": curves}
+    return {"scaling": curves}
 
 
 def _ratios(results: Results) -> list[str]:
@@ -106,21 +94,6 @@ def _ratios(results: Results) -> list[str]:
                 "minimum: the machine was busy, and the ratios to C do not hold."
             )
     return blocks
-
-
-def _bars(axes: Axes, results: Results, name: str, group: CaseGroup) -> None:
-    """One bar for each case that was measured; those of C stand out."""
-
-    def color(metric: str) -> str:
-        first = metric.split(".")[1].split("_")[0]
-        return {"c": "tab:orange"}.get(
-            first, "tab:blue" if first in OURS else "tab:gray"
-        )
-
-    labels = {f"{name}.{case}.median": label for case, label in group.labels.items()}
-    bars(axes, results, labels, color)
-    axes.set_title(group.title, loc="left", fontsize=9, fontweight="bold")
-    axes.grid(axis="x", alpha=0.3)
 
 
 def _lines(axes: Axes, results: Results, name: str) -> None:
