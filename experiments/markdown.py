@@ -16,11 +16,14 @@ def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
 
 
 def number(value: float | None, form: str = ".3g", spread: float | None = None) -> str:
-    """A number, with its spread in brackets if it has one; nothing for None."""
+    """A number, with its spread in brackets if it has one; nothing for None.
+
+    A spread has no sign.
+    """
     if value is None:
         return ""
     text = format(value, form)
-    return text if spread is None else f"{text} ({format(spread, form)})"
+    return text if spread is None else f"{text} ({format(spread, form.lstrip('+'))})"
 
 
 def percent(part: float | None, form: str = ".3g") -> str:

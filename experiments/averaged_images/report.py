@@ -2,34 +2,19 @@
 
 __all__ = ["tables"]
 
-from experiments.markdown import number, table
+from experiments.columns import Column, case_table
 from experiments.recording import Results
 
-HEAD = (
-    *("image", "success", "beyond 5", "mean error of the radius, std"),
-    *("at most, std", "std of the radius, %", "heights seen"),
+COLUMNS = (
+    Column("success", "success", ".2f"),
+    Column("beyond 5", "wrong", ".2f"),
+    Column("mean error of the radius, std", "bias", ".1f", has_spread=True),
+    Column("at most, std", "largest", ".1f"),
+    Column("std of the radius, %", "relative", ".3f", 100),
+    Column("heights seen", "heights", ".2f"),
 )
 
 
 def tables(results: Results) -> str:
     """A row a change."""
-    values, rows = results.values, []
-    for case in results.cases("", ".success"):
-        success, wrong, heights = (
-            f"{values[f'{case}.{share}']:.2f}"
-            for share in ("success", "wrong", "heights")
-        )
-        most, relative = (values.get(f"{case}.{x}") for x in ("largest", "relative"))
-        bias, spread = results.pair(f"{case}.bias")
-        rows.append(
-            [
-                case,
-                success,
-                wrong,
-                number(bias, ".1f", spread),
-                number(most, ".1f"),
-                number(None if relative is None else 100 * relative, ".3f"),
-                heights,
-            ]
-        )
-    return table(HEAD, rows)
+    return case_table(results, "image", results.cases("", ".success"), COLUMNS)

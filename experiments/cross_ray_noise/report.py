@@ -2,36 +2,31 @@
 
 __all__ = ["tables"]
 
+from experiments.columns import Column, case_table
 from experiments.cross_ray_noise.programs import OURS, PRACTICE
-from experiments.markdown import number, table
 from experiments.recording import Results
 
 NAMES = (*OURS, *PRACTICE)
 
 QUANTITIES = {
-    "mean": ("mean error of the radius, mm (spread)", 1e3, "+.3f", True),
-    "bias": ("mean error over the spread of errors", 1, "+.2f", False),
-    "inside": ("95 % intervals that hold, %", 100, ".0f", False),
-    "failures": ("failures, %", 100, ".0f", False),
-    "time": ("time, ms", 1, ".3g", False),
+    "mean error of the radius, mm (spread)": ("mean", "+.3f", 1e3, True),
+    "mean error over the spread of errors": ("bias", "+.2f"),
+    "95 % intervals that hold, %": ("inside", ".0f", 100),
+    "failures, %": ("failures", ".0f", 100),
+    "time, ms": ("time",),
 }
-"""Of each: head, scale, format, and whether its spread is told."""
+"""By the head of its table, the rest of a column for each program."""
 
 
 def tables(results: Results) -> str:
     """A table for each quantity: a row for each case, a column for each program."""
     cases = results.cases("", ".learned.failures")
-    parts = []
-    for quantity, (head, scale, form, is_spread_told) in QUANTITIES.items():
-        rows = []
-        for case in cases:
-            row = [case.replace(".", ", ", 2)]
-            for name in NAMES:
-                value, spread = results.pair(f"{case}.{name}.{quantity}")
-                scaled = [None if x is None else scale * x for x in (value, spread)]
-                own = f"{scaled[1]:.3f}" if is_spread_told and scaled[1] else None
-                text = number(scaled[0], form)
-                row.append(f"{text} ({own})" if own else text)
-            rows.append(row)
-        parts.append(table([head, *NAMES], rows))
-    return "\n\n".join(parts)
+    blocks = []
+    for head, (quantity, *rest) in QUANTITIES.items():
+        columns = [Column(name, f"{name}.{quantity}", *rest) for name in NAMES]
+        blocks.append(case_table(results, head, cases, columns, _label))
+    return "\n\n".join(blocks)
+
+
+def _label(case: str) -> str:
+    return case.replace(".", ", ", 2)

@@ -6,6 +6,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from experiments.columns import Column, case_table, without_group
 from experiments.find_accuracy.programs import OURS, PROGRAMS
 from experiments.markdown import number, percent, table
 from experiments.recording import Results
@@ -21,6 +22,14 @@ GRID = np.linspace(0, 1, 21)
 """Recalls at which precision is told."""
 
 MEAN = "mean"
+
+
+RIGHT_ONES = (
+    Column("radius off by", "radius_error", percent),
+    Column("95 % intervals that hold", "interval_95", percent),
+    Column("with the true mask", "mask_interval_95", percent),
+    Column("radius off the true mask's, std", "from_mask", ".2f"),
+)
 
 
 def tables(results: Results) -> str:
@@ -42,38 +51,24 @@ def tables(results: Results) -> str:
             for program in programs
         ]
 
-    head = ["false an image (confidence of 0.5 and more)", *programs]
-    rows = []
-    for preset in presets:
-        pairs = zip(
-            cells("false.standard", preset), cells("sure_false", preset), strict=True
-        )
-        rows.append([preset, *(f"{every} ({sure})" for every, sure in pairs)])
-    blocks.append(table(head, rows))
-    head = ["s an image: wall (processor)", *programs]
-    rows = []
-    for preset in presets:
-        pairs = zip(cells("wall", preset), cells("processor", preset), strict=True)
-        rows.append([preset, *(f"{wall} ({spent})" for wall, spent in pairs)])
-    blocks.append(table(head, rows))
+    for head, first, second in (
+        ("false an image (confidence of 0.5 and more)", "false.standard", "sure_false"),
+        ("s an image: wall (processor)", "wall", "processor"),
+    ):
+        rows = []
+        for preset in presets:
+            pairs = zip(cells(first, preset), cells(second, preset), strict=True)
+            rows.append([preset, *(f"{one} ({other})" for one, other in pairs)])
+        blocks.append(table([head, *programs], rows))
     head = ["calibration error", *programs]
     rows = [[preset, *cells("calibration_error", preset)] for preset in presets]
     errors = (results.values.get(f"{p}.calibration_error") for p in programs)
     rows.append(["all", *(number(error, ".2f") for error in errors)])
     blocks.append(table(head, rows))
-    ours = [p for p in seen if f"{OURS}.{p}.from_mask" in results.values]
-    head = ["right ones of ours", "radius off by", "95 % intervals that hold"]
-    head += ["with the true mask", "radius off the true mask's, std"]
-    rows = []
-    for preset in ours:
-        values = (
-            results.values.get(f"{OURS}.{preset}.{name}")
-            for name in ("radius_error", "interval_95", "mask_interval_95", "from_mask")
-        )
-        *parts, apart = values
-        rows.append([preset, *map(percent, parts), number(apart, ".2f")])
-    if rows:
-        blocks.append(table(head, rows))
+    cases = [f"{OURS}.{preset}" for preset in seen]
+    if ours := [case for case in cases if f"{case}.from_mask" in results.values]:
+        head = "right ones of ours"
+        blocks.append(case_table(results, head, ours, RIGHT_ONES, without_group))
     return "\n\n".join(blocks)
 
 

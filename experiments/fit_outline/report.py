@@ -2,32 +2,34 @@
 
 __all__ = ["TOLD", "tables"]
 
-from experiments.markdown import number, table
+from experiments.columns import Column, case_table
 from experiments.recording import Results
 
 TOLD = {"axis": "deg", "across": "mm", "distance": "mm", "height": "mm"}
 """What is compared, and in which unit."""
 
+ERRORS = (
+    *(Column(name, f"{name}.over_bound", ".2f") for name in TOLD),
+    *(Column(f"RMSE of {x}, {unit}", f"{x}.rmse") for x, unit in TOLD.items()),
+    Column("failures", "failures", ""),
+    Column("ms", "time", ".0f"),
+)
+
+INTERVALS = [Column(name, f"{name}.inside", ".1f", 100) for name in TOLD]
+
+OTHERS = (
+    Column("called a can", "successes", ""),
+    Column("undetermined", "undetermined", ""),
+)
+
 
 def tables(results: Results) -> str:
     """Errors over the bound, intervals, and masks of other things."""
-    values, over, inside = results.values, [], []
-    for case in results.cases("can.", ".failures"):
-        ratios = [number(values[f"{case}.{name}.over_bound"], ".2f") for name in TOLD]
-        errors = [number(values[f"{case}.{name}.rmse"]) for name in TOLD]
-        ends = f"{values[f'{case}.failures']}", f"{values[f'{case}.time']:.0f}"
-        over.append([case, *ratios, *errors, *ends])
-        shares = [f"{100 * values[f'{case}.{name}.inside']:.1f}" for name in TOLD]
-        inside.append([case, *shares])
-    units = [f"RMSE of {name}, {unit}" for name, unit in TOLD.items()]
-    blocks = [
-        table(["error over the bound", *TOLD, *units, "failures", "ms"], over),
-        table(["95 % intervals that hold, %", *TOLD], inside),
-    ]
+    cans = results.cases("can.", ".failures")
     others = results.cases("other.", ".successes")
-    rows = [
-        [case, *(f"{values[f'{case}.{end}']}" for end in ("successes", "undetermined"))]
-        for case in others
-    ]
-    blocks.append(table(["mask of", "called a can", "undetermined"], rows))
+    blocks = (
+        case_table(results, "error over the bound", cans, ERRORS),
+        case_table(results, "95 % intervals that hold, %", cans, INTERVALS),
+        case_table(results, "mask of", others, OTHERS),
+    )
     return "\n\n".join(blocks)

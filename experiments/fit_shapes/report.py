@@ -2,6 +2,7 @@
 
 __all__ = ["COORDINATES", "tables"]
 
+from experiments.columns import Column
 from experiments.markdown import number, table
 from experiments.recording import Results
 
@@ -19,40 +20,52 @@ CHI_SQUARED = {5: 0.0039, 50: 0.455, 95: 3.84, 99: 6.63}
 """Percentiles of one degree of freedom, which a can's statistic should have."""
 
 
+TESTS = (
+    Column("needed", "needed", ".3f"),
+    Column("failures", "failures", ""),
+    *(Column(f"{p} %", f"statistic.p{p}") for p in CHI_SQUARED),
+)
+
+
 def tables(results: Results) -> str:
     """Errors over the bound by shape, and the test of a taper."""
-    values, blocks = results.values, []
+    blocks = []
     for kind, names in COORDINATES.items():
         cases = results.cases(f"{kind}.", ".failures")
-        if not cases:
-            continue
-        head = ["error over the bound (over what is reachable)", *names]
-        rows = []
-        for case in cases:
-            cells = [
-                f"{values[f'{case}.{name}.over_bound']:.2f} "
-                f"({values[f'{case}.{name}.over_reachable']:.2f})"
-                for name in names
-            ]
-            ends = f"{values[f'{case}.failures']}", f"{values[f'{case}.time']:.0f}"
-            rows.append([case, *cells, *ends])
-        largest = max(abs(values[f"{c}.{name}.bias"]) for c in cases for name in names)
-        blocks += [
-            table([*head, "failures", "ms"], rows),
-            f"Largest bias over spread ({kind}): {largest:.2f}.",
-        ]
+        if cases:
+            blocks += [_errors(results, cases, names), _bias(results, kind, cases)]
     if tapers := results.cases("", ".needed"):
         rows = [
-            [
-                taper.split(".", 1)[1],
-                f"{values[f'{taper}.needed']:.3f}",
-                f"{values[f'{taper}.failures']}",
-                *(number(values[f"{taper}.statistic.p{p}"]) for p in CHI_SQUARED),
-            ]
+            [taper.split(".", 1)[1], *(test.cell(results, taper) for test in TESTS)]
             for taper in tapers
         ]
         truth = map(number, CHI_SQUARED.values())
         rows.append(["chi-squared, 1 degree", "0.010", "", *truth])
-        head = ["taper", "needed", "failures", *(f"{p} %" for p in CHI_SQUARED)]
-        blocks.append(table(head, rows))
+        blocks.append(table(["taper", *(test.head for test in TESTS)], rows))
     return "\n\n".join(blocks)
+
+
+def _errors(results: Results, cases: list[str], names: tuple[str, ...]) -> str:
+    ends = Column("failures", "failures", ""), Column("ms", "time", ".0f")
+    rows = []
+    for case in cases:
+        pairs = (
+            [
+                results.values[f"{case}.{name}.{over}"]
+                for over in ("over_bound", "over_reachable")
+            ]
+            for name in names
+        )
+        cells = [number(over, ".2f", reachable) for over, reachable in pairs]
+        rows.append([case, *cells, *(end.cell(results, case) for end in ends)])
+    head = "error over the bound (over what is reachable)"
+    return table([head, *names, *(end.head for end in ends)], rows)
+
+
+def _bias(results: Results, kind: str, cases: list[str]) -> str:
+    biases = (
+        results.values[f"{case}.{name}.bias"]
+        for case in cases
+        for name in COORDINATES[kind]
+    )
+    return f"Largest bias over spread ({kind}): {max(map(abs, biases)):.2f}."

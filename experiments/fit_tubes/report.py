@@ -2,38 +2,36 @@
 
 __all__ = ["SIZES", "tables"]
 
-from experiments.markdown import number, table
+from experiments.columns import Column, case_table, without_group
 from experiments.recording import Results
 
 SIZES = ("outer_radius", "inner_radius", "height")
 """Of a tube, what is compared."""
 
+ERRORS = (
+    *(Column(name, f"{name}.over_bound", ".2f") for name in SIZES),
+    *(Column(f"bias of {name}", f"{name}.bias", "+.2f") for name in SIZES),
+    Column("failures", "failures", ""),
+    Column("ms", "time", ".0f"),
+)
+
+INTERVALS = [Column(name, f"{name}.inside", ".1f", 100) for name in SIZES]
+
+TESTS = (
+    Column("needed", "needed", ".3f"),
+    Column("not told", "failures", ""),
+    Column("least statistic", "statistic.least"),
+    Column("largest", "statistic.most"),
+)
+
 
 def tables(results: Results) -> str:
     """Errors over the bound, intervals, and the test of a bore."""
-    values, over, inside = results.values, [], []
-    for case in results.cases("tube.", ".failures"):
-        shares = [f"{values[f'{case}.{name}.over_bound']:.2f}" for name in SIZES]
-        biases = [f"{values[f'{case}.{name}.bias']:+.2f}" for name in SIZES]
-        ends = f"{values[f'{case}.failures']}", f"{values[f'{case}.time']:.0f}"
-        over.append([case, *shares, *biases, *ends])
-        held = [f"{100 * values[f'{case}.{name}.inside']:.1f}" for name in SIZES]
-        inside.append([case, *held])
-    biased = [f"bias of {name}" for name in SIZES]
-    head = ["error over the bound", *SIZES, *biased, "failures", "ms"]
-    blocks = [table(head, over)]
-    blocks.append(table(["95 % intervals that hold, %", *SIZES], inside))
-    rows = [
-        [
-            case.split(".", 1)[1],
-            f"{values[f'{case}.needed']:.3f}",
-            f"{values[f'{case}.failures']}",
-            number(values[f"{case}.statistic.least"]),
-            number(values[f"{case}.statistic.most"]),
-        ]
-        for case in results.cases("bore.", ".needed")
+    tubes = results.cases("tube.", ".failures")
+    blocks = [
+        case_table(results, "error over the bound", tubes, ERRORS),
+        case_table(results, "95 % intervals that hold, %", tubes, INTERVALS),
     ]
-    if rows:
-        head = ["bore", "needed", "not told", "least statistic", "largest"]
-        blocks.append(table(head, rows))
+    if tested := results.cases("bore.", ".needed"):
+        blocks.append(case_table(results, "bore", tested, TESTS, without_group))
     return "\n\n".join(blocks)

@@ -2,31 +2,22 @@
 
 __all__ = ["tables"]
 
-from experiments.markdown import number, table
+from experiments.columns import Column, case_table
 from experiments.recording import Results
 
-COLUMNS = {
-    "cases": ("fits", ".0f"),
-    "converged": ("converged", ".0f"),
-    "changed": ("another status", ".0f"),
-    "moved": ("moved by > 0.001 std", ".0f"),
-    "largest": ("by at most, std", ".2g"),
-    "seconds.before": ("all together, before, s", ".3g"),
-    "seconds.after": ("now, s", ".3g"),
-    "worst.before": ("slowest, before, s", ".3g"),
-    "worst.after": ("now, s", ".3g"),
-}
-"""What is told of each kind, and how."""
+COLUMNS = (
+    Column("fits", "cases", ".0f"),
+    Column("converged", "converged", ".0f"),
+    Column("another status", "changed", ".0f"),
+    Column("moved by > 0.001 std", "moved", ".0f"),
+    Column("by at most, std", "largest", ".2g"),
+    Column("all together, before, s", "seconds.before"),
+    Column("now, s", "seconds.after"),
+    Column("slowest, before, s", "worst.before"),
+    Column("now, s", "worst.after"),
+)
 
 
 def tables(results: Results) -> str:
     """A row for each kind."""
-    rows = [
-        [kind]
-        + [
-            number(results.values.get(f"{kind}.{name}"), form)
-            for name, (_, form) in COLUMNS.items()
-        ]
-        for kind in results.cases("", ".cases")
-    ]
-    return table(["warm calls", *(head for head, _ in COLUMNS.values())], rows)
+    return case_table(results, "warm calls", results.cases("", ".cases"), COLUMNS)

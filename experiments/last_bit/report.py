@@ -2,24 +2,21 @@
 
 __all__ = ["tables"]
 
-from experiments.markdown import number, percent, table
+from experiments.columns import Column, case_table
+from experiments.markdown import percent
 from experiments.recording import Results
+
+COLUMNS = (
+    Column("status kept", "kept", lambda part: percent(part, ".4g")),
+    Column("estimates that move by > 0.1", "far", ".0f"),
+    Column("median, deviations", "median", ".2g"),
+    Column("largest, deviations", "largest", ".2g"),
+)
 
 
 def tables(results: Results) -> str:
     """A row for each kind of image."""
-    rows = []
-    for case in results.cases("", ".kept"):
-        found = {
-            name: results.values.get(f"{case}.{name}")
-            for name in ("kept", "far", "median", "largest")
-        }
-        row = [case.replace(".", ", "), percent(found["kept"], ".4g")]
-        row += [number(found["far"], ".0f")]
-        row += [number(found[name], ".2g") for name in ("median", "largest")]
-        rows.append(row)
-    head = [
-        *("images, and what is changed", "status kept", "estimates that move by > 0.1"),
-        *("median, deviations", "largest, deviations"),
-    ]
-    return table(head, rows)
+    head, kinds = "images, and what is changed", results.cases("", ".kept")
+    return case_table(
+        results, head, kinds, COLUMNS, lambda case: case.replace(".", ", ")
+    )

@@ -5,10 +5,16 @@ __all__ = ["draw", "tables"]
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from experiments.markdown import number, percent, table
+from experiments.columns import Column, case_table
+from experiments.markdown import percent, table
 from experiments.recording import Results
 
 Values = dict[str, float | None]
+
+
+def _meters(value: float | None) -> str:
+    return "" if value is None else f"{value:.2g} m"
+
 
 LABELS = {
     "published.fixed": "0.2, 64 steps, stop at 0.02 m (published)",
@@ -22,28 +28,27 @@ LABELS = {
     "safe.curvature": "safe, bound of the curvature too",
     "safe.grid": "safe, bicubic grid of 513 x 513",
 }
-COLUMNS = ("lost", "astray", "error.p50", "error.p99", "time")
+COLUMNS = (
+    Column("lost", "lost", percent),
+    Column("astray", "astray", percent),
+    Column("error 50 %", "error.p50", _meters),
+    Column("99 %", "error.p99", _meters),
+    Column("us a ray", "time"),
+)
 
 
 def tables(results: Results) -> str:
     """Settings on each terrain, and what was checked."""
-    values, blocks = results.values, []
+    blocks = []
     for name in ("smooth", "steep"):
         labels = {f"{name}.{key}": label for key, label in LABELS.items()}
         for key in results.cases(f"{name}.march", ".lost"):
             factor, steps = key.rsplit(".march.", 1)[1].split("_")
             labels[key] = f"{factor}, {steps} steps, stop at 0.02 m"
-        rows = []
-        for key, label in labels.items():
-            if f"{key}.lost" not in values:
-                continue
-            lost, astray, half, most, each = (values[f"{key}.{c}"] for c in COLUMNS)
-            parts, errors = map(percent, (lost, astray)), map(_meters, (half, most))
-            rows.append([label, *parts, *errors, number(each)])
-        head = [name, "lost", "astray", "error 50 %", "99 %", "us a ray"]
-        blocks.append(table(head, rows))
+        cases = [key for key in labels if f"{key}.lost" in results.values]
+        blocks.append(case_table(results, name, cases, COLUMNS, labels.__getitem__))
     checks = []
-    for key, value in values.items():
+    for key, value in results.values.items():
         if key.split(".")[0] in ("safe", "derivative") or ".normal." in key:
             checks.append([key, f"{value:.6g}"])
         elif ".reference." in key:
@@ -72,7 +77,7 @@ def _curves(axes: Axes, values: Values, name: str, quantity: str) -> None:
     def at(key: str) -> tuple[float, float] | None:
         time = values.get(f"{name}.{key}.time")
         if quantity == "missed":
-            lost, astray = (values.get(f"{name}.{key}.{k}") for k in COLUMNS[:2])
+            lost, astray = (values.get(f"{name}.{key}.{k}") for k in ("lost", "astray"))
             value = None if lost is None or astray is None else lost + astray
         else:
             value = values.get(f"{name}.{key}.{quantity}")
@@ -101,7 +106,3 @@ def _curves(axes: Axes, values: Values, name: str, quantity: str) -> None:
     else:
         axes.set_yscale("log")
     axes.grid(alpha=0.3)
-
-
-def _meters(value: float | None) -> str:
-    return "" if value is None else f"{value:.2g} m"

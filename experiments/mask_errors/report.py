@@ -2,77 +2,55 @@
 
 __all__ = ["draw", "tables"]
 
-from collections.abc import Iterator
-
 from matplotlib.figure import Figure
 
-from experiments.markdown import number, table, three_digits
+from experiments.columns import Column, Failures, case_table, without_group
+from experiments.markdown import three_digits
 from experiments.mask_errors.scenes import MASKS
 from experiments.recording import Results
 
 GROUPS = ("table", "small", "lying", "wall")
 
 
+OF_CANS = (
+    Column("intervals that hold", "all.coverage_95", ".1%"),
+    *(Column(group, f"{group}.coverage_95", ".1%") for group in GROUPS),
+    Column(f"largest: {GROUPS[0]}", f"{GROUPS[0]}.largest", three_digits),
+    *(Column(group, f"{group}.largest", three_digits) for group in GROUPS[1:]),
+    Column("beyond 5", "all.far", ""),
+    Failures(start="all.status"),
+    Column("ms", "all.time", three_digits),
+)
+
+OF_PRESETS = (
+    Column("fits", "number", ""),
+    Column("intervals that hold", "coverage_95", ".1%", has_spread=True),
+    Column("largest", "largest", three_digits),
+    Column("beyond 5", "far", ""),
+    Column("wrong", "wrong", ""),
+    Failures(),
+    Column("ms", "time", three_digits),
+)
+
+
 def tables(results: Results) -> str:
     """Cans with each mask, by their noise, and the presets."""
-    largest = ["largest: table", *GROUPS[1:]]
-    ends = ["beyond 5", "failed", "ms"]
     blocks = []
     for noise in _noises(results):
-        head = [f"mask, {noise}", "intervals that hold", *GROUPS, *largest, *ends]
-        blocks.append(table(head, _rows(results, noise)))
-    values, rows = results.values, []
-    for label in results.cases("preset.", ".failures"):
-        part, spread = results.pair(f"{label}.coverage_95")
-        rows.append(
-            [
-                label.split(".")[1],
-                str(values[f"{label}.number"]),
-                number(part, ".1%", spread),
-                three_digits(values[f"{label}.largest"]),
-                str(values[f"{label}.far"]),
-                str(values[f"{label}.wrong"]),
-                _failures(results, label),
-                three_digits(values[f"{label}.time"]),
-            ]
+        cases = (f"{noise}.{mask}" for mask in MASKS)
+        known = [case for case in cases if f"{case}.all.failures" in results.values]
+        blocks.append(
+            case_table(results, f"mask, {noise}", known, OF_CANS, without_group)
         )
-    head = ["preset", "fits", "intervals that hold", "largest", "beyond 5", "wrong"]
-    return "\n\n".join([*blocks, table([*head, "failed", "ms"], rows)])
-
-
-def _rows(results: Results, noise: str) -> Iterator[list[str]]:
-    values = results.values
-    for mask in MASKS:
-        label = f"{noise}.{mask}"
-        if f"{label}.all.failures" not in values:
-            continue
-        held = (values.get(f"{label}.{g}.coverage_95") for g in ("all", *GROUPS))
-        largest = (values.get(f"{label}.{group}.largest") for group in GROUPS)
-        yield [
-            mask,
-            *(number(part, ".1%") for part in held),
-            *map(three_digits, largest),
-            str(values[f"{label}.all.far"]),
-            _failures(results, f"{label}.all"),
-            three_digits(values[f"{label}.all.time"]),
-        ]
+    presets = results.cases("preset.", ".failures")
+    blocks.append(case_table(results, "preset", presets, OF_PRESETS, without_group))
+    return "\n\n".join(blocks)
 
 
 def _noises(results: Results) -> list[str]:
     """What the first part of a can's metrics says."""
     firsts = dict.fromkeys(name.split(".")[0] for name in results.values)
     return [first for first in firsts if first != "preset"]
-
-
-def _failures(results: Results, label: str) -> str:
-    """The number, and of which status."""
-    start = f"{label}.status."
-    parts = [
-        f"{number} {name.removeprefix(start)}"
-        for name, number in results.values.items()
-        if name.startswith(start)
-    ]
-    return ", ".join(parts) or "0"
 
 
 def draw(results: Results) -> dict[str, Figure]:

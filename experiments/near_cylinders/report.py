@@ -2,28 +2,23 @@
 
 __all__ = ["tables"]
 
-from experiments.markdown import table
+from experiments.columns import Column, case_table
 from experiments.recording import Results
 
-HEAD = (
-    *("thing", "success", "said to depart", "wrong", "wrong before"),
-    *("at most, std", "before, std", "std of the radius, mm"),
+COLUMNS = (
+    Column("success", "success", ".2f"),
+    Column("said to depart", "departs", ".2f"),
+    Column("wrong", "wrong", ".2f"),
+    Column("wrong before", "wrong_without", ".2f"),
+    Column("at most, std", "largest", ".1f"),
+    Column("before, std", "largest_without", ".1f"),
+    Column("std of the radius, mm", "radius_std", ".2f", 1e3),
 )
 
 
 def tables(results: Results) -> str:
     """A row a thing."""
-    values, rows = results.values, []
-    for case in results.cases("", ".success"):
-        shares = ("success", "departs", "wrong", "wrong_without")
-        largest = (values.get(f"{case}.{x}") for x in ("largest", "largest_without"))
-        std = values.get(f"{case}.radius_std")
-        rows.append(
-            [
-                case.replace(".", " "),
-                *(f"{values[f'{case}.{share}']:.2f}" for share in shares),
-                *("" if x is None else f"{x:.1f}" for x in largest),
-                "" if std is None else f"{1e3 * std:.2f}",
-            ]
-        )
-    return table(HEAD, rows)
+    things = results.cases("", ".success")
+    return case_table(
+        results, "thing", things, COLUMNS, lambda case: case.replace(".", " ")
+    )

@@ -2,59 +2,40 @@
 
 __all__ = ["tables"]
 
+from experiments.columns import Column, case_table, without_group
 from experiments.markdown import number, percent, table
 from experiments.recording import Results
+
+OWN = (
+    Column("moved by the rounding", "by rounding", percent),
+    Column("moved by 0.001 m", "0.001", percent),
+    Column("not moved", "none", percent),
+)
+
+ERRORS = Column("median", "p50"), Column("90 %", "p90"), Column("99 %", "p99")
 
 
 def tables(results: Results) -> str:
     """Own surfaces, the published scene, many shapes, and edges once measured."""
-    parts = (_own, _error, _beside, _time, _many, _edges)
-    return "\n\n".join(drawn for part in parts if (drawn := part(results)))
-
-
-def _own(results: Results) -> str:
-    rows = []
-    for case in results.cases("own.", ".none"):
-        distance = case.removeprefix("own.")
-        parts = [results.values[f"{case}.{name}"] for name in COLUMNS]
-        rows.append([f"{float(distance):g}", *(percent(part) for part in parts)])
-    return table(["distance in sizes", *COLUMNS.values()], rows)
-
-
-COLUMNS = {
-    "by rounding": "moved by the rounding",
-    "0.001": "moved by 0.001 m",
-    "none": "not moved",
-}
-
-
-def _error(results: Results) -> str:
-    rows = [
-        [
-            case.removeprefix("error."),
-            *(number(results.values[f"{case}.{q}"]) for q in QS),
-        ]
-        for case in results.cases("error.", ".p50")
+    own, error, beside = (
+        results.cases(f"{group}.", end)
+        for group, end in (("own", ".none"), ("error", ".p50"), ("beside", ".p50"))
+    )
+    head, far = "over the peak, off the edges", (*ERRORS, Column("99.9 %", "p99.9"))
+    blocks = [
+        case_table(results, "distance in sizes", own, OWN, _distance),
+        case_table(results, f"error {head}", error, ERRORS, without_group),
+        case_table(results, f"beside, {head}", beside, far, without_group),
+        _time(results),
+        _many(results),
     ]
-    return table(["error over the peak, off the edges", "median", "90 %", "99 %"], rows)
+    if edges := _edges(results):
+        blocks.append(edges)
+    return "\n\n".join(blocks)
 
 
-QS = ("p50", "p90", "p99")
-
-
-def _beside(results: Results) -> str:
-    rows = [
-        [
-            case.removeprefix("beside."),
-            *(
-                number(results.values[f"{case}.p{q}"])
-                for q in ("50", "90", "99", "99.9")
-            ),
-        ]
-        for case in results.cases("beside.", ".p50")
-    ]
-    header = ["beside, over the peak, off the edges", "median", "90 %", "99 %"]
-    return table([*header, "99.9 %"], rows)
+def _distance(case: str) -> str:
+    return f"{float(without_group(case)):g}"
 
 
 def _time(results: Results) -> str:

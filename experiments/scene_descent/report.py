@@ -2,7 +2,8 @@
 
 __all__ = ["LEVELS", "tables"]
 
-from experiments.markdown import number, percent, table
+from experiments.columns import Column, case_table
+from experiments.markdown import percent
 from experiments.recording import Results
 from experiments.scene_descent.scenes import PARTS
 
@@ -12,13 +13,11 @@ LEVELS = (0.05, 0.1, 0.15, 0.2)
 WAYS = ("start", "depth", "outlines")
 
 
+HOME = [Column(f"all within {at}", f"within_{at}", percent) for at in LEVELS]
+
+OFF = [Column(part, part.replace(" ", "_"), ".2g") for part in PARTS]
+
+
 def tables(results: Results) -> str:
     """Starts that come home, and errors of each part."""
-    home, off = [], []
-    for way in WAYS:
-        shares = (percent(results.values.get(f"{way}.within_{at}")) for at in LEVELS)
-        home.append([way, *shares])
-        parts = (results.values.get(f"{way}.{p.replace(' ', '_')}") for p in PARTS)
-        off.append([way, *(number(part, ".2g") for part in parts)])
-    head = ["", *(f"all within {at}" for at in LEVELS)]
-    return f"{table(head, home)}\n\n{table(['', *PARTS], off)}"
+    return "\n\n".join(case_table(results, "", WAYS, part) for part in (HOME, OFF))

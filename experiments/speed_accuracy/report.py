@@ -2,13 +2,15 @@
 
 __all__ = ["draw", "tables"]
 
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter
 
-from experiments.markdown import number, percent, table
+from experiments.columns import Column, case_table
+from experiments.markdown import percent
 from experiments.recording import Results
 from experiments.speed_accuracy.scenes import DIFFICULTIES, SHAPES
 from experiments.speed_accuracy.settings import FITS, RENDERS, TRACES
@@ -36,78 +38,66 @@ def front(points: dict[str, Point]) -> list[str]:
     return kept
 
 
-FIT_COLUMNS = {
-    "time": "time, ms",
-    "time_over_balanced": "over balanced",
-    "radius_over_bound": "radius",
-    "axis_over_bound": "axis",
-    "center_over_bound": "center",
-    "height": "height, mm",
-}
+FITTED = (
+    Column("time, ms", "time"),
+    Column("over balanced", "time_over_balanced"),
+    Column("radius", "radius_over_bound"),
+    Column("axis", "axis_over_bound"),
+    Column("center", "center_over_bound"),
+    Column("height, mm", "height"),
+    Column("failed", "failures", percent),
+    Column("wrong", "wrong", percent),
+)
 
-REAL_TIMES = {"time": "time, ms", "time_over_balanced": "over balanced"}
+PHOTOGRAPHED = (
+    *FITTED[:2],
+    Column("failed", "failures", percent),
+    Column("radius within its 95 %", "held", percent),
+)
 
-REAL_PARTS = {"failures": "failed", "held": "radius within its 95 %"}
+RENDERED = (
+    Column("maps, ms", "maps.time"),
+    Column("coverage, ms", "coverage.time"),
+    Column("maps, MB", "size"),
+    Column("depth error, median", "depth.p50"),
+    Column("largest", "depth.p100"),
+    Column("coverage error, RMS of edges", "coverage.rms"),
+)
 
-RENDER_COLUMNS = {
-    "maps.time": "maps, ms",
-    "coverage.time": "coverage, ms",
-    "size": "maps, MB",
-    "depth.p50": "depth error, median",
-    "depth.p100": "largest",
-    "coverage.rms": "coverage error, RMS of edges",
-}
+TRACED = (*FITTED[:2], Column("RMS error", "rmse"))
 
-TRACE_COLUMNS = {
-    "time": "time, ms",
-    "time_over_balanced": "over balanced",
-    "rmse": "RMS error",
-}
+MEMORY = [Column("peak memory, MB", "memory")]
 
 
 def tables(results: Results) -> str:
     """Fits by difficulty, memory, renders, pictures, and a sentence for each dial."""
-    values, blocks = results.values, []
+    values = results.values
+
+    def of_settings(
+        head: str,
+        case: str,
+        settings: Iterable[str],
+        columns: Sequence[Column],
+        best: Sequence[str] = (),
+    ) -> str:
+        """Of the settings that were measured; a star marks the best."""
+        cases = {case.format(setting): setting for setting in settings}
+        known = [key for key in cases if any(one.cell(results, key) for one in columns)]
+
+        def label(key: str) -> str:
+            return f"{cases[key]} *" if cases[key] in best else cases[key]
+
+        return case_table(results, head, known, columns, label)
+
+    blocks = []
     for name in DIFFICULTIES:
-        best, rows = front(fit_points(values, name)), []
-        for setting in FITS:
-            label = f"fit.{setting}.{name}"
-            if f"{label}.time" in values:
-                numbers = (number(values[f"{label}.{q}"]) for q in FIT_COLUMNS)
-                parts = (percent(values[f"{label}.{p}"]) for p in ("failures", "wrong"))
-                mark = " *" if setting in best else ""
-                rows.append([f"{setting}{mark}", *numbers, *parts])
-        if rows:
-            blocks.append(table([name, *FIT_COLUMNS.values(), "failed", "wrong"], rows))
-    rows = [
-        [
-            setting,
-            *(number(values[f"fit.{setting}.real.{q}"]) for q in REAL_TIMES),
-            *(percent(values[f"fit.{setting}.real.{q}"]) for q in REAL_PARTS),
-        ]
-        for setting in FITS
-        if f"fit.{setting}.real.time" in values
-    ]
-    if rows:
-        columns = [*REAL_TIMES.values(), *REAL_PARTS.values()]
-        blocks.append(table(["photographs", *columns], rows))
-    memory = {setting: values.get(f"fit.{setting}.memory") for setting in FITS}
-    rows = [[setting, number(size)] for setting, size in memory.items() if size]
-    blocks.append(table(["setting", "peak memory, MB"], rows))
+        best = front(fit_points(values, name))
+        blocks.append(of_settings(name, f"fit.{{}}.{name}", FITS, FITTED, best))
+    blocks.append(of_settings("photographs", "fit.{}.real", FITS, PHOTOGRAPHED))
+    blocks.append(of_settings("setting", "fit.{}", FITS, MEMORY))
     for shape in SHAPES:
-        rows = []
-        for setting in RENDERS:
-            label = f"render.{setting}.{shape}"
-            if f"{label}.size" in values:
-                numbers = (number(values[f"{label}.{q}"]) for q in RENDER_COLUMNS)
-                rows.append([setting, *numbers])
-        blocks.append(table([shape, *RENDER_COLUMNS.values()], rows))
-    rows = [
-        [setting, *(number(values[f"trace.{setting}.{q}"]) for q in TRACE_COLUMNS)]
-        for setting in TRACES
-        if f"trace.{setting}.rmse" in values
-    ]
-    blocks.append(table(["traced picture", *TRACE_COLUMNS.values()], rows))
+        blocks.append(of_settings(shape, f"render.{{}}.{shape}", RENDERS, RENDERED))
+    blocks.append(of_settings("traced picture", "trace.{}", TRACES, TRACED))
     return "\n\n".join([*blocks, "\n".join(sentences(values))]).rstrip()
 
 

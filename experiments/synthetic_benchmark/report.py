@@ -4,6 +4,7 @@ __all__ = ["draw", "tables"]
 
 from matplotlib.figure import Figure
 
+from experiments.columns import Column, case_table, without_group
 from experiments.markdown import number, table
 from experiments.recording import Results
 from impostor_jax.evaluate import LEVELS, by_visibility
@@ -13,13 +14,21 @@ RUNS = {"fit": "visible masks", "eroded": "masks without their edge pixels"}
 
 STAGES = ("drawing", "rendering", "noise", "coding", "writing")
 
-COLUMNS = {
+ERRORS = {
     "radius_mm": "radius mm",
     "axis_deg": "axis deg",
     "center_mm": "center mm",
     "height_mm": "height mm",
     "spread": "error over std",
 }
+
+FITTED = (
+    Column("number", "number", ".0f"),
+    Column("failed", "failures", ".0f"),
+    Column("wrong", "wrong", ".0f"),
+    *(Column(head, key, ".3f") for key, head in ERRORS.items()),
+    *(Column(level, f"coverage.{level}", ".1%") for level in LEVELS),
+)
 
 BINS = list(by_visibility([]))
 
@@ -59,19 +68,11 @@ def tables(results: Results) -> str:
         f"Killed and resumed with equal bytes: {values['killed.equal']:.0%}.",
     ]
     for name, title in RUNS.items():
-        head = ["visible", "number", "failed", "wrong", *COLUMNS.values(), *LEVELS]
-        rows = []
-        for row in [*BINS, "all"]:
-            label = f"{name}.{row}"
-            counts = (values[f"{label}.{c}"] for c in ("number", "failures", "wrong"))
-            errors = (values[f"{label}.{column}"] for column in COLUMNS)
-            parts = (values[f"{label}.coverage.{level}"] for level in LEVELS)
-            forms = ((counts, ".0f"), (errors, ".3f"), (parts, ".1%"))
-            if values[f"{label}.number"]:
-                rows.append([row, *(number(x, f) for some, f in forms for x in some)])
+        cases = (f"{name}.{row}" for row in [*BINS, "all"])
+        seen = [case for case in cases if values[f"{case}.number"]]
         blocks += [
             f"With {title}, {values[f'{name}.time']:.0f} ms a fit:",
-            table(head, rows),
+            case_table(results, "visible", seen, FITTED, without_group),
         ]
         rows = [
             [

@@ -2,7 +2,10 @@
 
 __all__ = ["COMPARED", "tables"]
 
-from experiments.markdown import table
+from collections.abc import Callable
+
+from experiments.columns import Column, case_table, without_group
+from experiments.markdown import number
 from experiments.recording import Results
 
 COMPARED = (
@@ -17,81 +20,52 @@ COMPARED = (
 """Coordinates whose intervals are counted."""
 
 
+def _or_dash(form: str) -> Callable[[float | None], str]:
+    return lambda value: number(value, form) or "-"
+
+
+WHOLE, ONE, THREE = map(_or_dash, (".0f", ".1f", ".3f"))
+"""Numbers with so many digits behind the point."""
+
+INTERVALS = (
+    Column("radius: error, um", "radius.rms", ONE, 1e6),
+    Column("std, last over first", "radius.fall", _or_dash(".2f")),
+    *(Column(f"{x}: 95 % that hold", f"{x}.inside", ONE, 100) for x in COMPARED),
+)
+
+COUNTS = (
+    Column("cylinders", "truths", WHOLE),
+    Column("missed, %", "missed", ONE, 100),
+    Column("false", "false", WHOLE),
+    Column("switches", "switches", WHOLE),
+    Column("MOTA", "mota", THREE),
+)
+
+TIMES = Column("median, ms", "median", ONE), Column("99 %, ms", "slow", ONE)
+
+REAL_TIME = (
+    Column("dropped, %", "dropped", ONE, 100),
+    Column("delay, ms", "median", ONE),
+    Column("99 %, ms", "slow", ONE),
+    Column("not followed, %", "missed", ONE, 100),
+    Column("switches", "switches", WHOLE),
+    Column("place: error, um", "aside", ONE, 1e6),
+    Column("velocity: error, mm/s", "speed", ONE, 1e3),
+    Column("std of radius, um", "radius", ONE, 1e6),
+)
+
+
 def tables(results: Results) -> str:
     """Intervals by case, counts of videos, times, and what a camera drops."""
-    values = results.values
-
-    def number(name: str, factor: float = 1.0, digits: int = 1) -> str:
-        value = values.get(name)
-        return "-" if value is None else f"{factor * value:.{digits}f}"
-
-    intervals = []
-    for case in results.cases("intervals.", ".radius.inside"):
-        inside = [number(f"{case}.{name}.inside", 100) for name in COMPARED]
-        fall = number(f"{case}.radius.fall", digits=2)
-        rms = number(f"{case}.radius.rms", 1e6)
-        intervals.append([case.removeprefix("intervals."), rms, fall, *inside])
-    counts = [
-        [
-            case.removeprefix("videos."),
-            number(f"{case}.truths", digits=0),
-            number(f"{case}.missed", 100),
-            number(f"{case}.false", digits=0),
-            number(f"{case}.switches", digits=0),
-            number(f"{case}.mota", digits=3),
-        ]
-        for case in results.cases("videos.", ".mota")
+    times = [f"time.{name}" for name in ("tracked", "searched", "find_cylinders")]
+    parts = [
+        ("case", results.cases("intervals.", ".radius.inside"), INTERVALS),
+        ("videos", results.cases("videos.", ".mota"), COUNTS),
+        ("image", times, TIMES),
     ]
-    times = [
-        [name, number(f"time.{name}.median"), number(f"time.{name}.slow")]
-        for name in ("tracked", "searched", "find_cylinders")
-    ]
-    dropped = [
-        [
-            case.removeprefix("real_time."),
-            number(f"{case}.dropped", 100),
-            number(f"{case}.median"),
-            number(f"{case}.slow"),
-            number(f"{case}.missed", 100),
-            number(f"{case}.switches", digits=0),
-            number(f"{case}.aside", 1e6),
-            number(f"{case}.speed", 1e3),
-            number(f"{case}.radius", 1e6),
-        ]
-        for case in results.cases("real_time.", ".dropped")
-    ]
-    of_real_time = table(
-        [
-            "images taken",
-            "dropped, %",
-            "delay, ms",
-            "99 %, ms",
-            "not followed, %",
-            "switches",
-            "place: error, um",
-            "velocity: error, mm/s",
-            "std of radius, um",
-        ],
-        dropped,
-    )
-    kept = number("hidden.kept", 100)
-    return "\n\n".join(
-        [
-            table(
-                [
-                    "case",
-                    "radius: error, um",
-                    "std, last over first",
-                    *(f"{name}: 95 % that hold" for name in COMPARED),
-                ],
-                intervals,
-            ),
-            table(
-                ["videos", "cylinders", "missed, %", "false", "switches", "MOTA"],
-                counts,
-            ),
-            table(["image", "median, ms", "99 %, ms"], times),
-            *([of_real_time] if dropped else []),
-            f"Hidden for 20 images: {kept} % of the cans keep their identity.",
-        ]
-    )
+    if dropped := results.cases("real_time.", ".dropped"):
+        parts.append(("images taken", dropped, REAL_TIME))
+    blocks = [case_table(results, *part, label=without_group) for part in parts]
+    kept = ONE(100 * results.values["hidden.kept"])
+    blocks.append(f"Hidden for 20 images: {kept} % of the cans keep their identity.")
+    return "\n\n".join(blocks)
