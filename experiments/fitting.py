@@ -1,10 +1,21 @@
 """Fits of many images by one program, and their errors beside the bound."""
 
-__all__ = ["NORMAL_95", "Fits", "bias", "fit_all", "in_turn", "over_bound"]
+__all__ = [
+    "NORMAL_95",
+    "Fits",
+    "bias",
+    "fit_all",
+    "fit_cylinder",
+    "in_turn",
+    "inside",
+    "over_bound",
+    "rmse",
+    "tested",
+]
 
 import dataclasses
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any, TypeVar
 
 import jax
@@ -14,7 +25,7 @@ from jaxtyping import Float
 import impostor_jax as ij
 from experiments.errors import bound, error
 from experiments.recording import Metric
-from experiments.scenes import Shape, View
+from experiments.scenes import CAMERA, Shape, View
 
 NORMAL_95 = 1.96
 """Half the width of the 95 percent interval of a normal deviate."""
@@ -83,6 +94,13 @@ def fit_all(
     )
 
 
+def fit_cylinder(view: View, **options: Any) -> ij.Fit:
+    """Fit a view as a user would, with no start."""
+    return ij.fit_cylinder(
+        view.depth, CAMERA, mask=view.mask, sigma=view.sigma, **options
+    )
+
+
 def in_turn(
     program: Callable[[Case], Said], cases: Sequence[Case]
 ) -> tuple[list[Said], float]:
@@ -110,3 +128,46 @@ def bias(name: str, errors: Float[np.ndarray, " n"]) -> Metric:
     n = len(errors)
     value = float(np.mean(errors) / np.std(errors))
     return Metric(name, value, float(1 / np.sqrt(n)), "1", "lower", n)
+
+
+def rmse(
+    name: str, errors: Float[np.ndarray, " n"], unit: str, scale: float = 1
+) -> Metric:
+    """Root mean square of a coordinate's errors, which are multiplied by `scale`."""
+    n = len(errors)
+    value = scale * float(np.sqrt(np.mean(errors**2)))
+    return Metric(name, value, value / np.sqrt(2 * n), unit, "lower", n)
+
+
+def inside(
+    name: str, errors: Float[np.ndarray, " *n"], deviations: Float[np.ndarray, " *n"]
+) -> Metric:
+    """Part of the 95 percent intervals that hold the truth, of those that end."""
+    known = np.isfinite(deviations)
+    holds = np.abs(errors[known]) <= NORMAL_95 * deviations[known]
+    return Metric.share(name, float(np.mean(holds)), len(holds))
+
+
+def tested(
+    label: str,
+    tests: Iterable[ij.BoreTest | ij.TaperTest],
+    is_needed: bool,
+    statistics: Mapping[str, float],
+) -> Iterator[Metric]:
+    """How often another shape is taken to be needed at the 1 % level.
+
+    Args:
+        label: Of the case.
+        tests: Of its images.
+        is_needed: Whether it is.
+        statistics: Percentiles of the statistic that are told, by their names.
+    """
+    pairs = [(bool(test.is_needed()), float(test.statistic)) for test in tests]
+    n, better = len(pairs), "higher" if is_needed else "lower"
+    needed, values = np.array(pairs).T
+    known = values[np.isfinite(values)]
+    yield Metric.share(f"{label}.needed", float(np.mean(needed)), n, better)
+    yield Metric(f"{label}.failures", n - len(known), None, "images", "lower", n)
+    for name, percent in statistics.items():
+        value = float(np.percentile(known, percent))
+        yield Metric(f"{label}.statistic.{name}", value, None, "1", better, len(known))

@@ -10,7 +10,7 @@ import numpy as np
 from experiments.cross_ray_noise.programs import OURS, PRACTICE, Program
 from experiments.cross_ray_noise.report import tables
 from experiments.cross_ray_noise.scenes import KINDS, SIZES, Wall, draw_wall
-from experiments.fitting import NORMAL_95, bias, in_turn
+from experiments.fitting import bias, in_turn, inside
 from experiments.recording import Metric
 from experiments.running import RunConfig, main
 
@@ -63,8 +63,7 @@ def _found_by(label: str, program: Program, walls: Sequence[Wall]) -> Iterator[M
         spread = float(np.std(off)) / n**0.5
         yield Metric(f"{label}.mean", float(np.mean(off)), spread, "m", "lower", n)
         yield bias(f"{label}.bias", off)
-        share = float(np.mean(np.abs(off) < NORMAL_95 * np.array(deviations)))
-        yield Metric.share(f"{label}.inside", share, n)
+        yield inside(f"{label}.inside", off, np.array(deviations))
 
 
 if __name__ == "__main__":

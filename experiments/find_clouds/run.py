@@ -8,14 +8,13 @@ from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 
 import numpy as np
-from jaxtyping import Float
 
 import impostor_jax as ij
 from experiments.find_accuracy.program import MissingProgramError
 from experiments.find_clouds.programs import ONLY, OURS, PROGRAMS
 from experiments.find_clouds.report import tables
 from experiments.find_clouds.scenes import KINDS, draw_cloud
-from experiments.fitting import NORMAL_95
+from experiments.fitting import inside, rmse
 from experiments.recording import Metric
 from experiments.running import RunConfig, main
 from impostor_jax.caching import keep_compiled
@@ -81,9 +80,12 @@ def measure(config: Config) -> Iterator[Metric]:
                 len(seconds),
             )
     for program in programs:
-        error = score_of(pooled[program]).calibration.error
+        # Some are for other kinds alone.
+        if not (compared := pooled[program]):
+            continue
+        error = score_of(compared).calibration.error
         known = None if np.isnan(error) else float(error)
-        n = sum(len(one.confidence) for one in pooled[program])
+        n = sum(len(one.confidence) for one in compared)
         yield Metric(f"{program}.calibration_error", known, None, "1", "lower", n)
     yield from _times(config)
 
@@ -140,16 +142,9 @@ def _errors(
     if not off:
         return
     errors, told = np.array(off), np.array(deviation)
-    yield _rms(f"{label}.radius", 1e3 * errors)
+    yield rmse(f"{label}.radius", errors, "mm", 1e3)
     if np.all(np.isfinite(told)):
-        inside = float(np.mean(np.abs(errors) < NORMAL_95 * told))
-        yield Metric.share(f"{label}.inside", inside, len(errors))
-
-
-def _rms(name: str, errors: Float[np.ndarray, " n"]) -> Metric:
-    value = float(np.sqrt(np.mean(errors**2)))
-    spread = value / np.sqrt(2 * len(errors))
-    return Metric(name, value, spread, "mm", "lower", len(errors))
+        yield inside(f"{label}.inside", errors, told)
 
 
 def _times(config: Config) -> Iterator[Metric]:

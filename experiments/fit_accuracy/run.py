@@ -1,4 +1,4 @@
-"""Fit many noisy images of one can, and random scenes, and compare with the bound."""
+"""Fit many noisy images of one can, and compare with the bound."""
 
 __all__ = ["Config", "measure"]
 
@@ -8,22 +8,27 @@ from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool
 
 import impostor_jax as ij
-from experiments.errors import bound, error
 from experiments.fit_accuracy.report import tables
-from experiments.fitting import NORMAL_95, Fits, bias, fit_all, over_bound
+from experiments.fitting import (
+    Fits,
+    bias,
+    fit_all,
+    fit_cylinder,
+    inside,
+    over_bound,
+    rmse,
+)
 from experiments.recording import Metric
 from experiments.running import RunConfig, main
 from experiments.scenes import (
     CAMERA,
     DISTANCE,
-    SENSOR,
     FitCase,
     View,
     draw_can,
-    draw_scene,
 )
 from impostor_jax.fit.fittable import CYLINDER
 
@@ -61,9 +66,6 @@ class Config:
     draws: int = 1000
     """Images whose intervals are counted."""
 
-    scenes: int = 1000
-    """Random scenes."""
-
     peers: bool = True
     """Whether other programs fit, too."""
 
@@ -76,9 +78,7 @@ def fit_views(views: Sequence[View], **options: Any) -> Fits:
     """Fit each view as a user would, with no start."""
 
     def fit(view: View) -> ij.Fit:
-        return ij.fit_cylinder(
-            view.depth, CAMERA, mask=view.mask, sigma=view.sigma, **options
-        )
+        return fit_cylinder(view, **options)
 
     fit(views[0])
     return fit_all(fit, views)
@@ -113,33 +113,19 @@ def _on_wall(view: View) -> Bool[np.ndarray, "h w"]:
 def case_metrics(name: str, fits: Fits) -> Iterator[Metric]:
     """Error over the bound, bias and coverage of one case."""
     yield from fits.counts(name)
-    if not (n := len(fits.views)):
+    if not fits.views:
         return
     bounds, deviations = fits.bounds(), fits.deviations
     facing = fits.bounds(least_cosine=0.3) if len(deviations) else bounds
     for k in DETERMINED:
         label, unit = f"{name}.{CYLINDER.coordinates[k]}", "rad" if k < 2 else "m"
         off = fits.errors[:, k]
-        rms = np.sqrt(np.mean(off**2))
-        yield _metric(f"{label}.rmse", rms, rms / np.sqrt(2 * n), unit, n)
+        yield rmse(f"{label}.rmse", off, unit)
         yield over_bound(f"{label}.over_bound", off, bounds[:, k])
         yield bias(f"{label}.bias_over_spread", off)
         if len(deviations):
             yield over_bound(f"{label}.over_bound_of_facing", off, facing[:, k])
-            yield _interval_coverage(label, off, deviations[:, k])
-
-
-def _metric(name: str, value: float, spread: float, unit: str, n: int) -> Metric:
-    return Metric(name, float(value), float(spread), unit, "lower", n)
-
-
-def _interval_coverage(
-    label: str, errors: Float[np.ndarray, " n"], deviations: Float[np.ndarray, " n"]
-) -> Metric:
-    """Part of the 95 percent intervals that hold the truth, of those that end."""
-    known = np.isfinite(deviations)
-    holds = np.abs(errors[known]) <= NORMAL_95 * deviations[known]
-    return Metric.share(f"{label}.coverage_95", float(np.mean(holds)), len(holds))
+            yield inside(f"{label}.coverage_95", off, deviations[:, k])
 
 
 def interval_metrics(name: str, count: int) -> Iterator[Metric]:
@@ -154,9 +140,8 @@ def interval_metrics(name: str, count: int) -> Iterator[Metric]:
         parts.append((fits.errors, fits.deviations))
     found, reported = map(np.concatenate, zip(*parts, strict=True))
     for k, coordinate in enumerate(CYLINDER.coordinates):
-        yield _interval_coverage(
-            f"interval.{name}.{coordinate}", found[:, k], reported[:, k]
-        )
+        label = f"interval.{name}.{coordinate}.coverage_95"
+        yield inside(label, found[:, k], reported[:, k])
 
 
 def height_metrics(seeds: int) -> list[Metric]:
@@ -165,41 +150,14 @@ def height_metrics(seeds: int) -> list[Metric]:
     fits = fit_views(views, mask_meaning="outline")
     known = np.isfinite(fits.deviations[:, 6])
     pixels = fits.errors[known, 6] / (DISTANCE / CAMERA.matrix()[0, 0])
-    n = len(pixels)
-    rms, mean = np.sqrt(np.mean(pixels**2)), np.mean(pixels)
+    n, mean = len(pixels), float(np.mean(pixels))
+    error = rmse("height.rmse", pixels, "pixel")
+    spread = float(np.sqrt(np.mean(pixels**2) / n))
     return [
         Metric("height.failures", seeds - n, None, "1", "lower", seeds),
-        _metric("height.rmse", rms, rms / np.sqrt(2 * n), "pixel", n),
-        _metric("height.bias", mean, rms / np.sqrt(n), "pixel", n),
-        _interval_coverage("height", fits.errors[:, 6], fits.deviations[:, 6]),
-    ]
-
-
-def scene_metrics(count: int) -> list[Metric]:
-    """Random scenes, with no start given."""
-    within, far, failed = 0, [], 0
-    for seed in range(count):
-        view = draw_scene(seed)
-        fit = ij.fit_cylinder(view.depth, CAMERA, mask=view.mask, sigma=SENSOR)
-        if not bool(fit.success):
-            failed += 1
-            continue
-        deviation = np.sqrt(np.diagonal(np.asarray(fit.covariance)))
-        off = np.abs(error(fit.cylinder, view.shape))
-        ratio = np.where(np.isfinite(deviation), off / deviation, 0).max()
-        if ratio > 5:
-            least = bound(view)
-            least = np.maximum(np.where(np.isfinite(least), least, 0), deviation)
-            ratio = np.where(np.isfinite(deviation), off / least, 0).max()
-        within += ratio <= 5
-        if ratio > 10:
-            far.append(seed)
-    if far:
-        print("false successes, seeds:", *far)
-    return [
-        Metric.share("scenes.within_5", within / count, count),
-        Metric("scenes.failures", failed / count, None, "1", "lower", count),
-        Metric("scenes.false_success", len(far) / count, None, "1", "lower", count),
+        error,
+        Metric("height.bias", mean, spread, "pixel", "lower", n),
+        inside("height.coverage_95", fits.errors[:, 6], fits.deviations[:, 6]),
     ]
 
 
@@ -228,7 +186,6 @@ def measure(config: Config) -> Iterator[Metric]:
     if not config.run.quick:
         # Each needs a program of its own to be compiled.
         yield from height_metrics(config.seeds)
-        yield from scene_metrics(config.scenes)
 
 
 if __name__ == "__main__":

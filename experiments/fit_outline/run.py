@@ -16,7 +16,7 @@ from jaxtyping import Array, Float
 import impostor_jax as ij
 from experiments.errors import COORDINATES
 from experiments.fit_outline.report import TOLD, tables
-from experiments.fitting import NORMAL_95
+from experiments.fitting import inside, over_bound, rmse
 from experiments.recording import Metric
 from experiments.running import RunConfig, main
 from experiments.scenes import CAMERA, DISTANCE, HEIGHT, RADIUS, Image
@@ -114,21 +114,14 @@ def compared(
     milliseconds = 1e3 * float(np.median(seconds))
     yield Metric(f"{label}.time", milliseconds, None, "ms", "lower", count)
     off, told, least = np.array(errors), np.array(deviations), np.array(bounds)
-    n = len(off)
     for place, (name, unit) in enumerate(TOLD.items()):
         # An axis errs in two directions, and its error is both together.
         own = np.s_[:, :2] if name == "axis" else np.s_[:, place + 1 : place + 2]
-        rmse = float(np.sqrt(np.mean(np.sum(off[own] ** 2, axis=1))))
-        ratio = rmse / float(np.sqrt(np.mean(np.sum(least[own] ** 2, axis=1))))
-        inside = float(np.mean(np.abs(off[own]) < NORMAL_95 * told[own]))
-        size = np.degrees(1) if unit == "deg" else 1e3
-        spread = 1 / np.sqrt(2 * n)
-        path = f"{label}.{name}"
-        yield Metric(f"{path}.over_bound", ratio, ratio * spread, "1", "lower", n)
-        yield Metric(
-            f"{path}.rmse", rmse * size, rmse * size * spread, unit, "lower", n
-        )
-        yield Metric.share(f"{path}.inside", inside, n, "higher")
+        errors_of, bounds_of = (np.linalg.norm(x[own], axis=1) for x in (off, least))
+        path, size = f"{label}.{name}", np.degrees(1) if unit == "deg" else 1e3
+        yield over_bound(f"{path}.over_bound", errors_of, bounds_of)
+        yield rmse(f"{path}.rmse", errors_of, unit, size)
+        yield inside(f"{path}.inside", off[own], told[own])
 
 
 def _fit(mask: Image, radius: float) -> ij.Fit:

@@ -9,7 +9,7 @@ import numpy as np
 
 import impostor_jax as ij
 from experiments.fit_shapes.report import CHI_SQUARED, COORDINATES, tables
-from experiments.fitting import bias, fit_all, over_bound
+from experiments.fitting import bias, fit_all, fit_cylinder, over_bound, tested
 from experiments.recording import Metric
 from experiments.running import RunConfig, main
 from experiments.scenes import CAMERA, View, draw_ball, draw_cup
@@ -26,9 +26,6 @@ TAPER = 0.25
 
 TESTED = (30.0, 150.0)
 """Angles between axis and view of the cups and cans that are tested for a taper."""
-
-LEVEL = 0.01
-"""P-value below which a taper is taken to be needed."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -58,7 +55,7 @@ def measure(config: Config) -> Iterator[Metric]:
             yield from compared(f"frustum.{angle}.{noise}", cups)
     if not config.run.quick:
         for taper in (0.0, config.taper / 10, config.taper):
-            yield from tested(taper, config)
+            yield from tapered(taper, config)
 
 
 def compared(label: str, views: list[View]) -> Iterator[Metric]:
@@ -81,25 +78,14 @@ def compared(label: str, views: list[View]) -> Iterator[Metric]:
         yield bias(f"{label}.{name}.bias", off)
 
 
-def tested(taper: float, config: Config) -> Iterator[Metric]:
+def tapered(taper: float, config: Config) -> Iterator[Metric]:
     """How often a taper is taken to be needed, and the statistics."""
-    label = f"taper.{100 * taper:g}%"
     rng = np.random.default_rng(config.seed)
-    statistics, needed = [], []
-    for _ in range(config.tested):
-        view = draw_cup(taper, TESTED, NOISE["1mm"], rng)
-        fit = ij.fit_cylinder(view.depth, CAMERA, mask=view.mask, sigma=NOISE["1mm"])
-        test = ij.test_taper(fit)
-        statistics.append(float(test.statistic))
-        needed.append(bool(test.is_needed(LEVEL)))
-    n, known = len(needed), np.array(statistics)[np.isfinite(statistics)]
-    better = "higher" if taper else "lower"
-    yield Metric.share(f"{label}.needed", float(np.mean(needed)), n, better)
-    yield Metric(f"{label}.failures", n - len(known), None, "images", "lower", n)
-    for percent in CHI_SQUARED:
-        value = float(np.percentile(known, percent))
-        name = f"{label}.statistic.p{percent}"
-        yield Metric(name, value, None, "1", better, len(known))
+    views = (draw_cup(taper, TESTED, NOISE["1mm"], rng) for _ in range(config.tested))
+    tests = (ij.test_taper(fit_cylinder(view)) for view in views)
+    label = f"taper.{100 * taper:g}%"
+    percents = {f"p{percent}": percent for percent in CHI_SQUARED}
+    yield from tested(label, tests, taper > 0, percents)
 
 
 if __name__ == "__main__":

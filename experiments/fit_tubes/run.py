@@ -11,7 +11,15 @@ from jaxtyping import Float
 import impostor_jax as ij
 from experiments.errors import bound
 from experiments.fit_tubes.report import SIZES, tables
-from experiments.fitting import NORMAL_95, Fits, bias, fit_all, over_bound
+from experiments.fitting import (
+    Fits,
+    bias,
+    fit_all,
+    fit_cylinder,
+    inside,
+    over_bound,
+    tested,
+)
 from experiments.recording import Metric
 from experiments.running import RunConfig, main
 from experiments.scenes import CAMERA, View, draw_tube, seen_plainly
@@ -31,9 +39,6 @@ BORES = {"none": 0.0, "4 mm": 0.004, "10 mm": 0.01, "35 mm": 0.035}
 
 ONTO = (20.0, 70.0)
 """Angles between its axis and the view, from which an end of it is seen."""
-
-LEVEL = 0.01
-"""P-value below which a bore is taken to be needed."""
 
 BOUNDED = 10
 """One of so many views whose bound is computed: it hardly differs between them."""
@@ -64,7 +69,7 @@ def measure(config: Config) -> Iterator[Metric]:
             ]
             yield from compared(f"tube.{angle}.{noise}", tubes)
         for bore in {} if config.run.quick else BORES:
-            yield from tested(bore, noise, config)
+            yield from bored(bore, noise, config)
 
 
 def compared(label: str, views: list[View]) -> Iterator[Metric]:
@@ -81,9 +86,7 @@ def compared(label: str, views: list[View]) -> Iterator[Metric]:
         off = fits.errors[:, k]
         yield over_bound(f"{label}.{name}.over_bound", off, least[:, k])
         yield bias(f"{label}.{name}.bias", off)
-        inside = np.abs(off) < NORMAL_95 * fits.deviations[:, k]
-        share, n = float(np.mean(inside)), len(inside)
-        yield Metric.share(f"{label}.{name}.inside", share, n, "higher")
+        yield inside(f"{label}.{name}.inside", off, fits.deviations[:, k])
 
 
 def bounds(fits: Fits) -> Float[np.ndarray, "n k"]:
@@ -106,24 +109,15 @@ def bounds(fits: Fits) -> Float[np.ndarray, "n k"]:
     return np.array(found)
 
 
-def tested(bore: str, noise: str, config: Config) -> Iterator[Metric]:
+def bored(bore: str, noise: str, config: Config) -> Iterator[Metric]:
     """How often a bore is taken to be needed, and the statistics."""
-    label = f"bore.{bore}, {noise}"
     rng = np.random.default_rng(config.seed)
-    statistics, needed = [], []
-    for _ in range(config.tested):
-        view = draw_tube(BORES[bore], ONTO, NOISE[noise], rng)
-        fit = ij.fit_cylinder(view.depth, CAMERA, mask=view.mask, sigma=view.sigma)
-        test = ij.test_bore(fit)
-        statistics.append(float(test.statistic))
-        needed.append(bool(test.is_needed(LEVEL)))
-    n, known = len(needed), np.array(statistics)[np.isfinite(statistics)]
-    better = "higher" if BORES[bore] else "lower"
-    yield Metric.share(f"{label}.needed", float(np.mean(needed)), n, better)
-    yield Metric(f"{label}.failures", n - len(known), None, "images", "lower", n)
-    for name, value in {"least": known.min(), "most": known.max()}.items():
-        path = f"{label}.statistic.{name}"
-        yield Metric(path, float(value), None, "1", better, len(known))
+    views = (
+        draw_tube(BORES[bore], ONTO, NOISE[noise], rng) for _ in range(config.tested)
+    )
+    tests = (ij.test_bore(fit_cylinder(view)) for view in views)
+    extremes = {"least": 0, "most": 100}
+    yield from tested(f"bore.{bore}, {noise}", tests, BORES[bore] > 0, extremes)
 
 
 if __name__ == "__main__":

@@ -10,7 +10,7 @@ import numpy as np
 from experiments.errors import error
 from experiments.fit_views.report import COMPARED, tables
 from experiments.fit_views.scenes import Around, draw_around
-from experiments.fitting import NORMAL_95, bias, over_bound
+from experiments.fitting import bias, inside, over_bound, rmse
 from experiments.recording import Metric
 from experiments.running import RunConfig, main
 from impostor_jax.fit.fittable import CYLINDER
@@ -61,14 +61,12 @@ def _compared(label: str, cans: list[Around]) -> Iterator[Metric]:
     reachable = np.array([around.bound(reachable=True) for around in some])
     for name in COMPARED:
         k = CYLINDER.coordinates.index(name)
-        off, n = errors[:, k], len(errors)
+        off = errors[:, k]
         yield over_bound(f"{label}.{name}.over_bound", off, least[:, k])
         yield over_bound(f"{label}.{name}.over_reachable", off, reachable[:, k])
-        rms = float(np.sqrt(np.mean(off**2)))
-        yield Metric(f"{label}.{name}.rms", rms, rms / (2 * n) ** 0.5, "m", "lower", n)
+        yield rmse(f"{label}.{name}.rms", off, "m")
         yield bias(f"{label}.{name}.bias", off)
-        share = float(np.mean(np.abs(off) < NORMAL_95 * deviations[:, k]))
-        yield Metric.share(f"{label}.{name}.inside", share, n, "higher")
+        yield inside(f"{label}.{name}.inside", off, deviations[:, k])
 
 
 if __name__ == "__main__":

@@ -13,7 +13,7 @@ from data_synth.presets import PRESETS
 from data_synth.roughness import Roughness
 from experiments.errors import joint_bound
 from experiments.find_accuracy.program import MissingProgramError
-from experiments.fitting import NORMAL_95, in_turn, over_bound
+from experiments.fitting import in_turn, inside, over_bound, rmse
 from experiments.recording import Metric
 from experiments.running import RunConfig, main
 from experiments.stem_diameters.programs import (
@@ -142,9 +142,8 @@ class Found:
         yield Metric.share(f"{label}.failures", 1 - n / total, total, "lower")
         yield Metric(f"{label}.time", self.milliseconds, None, "ms", "lower", total)
         if n:
-            rms, mean = float(np.sqrt(np.mean(off**2))), float(np.mean(off))
-            yield Metric(f"{label}.rmse", rms, rms / (2 * n) ** 0.5, "m", "lower", n)
-            spread = float(np.std(off)) / n**0.5
+            yield rmse(f"{label}.rmse", off, "m")
+            mean, spread = float(np.mean(off)), float(np.std(off)) / n**0.5
             yield Metric(f"{label}.bias", mean, spread, "m", "lower", n)
 
     def honesty(
@@ -152,10 +151,8 @@ class Found:
     ) -> Iterator[Metric]:
         """Errors over the bounds of the first stems, and intervals that hold."""
         good = np.isfinite(self.errors)
-        inside = np.abs(self.errors) <= NORMAL_95 * self.deviations
-        if n := int(np.count_nonzero(good)):
-            share = float(np.mean(inside[good]))
-            yield Metric.share(f"{label}.inside", share, n, "higher")
+        if np.any(good):
+            yield inside(f"{label}.inside", self.errors[good], self.deviations[good])
         for name, least in zip(
             ("over_bound", "over_reachable"), zip(*bounds, strict=True), strict=False
         ):
