@@ -193,6 +193,7 @@ def test_failed_fit_exits_with_1_and_writes_its_files(rendered, tmp_path, call, 
     assert (tmp_path / "overlay.png").is_file()
 
 
+@FULL
 @LARGE_IMAGES
 def test_demo_prints_truth_beside_the_fit(tmp_path):
     found = run("demo", "--output", tmp_path)

@@ -47,6 +47,7 @@ def test_pipes_that_cross_are_found_from_end_to_end():
         assert confidence(facts_of(cloud, one.support)) > 0.9
 
 
+@FULL
 def test_a_wall_around_several_pipes_leaves_their_points_to_them():
     rng = np.random.default_rng(0)
     turns = np.radians([-45, -15, 15, 45])

@@ -155,6 +155,7 @@ def test_interval_holds_of_a_camera_that_nobody_told():
     assert float(fit.std_budget["scale"].radius) > 0
 
 
+@FULL
 def test_another_shape_is_a_poor_fit_though_no_noise_is_told():
     depth, mask = image()
     wrong = ij.Cylinder(SHAPE.center, SHAPE.axis, 0.5 * SHAPE.radius, SHAPE.height)

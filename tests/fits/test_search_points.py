@@ -6,7 +6,7 @@ import pytest
 
 import impostor_jax as ij
 from tests.clouds.scenes import floor, wall
-from tests.groups import FULL, OF_POINTS
+from tests.groups import FULL, OF_POINTS, RELEASE
 from tests.schemas import validator
 
 pytestmark = OF_POINTS
@@ -147,7 +147,7 @@ def test_traced_points_are_refused(cloud):
 
 
 @FULL
-@pytest.mark.parametrize("share", [0.3, 0.7])
+@pytest.mark.parametrize("share", [pytest.param(0.3, marks=RELEASE), 0.7])
 def test_a_pipe_is_fitted_among_more_points_of_something_else(cloud, share):
     rng = np.random.default_rng(5)
     pipe = cloud[0][cloud[1] == 2]
