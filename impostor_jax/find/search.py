@@ -54,8 +54,9 @@ WIDE_ARC = 1.6
 """Angle over which a wall is seen, in radians, from which its outlines tell its radius:
 of a thin one more than its bend."""
 
-CHANGED = 0.03
-"""Part of a mask from whose change on it is fitted again."""
+CHANGED = (0.03, 0.1, 0.1)
+"""Part of a mask from whose change on it is fitted again, for the first time, for the
+second, and so on."""
 
 MOST_MISFIT = 3.0
 """Mean square of the deviations of what a cylinder explains, at most."""
@@ -259,7 +260,9 @@ class _Search:
             region.ravel()[part.pixels] = True
             guesses = self.fitter.guesses(self._of_image(region))
             if guesses and self._is_end_on(guesses[0]):
-                guesses = self._moved_to(part, guesses[0]) + guesses
+                # Proposals that are alike are rough beside it.
+                moved = self._moved_to(part, guesses[0])
+                found += [wall for wall in moved if low < wall.radius < high]
             for wall in guesses:
                 if low < wall.radius < high and not any(
                     alike(wall, other) for other in [*known, *found]
@@ -354,20 +357,26 @@ class _Search:
         halves = self._halves(scene, final, 2)
         if halves is not None:
             return False, halves
-        before, mask = mask, self._mask(scene, final)
-        facts = self._facts_of_fit(scene, final, fit)
-        if not confidence(facts) >= self.least_chance:
-            return False, []
-        changed = np.count_nonzero(mask ^ before) > CHANGED * np.count_nonzero(mask)
-        if changed or (is_quick and self.fitter.options.effort.doubts):
-            # The fit knows better than the proposal what shows it.
+        changes = list(CHANGED)
+        while True:
+            before, mask = mask, self._mask(scene, final)
+            facts = self._facts_of_fit(scene, final, fit)
+            if not confidence(facts) >= self.least_chance:
+                return False, []
+            if not changes:
+                break
+            most = changes.pop(0) * np.count_nonzero(mask)
+            changed = np.count_nonzero(mask ^ before) > most
+            if not (changed or (is_quick and self.fitter.options.effort.doubts)):
+                break
+            # The fit knows better than what it began with what shows it.
             again = self.fitter.fit(self._of_image(mask), final.evidence)
             better = self._led_to(scene, again, final)
-            if better is not None:
-                fit, final, mask = again, better, self._mask(scene, better)
-                facts = self._facts_of_fit(scene, final, fit)
-            elif is_quick:
+            if better is None and is_quick:
                 return False, []
+            if better is None:
+                break
+            fit, final, is_quick = again, better, False
         sure = confidence(facts)
         # What is no number is not sure.
         if not sure >= self.request.least_sure:
@@ -381,12 +390,15 @@ class _Search:
 
     def _led_to(self, scene: Scene, fit: Fit, entry: Entry) -> Entry | None:
         """What is known of the wall that a fit of a candidate found; None for none."""
-        if not bool(fit.success) or _is_no_cylinder(fit):
+        if not bool(fit.success):
             return None
         wall = self.fitter.wall_of(fit, entry.evidence.wall)
         if self._is_end_on(wall) and self._shows_no_wall(fit, wall):
             return None
-        return self._entry(scene, wall)
+        led = self._entry(scene, wall)
+        # The rim of a cap that was not fitted yet tells the radius.
+        is_told = led is not None and led.caps.rim > np.pi and not entry.caps.rim
+        return None if _is_no_cylinder(fit) and not is_told else led
 
     def _shows_no_wall(self, fit: Fit, wall: Candidate) -> bool:
         """Whether a cap is all that is seen, as of a cup from above, or no disc."""

@@ -371,6 +371,9 @@ def wall_readings(
     told = (cosine > FACING * np.sqrt((view**2).sum(axis=1))) & (sigma > 0)
     place, miss = along / half, distance / radius - 1
     told &= (np.abs(place) < reach) & (np.abs(miss) < WITHIN)
+    # Where a wall is looked along, errors put readings of its cap beside it.
+    stray = FAR * sigma * np.abs(view @ np.asarray(body.axis, float))
+    told &= np.abs(np.abs(along) - half) > stray
     deviation = sigma * cosine / radius
     return WallReadings(place[told], out[told], miss[told], deviation[told])
 
