@@ -87,6 +87,10 @@ MOST_ROUNDED = 0.1
 COARSEST_LEVEL = 0.3
 """Noise in meters that no scanner has, from which points look as if in other units."""
 
+MOST_OF_MEASURED = 4.0
+"""Chi-squared that noise leaves which was measured in the same points, at most: of a
+wall by chance among points of something else it was 8, of right ones up to 1.5."""
+
 COARSEST = 0.1
 """Noise over the extent of the points, at most, where nobody tells it."""
 
@@ -229,11 +233,8 @@ def _fit_cloud(
     assert starts is not None
     with working_precision(asked.effort.precision, ()):
         views = _views_of(ends, starts)
-        # From a frame that lies far off, they are told in double precision.
-        is_far = LocalWorld.of(view.camera for view in views) is not None
-        own = np.dtype(np.float64 if is_far else jnp.result_type(float))
-        dtype = min(own, dtype, key=lambda dtype: dtype.itemsize)
-        largest = max(np.abs(ends).max(), np.abs(starts).max())
+        dtype = _working_type(views, dtype)
+        largest = _largest(cloud)
         reach = np.median(np.linalg.norm(ends - starts, axis=1))
         noise, one = single_noise(sigma), jnp.ones((), jnp.result_type(float))
         _check_rounding(dtype, largest, reach, float(noise.sigma(reach * one, one)))
@@ -374,7 +375,7 @@ def _fit_from_level(
     cloud: GivenPoints, level: float, initial: Cylinder | None, asked: Options
 ) -> Fit:
     """The same from a noise that may be another, until a fit tells it."""
-    least, most = _resolution(cloud), COARSEST * _extent(cloud)
+    least, most = _resolution(cloud, asked), COARSEST * _extent(cloud)
     level = max(level, least)
     fit = _fit_cloud(cloud, level, initial, asked)
     for _ in range(MOST_LEVELS):
@@ -389,6 +390,8 @@ def _fit_from_level(
             break
         level = wanted
         fit = _fit_cloud(cloud, level, initial, asked)
+    if fit.is_shape and fit.chi2.item() > MOST_OF_MEASURED:
+        fit = fit.failed(FitStatus.POOR_FIT)
     return _with_told_level(fit, cloud, level)
 
 
@@ -418,11 +421,31 @@ def _with_told_level(fit: Fit, cloud: GivenPoints, level: float) -> Fit:
     return with_shared_errors(fit, cloud.ends, level).noting(measured=told)
 
 
-def _resolution(cloud: GivenPoints) -> float:
-    """What numbers tell of coordinates, in meters: single precision beside a point."""
+def _resolution(cloud: GivenPoints, asked: Options) -> float:
+    """Least noise that numbers let a fit tell, in meters, where nobody tells it.
+
+    What rounds a distance between points in single precision, or the coordinates, is
+    too little of it to be looked at.
+    """
     around = np.abs(cloud.ends - np.median(cloud.ends, axis=0)).max()
-    own = np.abs(cloud.ends).max() * eps(cloud.dtype)
-    return float(max(around * eps(np.float32, 16), own))
+    starts = cloud.ends if cloud.starts is None else cloud.starts
+    with working_precision(asked.effort.precision, ()):
+        dtype = _working_type(_views_of(cloud.ends, starts), cloud.dtype)
+    return float(max(around * eps(np.float32, 16), _largest(cloud) * eps(dtype, 16)))
+
+
+def _largest(cloud: GivenPoints) -> float:
+    """Of all coordinates, in meters."""
+    given = [cloud.ends] if cloud.starts is None else [cloud.ends, cloud.starts]
+    return float(max(np.abs(points).max() for points in given))
+
+
+def _working_type(views: Sequence["_View"], dtype: np.dtype) -> np.dtype:
+    """That rounds coordinates in a fit to views of points that came in another one."""
+    # From a frame that lies far off, they are told in double precision.
+    is_far = LocalWorld.of(view.camera for view in views) is not None
+    own = np.dtype(np.float64 if is_far else jnp.result_type(float))
+    return min(own, dtype, key=lambda dtype: dtype.itemsize)
 
 
 class _View(NamedTuple):
