@@ -10,7 +10,7 @@ which the squared noise is taken: told twice, it bent radii by four deviations o
 mean, and where nothing was told they were right.
 """
 
-__all__ = ["less_noise", "shared_errors"]
+__all__ = ["FEWEST", "LESS", "OVERSTATED", "less_noise", "shared_errors"]
 
 import math
 from collections.abc import Sequence

@@ -21,6 +21,7 @@ from impostor_jax.camera.ray_table import RayTable, turned_to
 from impostor_jax.clouds.wall import Wall, apart, wall_of, walls_of
 from impostor_jax.device import on_processor
 from impostor_jax.effort import MIN_READINGS, Effort, effort_of
+from impostor_jax.fit.filtered import FEWEST, LESS, OVERSTATED
 from impostor_jax.fit.fittable import CYLINDER, no_guess
 from impostor_jax.fit.learned import CLEARLY, likelier
 from impostor_jax.fit.measured import NOT_MEASURED
@@ -40,6 +41,7 @@ from impostor_jax.fits.given_points import (
     points_given,
     single_noise,
 )
+from impostor_jax.fits.limb import rays_clear_of_limb
 from impostor_jax.fits.rough import with_errors_of_places, with_shared_errors
 from impostor_jax.fits.viewless import Viewless, seen_across
 from impostor_jax.geometry.frames import RigidTransform
@@ -90,6 +92,12 @@ COARSEST_LEVEL = 0.3
 MOST_OF_MEASURED = 4.0
 """Chi-squared that noise leaves which was measured in the same points, at most: of a
 wall by chance among points of something else it was 8, of right ones up to 1.5."""
+
+MIXED = (
+    "some readings beside the limb are mixed with what is behind it: rays that pass it "
+    "closely are left out"
+)
+"""What a reader is told of them."""
 
 COARSEST = 0.1
 """Noise over the extent of the points, at most, where nobody tells it."""
@@ -217,12 +225,29 @@ def fit_points(
     """
     if cloud.starts is None:
         return _fit_viewless(cloud, sigma, initial, asked, wall)
-    if sigma is None:
-        fit = _fit_with_level(cloud, initial, asked, wall)
-    else:
-        fit = _fit_cloud(cloud, sigma, initial, asked)
+    fit = _fit_seen(cloud, sigma, initial, asked, wall)
+    if fit.is_shape and asked.effort.doubts:
+        clear = rays_clear_of_limb(fit.cylinder, cloud.ends, cloud.starts)
+        if clear is not None:
+            rest = cloud._replace(counts=cloud.counts & clear)
+            again = _fit_seen(rest, sigma, fit.cylinder, asked, wall)
+            if again.is_shape:
+                fit = again.noting(doubt=again.asked.doubt or MIXED)
     ends, starts = cloud.ends[cloud.counts], cloud.starts[cloud.counts]
     return with_errors_of_places(tested_by_facing(fit, ends, starts), ends, starts)
+
+
+def _fit_seen(
+    cloud: GivenPoints,
+    sigma: Any,
+    initial: Cylinder | None,
+    asked: Options,
+    wall: Wall | None,
+) -> Fit:
+    """The same of points of which it is known from where they were seen."""
+    if sigma is None:
+        return _fit_with_level(cloud, initial, asked, wall)
+    return _fit_told(cloud, sigma, initial, asked)
 
 
 def _fit_cloud(
@@ -317,7 +342,7 @@ def _fit_to_wall(
     start = seen.start if initial is None else initial
     if sigma is None:
         return _fit_from_level(near, wall.scatter, start, asked)
-    return _fit_cloud(near, number_of(sigma), start, asked)
+    return _fit_told(near, number_of(sigma), start, asked)
 
 
 def _likeliest(fits: Sequence[Fit], is_split: Sequence[bool], is_told: bool) -> Fit:
@@ -369,6 +394,26 @@ def _fit_with_level(
         return fit
     level = USUAL_SIGMA * fit.chi2.item() ** 0.5
     return _fit_from_level(cloud, level, initial, asked)
+
+
+def _fit_told(
+    cloud: GivenPoints, sigma: Any, initial: Cylinder | None, asked: Options
+) -> Fit:
+    """The same with a noise that was told, unless the points show less of it."""
+    fit = _fit_cloud(cloud, sigma, initial, asked)
+    level = level_of(sigma, cloud)
+    assert level is not None
+    if not fit.is_shape:
+        return fit
+    chi2 = fit.chi2.item()
+    is_less = chi2 < OVERSTATED and fit.num_inliers >= FEWEST
+    if is_less and asked.scale == "estimated" and asked.effort.doubts:
+        level *= chi2**0.5
+        measured = _fit_from_level(cloud, level, initial, asked)
+        if measured.is_shape:
+            told = LESS.format(times=chi2**0.5) + measured.asked.measured
+            return measured.noting(measured=told)
+    return with_shared_errors(fit, cloud.ends, level * max(chi2, 1.0) ** 0.5)
 
 
 def _fit_from_level(
