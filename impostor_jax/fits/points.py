@@ -9,7 +9,7 @@ end, outlines, and errors that neighbors share.
 __all__ = ["fit_cylinder_to_points", "fit_points", "in_one_frame", "prepare_points"]
 
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import jax.numpy as jnp
@@ -225,29 +225,42 @@ def fit_points(
     """
     if cloud.starts is None:
         return _fit_viewless(cloud, sigma, initial, asked, wall)
-    fit = _fit_seen(cloud, sigma, initial, asked, wall)
-    if fit.is_shape and asked.effort.doubts:
-        clear = rays_clear_of_limb(fit.cylinder, cloud.ends, cloud.starts)
-        if clear is not None:
-            rest = cloud._replace(counts=cloud.counts & clear)
-            again = _fit_seen(rest, sigma, fit.cylinder, asked, wall)
-            if again.is_shape:
-                fit = again.noting(doubt=again.asked.doubt or MIXED)
+
+    def fitted(cloud: GivenPoints, start: Cylinder | None) -> Fit:
+        if sigma is None:
+            return _fit_with_level(cloud, start, asked, wall)
+        return _fit_told(cloud, sigma, start, asked)
+
+    fit = fitted(cloud, initial)
+    fit = _clear_of_limb(fit, cloud, cloud.starts, asked, fitted)
     ends, starts = cloud.ends[cloud.counts], cloud.starts[cloud.counts]
     return with_errors_of_places(tested_by_facing(fit, ends, starts), ends, starts)
 
 
-def _fit_seen(
+def _clear_of_limb(
+    fit: Fit,
     cloud: GivenPoints,
-    sigma: Any,
-    initial: Cylinder | None,
+    starts: Float[np.ndarray, "n 3"],
     asked: Options,
-    wall: Wall | None,
+    fitted: Callable[[GivenPoints, Cylinder], Fit],
 ) -> Fit:
-    """The same of points of which it is known from where they were seen."""
-    if sigma is None:
-        return _fit_with_level(cloud, initial, asked, wall)
-    return _fit_told(cloud, sigma, initial, asked)
+    """The fit, or one without rays beside the limb where readings are mixed there.
+
+    Args:
+        fit: Of the points that count.
+        cloud: The points.
+        starts: Where the ray to each begins, outside of the wall.
+        asked: The options.
+        fitted: Fits others from a start.
+    """
+    if not fit.is_shape or not asked.effort.doubts:
+        return fit
+    clear = rays_clear_of_limb(fit.cylinder, cloud.ends, starts)
+    if clear is None:
+        return fit
+    rest = cloud._replace(counts=cloud.counts & clear)
+    again = fitted(rest, fit.cylinder)
+    return again.noting(doubt=again.asked.doubt or MIXED) if again.is_shape else fit
 
 
 def _fit_cloud(
@@ -339,10 +352,16 @@ def _fit_to_wall(
     """The same near one wall."""
     seen = seen_across(cloud.ends, wall)
     near = _near_ones(cloud, seen)._replace(starts=seen.starts)
-    start = seen.start if initial is None else initial
-    if sigma is None:
-        return _fit_from_level(near, wall.scatter, start, asked)
-    return _fit_told(near, number_of(sigma), start, asked)
+
+    def fitted(cloud: GivenPoints, start: Cylinder) -> Fit:
+        if sigma is None:
+            return _fit_from_level(cloud, wall.scatter, start, asked)
+        return _fit_told(cloud, number_of(sigma), start, asked)
+
+    fit = fitted(near, seen.start if initial is None else initial)
+    # Of rays that begin outside, all of them.
+    ahead = cloud.ends - 2 * _extent(cloud) * seen.toward
+    return _clear_of_limb(fit, near, ahead, asked, fitted)
 
 
 def _likeliest(fits: Sequence[Fit], is_split: Sequence[bool], is_told: bool) -> Fit:

@@ -58,11 +58,13 @@ class Viewless(NamedTuple):
     """What stands for a viewpoint.
 
     Attributes:
+        toward: Unit vector along all rays.
         starts: Where each point's ray begins.
         is_near: Which points lie near the wall.
         start: The wall between its outermost points, to begin a fit with.
     """
 
+    toward: Float[np.ndarray, "3"]
     starts: Float[np.ndarray, "n 3"]
     is_near: Bool[np.ndarray, " n"]
     start: Cylinder
@@ -100,7 +102,8 @@ def seen_across(points: Float[np.ndarray, "n 3"], wall: Wall) -> Viewless:
         wall.radius,
         max(high - low, 1e-3 * wall.radius),
     )
-    return Viewless(points - back[:, None] * toward, is_near, start)
+    starts = points - back[:, None] * toward
+    return Viewless(toward, starts, is_near, start)
 
 
 def _is_dense(
