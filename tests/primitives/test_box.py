@@ -1,6 +1,5 @@
 import dataclasses
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -8,41 +7,19 @@ import pytest
 import impostor_jax as ij
 from experiments.oracle.box import answer, face_margin, hit_margin
 from experiments.oracle.extreme_boxes import BoxRays, extreme_boxes
-from impostor_jax.geometry.rays import Ray
 from impostor_jax.geometry.vec3 import Vec3
 from impostor_jax.numerics import eps
 from impostor_jax.primitives.box import Box
-from tests.checks import AS_USERS_RUN, all_finite, in_chunks
+from tests.checks import all_finite
 from tests.groups import FULL
+from tests.primitives.casting import assert_numbers, cast_one, caster, count_told
 
 FIELDS = tuple(field.name for field in dataclasses.fields(BoxRays))
-EVERY = tuple(range(len(FIELDS)))
 # What the module of the box promises of a depth and of a decision, in eps.
 DEPTH = 4
 DECISION = 8
 
-
-def depth(origin, direction, center, rotation, size):
-    box = Box(center, rotation, size)
-    return box.intersect(Ray(Vec3(*origin), Vec3(*direction))).t
-
-
-@jax.jit(compiler_options=AS_USERS_RUN)
-@jax.vmap
-def cast(*fields):
-    """Depth, normal, and the first derivatives of depth and products of the second."""
-    origin, direction, *box = fields
-    ray, shape = Ray(Vec3(*origin), Vec3(*direction)), Box(*box)
-    normal = shape.normal(ray, shape.intersect(ray)).stack()
-    slope = jax.grad(depth, argnums=EVERY)
-    ones = jax.tree.map(jnp.ones_like, fields)
-    return depth(*fields), normal, *jax.jvp(slope, fields, ones)
-
-
-def cast_one(*fields, dtype):
-    fields = [np.asarray(field, dtype) for field in fields]
-    found = in_chunks(cast, *(field[None] for field in fields))
-    return fields, jax.tree.map(lambda x: x[0], found)
+cast = caster(Box)
 
 
 def check_against_oracle(row, found, dtype):
@@ -114,7 +91,7 @@ SIZE = (2, 4, 6)
 )
 def test_hit_of_a_box_along_the_axes(origin, direction, t, normal, dtype):
     _, (found, n, _, _) = cast_one(
-        origin, direction, (0, 0, 0), np.eye(3), SIZE, dtype=dtype
+        cast, origin, direction, (0, 0, 0), np.eye(3), SIZE, dtype=dtype
     )
     assert found == pytest.approx(t, rel=eps(dtype, 4))
     np.testing.assert_array_equal(n, normal)
@@ -124,7 +101,7 @@ def test_hit_of_a_box_along_the_axes(origin, direction, t, normal, dtype):
 def test_derivatives_of_a_slanted_hit(dtype):
     # It meets (-1, -1.5, 0), where t = (c_x - s_x / 2 - o_x) / d_x.
     _, (_, _, slopes, _) = cast_one(
-        (-2, -2.5, 0), (1, 1, 0), (0, 0, 0), np.eye(3), SIZE, dtype=dtype
+        cast, (-2, -2.5, 0), (1, 1, 0), (0, 0, 0), np.eye(3), SIZE, dtype=dtype
     )
     in_origin, in_direction, in_center, in_rotation, in_size = slopes
     np.testing.assert_array_equal(in_center, (1, 0, 0))
@@ -139,13 +116,7 @@ def test_derivatives_of_a_slanted_hit(dtype):
 def test_depth_keeps_its_promise_over_all_extremes(dtype):
     rays = extreme_boxes(400, 8, dtype)
     fields = [getattr(rays, name) for name in FIELDS]
-    found = in_chunks(cast, *fields)
-    told = 0
-    for k in range(400):
-        row = [field[k] for field in fields]
-        mine = jax.tree.map(lambda x, k=k: x[k], found)
-        told += check_against_oracle(row, mine, dtype)
-    assert told > 200
+    assert count_told(cast, check_against_oracle, fields, dtype) > 200
 
 
 @FULL
@@ -159,10 +130,7 @@ def test_derivatives_are_numbers_with_lengths_from_1e_minus_12_to_1e12(dtype):
     zero = np.zeros_like(offset)
     stretched = (zero, rays.direction, -offset, rays.rotation, sizes[:, :3])
     for fields in (near, stretched):
-        t, *rest = in_chunks(cast, *(field.astype(dtype) for field in fields))
-        assert not np.isnan(t).any()
-        assert 0.1 < np.isfinite(t).mean() < 0.95
-        assert all_finite(rest)
+        assert_numbers(cast, fields, dtype, 0.1, 0.95)
 
 
 # Origin, direction, center, size.
@@ -201,13 +169,13 @@ def test_place_is_answered_as_the_oracle_does(place, dtype):
     origin, direction, center, size = PLACES[place]
     for tilt in (0.0, 1e-7, 1e-3, 0.5):
         fields = (origin, direction, center, turned(tilt), size)
-        row, found = cast_one(*fields, dtype=dtype)
+        row, found = cast_one(cast, *fields, dtype=dtype)
         check_against_oracle(row, found, dtype)
 
 
 def test_derivative_of_a_turn_is_that_of_the_nine_numbers(dtype):
     fields = ((0, 0, 0), (0.1, 0.05, 1), (0.1, 0.2, 3), turned(0.5), (1, 0.8, 0.6))
-    row, (_, _, slopes, _) = cast_one(*fields, dtype=dtype)
+    row, (_, _, slopes, _) = cast_one(cast, *fields, dtype=dtype)
     step = 1e-4
 
     def moved(sign):
@@ -255,7 +223,7 @@ def test_image_of_a_box_is_its_closed_form(dtype):
 @pytest.mark.parametrize("value", [0.0, -0.5, np.nan])
 def test_size_that_tracing_lets_in_is_an_empty_image(value):
     fields = ((0, 0, 0), (0.1, 0.05, 1), (0, 0, 3), np.eye(3), (1, value, 1))
-    _, (t, n, slopes, bends) = cast_one(*fields, dtype="float32")
+    _, (t, n, slopes, bends) = cast_one(cast, *fields, dtype="float32")
     assert np.isinf(t)
     assert not n.any()
     assert all_finite((slopes, bends))

@@ -1,4 +1,3 @@
-import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -6,35 +5,15 @@ import pytest
 import impostor_jax as ij
 from experiments.oracle.extremes import extreme_rays
 from experiments.oracle.plane import answer, hit_margin
-from impostor_jax.geometry.rays import Ray
 from impostor_jax.geometry.vec3 import Vec3
 from impostor_jax.numerics import eps
 from impostor_jax.primitives.plane import Plane
-from tests.checks import AS_USERS_RUN, all_finite, in_chunks
+from tests.checks import in_chunks
+from tests.primitives.casting import assert_numbers, cast_one, caster
 
-EVERY = (0, 1, 2, 3)
 WITHOUT_NORMAL = (0, 1, 2, 6, 7, 8, 9, 10, 11)
 
-
-def depth(origin, direction, point, normal):
-    return Plane(point, normal).intersect(Ray(Vec3(*origin), Vec3(*direction))).t
-
-
-@jax.jit(compiler_options=AS_USERS_RUN)
-@jax.vmap
-def cast(*fields):
-    """Depth, normal, and the first derivatives of depth and products of the second."""
-    origin, direction, point, normal = fields
-    ray, shape = Ray(Vec3(*origin), Vec3(*direction)), Plane(point, normal)
-    seen = shape.normal(ray, shape.intersect(ray)).stack()
-    slope = jax.grad(depth, argnums=EVERY)
-    ones = jax.tree.map(jnp.ones_like, fields)
-    return depth(*fields), seen, *jax.jvp(slope, fields, ones)
-
-
-def cast_one(*fields, dtype):
-    found = in_chunks(cast, *(np.asarray(field, dtype)[None] for field in fields))
-    return jax.tree.map(lambda x: x[0], found)
+cast = caster(Plane)
 
 
 def plane_rays(count, seed, dtype):
@@ -58,14 +37,18 @@ def plane_rays(count, seed, dtype):
     ],
 )
 def test_hit_of_a_floor(origin, direction, t, normal, dtype):
-    found, n, _, _ = cast_one(origin, direction, (1, 0, 2), (0, 3, 0), dtype=dtype)
+    _, (found, n, _, _) = cast_one(
+        cast, origin, direction, (1, 0, 2), (0, 3, 0), dtype=dtype
+    )
     assert found == pytest.approx(t, rel=eps(dtype, 2))
     np.testing.assert_array_equal(n, normal)
 
 
 def test_derivatives_of_a_slanted_hit(dtype):
     # t = (h - y) / d_y with h the height of the floor.
-    _, _, slopes, _ = cast_one((0, 5, 0), (3, -2, 0), (1, 0, 2), (0, 1, 0), dtype=dtype)
+    _, (_, _, slopes, _) = cast_one(
+        cast, (0, 5, 0), (3, -2, 0), (1, 0, 2), (0, 1, 0), dtype=dtype
+    )
     in_origin, in_direction, in_point, in_normal = slopes
     np.testing.assert_allclose(in_point, (0, -0.5, 0), rtol=eps(dtype, 4))
     np.testing.assert_allclose(in_origin, (0, 0.5, 0), rtol=eps(dtype, 4))
@@ -112,10 +95,7 @@ def test_derivatives_are_numbers_with_lengths_from_1e_minus_12_to_1e12(dtype):
     offset *= (scale / np.where(reach > 0, reach, 1))[:, None]
     stretched = (np.zeros_like(offset), direction, -offset, normal)
     for fields in (near, stretched):
-        t, *rest = in_chunks(cast, *(field.astype(dtype) for field in fields))
-        assert not np.isnan(t).any()
-        assert 0.2 < np.isfinite(t).mean() < 0.95
-        assert all_finite(rest)
+        assert_numbers(cast, fields, dtype, 0.2, 0.95)
 
 
 def test_distance_is_positive_on_the_side_of_the_normal(dtype):

@@ -1,57 +1,33 @@
 import dataclasses
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 import impostor_jax as ij
 from experiments.oracle.torus import TorusRays, answer, extreme_tori
-from impostor_jax.geometry.rays import Ray
 from impostor_jax.geometry.vec3 import Vec3
 from impostor_jax.numerics import eps
 from impostor_jax.primitives.torus import Torus
-from tests.checks import AS_USERS_RUN, all_finite, in_chunks
+from tests.checks import all_finite
 from tests.groups import FULL, RELEASE
+from tests.primitives.casting import assert_numbers, cast_one, caster, count_told
 
 FIELDS = tuple(field.name for field in dataclasses.fields(TorusRays))
-EVERY = tuple(range(len(FIELDS)))
 # What the module of the torus promises of a depth and of a decision, in eps.
 DEPTH = 8
 DECISION = 8
 
 
-def one(origin, direction, *fields):
-    """The ray and the torus; the axis stays as it was rounded."""
-    shape = eqx.tree_at(
+@caster
+def cast(*fields):
+    """The axis stays as it was rounded."""
+    return eqx.tree_at(
         lambda s: (s.center, s.axis, s.major_radius, s.minor_radius),
         Torus((0, 0, 1), (0, 0, 1), 1, 0.5),
         fields,
     )
-    return Ray(Vec3(*origin), Vec3(*direction)), shape
-
-
-def depth(*fields):
-    ray, shape = one(*fields)
-    return shape.intersect(ray).t
-
-
-@jax.jit(compiler_options=AS_USERS_RUN)
-@jax.vmap
-def cast(*fields):
-    """Depth, normal, and the first derivatives of depth and products of the second."""
-    ray, shape = one(*fields)
-    normal = shape.normal(ray, shape.intersect(ray)).stack()
-    slope = jax.grad(depth, argnums=EVERY)
-    ones = jax.tree.map(jnp.ones_like, fields)
-    return depth(*fields), normal, *jax.jvp(slope, fields, ones)
-
-
-def cast_one(*fields, dtype):
-    fields = [np.asarray(field, dtype) for field in fields]
-    found = in_chunks(cast, *(field[None] for field in fields))
-    return fields, jax.tree.map(lambda x: x[0], found)
 
 
 def check_against_oracle(row, found, dtype):
@@ -93,14 +69,7 @@ def check_against_oracle(row, found, dtype):
 def test_depth_keeps_its_promise_over_all_extremes(count, dtype):
     rays = extreme_tori(count, 8, dtype)
     fields = [getattr(rays, name) for name in FIELDS]
-    found = in_chunks(cast, *fields)
-    told = 0
-    for k in range(count):
-        row = [field[k] for field in fields]
-        told += check_against_oracle(
-            row, jax.tree.map(lambda x, k=k: x[k], found), dtype
-        )
-    assert told > 0.375 * count
+    assert count_told(cast, check_against_oracle, fields, dtype) > 0.375 * count
 
 
 @FULL
@@ -113,10 +82,7 @@ def test_derivatives_are_numbers_with_lengths_from_1e_minus_12_to_1e12(dtype):
     minor = major * rng.uniform(0, 1, 4000)
     stretched = (0 * offset, rays.direction, -offset, rays.axis, major, minor)
     for fields in (near, stretched):
-        t, *rest = in_chunks(cast, *(field.astype(dtype) for field in fields))
-        assert not np.isnan(t).any()
-        assert 0.1 < np.isfinite(t).mean() < 0.95
-        assert all_finite(rest)
+        assert_numbers(cast, fields, dtype, 0.1, 0.95)
 
 
 S = 0.5**0.5
@@ -142,7 +108,7 @@ S = 0.5**0.5
 )
 def test_hit_of_a_ring_of_3_and_1_about_z(origin, direction, t, normal, dtype):
     _, (found, n, *_) = cast_one(
-        origin, direction, (0, 0, 0), (0, 0, 1), 3, 1, dtype=dtype
+        cast, origin, direction, (0, 0, 0), (0, 0, 1), 3, 1, dtype=dtype
     )
     assert found == pytest.approx(t, rel=eps(dtype, 4))
     np.testing.assert_allclose(n, normal, atol=eps(dtype, 4))
@@ -178,7 +144,7 @@ def test_place_is_answered_as_the_oracle_does(place, dtype):
         turned = np.add(AXES[axis], np.multiply(tilt, (0.3, -0.2, 0.7)))
         turned = turned / np.linalg.norm(turned)
         fields = (origin, direction, center, turned, *radii)
-        row, found = cast_one(*fields, dtype=dtype)
+        row, found = cast_one(cast, *fields, dtype=dtype)
         check_against_oracle(row, found, dtype)
 
 
@@ -212,7 +178,7 @@ def test_image_of_a_ring_seen_along_its_axis_is_its_closed_form(dtype):
 @pytest.mark.parametrize("radii", [(1, 0), (1, -0.5), (1, np.nan), (1, 1), (1, 2)])
 def test_radii_that_tracing_lets_in_are_an_empty_image(radii):
     fields = ((0, 0, 0), (0.3, 0.05, 1), (0, 0, 3), (0, 0, 1), *radii)
-    _, (t, n, slopes, bends) = cast_one(*fields, dtype="float32")
+    _, (t, n, slopes, bends) = cast_one(cast, *fields, dtype="float32")
     assert np.isinf(t)
     assert not n.any()
     assert all_finite((slopes, bends))

@@ -1,46 +1,24 @@
 import dataclasses
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 from experiments.oracle.extreme_triangles import TriangleRays, extreme_triangles
 from experiments.oracle.triangle import ahead_margin, beside_margin, crossing
-from impostor_jax.geometry.rays import Ray
 from impostor_jax.geometry.vec3 import Vec3
 from impostor_jax.numerics import eps
 from impostor_jax.primitives.triangle import Triangle, is_thin
-from tests.checks import AS_USERS_RUN, all_finite, in_chunks
+from tests.checks import all_finite
 from tests.groups import FULL
+from tests.primitives.casting import assert_numbers, cast_one, caster, count_told
 
 FIELDS = tuple(field.name for field in dataclasses.fields(TriangleRays))
-EVERY = tuple(range(len(FIELDS)))
 # What the module of the triangle promises of a depth and of a decision, in eps.
 DEPTH = 8
 DECISION = 16
 
-
-def depth(origin, direction, vertices):
-    return Triangle(vertices).intersect(Ray(Vec3(*origin), Vec3(*direction))).t
-
-
-@jax.jit(compiler_options=AS_USERS_RUN)
-@jax.vmap
-def cast(*fields):
-    """Depth, normal, and the first derivatives of depth and products of the second."""
-    origin, direction, vertices = fields
-    ray, shape = Ray(Vec3(*origin), Vec3(*direction)), Triangle(vertices)
-    normal = shape.normal(ray, shape.intersect(ray)).stack()
-    slope = jax.grad(depth, argnums=EVERY)
-    ones = jax.tree.map(jnp.ones_like, fields)
-    return depth(*fields), normal, *jax.jvp(slope, fields, ones)
-
-
-def cast_one(*fields, dtype):
-    fields = [np.asarray(field, dtype) for field in fields]
-    found = in_chunks(cast, *(field[None] for field in fields))
-    return fields, jax.tree.map(lambda x: x[0], found)
+cast = caster(Triangle)
 
 
 def check_against_oracle(row, found, dtype):
@@ -108,7 +86,7 @@ RIGHT = ((0, 0, 4), (4, 0, 4), (0, 2, 4))
     ],
 )
 def test_hit_of_a_right_triangle(origin, direction, t, normal, dtype):
-    _, (found, n, _, _) = cast_one(origin, direction, RIGHT, dtype=dtype)
+    _, (found, n, _, _) = cast_one(cast, origin, direction, RIGHT, dtype=dtype)
     assert found == pytest.approx(t, rel=eps(dtype, 4))
     np.testing.assert_allclose(n, normal, atol=eps(dtype, 2))
 
@@ -117,7 +95,7 @@ def test_hit_of_a_right_triangle(origin, direction, t, normal, dtype):
 def test_ray_along_the_sheet_is_as_deep_as_a_point_of_it_or_misses(dtype):
     # Its corners are passed at 2.87, 3.25 and 6.71.
     for start in (0.1, 0.2, 0.3):
-        _, found = cast_one((-3, start, 4), (1, 0.2, 0), RIGHT, dtype=dtype)
+        _, found = cast_one(cast, (-3, start, 4), (1, 0.2, 0), RIGHT, dtype=dtype)
         assert np.isinf(found[0]) or 2.8 <= found[0] <= 6.8
         assert all_finite(found[1:])
 
@@ -125,7 +103,7 @@ def test_ray_along_the_sheet_is_as_deep_as_a_point_of_it_or_misses(dtype):
 @FULL
 def test_derivative_is_shared_by_the_parts_of_the_corners(dtype):
     # The hit is at (1, 0.5, 4), half a corner and a quarter of the two others.
-    _, (_, _, slopes, _) = cast_one((0, 0, 0), (1, 0.5, 4), RIGHT, dtype=dtype)
+    _, (_, _, slopes, _) = cast_one(cast, (0, 0, 0), (1, 0.5, 4), RIGHT, dtype=dtype)
     in_origin, in_direction, in_vertices = slopes
     expected = np.zeros((3, 3))
     expected[:, 2] = np.array((0.5, 0.25, 0.25)) / 4
@@ -139,13 +117,7 @@ def test_depth_keeps_its_promise_over_all_extremes(dtype):
     rays = extreme_triangles(600, 8, dtype)
     kept = ~is_thin(rays.vertices, dtype)
     fields = [getattr(rays, name)[kept] for name in FIELDS]
-    found = in_chunks(cast, *fields)
-    told = 0
-    for k in range(len(fields[0])):
-        row = [field[k] for field in fields]
-        mine = jax.tree.map(lambda x, k=k: x[k], found)
-        told += check_against_oracle(row, mine, dtype)
-    assert told > 100
+    assert count_told(cast, check_against_oracle, fields, dtype) > 100
 
 
 @FULL
@@ -161,10 +133,7 @@ def test_derivatives_are_numbers_with_lengths_from_1e_minus_12_to_1e12(dtype):
     shape += (rays.direction * distances)[:, None]
     stretched = (np.zeros_like(middle), rays.direction, shape)
     for fields in (near, stretched):
-        t, *rest = in_chunks(cast, *(field.astype(dtype) for field in fields))
-        assert not np.isnan(t).any()
-        assert 0.3 < np.isfinite(t).mean() < 1
-        assert all_finite(rest)
+        assert_numbers(cast, fields, dtype, 0.3, 1)
 
 
 # Origin, direction, vertices.
@@ -183,7 +152,7 @@ PLACES = {
 
 @pytest.mark.parametrize("place", PLACES)
 def test_place_is_answered_as_the_oracle_does(place, dtype):
-    row, found = cast_one(*PLACES[place], dtype=dtype)
+    row, found = cast_one(cast, *PLACES[place], dtype=dtype)
     check_against_oracle(row, found, dtype)
 
 
@@ -215,7 +184,7 @@ def test_distance_of_a_point(dtype):
 )
 def test_vertices_that_tracing_lets_in_are_an_empty_image(vertices):
     _, (t, n, slopes, bends) = cast_one(
-        (0, 0, 0), (0, 0.25, 1), vertices, dtype="float32"
+        cast, (0, 0, 0), (0, 0.25, 1), vertices, dtype="float32"
     )
     assert np.isinf(t)
     assert not n.any()
