@@ -10,12 +10,10 @@ from impostor_jax.find.evidence import Candidate, Scene
 from impostor_jax.find.normals import normals_of, stray
 from impostor_jax.find.planes import planes_of
 from impostor_jax.find.view import view_of
-from tests.fit.scenes import CAMERA
+from tests.fit.scenes import CAMERA, camera_with
 
 SIZE = {"width": 160, "height": 120}
-LENS = ij.PinholeCamera(
-    150.0, 150.0, 79.5, 59.5, **SIZE, distortion=(-0.2, 0.05, 0.002, -0.001, 0.01)
-)
+LENS = camera_with(distortion=(-0.2, 0.05, 0.002, -0.001, 0.01))
 ORTHOGRAPHIC = ij.OrthographicCamera(400.0, 400.0, 79.5, 59.5, **SIZE)
 CAMERAS = {"pinhole": CAMERA, "lens": LENS, "orthographic": ORTHOGRAPHIC}
 SIGMA = 0.001

@@ -15,8 +15,15 @@ from impostor_jax.fit.program import Program
 from impostor_jax.fit.request import checked_noise, checked_prior, checked_settings
 from impostor_jax.fit.seen import Seen, shown_by
 
-CAMERA = ij.PinholeCamera(150.0, 150.0, 79.5, 59.5, width=160, height=120)
 SIGMA = 0.001
+
+
+def camera_with(**more) -> ij.PinholeCamera:
+    """Of the tests' images, with a lens or a pose."""
+    return ij.PinholeCamera(150.0, 150.0, 79.5, 59.5, width=160, height=120, **more)
+
+
+CAMERA = camera_with()
 
 
 def can(degrees: float = 60.0) -> ij.Cylinder:

@@ -1,6 +1,4 @@
 import functools
-import subprocess
-import sys
 from pathlib import Path
 
 import jax
@@ -13,7 +11,7 @@ from experiments import scenes
 from impostor_jax.geometry.so3 import tangent_basis
 from tests.cases import pose
 from tests.checks import all_finite, angle_between
-from tests.fit.scenes import CAMERA, SIGMA, can, image, image_of
+from tests.fit.scenes import CAMERA, SIGMA, camera_with, can, image, image_of
 from tests.groups import FULL, RELEASE, SMALL_IMAGES
 
 pytestmark = SMALL_IMAGES
@@ -294,44 +292,6 @@ def test_traced_fit_without_a_start_is_refused():
         jax.jit(lambda depth: ij.fit_cylinder(depth, CAMERA).rms)(DEPTH)
 
 
-def test_argument_of_another_type_is_refused_without_the_type_checker():
-    # The annotations refuse these in every other test.
-    program = """
-import numpy as np, impostor_jax as ij
-camera = ij.PinholeCamera(150, 150, 79.5, 59.5, 160, 120)
-for arguments in ({"camera": "kinect"}, {"camera": camera, "initial": "can"}):
-    try:
-        ij.fit_cylinder(np.ones((120, 160)), **arguments)
-    except ValueError as error:
-        print(error)
-    try:
-        ij.fit_cylinders(np.ones((2, 120, 160)), **{"camera": camera} | arguments)
-    except ValueError as error:
-        print(error)
-for option in ({"mask_meaning": "edge"}, {"scale": "free"}, {"errors": "white"}):
-    try:
-        ij.fit_cylinder(np.ones((120, 160)), camera, **option)
-    except ValueError as error:
-        print(error)
-"""
-    found = subprocess.run(
-        [sys.executable, "-c", program], capture_output=True, text=True, check=True
-    )
-    kinect = (
-        "the text 'kinect'; ij.camera_from makes one of a matrix K, or of another "
-        "program's"
-    )
-    assert found.stdout.splitlines() == [
-        "camera must be a PinholeCamera or a SphericalCamera, got " + kinect,
-        "camera must be a PinholeCamera or a SphericalCamera, got " + kinect,
-        "initial must be one Cylinder, got 'can'",
-        "initial must be a batch of 2 cylinders, got 'can'",
-        "mask_meaning must be one of region, outline; got 'edge'",
-        "scale must be one of estimated, fixed; got 'free'",
-        "errors must be one of independent, correlated; got 'white'",
-    ]
-
-
 def test_several_starts_are_solved_and_their_agreement_is_reported():
     depth, mask = image()
     effort = ij.Effort(all_starts=True)
@@ -483,7 +443,7 @@ def test_correlated_errors_widen_the_deviations():
 
 # A camera with a pose, and what is as good as unknown: a fit is compiled anew for the
 # first, and for the names that its prior has.
-POSED = ij.PinholeCamera(150.0, 150.0, 79.5, 59.5, 160, 120, camera_from_world=pose())
+POSED = camera_with(camera_from_world=pose())
 VAGUE = {"radius": (0.04, 1.0), "height": (0.12, 1.0)}
 
 

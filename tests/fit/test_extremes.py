@@ -8,7 +8,7 @@ import pytest
 
 import impostor_jax as ij
 from tests.checks import angle_between
-from tests.fit.scenes import CAMERA, SIGMA, can, image
+from tests.fit.scenes import CAMERA, SIGMA, camera_with, can, image
 from tests.groups import FULL, SMALL_IMAGES
 
 pytestmark = SMALL_IMAGES
@@ -72,9 +72,7 @@ def test_turning_camera_and_world_turns_the_estimate():
     turn = np.eye(4)
     turn[:3, :3] = [[0, 0, 1], [1, 0, 0], [0, 1, 0]]
     turn[:3, 3] = (1, -2, 0.5)
-    camera = ij.PinholeCamera(
-        150.0, 150.0, 79.5, 59.5, width=160, height=120, camera_from_world=turn
-    )
+    camera = camera_with(camera_from_world=turn)
     fit = ij.fit_cylinder(*[image()[0], camera, image()[1], SIGMA])
     back = fit.cylinder.transformed(camera.camera_from_world)
     expected = plain().cylinder

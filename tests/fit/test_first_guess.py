@@ -5,7 +5,7 @@ import impostor_jax as ij
 from impostor_jax.fit.fittable import CYLINDER
 from impostor_jax.fit.rounds import round_through
 from tests.checks import angle_between
-from tests.fit.scenes import CAMERA, SIGMA, can, image, image_of
+from tests.fit.scenes import CAMERA, SIGMA, camera_with, can, image, image_of
 
 
 @pytest.mark.parametrize("degrees", [90.0, 60.0, 30.0])
@@ -90,9 +90,7 @@ def test_row_of_pixels_gives_no_error():
 
 
 def test_guess_sees_through_a_lens():
-    camera = ij.PinholeCamera(
-        150.0, 150.0, 79.5, 59.5, 160, 120, distortion=(-0.3, 0.1, 0.002, 0.001, 0.0)
-    )
+    camera = camera_with(distortion=(-0.3, 0.1, 0.002, 0.001, 0.0))
     maps = ij.render(can(), camera)
     noise = np.random.default_rng(0).normal(0, SIGMA, maps.depth.shape)
     depth = np.where(maps.mask, maps.depth + noise, 0)

@@ -13,7 +13,7 @@ from impostor_jax.fit.outline_solve import rays_through
 from impostor_jax.fit.silhouette import coverage_of
 from tests.cases import pose
 from tests.checks import angle_between
-from tests.fit.scenes import CAMERA, can
+from tests.fit.scenes import CAMERA, camera_with, can
 from tests.groups import FULL, RELEASE, SMALL_IMAGES
 from tests.schemas import validator
 
@@ -197,9 +197,7 @@ def test_a_fit_says_that_it_is_of_an_outline():
 
 @RELEASE
 def test_an_outline_is_fitted_in_the_world_of_a_posed_camera():
-    posed = ij.PinholeCamera(
-        150.0, 150.0, 79.5, 59.5, 160, 120, camera_from_world=pose()
-    )
+    posed = camera_with(camera_from_world=pose())
     fit = fit_to(mask_of(can()), camera=posed)
     np.testing.assert_allclose(
         np.asarray(fit.pose_in_camera)[:3, 3], can().center, atol=2e-3
@@ -298,9 +296,7 @@ def test_the_first_guess_is_no_part_of_a_trace():
 @RELEASE
 def test_a_ball_is_fitted_in_the_world_of_a_posed_camera():
     ball = ij.Sphere((0.02, -0.01, 0.4), 0.05)
-    posed = ij.PinholeCamera(
-        150.0, 150.0, 79.5, 59.5, 160, 120, camera_from_world=pose()
-    )
+    posed = camera_with(camera_from_world=pose())
     prior = {"radius": (0.05, 0.0002)}
     fit = fit_to(matte_of(ball), ij.fit_sphere, posed, prior=prior)
     assert fit.success

@@ -16,7 +16,7 @@ from impostor_jax.fit.outline_gap import compared_with_outline
 from impostor_jax.fit.request import checked_noise
 from impostor_jax.fit.result import Asked, OutlineGap
 from impostor_jax.fit.seen import Seen
-from tests.fit.scenes import CAMERA, SIGMA, can, image
+from tests.fit.scenes import CAMERA, SIGMA, camera_with, can, image
 from tests.fit.test_masks import grown, on_table
 from tests.groups import SMALL_IMAGES
 from tests.schemas import validator
@@ -159,17 +159,13 @@ def test_poses_and_lenses_count():
     wrong = with_radius(fit, 0.6)
     expected = gap_of(compared(wrong, depth, mask))
     pose = ij.RigidTransform([[0, -1, 0], [1, 0, 0], [0, 0, 1]], (0.1, 0.2, 0.3))
-    turned = ij.PinholeCamera(
-        150.0, 150.0, 79.5, 59.5, 160, 120, camera_from_world=pose
-    )
+    turned = camera_with(camera_from_world=pose)
     shape = wrong.cylinder.transformed(pose.inverse())
     there = dataclasses.replace(wrong, shape=shape, asked=Asked())
     found = gap_of(compared(there, depth, mask, turned))
     assert found.pixels == pytest.approx(expected.pixels, abs=0.3)
     assert found.deviations == pytest.approx(expected.deviations, abs=0.3)
-    lens = ij.PinholeCamera(
-        150.0, 150.0, 79.5, 59.5, 160, 120, distortion=(-1.0, 0.3, 0.0, 0.0, 0.0)
-    )
+    lens = camera_with(distortion=(-1.0, 0.3, 0.0, 0.0, 0.0))
     maps = jax.device_get(ij.render(can(), lens, outputs=("depth", "mask")))
     right = compared(with_radius(fit, 1), np.minimum(maps.depth, 0.6), maps.mask, lens)
     assert abs(gap_of(right).pixels) < 1

@@ -6,7 +6,7 @@ import pytest
 import impostor_jax as ij
 from tests.cases import pose
 from tests.checks import QUICKLY
-from tests.fit.scenes import CAMERA, SIGMA, image_of
+from tests.fit.scenes import CAMERA, SIGMA, camera_with, image_of
 from tests.groups import RELEASE, SMALL_IMAGES
 
 pytestmark = SMALL_IMAGES
@@ -57,9 +57,7 @@ def test_sphere_around_the_camera_is_seen_from_inside():
 
 # With a pose, which is compiled anew as what is held is: once for both.
 def test_held_and_expected_parameters_count_in_the_world_of_a_posed_camera():
-    posed = ij.PinholeCamera(
-        150.0, 150.0, 79.5, 59.5, 160, 120, camera_from_world=pose()
-    )
+    posed = camera_with(camera_from_world=pose())
     depth, mask = image_of(ball())
     center = ball().transformed(pose().inverse()).center
     start = ij.Sphere((0.0, 0.0, 0.41), 0.05).transformed(pose().inverse())

@@ -7,7 +7,7 @@ import impostor_jax as ij
 from impostor_jax.fit.ranges import refuted_as_ranges, warn_of_ranges
 from impostor_jax.fit.regions import DepthUnitsWarning
 from impostor_jax.fit.request import Given
-from tests.fit.scenes import CAMERA, SIGMA
+from tests.fit.scenes import CAMERA, SIGMA, camera_with
 from tests.groups import FULL, SMALL_IMAGES
 
 pytestmark = SMALL_IMAGES
@@ -63,9 +63,7 @@ def test_what_shows_no_plane_is_not_judged(recwarn):
 
 
 def test_depth_of_ranges_is_what_render_says_with_a_lens_too():
-    lens = ij.PinholeCamera(
-        150.0, 150.0, 79.5, 59.5, 160, 120, distortion=(-0.2, 0.05, 0.002, -0.001, 0.01)
-    )
+    lens = camera_with(distortion=(-0.2, 0.05, 0.002, -0.001, 0.01))
     for camera in (CAMERA, lens):
         maps = ij.render(ROOM[1], camera, outputs=("depth", "range"))
         depth = ij.depth_of_ranges(np.asarray(maps.range), camera)

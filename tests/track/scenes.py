@@ -5,7 +5,7 @@ import numpy as np
 import impostor_jax as ij
 from impostor_jax.track.measured import Measured, basis_of
 from tests.find.scenes import image_of
-from tests.fit.scenes import CAMERA, SIGMA
+from tests.fit.scenes import CAMERA, SIGMA, camera_with
 
 WALL = ij.Plane((0.0, 0.0, 0.8), (0.0, 0.0, -1.0))
 RATE = 30.0
@@ -25,9 +25,7 @@ def moved(x):
     """The camera, to the right of where it was."""
     pose = np.eye(4)
     pose[0, 3] = -x
-    return ij.PinholeCamera(
-        150.0, 150.0, 79.5, 59.5, width=160, height=120, camera_from_world=pose
-    )
+    return camera_with(camera_from_world=pose)
 
 
 def measured(rng, center, axis, own, shared, radius=0.04, height=0.12, errors=None):
