@@ -106,7 +106,7 @@ def test_every_pixel_has_the_area_inside_the_outline(name, dtype):
 
 
 @pytest.mark.parametrize("name", SHAPES)
-def test_derivative_of_the_area_in_all_seven_parameters(name, dtype):
+def test_derivative_of_the_area_in_all_seven_parameters(name):
     shape = SHAPES[name]
     _, slopes, _ = at_pinhole(shape)
     reference, scale = expected_derivatives(name)
@@ -133,7 +133,7 @@ def weights_and_expected_derivatives():
     return weights, slopes
 
 
-def test_derivative_goes_to_the_pixels_that_the_outline_crosses(dtype):
+def test_derivative_goes_to_the_pixels_that_the_outline_crosses():
     weights, reference = weights_and_expected_derivatives()
     _, slopes, _ = at_pinhole(SHAPES["oblique"], weights)
     found = np.array([slopes.center[2], slopes.radius], float)

@@ -162,7 +162,7 @@ def test_rays_that_are_known_at_centers_alone_are_refused(name):
 
 
 def test_a_loss_without_sides_is_refused():
-    maps = ij.render(ij.Sphere((0, 0, 1.0), 0.2), camera())
+    maps = ij.GeometryMaps(depth=jnp.ones((HEIGHT, WIDTH)))
     with pytest.raises(ValueError, match="maps must hold share and beside"):
         ij.depth_loss(maps, maps, outline=True)
     with pytest.raises(ValueError, match="gap must be a positive number"):

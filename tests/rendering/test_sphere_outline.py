@@ -121,7 +121,7 @@ def test_every_pixel_has_the_area_inside_the_outline(name, dtype):
 
 
 @pytest.mark.parametrize("name", ELLIPSES)
-def test_area_and_its_derivative_are_those_of_the_ellipse(name, dtype):
+def test_area_and_its_derivative_are_those_of_the_ellipse(name):
     center, radius = SPHERES[name]
     values = (*center, radius, 60.0, 62.0)
     covered, sphere, camera = at_pinhole(SPHERES[name])

@@ -76,7 +76,7 @@ def test_what_has_no_formula_has_hard_edges(name):
 
 
 @pytest.mark.parametrize("name", sorted(set(PRIMITIVES) - HARD))
-def test_outline_gap_is_positive_where_a_ray_meets(name, dtype):
+def test_outline_gap_is_positive_where_a_ray_meets(name):
     primitive = PRIMITIVES[name]()
     rays = rays_at(primitive)
     gap = primitive.outline_gap(rays)
