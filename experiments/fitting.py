@@ -135,6 +135,8 @@ def rmse(
 ) -> Metric:
     """Root mean square of a coordinate's errors, which are multiplied by `scale`."""
     n = len(errors)
+    if n == 0:
+        return Metric(name, None, None, unit, "lower", 0)
     value = scale * float(np.sqrt(np.mean(errors**2)))
     return Metric(name, value, value / np.sqrt(2 * n), unit, "lower", n)
 
@@ -145,7 +147,8 @@ def inside(
     """Part of the 95 percent intervals that hold the truth, of those that end."""
     known = np.isfinite(deviations)
     holds = np.abs(errors[known]) <= NORMAL_95 * deviations[known]
-    return Metric.share(name, float(np.mean(holds)), len(holds))
+    part = float(np.mean(holds)) if holds.size else None
+    return Metric.share(name, part, holds.size)
 
 
 def tested(

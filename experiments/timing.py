@@ -10,6 +10,7 @@ __all__ = [
     "growth",
     "in_new_process",
     "peak_memory_mb",
+    "percentiles",
     "sample",
     "time_in_turns",
 ]
@@ -22,7 +23,7 @@ import resource
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal
 
@@ -105,6 +106,16 @@ def sample(
         return Metric(name, None, None, unit, better, 0)
     low, middle, high = (float(q) for q in np.percentile(values, (25, 50, 75)))
     return Metric(name, middle, high - low, unit, better, values.size)
+
+
+def percentiles(
+    name: str, values: Float[np.ndarray, " n"], percents: Iterable[float], unit: str
+) -> Iterator[Metric]:
+    """Of errors; None where there are none."""
+    n = values.size
+    for percent in percents:
+        value = float(np.percentile(values, percent)) if n else None
+        yield Metric(f"{name}.p{percent:g}", value, None, unit, "lower", n)
 
 
 def case_metrics(case: str, timing: Timing | None) -> list[Metric]:

@@ -16,6 +16,7 @@ from experiments.oracle.condition import Reference, reference
 from experiments.oracle.extremes import Rays, extreme_rays
 from experiments.recording import Metric
 from experiments.running import RunConfig, main
+from experiments.timing import percentiles
 from impostor_jax.numerics import eps
 
 CHUNK = 50_000
@@ -72,10 +73,7 @@ def all_together(count: int, seed: int) -> Iterator[Metric]:
     bad = int(found["not_finite"].sum())
     yield metric("not_finite", bad, "rays", count)
     for name in ("depth", "depth_ulps", "gradient", "gradient_relative"):
-        values = found[name]
-        for percent in PERCENTS:
-            value = float(np.percentile(values, percent))
-            yield metric(f"{name}.p{percent:g}", value, "eps", len(values))
+        yield from percentiles(f"all.{name}", found[name], PERCENTS, "eps")
     for name, bound in (("depth", 8), ("gradient", 16)):
         share = float(np.mean(found[name] <= bound))
         yield metric(f"{name}.within_{bound}", share, "part", len(found[name]))
@@ -108,14 +106,7 @@ def side_by_side(each: int, seed: int) -> Iterator[Metric]:
         for name in ("textbook", "published", "ours"):
             t, _ = FORMULAS[name](rays)
             found = _ulps(t, exact)[sure & np.isfinite(exact.t)]
-            yield Metric(
-                f"image.{distance:g}.{name}.p99",
-                float(np.percentile(found, 99)),
-                None,
-                "ulp",
-                "lower",
-                len(found),
-            )
+            yield from percentiles(f"image.{distance:g}.{name}", found, [99], "ulp")
 
 
 def table(each: int, seed: int) -> Iterator[Metric]:

@@ -32,6 +32,7 @@ from experiments.marching_trade.scenes import (
 from experiments.oracle import heightfield as oracle
 from experiments.recording import Metric
 from experiments.running import RunConfig, main
+from experiments.timing import percentiles
 from impostor_jax.geometry.rays import Hit, Ray
 from impostor_jax.numerics import eps
 from impostor_jax.primitives.heightfield import Heightfield
@@ -223,9 +224,7 @@ def compared(label: str, cast: Cast, rays: Rays, true: Depths) -> Iterator[Metri
     for name, found in (("lost", lost), ("astray", astray)):
         value = float(found.sum() / n)
         yield Metric(f"{label}.{name}", value, None, "part", "lower", n)
-    for percent in (50, 99):
-        value = float(np.percentile(error, percent)) if len(error) else None
-        yield Metric(f"{label}.error.p{percent}", value, None, "m", "lower", len(error))
+    yield from percentiles(f"{label}.error", error, (50, 99), "m")
     each = 1e6 * min(times) / len(t)
     spread = 1e6 * (max(times) - min(times)) / len(t)
     yield Metric(f"{label}.time", each, spread, "us", "lower", len(times))

@@ -5,10 +5,8 @@ __all__ = ["Config", "measure"]
 import dataclasses
 import tempfile
 import time
-from collections import Counter
 from collections.abc import Iterator, Sequence
 
-import jax
 import numpy as np
 
 from data_synth.generate import generate
@@ -21,11 +19,12 @@ from experiments.mask_errors.scenes import (
     CanScene,
     clean_view,
 )
+from experiments.outcomes import counted, coverage, labeled, scaled_errors
 from experiments.recording import Metric
 from experiments.running import RunConfig, main
 from experiments.scenes import CAMERA
 from experiments.timing import sample
-from impostor_jax.evaluate import Outcome, evaluate, interval_coverage, summarize
+from impostor_jax.evaluate import Outcome, evaluate
 from impostor_jax.fit.fittable import CYLINDER
 from impostor_jax.io.dataset import read_dataset
 from impostor_jax.io.dataset_shard import LabeledImage
@@ -36,9 +35,6 @@ NOISE = {"1mm": 1e-3, "3mm": 3e-3}
 
 COMPARED = tuple(name for name in CYLINDER.coordinates if name != "center_along")
 """Of the cans: the place along the axis tells no more than the height."""
-
-FAR = 5.0
-"""Deviations beyond which a fit that is called a success is counted."""
 
 FITTED = ("bench", "tabletop_cans", "pipes", "tree_trunks", "inside_pipe", "hard")
 """Presets whose cylinders are fitted."""
@@ -91,7 +87,7 @@ def measure(config: Config) -> Iterator[Metric]:
             yield from of_mask(f"{noise}.{mask}", fits)
     for name in presets:
         fits = of_preset(name, config)
-        yield from counted(f"preset.{name}", fits, CYLINDER.coordinates)
+        yield from of_fits(f"preset.{name}", fits, CYLINDER.coordinates)
 
 
 def masked(
@@ -102,14 +98,8 @@ def masked(
     for seed in range(config.seed, config.seed + config.seeds):
         rng = np.random.default_rng(seed)
         depth = np.where(clean > 0, clean + rng.normal(0, sigma, clean.shape), 0)
-        image = LabeledImage(
-            depth=depth.astype(np.float32),
-            mask=MASKS[mask](own, rng)[None],
-            camera=CAMERA,
-            shapes=jax.tree.map(lambda x: x[None], scene.can),
-            visible_fraction=np.ones(1),
-            key=str(seed),
-        )
+        seen = MASKS[mask](own, rng)
+        image = labeled(depth.astype(np.float32), seen, CAMERA, scene.can, seed)
         yield from _fits(scene.group, image, ConstantNoise(sigma))
 
 
@@ -136,41 +126,27 @@ def _fits(
 
 def of_mask(label: str, fits: Sequence[Fitted]) -> Iterator[Metric]:
     """What fits with one kind of mask have in common, and those of each group."""
-    yield from counted(f"{label}.all", fits, COMPARED)
+    yield from of_fits(f"{label}.all", fits, COMPARED)
     for group in dict.fromkeys(fit.group for fit in fits):
         own = [fit for fit in fits if fit.group == group]
-        yield from counted(f"{label}.{group}", own, COMPARED)
+        yield from of_fits(f"{label}.{group}", own, COMPARED)
 
 
-def counted(
+def of_fits(
     label: str, fits: Sequence[Fitted], names: Sequence[str]
 ) -> Iterator[Metric]:
-    """Coverage and largest error of some coordinates, failures, and times.
+    """What is told of all experiments, failures, the largest error and times.
 
-    The spread of a time is the range of its middle half, that of a share its standard
-    error if all errors were independent.
+    The spread of a time is the range of its middle half.
     """
     outcomes = [fit.outcome for fit in fits]
-    off = [
-        [o.errors[name] / o.deviations[name] for name in names if name in o.errors]
-        for o in outcomes
-        if o.success
-    ]
-    largest = np.array([np.max(np.abs(each)) for each in off])
-    scaled = np.concatenate([*off, []])
-    n = len(outcomes)
-    yield Metric(f"{label}.number", n, None, "fits", "higher", n)
-    yield Metric(f"{label}.failures", n - len(off), None, "fits", "lower", n)
-    for status, number in Counter(o.status for o in outcomes if not o.success).items():
-        yield Metric(f"{label}.status.{status}", number, None, "fits", "lower", n)
-    part = interval_coverage(scaled)["95 %"] if scaled.size else None
-    yield Metric.share(f"{label}.coverage_95", part, scaled.size)
-    most = float(largest.max()) if off else None
-    yield Metric(f"{label}.largest", most, None, "deviations", "lower", len(off))
-    far = int(np.sum(largest > FAR))
-    yield Metric(f"{label}.far", far, None, "fits", "lower", len(off))
-    wrong = summarize(outcomes).wrong
-    yield Metric(f"{label}.wrong", wrong, None, "fits", "lower", len(off))
+    yield from counted(label, outcomes, names)
+    yield coverage(f"{label}.coverage_95", outcomes, names)
+    largest = [float(np.max(np.abs(x))) for x in scaled_errors(outcomes, names)]
+    n, good = len(fits), len(largest)
+    yield Metric(f"{label}.failures", n - good, None, "fits", "lower", n)
+    most = max(largest, default=None)
+    yield Metric(f"{label}.largest", most, None, "deviations", "lower", good)
     yield sample(f"{label}.time", [fit.milliseconds for fit in fits], "ms")
 
 

@@ -27,7 +27,7 @@ from experiments.ray_tracing.peers import (
 from experiments.ray_tracing.report import tables
 from experiments.recording import Metric
 from experiments.running import RunConfig, main
-from experiments.timing import sample, time_in_turns
+from experiments.timing import percentiles, sample, time_in_turns
 from impostor_jax.geometry.rays import Ray
 from impostor_jax.geometry.vec3 import Vec3
 from impostor_jax.parity.traced_cases import traced
@@ -120,10 +120,7 @@ def _published(config: Config) -> Iterator[Metric]:
         picture = trace(ij.Effort(precision=precision), few)
         apart = np.abs(np.asarray(picture, float) - exact.color).max(axis=-1)[inner]
         apart = apart / exact.color.max()
-        n = apart.size
-        for q in (50, 90, 99):
-            value = float(np.percentile(apart, q))
-            yield Metric(f"error.{precision}.p{q}", value, None, "1", "lower", n)
+        yield from percentiles(f"error.{precision}", apart, (50, 90, 99), "1")
     quick = config.run.quick
     samplings = dict(list(SAMPLINGS.items())[: 2 if quick else None])
     reference = _reference(trace, camera, 4 if quick else REFERENCE)
@@ -201,10 +198,8 @@ def _beside_mitsuba(config: Config) -> Iterator[Metric]:
         exact = whitted.picture(shapes, camera, [LIGHT], materials).color
         for program, found in (("Mitsuba", other_one), ("textbook", exact)):
             apart = np.abs(picture - found).max(axis=-1)[inner] / exact.max()
-            for q in (50, 90, 99, 99.9):
-                value = float(np.percentile(apart, q))
-                label = f"beside.{name}, {program}.p{q:g}"
-                yield Metric(label, value, None, "1", "lower", apart.size)
+            label = f"beside.{name}, {program}"
+            yield from percentiles(label, apart, (50, 90, 99, 99.9), "1")
 
 
 def _incoherent(config: Config) -> Iterator[Metric]:

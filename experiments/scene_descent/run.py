@@ -25,6 +25,7 @@ from experiments.scene_descent.scenes import (
     start,
     truth,
 )
+from experiments.timing import sample
 
 NOISE = 0.001
 """Of the image, in meters."""
@@ -75,20 +76,16 @@ def measure(config: Config) -> Iterator[Metric]:
                 values = stages[stage](values)
             ends[way].append(errors(jax.block_until_ready(values)))
             seconds.append(time.perf_counter() - before)
-        middle = float(np.median(seconds))
-        spread = float(np.subtract(*np.percentile(seconds, (75, 25))))
-        yield Metric(f"{way}.time", middle, spread, "s", "lower", len(begun))
+        yield sample(f"{way}.time", seconds, "s")
     for way, found in ends.items():
         worst = np.array([max(one.values()) for one in found])
         for level in LEVELS:
             share = float(np.mean(worst < level))
             yield Metric.share(f"{way}.within_{level}", share, len(found))
         for name in PARTS:
-            off = np.array([one[name] for one in found])
-            spread = float(np.subtract(*np.percentile(off, (75, 25))))
+            off = [one[name] for one in found]
             unit = "rad" if name in ("axis", "box turn") else "radii"
-            key = f"{way}.{name.replace(' ', '_')}"
-            yield Metric(key, float(np.median(off)), spread, unit, "lower", len(off))
+            yield sample(f"{way}.{name.replace(' ', '_')}", off, unit)
 
 
 def _stage(
@@ -105,7 +102,10 @@ def _stage(
             maps = ij.render(scene_of(_moved(begun, moved)), CAMERA, outputs)
             return ij.depth_loss(maps, image, sigma=WIDTH, outline=outline, gap=GAP)
 
-        updates, state = optimizer.update(jax.grad(loss)(moved), state)
+        slope = jax.grad(loss)(moved)
+        # Optax takes powers of fractions by whole numbers.
+        with jax.numpy_dtype_promotion("standard"):
+            updates, state = optimizer.update(slope, state)
         return optax.apply_updates(moved, updates), state
 
     def descend(begun: dict[str, Any]) -> dict[str, Any]:

@@ -3,16 +3,16 @@
 __all__ = ["Config", "measure"]
 
 import dataclasses
-from collections import Counter
 from collections.abc import Iterator, Sequence
 
 import numpy as np
 
+from experiments.outcomes import counted, coverage
 from experiments.recording import Metric
 from experiments.running import RunConfig, main
 from experiments.sensor_models.report import tables
 from experiments.sensor_models.scenes import SENSORS, draw_image
-from impostor_jax.evaluate import Outcome, evaluate, interval_coverage, summarize
+from impostor_jax.evaluate import Outcome, evaluate
 from impostor_jax.fit.fittable import CYLINDER
 
 NUM_NOISE = 5
@@ -51,29 +51,12 @@ def measure(config: Config) -> Iterator[Metric]:
 
 
 def _counted(label: str, outcomes: Sequence[Outcome]) -> Iterator[Metric]:
-    """Coverage of all coordinates and of each, and the radius' bias.
-
-    The spread of a share is its standard error if all errors were independent; that of
-    the bias, a standard error, too.
-    """
-    right, n = [one for one in outcomes if one.success], len(outcomes)
-    yield Metric(f"{label}.number", n, None, "fits", "higher", n)
-    for status, number in Counter(o.status for o in outcomes if not o.success).items():
-        yield Metric(f"{label}.status.{status}", number, None, "fits", "lower", n)
-    scaled = {
-        name: np.array(
-            [o.errors[name] / o.deviations[name] for o in right if name in o.errors]
-        )
-        for name in CYLINDER.coordinates
-    }
-    every = np.concatenate([*scaled.values()])
-    for name, values in {"all": every, **scaled}.items():
-        part = interval_coverage(values)["95 %"] if values.size else None
-        yield Metric.share(f"{label}.coverage_95.{name}", part, values.size)
-    far = int(np.sum([max(_off(o)) > 5 for o in right]))
-    yield Metric(f"{label}.far", far, None, "fits", "lower", len(right))
-    wrong = summarize(outcomes).wrong
-    yield Metric(f"{label}.wrong", wrong, None, "fits", "lower", len(right))
+    """Coverage of all coordinates and of each, and the radius' bias, in spreads."""
+    yield from counted(label, outcomes, CYLINDER.coordinates)
+    every = CYLINDER.coordinates
+    for name, some in {"all": every, **{one: [one] for one in every}}.items():
+        yield coverage(f"{label}.coverage_95.{name}", outcomes, some)
+    right = [one for one in outcomes if one.success]
     errors = np.array([o.errors["radius"] for o in right])
     if errors.size > 1:
         spread, count = float(errors.std()), len(errors)
@@ -83,11 +66,6 @@ def _counted(label: str, outcomes: Sequence[Outcome]) -> Iterator[Metric]:
         yield Metric(f"{label}.radius.spread", 1e3 * spread, None, "mm", "lower", count)
         told = 1e3 * float(np.median([o.deviations["radius"] for o in right]))
         yield Metric(f"{label}.radius.std", told, None, "mm", "lower", count)
-
-
-def _off(outcome: Outcome) -> list[float]:
-    """Errors in standard deviations."""
-    return [abs(outcome.errors[x]) / outcome.deviations[x] for x in outcome.errors]
 
 
 if __name__ == "__main__":

@@ -8,6 +8,7 @@ import jax
 import numpy as np
 
 import impostor_jax as ij
+from experiments.outcomes import labeled
 from impostor_jax.io.dataset_shard import LabeledImage
 from impostor_jax.sensor.base import AbstractDepthNoise
 
@@ -60,14 +61,8 @@ def draw_image(sensor: AbstractDepthNoise, seed: int, number: int) -> LabeledIma
     key = jax.random.fold_in(jax.random.key(seed), number)
     depth = ij.Dropout(sensor).sample(key, maps.depth, maps.normal, camera)
     depth = np.asarray(depth)
-    return LabeledImage(
-        depth=np.where(np.isfinite(depth), depth, 0),
-        mask=(np.asarray(maps.index) == 0)[None],
-        camera=camera,
-        shapes=jax.tree.map(lambda x: x[None], can),
-        visible_fraction=np.ones(1),
-        key=str(number),
-    )
+    depth = np.where(np.isfinite(depth), depth, 0)
+    return labeled(depth, np.asarray(maps.index) == 0, camera, can, number)
 
 
 def _can_on_table(rng: np.random.Generator) -> tuple[ij.Cylinder, ij.Plane]:

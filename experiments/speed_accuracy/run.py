@@ -17,6 +17,7 @@ import jax
 import numpy as np
 
 import impostor_jax as ij
+from experiments.fitting import rmse
 from experiments.recording import Metric
 from experiments.running import RunConfig, main
 from experiments.scenes import CAMERA
@@ -36,7 +37,7 @@ from experiments.speed_accuracy.settings import (
     TRACES,
     Traced,
 )
-from experiments.timing import in_new_process, sample, time_in_turns
+from experiments.timing import in_new_process, percentiles, sample, time_in_turns
 from impostor_jax.effort import Effort
 
 WRONG = 10.0
@@ -178,16 +179,10 @@ def render_metrics(shape: str, settings: list[str], repeats: int) -> Iterator[Me
         depth, true = (np.asarray(m.depth, float) for m in (found, exact))
         both = np.isfinite(depth) & np.isfinite(true[at])
         relative = np.abs(depth[both] - true[at][both]) / true[at][both]
-        n = int(both.sum())
-        for percent in (50, 100):
-            value = float(np.percentile(relative, percent))
-            yield Metric(f"{label}.depth.p{percent}", value, None, "1", "lower", n)
+        yield from percentiles(f"{label}.depth", relative, (50, 100), "1")
         area, all_of_it = (np.asarray(m.coverage, float) for m in (found, exact))
         edge = (all_of_it[at] > 0) & (all_of_it[at] < 1)
-        off = (area - all_of_it[at])[edge]
-        value = float(np.sqrt(np.mean(off**2))) if edge.any() else None
-        n = int(edge.sum())
-        yield Metric(f"{label}.coverage.rms", value, None, "part", "lower", n)
+        yield rmse(f"{label}.coverage.rms", (area - all_of_it[at])[edge], "part")
 
 
 def trace_metrics(settings: list[str], exact: Traced, repeats: int) -> Iterator[Metric]:

@@ -1,6 +1,6 @@
 """A camera that does not wait: what comes while the tracker is busy is dropped."""
 
-__all__ = ["real_time"]
+__all__ = ["real_time", "times", "track_of"]
 
 import dataclasses
 import time
@@ -9,6 +9,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 import impostor_jax as ij
+from experiments.fitting import rmse
 from experiments.recording import Metric
 from experiments.tracking.scenes import CAMERA, RATE, Frame
 from impostor_jax.evaluate_tracks import track_errors
@@ -119,6 +120,17 @@ def track_of(can: ij.Cylinder, tracks: Sequence[Track]) -> Track | None:
     return tracks[best] if away and away[best] < NEAR else None
 
 
+def times(label: str, seconds: Sequence[float]) -> Iterator[Metric]:
+    """The median and the slowest of a hundred, in milliseconds, but for the first.
+
+    That is of all of an image, or compiles.
+    """
+    ms = 1e3 * np.array(seconds[1:] or seconds)
+    n, spread = len(ms), float(np.std(ms))
+    for part, value in (("median", np.median(ms)), ("slow", np.quantile(ms, 0.99))):
+        yield Metric(f"{label}.{part}", float(value), spread, "ms", "lower", n)
+
+
 def _metrics(case: str, frames: Sequence[Frame], found: Followed) -> Iterator[Metric]:
     label, count = f"real_time.{case}", len(found.taken)
     dropped = 1 - count / len(frames)
@@ -127,16 +139,10 @@ def _metrics(case: str, frames: Sequence[Frame], found: Followed) -> Iterator[Me
     missed = found.num_missed / num_cans
     yield Metric.share(f"{label}.missed", missed, num_cans, "lower")
     yield Metric(f"{label}.switches", found.num_switches, None, "1", "lower", num_cans)
-    ms = 1e3 * np.array(found.delays[1:] or found.delays)
-    for part, value in (("median", np.median(ms)), ("slow", np.quantile(ms, 0.99))):
-        spread = float(np.std(ms))
-        yield Metric(f"{label}.{part}", float(value), spread, "ms", "lower", len(ms))
+    yield from times(label, found.delays)
     for name, unit, errors in (
         ("aside", "m", found.asides),
         ("speed", "m/s", found.speeds),
         ("radius", "m", found.radii),
     ):
-        n = len(errors)
-        rms = float(np.sqrt(np.mean(np.square(errors)))) if n else None
-        spread = None if rms is None else rms / (2 * n) ** 0.5
-        yield Metric(f"{label}.{name}", rms, spread, unit, "lower", n)
+        yield rmse(f"{label}.{name}", np.array(errors), unit)

@@ -14,10 +14,10 @@ import impostor_jax as ij
 from data_synth.distribution import Fixed
 from data_synth.generate import generate
 from data_synth.presets import PRESETS
-from experiments.fitting import NORMAL_95
+from experiments.fitting import inside, rmse
 from experiments.recording import Metric
 from experiments.running import RunConfig, main
-from experiments.tracking.real_time import real_time, track_of
+from experiments.tracking.real_time import real_time, times, track_of
 from experiments.tracking.report import COMPARED, tables
 from experiments.tracking.scenes import CAMERA, hidden_video, table_video
 from impostor_jax.evaluate_tracks import evaluate_tracks, score_tracks, track_errors
@@ -62,7 +62,7 @@ def _intervals(case: str, config: Config) -> Iterator[Metric]:
     scale, noise = SCALES[case], ij.ConstantNoise(SIGMA)
     sensor = ij.ScaleError(noise, scale) if scale else noise
     errors: dict[str, list[float]] = {name: [] for name in COMPARED}
-    inside: dict[str, list[bool]] = {name: [] for name in COMPARED}
+    told: dict[str, list[float]] = {name: [] for name in COMPARED}
     falls, num_cans = [], 0
     for seed in range(config.videos):
         rng = np.random.default_rng([config.seed, seed])
@@ -85,18 +85,15 @@ def _intervals(case: str, config: Config) -> Iterator[Metric]:
             off, deviation = track_errors(track, can)
             for name in off:
                 errors[name].append(off[name])
-                inside[name].append(abs(off[name]) <= NORMAL_95 * deviation[name])
+                told[name].append(deviation[name])
     label = f"intervals.{case}"
     missed = num_cans - len(errors["radius"])
     yield Metric(f"{label}.missed", missed, None, "cans", "lower", num_cans)
     for name in COMPARED:
-        n = len(errors[name])
-        share = float(np.mean(inside[name])) if n else None
-        yield Metric.share(f"{label}.{name}.inside", share, n)
-        rms = float(np.sqrt(np.mean(np.square(errors[name])))) if n else None
-        spread = None if rms is None else rms / (2 * n) ** 0.5
+        off = np.array(errors[name])
+        yield inside(f"{label}.{name}.inside", off, np.array(told[name]))
         unit = "rad" if name.startswith("axis") else "m"
-        yield Metric(f"{label}.{name}.rms", rms, spread, unit, "lower", n)
+        yield rmse(f"{label}.{name}.rms", off, unit)
     fall = float(np.median(falls))
     yield Metric(f"{label}.radius.fall", fall, None, "1", "lower", len(falls))
 
@@ -161,11 +158,7 @@ def _times(config: Config) -> Iterator[Metric]:
         ij.find_cylinders(frame.depth, CAMERA, SIGMA)
         spent["find_cylinders"].append(time.perf_counter() - start)
     for name, seconds in spent.items():
-        # The first is of all of the image, or compiles.
-        ms = 1e3 * np.array(seconds[1:])
-        n, spread = len(ms), float(np.std(ms))
-        for part, value in (("median", np.median(ms)), ("slow", np.quantile(ms, 0.99))):
-            yield Metric(f"time.{name}.{part}", float(value), spread, "ms", "lower", n)
+        yield from times(f"time.{name}", seconds)
 
 
 if __name__ == "__main__":
