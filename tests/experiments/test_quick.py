@@ -31,6 +31,7 @@ LONG = (
     "fit_tubes",
     "fit_views",
     "golden",
+    "graphics_card",
     "last_bit",
     "many_images",
     "mask_errors",
@@ -48,7 +49,7 @@ LONG = (
     "synthetic_benchmark",
     "tracking",
 )
-"""Those that take 5 to 24 seconds; the others take 15 together."""
+"""Those that take 5 to 24 seconds; the others take 10 together."""
 
 
 def marks_of(name):
