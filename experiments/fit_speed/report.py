@@ -1,12 +1,8 @@
-"""The tables and the figure of the README, from results.json."""
+"""The tables of the README, from results.json."""
 
-__all__ = ["FIRST", "FIRST_PARTS", "draw", "tables"]
+__all__ = ["FIRST", "FIRST_PARTS", "tables"]
 
 from typing import NamedTuple
-
-import numpy as np
-from matplotlib.figure import Figure
-from matplotlib.ticker import LogLocator, NullFormatter
 
 from experiments.markdown import table, three_digits
 from experiments.recording import Results
@@ -148,33 +144,6 @@ def _sizes(results: Results, curve: str) -> list[int]:
     start = f"scaling.{curve}."
     cases = results.cases(start, ".median")
     return sorted(int(case.removeprefix(start)) for case in cases)
-
-
-def draw(results: Results) -> dict[str, Figure]:
-    """Draw what fits grow with."""
-    figure = Figure(figsize=(11, 3.6), layout="constrained")
-    labels = list(dict.fromkeys(label for label, _ in CURVES.values()))
-    panels = dict(zip(labels, figure.subplots(1, len(labels)), strict=True))
-    for curve, (label, start) in CURVES.items():
-        sizes = _sizes(results, curve)
-        pairs = [results.pair(f"scaling.{curve}.{size}.median") for size in sizes]
-        medians, spreads = np.array(pairs, float).T
-        slope = _with_spread(results, f"scaling.{curve}.exponent")
-        name = f"{start}: exponent {slope}" if slope else start
-        axes = panels[label]
-        axes.errorbar(sizes, medians, spreads / 2, fmt="o-", capsize=3, label=name)
-        axes.set(xlabel=label, ylabel="time of a call, ms")
-        if curve == "parameters":
-            axes.set_ylim(bottom=0)
-        else:
-            axes.set(xscale="log", yscale="log")
-            axes.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
-            axes.yaxis.set_major_formatter("{x:g}")
-            axes.yaxis.set_minor_formatter(NullFormatter())
-        # Above the curves, which go from corner to corner.
-        axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1), fontsize=8)
-        axes.grid(alpha=0.3)
-    return {"scaling": figure}
 
 
 def _with_spread(results: Results, name: str) -> str:

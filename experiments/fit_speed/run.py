@@ -25,7 +25,7 @@ from experiments.fit_speed.cases import (
     yardstick,
 )
 from experiments.fit_speed.peers import peer_metrics
-from experiments.fit_speed.report import FIRST, FIRST_PARTS, draw, tables
+from experiments.fit_speed.report import FIRST, FIRST_PARTS, tables
 from experiments.fit_speed.scaling import FEW, MANY, scaling_metrics
 from experiments.recording import Metric
 from experiments.running import RunConfig, main
@@ -137,4 +137,4 @@ def measure(config: Config) -> Iterator[Metric]:
 
 
 if __name__ == "__main__":
-    main(Config, measure, tables, Config(repeats=2), draw)
+    main(Config, measure, tables, Config(repeats=2))

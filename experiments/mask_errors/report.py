@@ -1,8 +1,6 @@
-"""The tables of the README from results.json, and the figure."""
+"""The tables of the README from results.json."""
 
-__all__ = ["draw", "tables"]
-
-from matplotlib.figure import Figure
+__all__ = ["tables"]
 
 from experiments.columns import Column, Failures, case_table, without_group
 from experiments.markdown import three_digits
@@ -10,7 +8,6 @@ from experiments.mask_errors.scenes import MASKS
 from experiments.recording import Results
 
 GROUPS = ("table", "small", "lying", "wall")
-
 
 OF_CANS = (
     Column("intervals that hold", "all.coverage_95", ".1%"),
@@ -51,35 +48,3 @@ def _noises(results: Results) -> list[str]:
     """What the first part of a can's metrics says."""
     firsts = dict.fromkeys(name.split(".")[0] for name in results.values)
     return [first for first in firsts if first != "preset"]
-
-
-def draw(results: Results) -> dict[str, Figure]:
-    """Coverage and largest error against what is wrong with the mask."""
-    values = results.values
-    figure = Figure(figsize=(10, 6), layout="constrained")
-    grid = figure.subplots(2, 2, sharex=True, squeeze=False)
-    for column, noise in enumerate(_noises(results)):
-        for row, quantity in enumerate(("coverage_95", "largest")):
-            axes = grid[row, column]
-            for group in GROUPS:
-                found = [
-                    values.get(f"{noise}.{mask}.{group}.{quantity}") for mask in MASKS
-                ]
-                # What was not measured is left out of the line.
-                axes.plot(
-                    list(MASKS),
-                    [float("nan") if value is None else value for value in found],
-                    "o-",
-                    markersize=4,
-                    label=group,
-                )
-            axes.grid(alpha=0.3)
-        grid[0, column].set_title(f"noise {noise}")
-        grid[0, column].axhline(0.95, color="black", linewidth=0.8)
-        grid[0, column].set_ylim(0, 1.02)
-        grid[1, column].set_ylim(bottom=0)
-        grid[1, column].tick_params("x", rotation=45)
-    grid[0, 0].set_ylabel("95 % intervals that hold")
-    grid[1, 0].set_ylabel("largest error in deviations")
-    grid[0, 0].legend()
-    return {"mask_errors": figure}

@@ -11,7 +11,7 @@ import numpy as np
 
 from data_synth.generate import generate
 from data_synth.presets import PRESETS
-from experiments.mask_errors.report import draw, tables
+from experiments.mask_errors.report import tables
 from experiments.mask_errors.scenes import (
     MASKS,
     SCENES,
@@ -151,4 +151,4 @@ def of_fits(
 
 
 if __name__ == "__main__":
-    main(Config, measure, tables, Config(seeds=1, images=1, images_inside=1), draw)
+    main(Config, measure, tables, Config(seeds=1, images=1, images_inside=1))

@@ -1,8 +1,6 @@
-"""The tables of the README from results.json, and the figure."""
+"""The tables of the README from results.json."""
 
-__all__ = ["draw", "tables"]
-
-from matplotlib.figure import Figure
+__all__ = ["tables"]
 
 from experiments.columns import Column, case_table, without_group
 from experiments.markdown import number, table
@@ -84,32 +82,3 @@ def tables(results: Results) -> str:
         head = ["interval", *(name.replace("_", " ") for name in COORDINATES)]
         blocks.append(table(head, rows))
     return "\n\n".join(blocks)
-
-
-def draw(results: Results) -> dict[str, Figure]:
-    """Errors and coverage against visibility."""
-    values = results.values
-    figure = Figure(figsize=(9, 3.6), layout="constrained")
-    left, right = figure.subplots(1, 2)
-    place = range(len(BINS))
-    for (name, title), style in zip(RUNS.items(), ("-", "--"), strict=True):
-        for column, color in (("radius_mm", "C0"), ("center_mm", "C1")):
-            height = [values[f"{name}.{label}.{column}"] for label in BINS]
-            what = column.removesuffix("_mm")
-            left.plot(place, height, f"{color}o{style}", label=f"{what}, {title}")
-        for (level, width), color in zip(LEVELS.items(), ("C2", "C3"), strict=True):
-            labels = [f"{name}.{label}.coverage.{level}" for label in BINS]
-            pairs = map(results.pair, labels)
-            known = [(k, *pair) for k, pair in enumerate(pairs) if None not in pair]
-            if known:
-                x, y, error = zip(*known, strict=True)
-                label = f"{level} ({width:.3g} std), {title}"
-                right.errorbar(x, y, error, fmt=f"{color}o{style}", label=label)
-            right.axhline(float(level[:-2]) / 100, color=color, linewidth=0.5)
-    left.set(yscale="log", ylabel="median absolute error in mm")
-    right.set(ylim=(0, 1), ylabel="share of errors within the interval")
-    for axes in (left, right):
-        axes.set_xticks(list(place), BINS, rotation=30)
-        axes.set_xlabel("visible part of the silhouette")
-        axes.legend(fontsize=7)
-    return {"synthetic_benchmark": figure}

@@ -33,7 +33,7 @@ from data_synth.presets import PRESETS
 from data_synth.preview import preview
 from experiments.recording import Metric
 from experiments.running import RunConfig, main
-from experiments.synthetic_benchmark.report import draw, tables
+from experiments.synthetic_benchmark.report import tables
 from experiments.timing import sample
 from impostor_jax.evaluate import (
     Outcome,
@@ -392,4 +392,4 @@ def pictures(home: Path, output: Path, seed: int) -> None:
 
 if __name__ == "__main__":
     trial = Config(count=4, workers=1, repeats=1, others=(), kills=1, eroded=1)
-    main(Config, measure, tables, trial, draw)
+    main(Config, measure, tables, trial)
