@@ -9,7 +9,7 @@ import pytest
 import impostor_jax as ij
 from tests.checks import angle_between
 from tests.fit.scenes import CAMERA, SIGMA, camera_with, can, image
-from tests.groups import FULL, SMALL_IMAGES
+from tests.groups import FULL, RELEASE, SMALL_IMAGES
 
 pytestmark = SMALL_IMAGES
 
@@ -138,6 +138,7 @@ def upright(**changes):
             np.abs(ROW - 60) < 6,
             True,
             id="a silo from inside",
+            marks=RELEASE,
         ),
     ],
 )
