@@ -66,6 +66,7 @@ def fit_of_one_surface(
     seen: Sequence[Seen],
     correlated: bool,
     is_exact: bool = False,
+    is_trial: bool = False,
 ) -> Fit:
     """Fit to a region, or to what of it is of one surface.
 
@@ -77,8 +78,11 @@ def fit_of_one_surface(
             border and rest disagree and no mask is to blame: so they do by a sensor's
             bias, and independent errors do not.
         is_exact: Whether no pixel of the region is of what the object touches.
+        is_trial: Whether a fit to the whole region that fails is returned as it is.
     """
     whole = fitted(seen, correlated, None)
+    if is_trial and whole.status in (FitStatus.POOR_FIT, FitStatus.STEP_LIMIT):
+        return whole
     if whole.status.has_numbers:
         body, wider = going_on(kind.of(whole.shape), whole.ends_seen), _wider(whole)
         told = seen if is_exact else [with_unsure(one, body, wider) for one in seen]

@@ -76,13 +76,15 @@ def fit_shape(
     places: Sequence[Any] | None = None,
     rounding: float | None = None,
     in_search: bool = False,
+    is_trial: bool = False,
 ) -> Fit:
     """Fit a shape.
 
     A mask must be given unless something is traced. Where the images are made of
     points, `places` are those of `Pixelwise.of_points`, and `rounding` is the standard
     deviation that their coordinates were rounded with. A step `in_search` is told the
-    noise of the whole image, and where to begin.
+    noise of the whole image, and where to begin. A trial that fails does not look for
+    the part of its region that is of the shape.
     """
     kind, depth, camera, _, sigma, initial, options = request
     effort, views, given = options.effort, request.views, request.values
@@ -127,7 +129,7 @@ def fit_shape(
             seen = [with_copies(one) for one in seen]
         correlated = any(options.correlated(one.noise) for one in seen)
 
-        also = effort, correlated, rounding, in_search
+        also = effort, correlated, rounding, in_search, is_trial
 
         def fitted_as(asked: FitRequest) -> Fit:
             options, begin = asked.options, asked.initial
@@ -184,11 +186,11 @@ def _fit_seen(
     correlated: bool,
     rounding: float | None,
     in_search: bool,
+    is_trial: bool,
 ) -> Fit:
     """Fit to those readings of a region that are of the shape.
 
-    Errors are taken for `correlated` at first; `rounding` and `in_search` are as of
-    `fit_shape`.
+    Errors are taken for `correlated` at first; what follows is as of `fit_shape`.
     """
     quick = dataclasses.replace(effort, doubts=False)
 
@@ -209,7 +211,8 @@ def _fit_seen(
     def to_surface(parts: Any) -> Fit:
         # An outline is as exact as its caller says.
         is_exact = bool(settings.is_outline)
-        return fit_of_one_surface(fitted, kind.body, parts, correlated, is_exact)
+        how = correlated, is_exact, is_trial
+        return fit_of_one_surface(fitted, kind.body, parts, *how)
 
     def resumed(parts: Any, before: Fit) -> Fit:
         used = [
