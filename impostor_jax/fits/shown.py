@@ -129,7 +129,7 @@ def _fit_masked(request: FitRequest) -> Fit:
     if kind is not CYLINDER or not is_one or not is_region:
         return fit_shape(request)
     # What is of many readings is looked for before it is told which of them are its.
-    is_large = np.count_nonzero(views[0].mask) > MANY
+    is_large = bool(np.count_nonzero(views[0].mask) > MANY)
     fit = fit_shape(request, is_trial=is_large)
     if fit.status not in (FitStatus.POOR_FIT, FitStatus.STEP_LIMIT):
         return fit

@@ -8,7 +8,7 @@ from impostor_jax.fit.mouth import mouth_pixels
 from impostor_jax.fit.round_body import RoundBody
 from impostor_jax.fit.seen import Seen
 from tests.fit.scenes import CAMERA, SIGMA, can, image_of
-from tests.fit.test_tube import HEIGHT, OUTER, mug, pipe
+from tests.fit.test_tube import HEIGHT, INNER, OUTER, mug, pipe
 from tests.groups import FULL, SMALL_IMAGES
 
 pytestmark = SMALL_IMAGES
@@ -23,14 +23,16 @@ def marked(shape):
     return found, mask & (depth - np.asarray(closed) > 5 * SIGMA)
 
 
-def test_what_is_seen_through_a_mouth_is_left_out_with_what_lies_beside_it():
-    found, inside = marked(pipe())
+# Of the narrow bore a rim of two pixels is left out, too: of a small mouth that is more.
+@pytest.mark.parametrize(("inner", "most"), [(INNER, 1.6), (0.015, 2.7)])
+def test_what_is_seen_through_a_mouth_is_left_out_with_what_lies_beside_it(inner, most):
+    found, inside = marked(pipe(inner=inner))
     assert np.count_nonzero(inside) > 50
     assert np.all(found[inside])
-    assert np.count_nonzero(found) < 1.6 * np.count_nonzero(inside)
+    assert np.count_nonzero(found) < most * np.count_nonzero(inside)
 
 
-@pytest.mark.parametrize("shape", [can(40.0), pipe(inner=0.015)], ids=["can", "thick"])
+@pytest.mark.parametrize("shape", [can(40.0), pipe(inner=0.01)], ids=["can", "thick"])
 def test_a_cap_is_no_mouth(shape):
     found, _ = marked(shape)
     assert not found.any()
