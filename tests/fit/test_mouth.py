@@ -23,7 +23,7 @@ def marked(shape):
     return found, mask & (depth - np.asarray(closed) > 5 * SIGMA)
 
 
-# Of the narrow bore a rim of two pixels is left out, too: of a small mouth that is more.
+# Two pixels around are left out, too: of a narrow bore that is more.
 @pytest.mark.parametrize(("inner", "most"), [(INNER, 1.6), (0.015, 2.7)])
 def test_what_is_seen_through_a_mouth_is_left_out_with_what_lies_beside_it(inner, most):
     found, inside = marked(pipe(inner=inner))

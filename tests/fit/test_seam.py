@@ -11,6 +11,7 @@ from impostor_jax.fit.seam import (
     departs_beyond,
     departures,
     solved,
+    wall_readings,
 )
 from impostor_jax.fit.seen import Seen
 from tests.fit.scenes import CAMERA, SIGMA
@@ -158,3 +159,13 @@ def test_nothing_left_out_by_noise_that_grows_with_depth_is_no_departure():
     whole = Seen(depth.astype(np.float32), mask, CAMERA, ij.StructuredLight())
     body = ij.Cylinder(CENTER, AXIS, RADIUS, HEIGHT)
     assert not departs_beyond(body, [whole], [mask])
+
+
+def test_of_a_wall_that_is_looked_along_no_reading_is_the_caps():
+    # Errors along the axis put 6 % of what is read of the cap beside the wall.
+    body = ij.Cylinder((0.0, 0.0, 0.5), (0.0, 0.3, 0.954), RADIUS, 0.05)
+    depth, mask = seen(body, sigma=2 * SIGMA)
+    given = Seen(depth, mask, CAMERA, ij.ConstantNoise(2 * SIGMA))
+    found = wall_readings(body, given, mask)
+    assert len(found.place) > 10
+    assert np.all(np.abs(found.miss) < 4 * found.deviation)

@@ -15,7 +15,7 @@ from tests.fit.test_box import CARTON
 from tests.fit.test_frustum import cup
 from tests.fit.test_sphere import ball
 from tests.fit.test_tube import INNER, pipe
-from tests.groups import RELEASE, SMALL_IMAGES
+from tests.groups import FULL, RELEASE, SMALL_IMAGES
 
 pytestmark = SMALL_IMAGES
 
@@ -223,3 +223,52 @@ def test_a_search_knows_the_radius_and_the_effort(monkeypatch):
     (given,) = calls
     assert given["prior"] == {"radius": (0.04, 0.001)}
     assert given["effort"].readings == 1024
+
+
+def bottle():
+    """Depth with noise and the mask of a body and its shoulder, and the body."""
+    axis = np.array([0.52, 0.69, 0.5])
+    at = np.array([0.0, 0.0, 0.35])
+    body = ij.Cylinder(at - 0.03 * axis, axis, 0.035, 0.07)
+    shoulder = ij.Frustum(at + 0.005 * axis, at + 0.06 * axis, 0.035, 0.008)
+    depth, masks = beside(body, shoulder)
+    return depth, np.any(masks, axis=0), body
+
+
+@pytest.mark.parametrize("sigma", [SIGMA, pytest.param(None, marks=FULL)])
+def test_of_the_mask_of_a_bottle_its_body_is_fitted(sigma):
+    depth, mask, body = bottle()
+    fit = ij.fit_cylinder(depth, CAMERA, mask, sigma)
+    assert fit.success
+    assert "of the region is of the cylinder, and the rest was left out" in fit.reason
+    assert abs(float(fit.cylinder.radius - body.radius)) < 3 * float(fit.std.radius)
+    region = np.asarray(fit.region)
+    assert 0.4 < np.count_nonzero(region) / np.count_nonzero(mask) < 0.95
+    assert not np.any(region & ~mask)
+
+
+def test_a_mask_of_a_large_object_is_searched_first(monkeypatch):
+    depth, mask, _ = bottle()
+    monkeypatch.setattr(shown, "MANY", 100)
+    tried = []
+
+    def noted(request, **also):
+        tried.append(also)
+        return fit_shape(request, **also)
+
+    fit_shape = shown.fit_shape
+    monkeypatch.setattr(shown, "fit_shape", noted)
+    assert ij.fit_cylinder(depth, CAMERA, mask, SIGMA).success
+    assert tried == [{"is_trial": True}, {}]
+
+
+@pytest.mark.parametrize("option", ["start", "fast", "outline"])
+def test_only_what_is_asked_of_the_region_is_searched(option, monkeypatch):
+    depth, mask, body = bottle()
+    monkeypatch.setattr(shown, "_fit_within", None)
+    options = {
+        "start": {"initial": body},
+        "fast": {"effort": "fast"},
+        "outline": {"mask_meaning": "outline"},
+    }
+    ij.fit_cylinder(depth, CAMERA, mask, SIGMA, **options[option])

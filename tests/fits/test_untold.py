@@ -240,3 +240,40 @@ def test_places_that_disagree_widen_deviations():
     assert float(drifts.std.radius) > 3 * float(exact.std.radius)
     root = np.sqrt(np.diagonal(drifts.covariance))
     np.testing.assert_allclose(root[5], drifts.std.radius, rtol=1e-5)
+
+
+@pytest.mark.parametrize("away", [0.0, pytest.param(2.0, marks=FULL)])
+def test_exact_points_are_fitted_wherever_they_are(away):
+    # Two rings of a model; 2 m away single precision rounded them by all their noise,
+    # which was an error, and near by the center was 10 deviations off.
+    angle = np.linspace(0, 2 * np.pi, 64, endpoint=False)
+    ring = 0.01 * np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1)
+    rings = np.concatenate([ring, ring + np.array([0, 0, 0.05])])
+    middle = np.array([0.3, 0.6, 0.7]) * away
+    fit = ij.fit_cylinder_to_points(rings + middle)
+    assert fit.success
+    assert abs(float(fit.cylinder.radius) - 0.01) < 3 * float(fit.std.radius) < 1e-6
+
+
+@pytest.mark.parametrize("origin", [None, (-5.0, -2.0, 1.5)], ids=["none", "origin"])
+def test_a_noise_that_is_less_than_was_told_is_measured(origin):
+    # Told ten times too large it drew the radius in by 7 deviations.
+    points = stem(turn=(1.0, 1.0 + np.pi)) if origin is None else stem_from(origin)
+    fit = ij.fit_cylinder_to_points(points, origin, 10 * NOISE)
+    assert fit.success
+    assert abs(off_by(fit)) < 3
+    assert float(fit.std.radius) < 0.001
+    assert re.search(
+        r"Readings scatter by 0\.\d+ of sigma. Measured in the p", str(fit)
+    )
+    kept = ij.fit_cylinder_to_points(points, origin, 10 * NOISE, scale="fixed")
+    assert "Measured" not in str(kept)
+
+
+def stem_from(origin):
+    """Points of the half that is seen from a place, which err along its rays."""
+    points = stem(noise=0)
+    points = points[(points - CENTER)[:, :2] @ (np.array(origin) - CENTER)[:2] > 0.003]
+    ray = points - origin
+    ray /= np.linalg.norm(ray, axis=1, keepdims=True)
+    return points + np.random.default_rng(5).normal(0, NOISE, (len(points), 1)) * ray
