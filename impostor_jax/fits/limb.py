@@ -53,7 +53,7 @@ def rays_clear_of_limb(
     off = np.linalg.norm(start + ray, axis=1) - radius
     scatter = 1.4826 * float(np.median(np.abs(off)))
     beside = (np.abs(along) < float(wall.height) / 2) & (off > FAR * scatter)
-    beside &= (passes > LIMB) & (passes < 1 + scatter / radius)
+    beside &= (passes > LIMB) & (passes < 1)
     beside &= np.linalg.norm(start, axis=1) > WELL_OUTSIDE * radius
     behind = np.count_nonzero(beside & (nearest < 1))
     if behind < max(FEWEST, 3 * np.count_nonzero(beside & (nearest > 1))):

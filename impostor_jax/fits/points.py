@@ -420,15 +420,12 @@ def _fit_told(
 ) -> Fit:
     """The same with a noise that was told, unless the points show less of it."""
     fit = _fit_cloud(cloud, sigma, initial, asked)
-    level = level_of(sigma, cloud)
-    assert level is not None
-    if not fit.is_shape:
+    if not fit.is_shape or asked.scale == "fixed" or not asked.effort.doubts:
         return fit
-    chi2 = fit.chi2.item()
-    is_less = chi2 < OVERSTATED and fit.num_inliers >= FEWEST
-    if is_less and asked.scale == "estimated" and asked.effort.doubts:
-        level *= chi2**0.5
-        measured = _fit_from_level(cloud, level, initial, asked)
+    level, chi2 = level_of(sigma, cloud), fit.chi2.item()
+    assert level is not None
+    if chi2 < OVERSTATED and fit.num_inliers >= FEWEST:
+        measured = _fit_from_level(cloud, level * chi2**0.5, initial, asked)
         if measured.is_shape:
             told = LESS.format(times=chi2**0.5) + measured.asked.measured
             return measured.noting(measured=told)

@@ -31,8 +31,9 @@ FEWEST_POINTS = 3
 FEWEST_PATCHES = 20
 """That tell by how much their means scatter."""
 
-MOST_OFF = 4.0
-"""Standard deviations from the wall up to which a point is of it."""
+MOST_OFF, OF_WALL = 4.0, 0.9
+"""Standard deviations from the wall, and half heights from its middle, up to which a
+point is of it."""
 
 MOST_PLACES = 16
 """Places that are told apart; of more, parts of the path that they lie on."""
@@ -164,7 +165,8 @@ def _times(fit: Fit, points: Float[np.ndarray, "n 3"], level: float) -> float:
     radius = float(wall.radius)
     x, y, z = ((points - np.asarray(wall.center, np.float64)) @ frame.T).T
     off = (np.hypot(x, y) - radius) / level
-    near = np.abs(off) < MOST_OFF
+    # A cap's points near its rim are near the wall, too.
+    near = (np.abs(off) < MOST_OFF) & (np.abs(z) < OF_WALL * float(wall.height) / 2)
     off, angle, height = off[near], np.arctan2(y, x)[near], z[near] / radius
     found = 1.0
     for width in PATCHES:

@@ -140,24 +140,30 @@ def _fit_masked(request: FitRequest) -> Fit:
 
 
 def _fit_within(request: FitRequest) -> Fit | None:
-    """Fit the cylinder that most of a mask shows; None where none is sure."""
+    """Fit the cylinder that most of a mask shows.
+
+    None where none is sure, or another is half as large.
+    """
     (view,) = request.views
     image, _, sigma = checked_readings(view.depth, view.camera, view.sigma)
     mask = checked_mask(view.mask, view.camera)
     inside = np.where(np.asarray(mask), np.asarray(image), 0)
     found = _looked_for(inside, view.camera, sigma, request.options)
-    for own, chance in zip(found.masks, found.confidence, strict=True):
-        own = own & (inside > 0)
-        share = np.count_nonzero(own) / np.count_nonzero(inside)
-        if chance < SURE or share < MOST_OF_MASK:
-            continue
-        fit = fit_shape(request._replace(mask=own))
-        if fit.is_shape:
-            return fit.noting(
-                doubt=f"{100 * share:.0f} % of the region is of the cylinder, and the "
-                "rest was left out"
-            )
-    return None
+    regions = [own & (inside > 0) for own in found.masks]
+    shares = np.array([np.count_nonzero(own) for own in regions])
+    shares = shares / np.count_nonzero(inside)
+    if not len(shares) or np.sum(shares > shares.max() / 2) > 1:
+        return None
+    best = int(np.argmax(shares))
+    if found.confidence[best] < SURE or shares[best] < MOST_OF_MASK:
+        return None
+    fit = fit_shape(request._replace(mask=regions[best]))
+    if not fit.is_shape:
+        return None
+    return fit.noting(
+        doubt=f"{100 * shares[best]:.0f} % of the region is of the cylinder, and the "
+        "rest was left out"
+    )
 
 
 def _fit_looked_for(request: FitRequest) -> Fit:
