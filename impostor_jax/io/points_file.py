@@ -86,6 +86,10 @@ def _read_las(file: io.BufferedReader, what: str) -> Found:
             count = reader.header.point_count
             if count > most:
                 raise ValueError(f"it cannot hold the {count} points that it says")
+            is_packed = reader.header.are_points_compressed
+            size = reader.header.point_format.size
+            if not is_packed and count * size > bytes_left(file):
+                raise ValueError(f"it is cut off: it must hold {count} points")
             chunks = [np.zeros((0, 3)), *map(_scaled, reader.chunk_iterator(CHUNK))]
     except Exception as error:  # It and its decoders raise whatever they meet.
         raise ValueError(f"{what} is not readable: {error}") from error

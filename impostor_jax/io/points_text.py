@@ -1,8 +1,9 @@
 """Point clouds as text: XYZ, ASC, CSV, TXT and PTS files, a point a line.
 
 Columns are divided by commas, semicolons, or spaces and tabs, and the first three are
-x, y and z, unless a line of names above them says which. Comments begin with # or //;
-of a PTS file, or one like it, the first line is the number of points.
+x, y and z, unless a line of names above them says which. Beside semicolons a comma is a
+decimal one. Comments begin with # or //; of a PTS file, or one like it, the first line
+is the number of points.
 """
 
 __all__ = ["number_rows", "read_text"]
@@ -61,8 +62,11 @@ def _read_lines(text: io.TextIOWrapper, what: str) -> Float[np.ndarray, "n 3"]:
             )
     else:
         raise ValueError(f"{what} must hold points, got {MOST_LINES} lines without one")
-    divider = next((mark for mark in ",;" if mark in line), None)
-    return number_rows(itertools.chain([line], text), columns, divider, what)
+    divider = next((mark for mark in ";," if mark in line), None)
+    lines = itertools.chain([line], text)
+    if divider == ";":
+        lines = (line.replace(",", ".") for line in lines)
+    return number_rows(lines, columns, divider, what)
 
 
 def _columns(line: str) -> list[int] | None:
