@@ -84,7 +84,7 @@ def fit_shape(
     points, `places` are those of `Pixelwise.of_points`, and `rounding` is the standard
     deviation that their coordinates were rounded with. A step `in_search` is told the
     noise of the whole image, and where to begin. A trial that fails does not look for
-    the part of its region that is of the shape.
+    the part of a large region that is of the shape.
     """
     kind, depth, camera, _, sigma, initial, options = request
     effort, views, given = options.effort, request.views, request.values

@@ -26,6 +26,7 @@ from impostor_jax.find.objects import objects_of
 from impostor_jax.find.planes import PlaneRegions, planes_of
 from impostor_jax.find.search import Request
 from impostor_jax.find.view import View, dense_stride, view_of
+from impostor_jax.fit.border import MANY
 from impostor_jax.fit.far import fitted_near
 from impostor_jax.fit.fittable import CYLINDER, Fittable, no_guess
 from impostor_jax.fit.options import Options
@@ -78,9 +79,8 @@ WITHIN = 0.1
 """Part of what is seen in a bore that lies within the convex hull of the rest of a
 tube, at least: a fifth of some pipes. What stands behind a tube lies outside."""
 
-MANY = 5000
-"""Pixels of a mask from which on a search takes less than a fit to what is of several
-surfaces: of a bottle, 54 s of 43,000 pixels."""
+FAILED = (FitStatus.POOR_FIT, FitStatus.STEP_LIMIT)
+"""Statuses of a fit to a mask that may show more than one surface."""
 
 SURE = 0.6
 """Probability that a cylinder is there, from which the rest of a mask is left out: that
@@ -128,15 +128,13 @@ def _fit_masked(request: FitRequest) -> Fit:
     is_region = options.mask_meaning == "region" and options.effort.doubts
     if kind is not CYLINDER or not is_one or not is_region:
         return fit_shape(request)
-    # What is of many readings is looked for before it is told which of them are its.
-    is_large = bool(np.count_nonzero(views[0].mask) > MANY)
-    fit = fit_shape(request, is_trial=is_large)
-    if fit.status not in (FitStatus.POOR_FIT, FitStatus.STEP_LIMIT):
+    fit = fit_shape(request, is_trial=True)
+    if not is_concrete(request.mask) or fit.status not in FAILED:
         return fit
     within = _fit_within(request)
     if within is not None:
         return within
-    return fit_shape(request) if is_large else fit
+    return fit_shape(request) if fit.num_pixels.item() > MANY else fit
 
 
 def _fit_within(request: FitRequest) -> Fit | None:
@@ -144,11 +142,12 @@ def _fit_within(request: FitRequest) -> Fit | None:
 
     None where none is sure, or another is half as large.
     """
-    (view,) = request.views
-    image, _, sigma = checked_readings(view.depth, view.camera, view.sigma)
+    (view,), options = request.views, request.options
+    with working_precision(options.effort.precision, request.values):
+        image, _, sigma = checked_readings(view.depth, view.camera, view.sigma)
     mask = checked_mask(view.mask, view.camera)
     inside = np.where(np.asarray(mask), np.asarray(image), 0)
-    found = _looked_for(inside, view.camera, sigma, request.options)
+    found = _looked_for(inside, view.camera, sigma, options)
     regions = [own & (inside > 0) for own in found.masks]
     shares = np.array([np.count_nonzero(own) for own in regions])
     shares = shares / np.count_nonzero(inside)

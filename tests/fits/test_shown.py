@@ -8,6 +8,7 @@ import pytest
 import impostor_jax as ij
 from impostor_jax.find.planes import planes_of
 from impostor_jax.find.view import view_of
+from impostor_jax.fit import border
 from impostor_jax.fit.regions import DepthUnitsWarning
 from impostor_jax.fits import shown
 from tests.fit.scenes import CAMERA, SIGMA, can, image, image_of
@@ -249,7 +250,7 @@ def test_of_the_mask_of_a_bottle_its_body_is_fitted(sigma):
 
 def test_a_mask_of_a_large_object_is_searched_first(monkeypatch):
     depth, mask, _ = bottle()
-    monkeypatch.setattr(shown, "MANY", 100)
+    monkeypatch.setattr(border, "MANY", 100)
     tried = []
 
     def noted(request, **also):

@@ -117,8 +117,8 @@ def test_missing_points_and_their_origins_are_left_out(tmp_path):
     ],
     ids=[
         "spaces", "tabs and colors", "commas", "text beside", "semicolons",
-        "decimal commas", "CloudCompare", "by names", "a line of names", "names of points",
-        "with a count", "with a mark",
+        "decimal commas", "CloudCompare", "by names", "a line of names",
+        "names of points", "with a count", "with a mark",
     ],
 )  # fmt: skip
 @pytest.mark.parametrize("suffix", [".xyz", ".TXT"])
