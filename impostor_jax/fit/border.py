@@ -7,7 +7,7 @@ others, only its core is fitted. The body that the core shows then tells which o
 other pixels are its own, and these are fitted once more.
 """
 
-__all__ = ["MANY", "fit_of_one_surface"]
+__all__ = ["FAILED", "MANY", "fit_of_one_surface"]
 
 from collections.abc import Callable, Sequence
 
@@ -30,6 +30,9 @@ from impostor_jax.primitives.cylinder import Cylinder
 NARROWER = (2, 4, 6)
 """Pixels by which a region is made narrower, one after the other, until the readings
 beside its border agree with the others."""
+
+FAILED = (FitStatus.POOR_FIT, FitStatus.STEP_LIMIT)
+"""Statuses of a fit to a region that may show more than one surface."""
 
 MANY = 5000
 """Readings of a region from which on it takes longer to tell which of them are of the
@@ -85,8 +88,7 @@ def fit_of_one_surface(
         is_trial: Whether a fit to many readings that fails is returned as it is.
     """
     whole = fitted(seen, correlated, None)
-    is_poor = whole.status in (FitStatus.POOR_FIT, FitStatus.STEP_LIMIT)
-    if is_trial and is_poor and _num_readings(seen) > MANY:
+    if is_trial and whole.status in FAILED and _num_readings(seen) > MANY:
         return whole
     if whole.status.has_numbers:
         body, wider = going_on(kind.of(whole.shape), whole.ends_seen), _wider(whole)

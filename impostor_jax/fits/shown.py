@@ -26,7 +26,7 @@ from impostor_jax.find.objects import objects_of
 from impostor_jax.find.planes import PlaneRegions, planes_of
 from impostor_jax.find.search import Request
 from impostor_jax.find.view import View, dense_stride, view_of
-from impostor_jax.fit.border import MANY
+from impostor_jax.fit.border import FAILED, MANY
 from impostor_jax.fit.far import fitted_near
 from impostor_jax.fit.fittable import CYLINDER, Fittable, no_guess
 from impostor_jax.fit.options import Options
@@ -48,7 +48,6 @@ from impostor_jax.fit.request import (
 )
 from impostor_jax.fit.result import Fit
 from impostor_jax.fit.shapes import fit_shape
-from impostor_jax.fit.status import FitStatus
 from impostor_jax.fit.surface import cropped, upper_median
 from impostor_jax.opencv import cv2
 from impostor_jax.primitives.base import AbstractPrimitive
@@ -78,9 +77,6 @@ plane, and does not stand on it."""
 WITHIN = 0.1
 """Part of what is seen in a bore that lies within the convex hull of the rest of a
 tube, at least: a fifth of some pipes. What stands behind a tube lies outside."""
-
-FAILED = (FitStatus.POOR_FIT, FitStatus.STEP_LIMIT)
-"""Statuses of a fit to a mask that may show more than one surface."""
 
 SURE = 0.6
 """Probability that a cylinder is there, from which the rest of a mask is left out: that
@@ -131,22 +127,23 @@ def _fit_masked(request: FitRequest) -> Fit:
     fit = fit_shape(request, is_trial=True)
     if not is_concrete(request.mask) or fit.status not in FAILED:
         return fit
-    within = _fit_within(request)
+    mask = np.asarray(checked_mask(views[0].mask, views[0].camera))
+    within = _fit_within(request, mask)
     if within is not None:
         return within
-    return fit_shape(request) if fit.num_pixels.item() > MANY else fit
+    # A trial may have ended early.
+    return fit_shape(request) if np.count_nonzero(mask) > MANY else fit
 
 
-def _fit_within(request: FitRequest) -> Fit | None:
-    """Fit the cylinder that most of a mask shows.
+def _fit_within(request: FitRequest, mask: Bool[np.ndarray, "h w"]) -> Fit | None:
+    """Fit the cylinder that most of a checked mask shows.
 
     None where none is sure, or another is half as large.
     """
     (view,), options = request.views, request.options
     with working_precision(options.effort.precision, request.values):
         image, _, sigma = checked_readings(view.depth, view.camera, view.sigma)
-    mask = checked_mask(view.mask, view.camera)
-    inside = np.where(np.asarray(mask), np.asarray(image), 0)
+    inside = np.where(mask, np.asarray(image), 0)
     found = _looked_for(inside, view.camera, sigma, options)
     regions = [own & (inside > 0) for own in found.masks]
     shares = np.array([np.count_nonzero(own) for own in regions])

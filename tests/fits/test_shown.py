@@ -263,6 +263,24 @@ def test_a_mask_of_a_large_object_is_searched_first(monkeypatch):
     assert tried == [{"is_trial": True}, {}]
 
 
+def test_a_trial_that_ended_early_is_no_answer(monkeypatch):
+    # Of few readings that are taken the others count, too.
+    depth, mask, _ = bottle()
+    monkeypatch.setattr(border, "MANY", 1000)
+    monkeypatch.setattr(shown, "MANY", 1000)
+    monkeypatch.setattr(shown, "_fit_within", lambda *_: None)
+    tried = []
+
+    def noted(request, **also):
+        tried.append(also)
+        return fit_shape(request, **also)
+
+    fit_shape = shown.fit_shape
+    monkeypatch.setattr(shown, "fit_shape", noted)
+    ij.fit_cylinder(depth, CAMERA, mask, SIGMA, effort=ij.Effort(readings=500))
+    assert tried == [{"is_trial": True}, {}]
+
+
 @pytest.mark.parametrize("option", ["start", "fast", "outline"])
 def test_only_what_is_asked_of_the_region_is_searched(option, monkeypatch):
     depth, mask, body = bottle()
