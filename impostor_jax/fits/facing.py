@@ -6,7 +6,7 @@ Points of the far half, whose rays would go through the near one, contradict the
 origin, however well a cylinder can be bent to their rays.
 """
 
-__all__ = ["share_away", "tested_by_facing"]
+__all__ = ["WELL_OUTSIDE", "share_away", "tested_by_facing"]
 
 import numpy as np
 from jaxtyping import Float

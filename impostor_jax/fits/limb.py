@@ -12,6 +12,8 @@ __all__ = ["rays_clear_of_limb"]
 import numpy as np
 from jaxtyping import Bool, Float
 
+from impostor_jax.fit.seam import about_axis
+from impostor_jax.fits.facing import WELL_OUTSIDE
 from impostor_jax.primitives.cylinder import Cylinder
 
 LIMB = 0.9
@@ -24,9 +26,6 @@ FEWEST = 5
 """Readings behind the limb that show it, at least; beams differ from rays to both
 sides, so that they are also more than three times those in front of it."""
 
-WELL_OUTSIDE = 1.1
-"""Distance of an origin from the axis, in radii, from which it is outside."""
-
 
 def rays_clear_of_limb(
     wall: Cylinder, ends: Float[np.ndarray, "n 3"], starts: Float[np.ndarray, "n 3"]
@@ -38,23 +37,21 @@ def rays_clear_of_limb(
         ends: The points, in the world.
         starts: Where each was seen from.
     """
-    axis, radius = np.asarray(wall.axis, np.float64), float(wall.radius)
-    along = (ends - np.asarray(wall.center, np.float64)) @ axis
-
-    def across(vectors: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
-        return vectors - (vectors @ axis)[:, None] * axis
-
-    start = across(starts - np.asarray(wall.center, np.float64))
-    ray = across(ends - starts)
-    # The place on each ray that is nearest to the axis; the reading is at 1.
+    center, axis = (np.asarray(x, np.float64) for x in (wall.center, wall.axis))
+    radius = float(wall.radius)
+    along, distance, _ = about_axis(ends, center, axis)
+    _, begins, out = about_axis(starts, center, axis)
+    # Across the axis: the place on each ray that is nearest; the reading is at 1.
+    start, ray = begins[:, None] * out, ends - starts
+    ray = ray - (ray @ axis)[:, None] * axis
     square = np.maximum((ray**2).sum(axis=1), np.finfo(float).tiny)
     nearest = -(start * ray).sum(axis=1) / square
     passes = np.linalg.norm(start + nearest[:, None] * ray, axis=1) / radius
-    off = np.linalg.norm(start + ray, axis=1) - radius
+    off = distance - radius
     scatter = 1.4826 * float(np.median(np.abs(off)))
     beside = (np.abs(along) < float(wall.height) / 2) & (off > FAR * scatter)
     beside &= (passes > LIMB) & (passes < 1)
-    beside &= np.linalg.norm(start, axis=1) > WELL_OUTSIDE * radius
+    beside &= begins > WELL_OUTSIDE * radius
     behind = np.count_nonzero(beside & (nearest < 1))
     if behind < max(FEWEST, 3 * np.count_nonzero(beside & (nearest > 1))):
         return None
