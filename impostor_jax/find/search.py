@@ -357,15 +357,13 @@ class _Search:
         halves = self._halves(scene, final, 2)
         if halves is not None:
             return False, halves
-        changes = list(CHANGED)
+        changes = iter((*CHANGED, np.inf))
         while True:
             before, mask = mask, self._mask(scene, final)
             facts = self._facts_of_fit(scene, final, fit)
             if not confidence(facts) >= self.least_chance:
                 return False, []
-            if not changes:
-                break
-            most = changes.pop(0) * np.count_nonzero(mask)
+            most = next(changes) * np.count_nonzero(mask)
             changed = np.count_nonzero(mask ^ before) > most
             if not (changed or (is_quick and self.fitter.options.effort.doubts)):
                 break

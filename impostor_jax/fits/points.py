@@ -489,16 +489,16 @@ def _resolution(cloud: GivenPoints, asked: Options) -> float:
     too little of it to be looked at.
     """
     around = np.abs(cloud.ends - np.median(cloud.ends, axis=0)).max()
-    starts = cloud.ends if cloud.starts is None else cloud.starts
+    assert cloud.starts is not None
     with working_precision(asked.effort.precision, ()):
-        dtype = _working_type(_views_of(cloud.ends, starts), cloud.dtype)
+        dtype = _working_type(_views_of(cloud.ends, cloud.starts), cloud.dtype)
     return float(max(around * eps(np.float32, 16), _largest(cloud) * eps(dtype, 16)))
 
 
 def _largest(cloud: GivenPoints) -> float:
     """Of all coordinates, in meters."""
-    given = [cloud.ends] if cloud.starts is None else [cloud.ends, cloud.starts]
-    return float(max(np.abs(points).max() for points in given))
+    assert cloud.starts is not None
+    return float(max(np.abs(cloud.ends).max(), np.abs(cloud.starts).max()))
 
 
 def _working_type(views: Sequence["_View"], dtype: np.dtype) -> np.dtype:
