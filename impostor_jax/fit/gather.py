@@ -327,8 +327,9 @@ def lattice_of(
         top, left = (int(place[own].min(initial=10**9)) for place in (row, col))
         row, col = row - top, col - left
         height, width = (int(place[own].max(initial=0)) + 1 for place in (row, col))
+    # What is as far apart as a longest lag, along rows or beyond the end, is nothing.
     stride = width + MAX_LAG - 1
-    places = height * stride
+    places = (height + MAX_LAG) * stride
     if xp is np:
         places = next(size * 4**k for k in range(1, 20) if size * 4**k >= places)
     place = xp.where(own, row * stride + col, places)

@@ -175,7 +175,8 @@ class Lattice(NamedTuple):
             is.
         place: Of each pixel; beyond all places for what only fills up.
         stride: Places from one row to the next; at the end of each there are as many
-            without a pixel as the longest lag has columns.
+            without a pixel as the longest lag has columns, and at the end of all as
+            many as that takes.
     """
 
     pixel_at: Int[Array, " g"] | Int[np.ndarray, " g"]

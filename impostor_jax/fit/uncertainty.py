@@ -35,6 +35,11 @@ MOST_TAKEN = 0.5
 """Most of the correlation that a fit may have taken from its residuals; on fewer pixels
 than that makes, standard deviations are too small."""
 
+MOST_PLACES = 16
+"""Places of a lattice, over its pixels, up to which sums over all pairs take less time
+by spectra: of 30,000 pixels of a can 0.04 s for 0.4. Pixels that were thinned lie
+farther apart."""
+
 OWN_ROUNDING = 64
 """Spacings of numbers, of the most that any coordinate moves a quantity, up to which
 one that is free moves it by rounding: of a pole that leans by 8e-6 a place across it is
@@ -143,17 +148,76 @@ def score_covariance(
     References:
         Conley (1999), "GMM estimation with cross sectional dependence".
     """
-    size, pixel_at = residual.shape[1], jnp.asarray(lattice.pixel_at)
+    counts = jnp.where(residual[0] != 0, 1, 0).astype(residual.dtype)
+    count = jnp.sum(counts)
+    lags = np.array(
+        [
+            (down, right)
+            for down in range(MAX_LAG)
+            for right in range(-MAX_LAG + 1, MAX_LAG)
+            if (down, right) > (0, 0)
+        ]
+    )
+    windows = np.exp(-np.sum((lags / WINDOW) ** 2, axis=1) / 2)
+    pixels = gradient.shape[1] * (1 + 2 * float(np.sum(windows)))
+    taken = jnp.minimum(pixels / jnp.maximum(count, 1), MOST_TAKEN)
+    sums = jnp.sum(residual**2, axis=1)
+    variance = safe_divide(sums, jnp.broadcast_to(count, sums.shape))
+    is_sparse = len(lattice.pixel_at) > MOST_PLACES * len(counts)
+    over_lags = _lag_by_lag if is_sparse else _by_spectra
+    apart = jnp.asarray(lags), jnp.asarray(windows, residual.dtype)
+    total = over_lags(gradient, residual, counts, variance, lattice, *apart)
+    return total / (1 - taken)
+
+
+def _by_spectra(
+    gradient: Float[Array, "n k"],
+    residual: Float[Array, "r n"],
+    counts: Float[Array, " n"],
+    variance: Float[Array, " r"],
+    lattice: Lattice,
+    lags: Int[Array, "l 2"],
+    windows: Float[Array, " l"],
+) -> Float[Array, "r k k"]:
+    """The sum over all pairs, as one over frequencies."""
+    num_places = len(lattice.pixel_at)
+
+    def spectra_of(values: Float[Array, "m n"]) -> Array:
+        padded = jnp.concatenate([values, jnp.zeros_like(values[:, :1])], axis=1)
+        return jnp.fft.rfft(padded[:, jnp.asarray(lattice.pixel_at)])
+
+    power = jnp.abs(spectra_of(jnp.concatenate([counts[None], residual]))) ** 2
+    products = jnp.fft.irfft(power, num_places)
+    at = lags[:, 0] * lattice.stride + lags[:, 1]
+    pairs, sums = jnp.round(products[:1, at]), products[1:, at]
+    means = safe_divide(sums, jnp.broadcast_to(pairs, sums.shape)) * windows[None]
+    kernel = jnp.zeros_like(products[1:]).at[:, 0].set(variance)
+    kernel = kernel.at[:, at].set(means).at[:, num_places - at].set(means)
+    weight = jnp.fft.rfft(kernel).real
+    # Of real values one half of a spectrum tells the other, but for what is its own.
+    times = np.where(2 * np.arange(weight.shape[1]) % num_places, 2, 1) / num_places
+    weight *= jnp.asarray(times, weight.dtype)[None]
+    slopes = spectra_of(gradient.T)
+    parts = jnp.concatenate([slopes.real, slopes.imag], axis=1)
+    return jnp.stack(
+        [product(parts * jnp.tile(one, 2)[None], parts.T) for one in weight]
+    )
+
+
+def _lag_by_lag(
+    gradient: Float[Array, "n k"],
+    residual: Float[Array, "r n"],
+    counts: Float[Array, " n"],
+    variance: Float[Array, " r"],
+    lattice: Lattice,
+    lags: Int[Array, "l 2"],
+    windows: Float[Array, " l"],
+) -> Float[Array, "r k k"]:
+    """The same of few pixels that lie far from each other."""
+    size, pixel_at = len(counts), jnp.asarray(lattice.pixel_at)
     padded = jnp.concatenate([gradient, jnp.zeros_like(gradient[:1])])
-    values = jnp.concatenate([residual, jnp.zeros_like(residual[:, :1])], axis=1)
-    counts = jnp.where(values[0] != 0, 1, 0).astype(values.dtype)
-    lags = [
-        (down, right)
-        for down in range(MAX_LAG)
-        for right in range(-MAX_LAG + 1, MAX_LAG)
-        if (down, right) > (0, 0)
-    ]
-    windows = np.exp(-np.sum((np.array(lags) / WINDOW) ** 2, axis=1) / 2)
+    values = jnp.concatenate([counts[None], residual])
+    values = jnp.concatenate([values, jnp.zeros_like(values[:, :1])], axis=1)
 
     def at_lag(
         total: Float[Array, "r k k"], at: tuple[Int[Array, "2"], Float[Array, ""]]
@@ -161,18 +225,13 @@ def score_covariance(
         lag, window = at
         near = lattice.place + lag[0] * lattice.stride + lag[1]
         other = pixel_at.at[near].get(mode="fill", fill_value=size)
-        pairs = jnp.sum(counts[:-1] * counts[other])
-        sums = jnp.sum(residual * values[:, other], axis=1)
+        of_pairs = values[:, other]
+        pairs = jnp.sum(counts * of_pairs[0])
+        sums = jnp.sum(residual * of_pairs[1:], axis=1)
         mean = safe_divide(sums, jnp.broadcast_to(pairs, sums.shape)) * window
         cross = product(gradient.T, padded[other])
         return total + mean[:, None, None] * (cross + cross.T)[None], None
 
-    count = jnp.sum(counts)
-    sums = jnp.sum(residual**2, axis=1)
-    variance = safe_divide(sums, jnp.broadcast_to(count, sums.shape))
     start = variance[:, None, None] * product(gradient.T, gradient)[None]
-    shown = (jnp.asarray(np.array(lags)), jnp.asarray(windows, values.dtype))
-    total, _ = jax.lax.scan(at_lag, start, shown)
-    pixels = gradient.shape[1] * (1 + 2 * float(np.sum(windows)))
-    taken = jnp.minimum(pixels / jnp.maximum(count, 1), MOST_TAKEN)
-    return total / (1 - taken)
+    total, _ = jax.lax.scan(at_lag, start, (lags, windows))
+    return total

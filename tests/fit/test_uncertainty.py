@@ -140,6 +140,43 @@ def test_pixels_of_one_row_are_no_neighbors_of_the_next_row():
     np.testing.assert_allclose(found, far, rtol=1e-6)
 
 
+def over_pairs(gradient, residual, row, col):
+    """The same in double precision, pair by pair."""
+    down, right = (np.subtract.outer(at, at) for at in (row, col))
+    longest = uncertainty.MAX_LAG - 1
+    window = np.exp(-(down**2 + right**2) / uncertainty.WINDOW**2 / 2)
+    weight, counts = np.zeros(down.shape), residual != 0
+    near = (np.abs(down) <= longest) & (np.abs(right) <= longest)
+    for lag in np.unique(np.stack([down[near], right[near]]), axis=1).T:
+        pairs = (down == lag[0]) & (right == lag[1])
+        count = np.sum(pairs & counts[:, None] & counts)
+        of_lag = np.sum(pairs * np.outer(residual, residual)) / max(count, 1)
+        weight[pairs] = of_lag * window[pairs]
+    lags = np.arange(-longest, longest + 1)
+    pixels = np.sum(np.exp(-(lags**2) / uncertainty.WINDOW**2 / 2)) ** 2
+    taken = min(gradient.shape[1] * pixels / np.sum(counts), uncertainty.MOST_TAKEN)
+    return gradient.T @ weight @ gradient / (1 - taken)
+
+
+@pytest.mark.parametrize("shape", [(3, 20), (20, 3), (17, 26)])
+@pytest.mark.parametrize("step", [1, 40])
+def test_score_covariance_is_the_sum_over_all_pairs(shape, step):
+    # Of pixels far from each other it is found in another way.
+    rng = np.random.default_rng(0)
+    row, col = pixels_of(shape)
+    own = rng.random(len(row)) < 0.8
+    row, col = row[own], step * col[own]
+    gradient = rng.normal([2, 0, 0], size=(len(row), 3))
+    residual = rng.normal(size=len(row)) + 0.5
+    residual[::7], gradient[::7] = 0, 0
+    arrays = (jnp.asarray(x, jnp.float32) for x in (gradient, residual))
+    lattice = lattice_of(row, col, (shape[0], step * shape[1]))
+    expected = over_pairs(gradient, residual, row, col)
+    sizes = np.sqrt(np.abs(np.outer(np.diag(expected), np.diag(expected))))
+    found = score_covariance(*arrays, lattice)
+    assert (np.abs(found - expected) <= 1e-5 * sizes).all()
+
+
 def test_a_lattice_is_the_same_for_pixels_that_only_the_run_knows():
     row, col = pixels_of((5, 7))
     row, col = row[::2] + 3, col[::2] + 1
