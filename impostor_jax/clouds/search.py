@@ -11,7 +11,7 @@ from jaxtyping import Float, Int
 from impostor_jax.clouds.cloud import Cloud
 from impostor_jax.clouds.planes import Planes
 from impostor_jax.clouds.proposals import Proposal, proposed
-from impostor_jax.clouds.support import Support, supported
+from impostor_jax.clouds.support import Support, supported, with_rays
 
 MOST_TAKEN = 0.3
 """Part of a proposal's points that may be taken already."""
@@ -93,6 +93,9 @@ def searched(cloud: Cloud, planes: Planes, request: Request) -> list[Candidate]:
             support = supported(cloud, free, proposal.wall, least)
             if support is None or not _is_likely(support, request):
                 continue
+            support = with_rays(cloud, support)
+            if support.inner + support.behind > MOST_AGAINST:
+                continue
             if not is_last and _is_of_several(support, left[number:], len(cloud)):
                 waiting.append(proposal)
                 continue
@@ -127,7 +130,7 @@ def _is_likely(support: Support, request: Request) -> bool:
         and len(support.on) >= request.min_points
         and support.arc >= request.min_arc
         and support.length >= LEAST_LENGTH * wall.radius
-        and support.inner + support.behind <= MOST_AGAINST
+        and support.inner <= MOST_AGAINST
         and support.turned <= MOST_TURNED
         and support.filled >= LEAST_FILLED
         and support.misfit <= MOST_MISFIT

@@ -5,7 +5,7 @@ radii, as of an occluder. Points within it, and rays that pass through it to wha
 behind, say that nothing is there.
 """
 
-__all__ = ["Support", "is_on", "supported"]
+__all__ = ["Support", "is_on", "supported", "with_rays"]
 
 from typing import NamedTuple
 
@@ -58,7 +58,8 @@ class Support(NamedTuple):
         arc: Angle about the axis over which there are any, in radians.
         filled: Part of the cells of that arc, between the ends, in which there are.
         inner: Points within it, over those on it.
-        behind: Rays through it, over those to it; 0 where nobody tells of rays.
+        behind: Rays through it, over those to it, of `with_rays`; 0 where nobody tells
+            of rays.
         turned: Typical angle between its normals and those of the points, in radians.
         spacing: Typical distance of its points from their neighbors, in meters.
         misfit: Scatter of its points over that of neighbors about their planes.
@@ -197,7 +198,6 @@ def _told(
     filled = cells / (np.count_nonzero(seen) * (rows.max() + 1))
     inner = _within(cloud, wall, low, high)
     is_inside = cloud.origins is not None and float(np.mean(cosine)) < 0
-    behind = 0.0 if is_inside else _through(cloud, wall, low, high)
     return Support(
         wall=wall,
         low=low,
@@ -206,7 +206,7 @@ def _told(
         arc=2 * np.pi * np.count_nonzero(seen) / SECTORS,
         filled=float(filled),
         inner=0.0 if is_inside else inner / len(on),
-        behind=behind / len(on),
+        behind=0.0,
         turned=float(np.arccos(np.clip(np.median(np.abs(cosine)), 0, 1))),
         spacing=spacing,
         misfit=wall.scatter / max(float(np.median(cloud.rough[on])), 1e-300),
@@ -228,10 +228,14 @@ def _within(cloud: Cloud, wall: Wall, low: float, high: float) -> int:
     )
 
 
-def _through(cloud: Cloud, wall: Wall, low: float, high: float) -> float:
-    """Rays that pass through the core of a wall, to points behind it."""
-    if cloud.origins is None:
-        return 0.0
+def with_rays(cloud: Cloud, support: Support) -> Support:
+    """The same, and which rays pass through the core of a wall to points behind it.
+
+    That takes longer than all else that points say.
+    """
+    if cloud.origins is None or support.is_inside:
+        return support
+    wall, low, high = support.wall, support.low, support.high
     step = max(1, len(cloud) // MOST_RAYS)
     start = (cloud.origins[::step] - wall.center) @ wall.frame.T
     ray = (cloud.points[::step] - cloud.origins[::step]) @ wall.frame.T
@@ -245,4 +249,5 @@ def _through(cloud: Cloud, wall: Wall, low: float, high: float) -> float:
     beyond = (1 - nearest) * np.sqrt(square) > 1.2 * wall.radius
     hits = (off < CORE * wall.radius) & (nearest > 0) & beyond
     hits &= (place > low + margin) & (place < high - margin)
-    return float(step * np.count_nonzero(hits))
+    behind = step * np.count_nonzero(hits) / len(support.on)
+    return support._replace(behind=float(behind))

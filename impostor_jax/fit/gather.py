@@ -14,7 +14,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.typing import DTypeLike
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool, Float, Int
 
 from impostor_jax.camera.ray_table import RayTable, Sight, directions_of, shows_image
 from impostor_jax.fit.body import AbstractBody, Passing
@@ -53,6 +53,10 @@ RING = 2
 """Those of the outermost pixels of a mask, of which more are taken where readings are
 thinned."""
 
+MOST_MISSING = 8
+"""Pixels without a reading, from the edge of a mask inwards or outwards, beyond which
+the next reading tells where the object ends."""
+
 CROSS = np.array([[0, 0, 0, -1, 1], [0, -1, 1, 0, 0]])[..., None]
 """Rows down and columns right to a pixel itself, left, right, above and below."""
 
@@ -69,6 +73,7 @@ def table_of(
     noise: AbstractDepthNoise,
     correlated: bool = False,
     unsure: Mask | None = None,
+    is_outline: bool = False,
     xp: ModuleType = np,
 ) -> Table:
     """What an image shows of an object.
@@ -83,12 +88,25 @@ def table_of(
         noise: Of its readings.
         correlated: Whether the covariance allows for correlated residuals.
         unsure: Pixels of the object whose readings tell where it ends alone.
+        is_outline: Whether the mask's edge is the silhouette, readings or not.
         xp: NumPy, or `jax.numpy` of what is traced.
     """
     height, width = depth.shape
     own = row < height
     at_edge, beside = _at_border(mask, row, col, xp)
-    edge_row, edge_col = _around_some(own & at_edge, row, col, xp)
+    at_edge = own & at_edge
+    # A mask may go on past the object, and where it has no reading nothing says so. Of
+    # a sensor that mixes readings at edges, these are left out, and counted with it.
+    missing = xp.zeros(row.shape, bool)
+    if not (is_outline or noise.bias.errs_at_edges):
+        missing = at_edge & (_of_pixels(depth, row, col, xp) == 0)
+        at_edge = at_edge & ~missing
+    misses = xp is np and missing.any()
+    if misses:
+        at_edge |= _before_missing(depth, mask, row, col, missing)
+    edge_row, edge_col = _around_some(at_edge, row, col, xp)
+    if misses:
+        edge_row, edge_col = _past_missing(depth, mask, edge_row, edge_col)
     rows, cols = _all_over((height, width))
     all_rows = xp.concatenate([row, edge_row.ravel(), rows])
     all_cols = xp.concatenate([col, edge_col.ravel(), cols])
@@ -221,6 +239,62 @@ def _around_some(
     down, right = CROSS
     row, col = row[chosen][None] + down, col[chosen][None] + right
     return xp.where(is_some[None], row, -1), col
+
+
+def _before_missing(
+    depth: Float[np.ndarray, "h w"],
+    mask: Bool[np.ndarray, "h w"],
+    row: Int[np.ndarray, " n"],
+    col: Int[np.ndarray, " n"],
+    missing: Bool[np.ndarray, " n"],
+) -> Bool[np.ndarray, " n"]:
+    """Which pixels are the last of an object that read, before those at its edge.
+
+    Args:
+        depth: In meters; 0 where there is no reading.
+        mask: Pixels of the object.
+        row: Rows of pixels; one beyond the image only fills up.
+        col: Their columns.
+        missing: Which are at the mask's edge, without a reading.
+    """
+    last, shape = np.zeros_like(mask), mask.shape
+    for down, right in CROSS.T[0, 1:]:
+        r, c = row[missing], col[missing]
+        ends = _exists(depth, r + down, c + right)
+        ends &= ~_of_pixels(mask, r + down, c + right, np)
+        r, c = r[ends], c[ends]
+        for _ in range(MOST_MISSING):
+            r, c = r - down, c - right
+            within = _exists(depth, r, c)
+            r, c = r[within], c[within]
+            reads = depth[r, c] > 0
+            last[r[reads], c[reads]] = True
+            r, c = r[~reads], c[~reads]
+    within = row < shape[0]
+    return within & _of_pixels(last & mask, row, col, np)
+
+
+def _past_missing(
+    depth: Float[np.ndarray, "h w"],
+    mask: Bool[np.ndarray, "h w"],
+    row: Int[np.ndarray, "5 n"],
+    col: Int[np.ndarray, "5 n"],
+) -> tuple[Int[np.ndarray, "5 n"], Int[np.ndarray, "5 n"]]:
+    """Pixels and, in place of neighbors without a reading, the next outside with one.
+
+    The object ends in between, of which more is not known. The pixels are as
+    `_around_some` has them.
+    """
+    down, right = CROSS
+    next_row, next_col = row, col
+    for _ in range(MOST_MISSING):
+        misses = _exists(depth, next_row, next_col)
+        misses &= _of_pixels(depth, next_row, next_col, np) == 0
+        next_row, next_col = next_row + misses * down, next_col + misses * right
+    tells = _exists(depth, next_row, next_col) & (row[:1] >= 0)
+    tells &= ~_of_pixels(mask, next_row, next_col, np)
+    tells &= _of_pixels(depth, next_row, next_col, np) > 0
+    return np.where(tells, next_row, row), np.where(tells, next_col, col)
 
 
 def _off(

