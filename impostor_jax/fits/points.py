@@ -6,7 +6,13 @@ distance of points is biased. What only an image shows is left out: background b
 end, outlines, and errors that neighbors share.
 """
 
-__all__ = ["fit_cylinder_to_points", "fit_points", "in_one_frame", "prepare_points"]
+__all__ = [
+    "fit_cylinder_to_points",
+    "fit_merged",
+    "fit_points",
+    "in_one_frame",
+    "prepare_points",
+]
 
 import warnings
 from collections.abc import Callable, Mapping, Sequence
@@ -42,7 +48,11 @@ from impostor_jax.fits.given_points import (
     single_noise,
 )
 from impostor_jax.fits.limb import rays_clear_of_limb
-from impostor_jax.fits.rough import with_errors_of_places, with_shared_errors
+from impostor_jax.fits.rough import (
+    DISAGREE,
+    with_errors_of_places,
+    with_shared_errors,
+)
 from impostor_jax.fits.viewless import Viewless, seen_across
 from impostor_jax.geometry.frames import RigidTransform
 from impostor_jax.numerics import eps
@@ -234,6 +244,35 @@ def fit_points(
     fit = fitted(cloud, initial)
     fit = _clear_of_limb(fit, cloud, cloud.starts, asked, fitted)
     ends, starts = cloud.ends[cloud.counts], cloud.starts[cloud.counts]
+    if fit.status in FAILED and np.any(starts != starts[:1]):
+        # Rays that miss a wall by a millimeter, as those of scans do that are aligned
+        # so well, contradict it; its distances from the points do not.
+        merged = fit_merged(cloud, cloud.starts, sigma, initial, asked, wall)
+        if merged.is_shape and merged.asked.doubt.startswith(DISAGREE):
+            return merged
+    return with_errors_of_places(tested_by_facing(fit, ends, starts), ends, starts)
+
+
+def fit_merged(
+    cloud: GivenPoints,
+    starts: Float[np.ndarray, "n 3"],
+    sigma: Any,
+    initial: Cylinder | None,
+    asked: Options,
+    wall: Wall | None = None,
+) -> Fit:
+    """The same without a viewpoint, of points that were seen from several places.
+
+    Args:
+        cloud: The points.
+        starts: Where each was seen from.
+        sigma: As of `fit_points`, like the others.
+        initial: Start of the fit.
+        asked: The options.
+        wall: Near which they lie.
+    """
+    fit = fit_points(cloud._replace(starts=None), sigma, initial, asked, wall)
+    ends, starts = cloud.ends[cloud.counts], starts[cloud.counts]
     return with_errors_of_places(tested_by_facing(fit, ends, starts), ends, starts)
 
 

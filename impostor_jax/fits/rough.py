@@ -9,7 +9,7 @@ the wall across its axis tells by how many times more than noise these err; a wa
 is not round looks the same.
 """
 
-__all__ = ["with_errors_of_places", "with_shared_errors"]
+__all__ = ["DISAGREE", "with_errors_of_places", "with_shared_errors"]
 
 from dataclasses import replace
 from typing import Any
@@ -22,14 +22,18 @@ from jaxtyping import Float, Int
 from impostor_jax.camera.ray_table import turned_to
 from impostor_jax.fit.result import Fit
 
-PATCHES = (np.pi / 12, np.pi / 6)
-"""Width of patches in radians; they are as high as wide."""
+PATCHES = (np.pi / 12, 1.0), (np.pi / 6, 1.0), (np.pi / 6, np.inf)
+"""Width of patches in radians, and height over that: what scans share that are aligned
+to millimeters is the same from end to end."""
 
 FEWEST_POINTS = 3
 """Of a patch whose mean tells."""
 
-FEWEST_PATCHES = 20
+FEWEST_PATCHES = 8
 """That tell by how much their means scatter."""
+
+FOLLOWED = 3
+"""Means that radius and center follow."""
 
 MOST_OFF, OF_WALL = 4.0, 0.9
 """Standard deviations from the wall, and half heights from its middle, up to which a
@@ -44,9 +48,15 @@ FEWEST_OF_PLACE = 10
 LEAST_APART = 2.0
 """Standard deviations of that from which poses err: to be wrong is to be less sure."""
 
+OF_TWO_PLACES = 9.0
+"""Factor on what two places disagree by, of which one direction tells."""
+
 TOLD = 4.0
 """Times that they move a wall by more than noise, squared, from which a reader is told:
 deviations are twice as wide."""
+
+DISAGREE = "points that were seen from different places disagree"
+"""What he is told of."""
 
 BY_CHANCE = 4.0
 """Standard deviations by which independent errors scatter the means at most."""
@@ -80,9 +90,8 @@ def with_errors_of_places(
     if times < TOLD or fit.asked.doubt:
         return fit
     return fit.noting(
-        doubt="points that were seen from different places disagree by "
-        f"{np.sqrt(times):.1f} times their noise: poses err, or the wall is not round; "
-        "std allows for it"
+        doubt=f"{DISAGREE} by {np.sqrt(times):.1f} times their noise: poses err, or "
+        "the wall is not round; std allows for it"
     )
 
 
@@ -155,7 +164,10 @@ def _times_of_places(
     if freedom < 1 or not rest > 0:
         return 1.0
     times = float(np.sum(moved)) / freedom / (rest / count)
-    return times if times > 1 + LEAST_APART * np.sqrt(2 / freedom) else 1.0
+    if times <= 1 + LEAST_APART * np.sqrt(2 / freedom):
+        return 1.0
+    # Of few places their scatter is known badly: the variance of Student's t.
+    return times * (freedom / (freedom - 2) if freedom > 2 else OF_TWO_PLACES)
 
 
 def _times(fit: Fit, points: Float[np.ndarray, "n 3"], level: float) -> float:
@@ -169,15 +181,16 @@ def _times(fit: Fit, points: Float[np.ndarray, "n 3"], level: float) -> float:
     near = (np.abs(off) < MOST_OFF) & (np.abs(z) < OF_WALL * float(wall.height) / 2)
     off, angle, height = off[near], np.arctan2(y, x)[near], z[near] / radius
     found = 1.0
-    for width in PATCHES:
-        place = np.stack([np.floor(angle / width), np.floor(height / width)], axis=1)
+    for width, tall in PATCHES:
+        rows = np.floor(height / (tall * width))
+        place = np.stack([np.floor(angle / width), rows], axis=1)
         _, patch = np.unique(place, axis=0, return_inverse=True)
         count = np.bincount(patch.ravel())
         total = np.bincount(patch.ravel(), off)[count >= FEWEST_POINTS]
         count = count[count >= FEWEST_POINTS]
         if len(count) < FEWEST_PATCHES:
             continue
-        scatter = float(np.mean(total**2 / count))
+        scatter = float(np.sum(total**2 / count)) / (len(count) - FOLLOWED)
         if scatter > 1 + BY_CHANCE * np.sqrt(2 / len(count)):
             found = max(found, scatter)
     return found

@@ -37,7 +37,12 @@ from impostor_jax.fits.given_points import (
     number_of,
     points_given,
 )
-from impostor_jax.fits.points import fit_points, in_one_frame, prepare_points
+from impostor_jax.fits.points import (
+    fit_merged,
+    fit_points,
+    in_one_frame,
+    prepare_points,
+)
 from impostor_jax.primitives.plane import Plane
 
 MOST_LEVELS = 4
@@ -249,13 +254,16 @@ class _Fits:
         wall, start = placed.wall, placed.start
         ends, starts, dtype, rounding, _ = self.given
         counts = np.ones(len(own), bool)
-        starts, sigma = None if starts is None else starts[own], self.sigma
-        if starts is not None and not in_one_frame(ends[own], starts):
+        starts = None if starts is None else starts[own]
+        if starts is None or in_one_frame(ends[own], starts):
+            points = GivenPoints(ends[own], starts, dtype, rounding, counts)
+            fit = fit_points(points, self.sigma, start, self.options, wall)
+        else:
             # Each number of frames would be compiled for itself; a fit without a
             # viewpoint needs one.
-            starts, sigma = None, self.request.sigma
-        points = GivenPoints(ends[own], starts, dtype, rounding, counts)
-        fit = fit_points(points, sigma, start, self.options, wall)
+            points = GivenPoints(ends[own], None, dtype, rounding, counts)
+            how = self.request.sigma, start, self.options, wall
+            fit = fit_merged(points, starts, *how)
         radius = float(fit.cylinder.radius)
         if not bool(fit.success) or abs(radius / wall.radius - 1) > MOST_MOVED:
             return None
