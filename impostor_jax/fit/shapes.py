@@ -142,7 +142,7 @@ def fit_shape(
         if is_told and effort.doubts and options.errors is None:
             shown = shared_errors(fit, views, seen)
             if shown is None and options.scale == "estimated" and not in_search:
-                shown = less_noise(fit, views, seen)
+                shown = less_noise(fit, kind.body.of(fit.shape), views, seen)
             if shown is not None:
                 sigma, told = shown
                 fit = fit_shape(request._replace(sigma=sigma), in_search=in_search)

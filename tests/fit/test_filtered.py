@@ -50,6 +50,15 @@ def test_noise_that_is_told_too_large_is_measured(sigma):
     assert 0.8 < float(fit.chi2) < 1.2
 
 
+def test_noise_that_does_not_grow_towards_grazing_is_measured():
+    # What is said to graze with so much more bent a radius by 1.5 deviations.
+    depth, mask = image()
+    sensor = ij.StructuredLight(floor=SIGMA, growth=0.0, grazing=0.0005)
+    fit = ij.fit_cylinder(depth, CAMERA, mask, sensor)
+    assert fit.asked.measured.startswith("Readings of slanted surfaces scatter by 0.")
+    assert abs(float(fit.cylinder.radius) - 0.04) < 2 * float(fit.std.radius)
+
+
 def test_an_image_without_noise_tells_none():
     maps = ij.render(can(), CAMERA)
     depth, mask = np.asarray(maps.depth), np.asarray(maps.mask)
