@@ -124,14 +124,18 @@ def find_cylinders(
         min_arc=real_number("min_arc", min_arc, positive=True, unit="radians"),
         radius_range=checked_radii(radius_range, prior),
     )
-    image, noise, sigma = read_by(depth, camera, sigma)
+    image, noise, told = read_by(depth, camera, sigma)
     if isinstance(camera, SphericalCamera) and min(image.shape) < 2:
         raise ValueError(
             f"camera must have two rows and columns at least, got {image.shape}"
         )
     options = dataclasses.replace(options, effort=_of_fits(options.effort))
     warn_of_ranges(image, camera)
-    parts = _parts(image, camera, noise, sigma, options)
+    is_measured = sigma is None and told is not None
+    parts = [
+        (view, dataclasses.replace(fitter, is_measured=is_measured))
+        for view, fitter in _parts(image, camera, noise, told, options)
+    ]
     for _, fitter in parts[:1]:
         fitter.prepare()
     found = [search(view, request, fitter) for view, fitter in parts]

@@ -73,6 +73,7 @@ class Fitter:
         away: How much farther from that the readings are, in meters.
         searched_from_world: Frame of what is searched; None where that is the world.
         sector: Which part of a scan is searched; None for the whole image.
+        is_measured: Whether nobody told the noise that fits are told.
     """
 
     depth: Float[np.ndarray, "h w"]
@@ -84,6 +85,7 @@ class Fitter:
     away: float
     searched_from_world: RigidTransform | None
     sector: Sector | None = None
+    is_measured: bool = False
 
     @staticmethod
     def of(
@@ -129,6 +131,11 @@ class Fitter:
     def is_trusted(self) -> bool:
         """Whether what fits are told of the noise is all that readings err by."""
         return is_trusted(self.sigma)
+
+    @property
+    def by_itself(self) -> "Fitter":
+        """One that lets the pixels of each mask tell their noise."""
+        return dataclasses.replace(self, sigma=None, is_measured=False)
 
     @property
     def mixes(self) -> bool:

@@ -61,6 +61,10 @@ second, and so on."""
 MOST_MISFIT = 3.0
 """Mean square of the deviations of what a cylinder explains, at most."""
 
+SURE = 0.9
+"""Confidence before a fit from which noise that was measured may be wrong, where the
+fit leaves more than that."""
+
 MOST_BULGING = 0.1
 """Part of a wall that stands out of it, at most: of boxes it was 0.3 to 0.5, of cans
 that something touches 0.03."""
@@ -344,12 +348,19 @@ class _Search:
                 return False, []
         mask = self._mask(scene, entry) | self._seen_end_on(entry)
         # Most of what is fitted is refused: of many pixels a quick fit tells enough.
-        is_quick = np.count_nonzero(mask) > FEW
-        fitted = self.fitter.tried if is_quick else self.fitter.fit
+        is_quick, fitter = np.count_nonzero(mask) > FEW, self.fitter
+        fitted = fitter.tried if is_quick else fitter.fit
         fit = fitted(self._of_image(mask), entry.evidence)
         if is_quick and _is_refuted_by_border(fit):
             # A neck, or another thing beside it: what has doubts leaves it out.
-            fit = self.fitter.fit(self._of_image(mask), entry.evidence)
+            fit = fitter.fit(self._of_image(mask), entry.evidence)
+            is_quick = False
+        is_poor = fit.status is FitStatus.POOR_FIT and bool(fit.chi2 > MOST_MISFIT)
+        if is_poor and fitter.is_measured and entry.chance > SURE:
+            # What a filter leaves of the noise of planes, where most is measured, is
+            # less than of a wall's.
+            fitter = fitter.by_itself
+            fit = fitter.fit(self._of_image(mask), entry.evidence)
             is_quick = False
         final = self._led_to(scene, fit, entry)
         if final is None or self._found(final.evidence.wall):
@@ -365,10 +376,10 @@ class _Search:
                 return False, []
             most = next(changes) * np.count_nonzero(mask)
             changed = np.count_nonzero(mask ^ before) > most
-            if not (changed or (is_quick and self.fitter.options.effort.doubts)):
+            if not (changed or (is_quick and fitter.options.effort.doubts)):
                 break
             # The fit knows better than what it began with what shows it.
-            again = self.fitter.fit(self._of_image(mask), final.evidence)
+            again = fitter.fit(self._of_image(mask), final.evidence)
             better = self._led_to(scene, again, final)
             if better is None and is_quick:
                 return False, []
