@@ -5,7 +5,7 @@ __all__ = ["TrackCommand"]
 import contextlib
 import dataclasses
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -28,15 +28,14 @@ class Image(NamedTuple):
 
     Attributes:
         name: Of its file, without its ending.
-        depth: In meters.
-        camera_from_world: Pose of its camera; None if nothing says it.
         seconds: When it was taken; None if nothing says it.
+        read: Reads its depth, in meters, and the pose of its camera; None if nothing
+            says that.
     """
 
     name: str
-    depth: Any
-    camera_from_world: Any
     seconds: float | None
+    read: Callable[[], tuple[Any, Any]]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -47,8 +46,9 @@ class TrackCommand:
     velocity and standard deviations. With --page, a page for a browser, too, with a
     slider over the images. A folder is a sequence of TUM RGB-D, BOP, ScanNet
     or Redwood, with its cameras and poses, or, with --camera, one of depth images in
-    the order of their names. The exit code is 0 if a cylinder was followed, 1 if none
-    was found and 2 if the input is bad.
+    the order of their names. What cannot be read is an image that was dropped, and is
+    told. The exit code is 0 if a cylinder was followed, 1 if none was found or images
+    were dropped, and 2 if the input is bad.
     """
 
     folder: tyro.conf.Positional[Path]
@@ -118,30 +118,37 @@ class TrackCommand:
             prior=priors_of(self.prior_radius, self.prior_height),
             **asked,
         )
-        rows, identities = [], set()
+        rows, identities, dropped = [], set(), 0
         page = None if self.page is None else TrackPage()
         shown = tqdm(images, total=count, unit="image", disable=None, file=sys.stderr)
         with hints_on_stderr(), self._video(camera) as video:
             for number, image in enumerate(shown):
-                tracks = tracker.step(
-                    image.depth, image.seconds, image.camera_from_world
-                )
+                try:
+                    depth, pose = image.read()
+                except (ValueError, OSError) as error:
+                    shown.write(f"{image.name}: {error}", file=sys.stderr)
+                    dropped += 1
+                    continue
+                seconds = image.seconds
+                if seconds is None:
+                    # Of those that were dropped, too.
+                    seconds = number / self.frame_rate
+                tracks = tracker.step(depth, seconds, pose)
                 identities |= {track.identity for track in tracks}
                 place = {"image": number, "name": image.name}
                 rows += [place | columns_of(track.to_dict()) for track in tracks]
-                pose = image.camera_from_world
                 seen_by = camera if pose is None else posed(camera, pose)
                 if video is not None:
-                    video.add(image.depth, seen_by, tracks)
+                    video.add(depth, seen_by, tracks)
                 if page is not None:
                     assert tracker.time is not None
-                    page.add(image.depth, seen_by, tracks, tracker.time)
+                    page.add(depth, seen_by, tracks, tracker.time)
         write_rows(lambda: rows, self.output)
         tell = partial(print, file=stream_beside(self.page))
-        tell(f"{self.output}: {len(identities)} cylinders in {count} images")
+        tell(f"{self.output}: {len(identities)} cylinders in {count - dropped} images")
         if self.page is not None and page is not None:
             page.save(self.page)
-        return 0 if identities else 1
+        return 0 if identities and not dropped else 1
 
     @contextlib.contextmanager
     def _video(self, camera: "PinholeCamera") -> "Iterator[TrackVideo | None]":
@@ -170,14 +177,14 @@ class TrackCommand:
         frames = read_depth_folder(self.folder)
         # TUM's files are named by the second.
         is_timed = kind_of(self.folder) == "tum"
+
+        def read(index: int) -> tuple[Any, Any]:
+            frame = frames[index]
+            return frame.depth, frame.camera.camera_from_world
+
         images = (
-            Image(
-                frame.name,
-                frame.depth,
-                frame.camera.camera_from_world,
-                float(frame.name) if is_timed else None,
-            )
-            for frame in frames
+            Image(shot.name, float(shot.name) if is_timed else None, partial(read, k))
+            for k, shot in enumerate(frames.shots)
         )
         return frames[0].camera, len(frames), images
 
@@ -186,15 +193,16 @@ def _plain(
     file: Path, paths: Sequence[Path]
 ) -> "tuple[PinholeCamera, int, Iterator[Image]]":
     """The same of plain depth images, which a camera file is of."""
-    check_images(file, paths, {})
+    check_images(file, paths[:1], {})
     from impostor_jax.io.camera_file import pinhole_of, read_camera
     from impostor_jax.io.depth_image import read_depth
 
     camera, depth_scale_m = read_camera(file)
     camera = pinhole_of(camera, "the camera of a video")
     size = camera.height, camera.width
-    images = (
-        Image(path.stem, read_depth(path, depth_scale_m, size), None, None)
-        for path in paths
-    )
+
+    def read(path: Path) -> tuple[Any, Any]:
+        return read_depth(path, depth_scale_m, size), None
+
+    images = (Image(path.stem, None, partial(read, path)) for path in paths)
     return camera, len(paths), images

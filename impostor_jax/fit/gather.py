@@ -14,7 +14,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.typing import DTypeLike
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Bool, Float
 
 from impostor_jax.camera.ray_table import RayTable, Sight, directions_of, shows_image
 from impostor_jax.fit.body import AbstractBody, Passing
@@ -242,12 +242,8 @@ def _around_some(
 
 
 def _before_missing(
-    depth: Float[np.ndarray, "h w"],
-    mask: Bool[np.ndarray, "h w"],
-    row: Int[np.ndarray, " n"],
-    col: Int[np.ndarray, " n"],
-    missing: Bool[np.ndarray, " n"],
-) -> Bool[np.ndarray, " n"]:
+    depth: DepthImage, mask: Mask, row: Indices, col: Indices, missing: Indices
+) -> Indices:
     """Which pixels are the last of an object that read, before those at its edge.
 
     Args:
@@ -257,7 +253,7 @@ def _before_missing(
         col: Their columns.
         missing: Which are at the mask's edge, without a reading.
     """
-    last, shape = np.zeros_like(mask), mask.shape
+    last = np.zeros_like(mask)
     for down, right in CROSS.T[0, 1:]:
         r, c = row[missing], col[missing]
         ends = _exists(depth, r + down, c + right)
@@ -270,16 +266,12 @@ def _before_missing(
             reads = depth[r, c] > 0
             last[r[reads], c[reads]] = True
             r, c = r[~reads], c[~reads]
-    within = row < shape[0]
-    return within & _of_pixels(last & mask, row, col, np)
+    return (row < len(mask)) & _of_pixels(last & mask, row, col, np)
 
 
 def _past_missing(
-    depth: Float[np.ndarray, "h w"],
-    mask: Bool[np.ndarray, "h w"],
-    row: Int[np.ndarray, "5 n"],
-    col: Int[np.ndarray, "5 n"],
-) -> tuple[Int[np.ndarray, "5 n"], Int[np.ndarray, "5 n"]]:
+    depth: DepthImage, mask: Mask, row: Indices, col: Indices
+) -> tuple[Indices, Indices]:
     """Pixels and, in place of neighbors without a reading, the next outside with one.
 
     The object ends in between, of which more is not known. The pixels are as

@@ -48,7 +48,8 @@ def fit_cylinders(
         depths: (N, H, W), as in `fit_cylinder`.
         camera: The camera of all images, or a list of N, one an image.
         masks: (N, H, W), or None.
-        sigma: Of all images, as in `fit_cylinder`; or (N, H, W), of each reading.
+        sigma: Of all images, as in `fit_cylinder`; or a list of N, one an image; or (N,
+            H, W), of each reading.
         initial: A batch (N,) of starts in the world frame; found from each image if
             None.
         fixed: Names of parameters that keep their value in `initial`, as in
@@ -85,15 +86,19 @@ def fit_cylinders(
     count = depths.shape[0] if depths.ndim == 3 else 0
     if not count:
         raise ValueError(f"depths must have the shape (N, H, W), got {depths.shape}")
-    if masks is not None and len(masks) != count:
-        raise ValueError(f"masks must be {count}, one an image, got {len(masks)}")
+    if masks is not None and (len(masks) != count or np.ndim(masks[0]) != 2):
+        raise ValueError(
+            f"masks must be {count} of shape (H, W), one an image, got {len(masks)} "
+            f"of {np.shape(masks[0])}"
+        )
     cameras = list(camera) if isinstance(camera, list | tuple) else [camera] * count
     if len(cameras) != count:
         raise ValueError(f"camera must be one, or {count}, got {len(cameras)}")
     for one in cameras:
         check_types(Cylinder, one, initial, count)
 
-    told = isinstance(sigma, jax.Array | np.ndarray) and sigma.ndim == 3
+    told = isinstance(sigma, list | tuple)
+    told |= isinstance(sigma, jax.Array | np.ndarray) and sigma.ndim == 3
     if told and len(sigma) != count:
         raise ValueError(f"sigma must be of {count} images, got {len(sigma)}")
     asked = Options(fixed, prior, mask_meaning, scale, errors, effort_of(effort))

@@ -184,8 +184,10 @@ def as_numbers(name: str, value: Any) -> Float[np.ndarray, "..."]:
         raise ValueError(
             f"{name} must be numbers, got {described(value)}{hint}"
         ) from error
-    if not np.all(np.isfinite(values)):
-        raise ValueError(f"{name} must be finite, got NaN or infinity")
+    bad = np.count_nonzero(~np.all(np.isfinite(np.atleast_2d(values)), axis=-1))
+    if bad:
+        where = f" in {bad} of {len(values)} rows: leave these out" * (values.ndim > 1)
+        raise ValueError(f"{name} must be finite, got NaN or infinity{where}")
     return values
 
 

@@ -86,6 +86,17 @@ def test_without_a_cylinder_it_ends_with_1(track, tmp_path):
     assert (tmp_path / "tracks.csv").read_text() in ("", "\n")
 
 
+def test_an_image_that_is_broken_was_dropped(track, tmp_path):
+    (tmp_path / "cans" / "1.npy").write_bytes(b"no image")
+    code, out, err = track("cans", "--camera", "camera.json", "--sigma", "0.001")
+    assert (code, "1 cylinders in 2 images" in out) == (1, True)
+    assert "1: " in err
+    with (tmp_path / "tracks.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert [row["status"] for row in rows] == ["new", "tracked"]
+    assert float(rows[1]["time_s"]) == pytest.approx(2 / 30)
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [

@@ -67,8 +67,12 @@ def test_each_image_of_a_batch_has_its_own():
     for k, fit in enumerate(fits):
         alone = ij.fit_cylinder(depths[k], CAMERA, masks[k], sigmas[k])
         assert fit.cylinder.radius == alone.cylinder.radius
+    listed = ij.fit_cylinders(depths, CAMERA, masks, [*sigmas])
+    np.testing.assert_array_equal(listed.cylinder.radius, fits.cylinder.radius)
     with pytest.raises(ValueError, match="sigma must be of 2 images, got 3"):
         ij.fit_cylinders(depths, CAMERA, masks, np.ones((3, 120, 160)))
+    with pytest.raises(ValueError, match=r"masks must be 2 of shape \(H, W\)"):
+        ij.fit_cylinders(depths, CAMERA, masks[0], SIGMA)
 
 
 def test_what_is_searched_for_is_weighed_alike():
