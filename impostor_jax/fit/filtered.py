@@ -93,7 +93,7 @@ def shared_errors(
 
 
 def less_noise(
-    fit: Fit, body: AbstractBody, views: Sequence[Given], seen: Sequence[Seen]
+    fit: Fit, kind: type[AbstractBody], views: Sequence[Given], seen: Sequence[Seen]
 ) -> tuple[Any, str] | None:
     """The same where each reading errs by itself, and by less than was told.
 
@@ -103,18 +103,19 @@ def less_noise(
 
     Args:
         fit: As of `shared_errors`.
-        body: The shape that it found, in the world frame.
+        kind: The body that was fitted.
         views: As they were given.
         seen: The object in each of them.
     """
     noises = [one.noise for one in seen]
     if not fit.is_shape or not all(map(_is_white, noises)):
         return None
-    if any(isinstance(noise, PerPixelNoise) for noise in noises):
+    # An error of scale that is told would be lost with it.
+    if any(isinstance(one, PerPixelNoise) or one.bias.scales for one in noises):
         return None
     if fit.num_inliers < FEWEST:
         return None
-    chi2, slanted = fit.chi2.item(), _chi2_of_slanted(seen, body)
+    chi2, slanted = fit.chi2.item(), _chi2_of_slanted(fit, kind, seen)
     is_less = chi2 <= OVERSTATED and not fit.across.score.item() > SPEAKS
     # By errors across rays these would scatter more.
     is_less_there = slanted < LESS_SLANTED
@@ -134,14 +135,14 @@ def less_noise(
     return None
 
 
-def _chi2_of_slanted(seen: Sequence[Seen], body: AbstractBody) -> float:
-    """Of readings on a body whose noise grows with incidence; NaN of too few."""
+def _chi2_of_slanted(fit: Fit, kind: type[AbstractBody], seen: Sequence[Seen]) -> float:
+    """Of readings whose noise grows with incidence; NaN of too few."""
     squares = []
     for one in seen:
         if isinstance(one.noise, ConstantNoise):
             continue
         _, _, rays = one.rays()
-        own = in_camera_frame(body, one.camera)
+        own = in_camera_frame(kind.of(fit.shape), one.camera)
         off, is_slanted = map(np.asarray, _slanted(rays, own, law_of(one.noise)))
         squares.append(off[is_slanted & (np.abs(off) < 3)].astype(float) ** 2)
     counted = np.concatenate([*squares, np.zeros(0)])

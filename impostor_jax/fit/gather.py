@@ -73,7 +73,7 @@ def table_of(
     noise: AbstractDepthNoise,
     correlated: bool = False,
     unsure: Mask | None = None,
-    is_outline: bool = False,
+    missing: Mask | None = None,
     xp: ModuleType = np,
 ) -> Table:
     """What an image shows of an object.
@@ -88,24 +88,21 @@ def table_of(
         noise: Of its readings.
         correlated: Whether the covariance allows for correlated residuals.
         unsure: Pixels of the object whose readings tell where it ends alone.
-        is_outline: Whether the mask's edge is the silhouette, readings or not.
+        missing: Pixels of the mask that the sensor did not read, if these may be beyond
+            the object.
         xp: NumPy, or `jax.numpy` of what is traced.
     """
     height, width = depth.shape
     own = row < height
     at_edge, beside = _at_border(mask, row, col, xp)
     at_edge = own & at_edge
-    # A mask may go on past the object, and where it has no reading nothing says so. Of
-    # a sensor that mixes readings at edges, these are left out, and counted with it.
-    missing = xp.zeros(row.shape, bool)
-    if not (is_outline or noise.bias.errs_at_edges):
-        missing = at_edge & (_of_pixels(depth, row, col, xp) == 0)
-        at_edge = at_edge & ~missing
-    misses = xp is np and missing.any()
-    if misses:
-        at_edge |= _before_missing(depth, mask, row, col, missing)
+    misses = None if missing is None else at_edge & _of_pixels(missing, row, col, xp)
+    if misses is not None:
+        at_edge = at_edge & ~misses
+    if xp is np and misses is not None:
+        at_edge |= _before_missing(depth, mask, row[misses], col[misses], row, col)
     edge_row, edge_col = _around_some(at_edge, row, col, xp)
-    if misses:
+    if xp is np and misses is not None:
         edge_row, edge_col = _past_missing(depth, mask, edge_row, edge_col)
     rows, cols = _all_over((height, width))
     all_rows = xp.concatenate([row, edge_row.ravel(), rows])
@@ -242,20 +239,26 @@ def _around_some(
 
 
 def _before_missing(
-    depth: DepthImage, mask: Mask, row: Indices, col: Indices, missing: Indices
+    depth: DepthImage,
+    mask: Mask,
+    edge_row: Indices,
+    edge_col: Indices,
+    row: Indices,
+    col: Indices,
 ) -> Indices:
-    """Which pixels are the last of an object that read, before those at its edge.
+    """Which pixels of an object are the last that read before those at its edge.
 
     Args:
         depth: In meters; 0 where there is no reading.
         mask: Pixels of the object.
-        row: Rows of pixels; one beyond the image only fills up.
+        edge_row: Rows of those at its edge, without a reading.
+        edge_col: Their columns.
+        row: Rows of the object's pixels; one beyond the image only fills up.
         col: Their columns.
-        missing: Which are at the mask's edge, without a reading.
     """
     last = np.zeros_like(mask)
     for down, right in CROSS.T[0, 1:]:
-        r, c = row[missing], col[missing]
+        r, c = edge_row, edge_col
         ends = _exists(depth, r + down, c + right)
         ends &= ~_of_pixels(mask, r + down, c + right, np)
         r, c = r[ends], c[ends]

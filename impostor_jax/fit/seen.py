@@ -41,6 +41,8 @@ class Seen(NamedTuple):
         noise: Of its readings.
         unsure: Pixels of the object whose readings may be of what it touches: they
             tell where it ends, and not how deep it is; None where all are its own.
+        missing: Pixels of the region that the sensor did not read; None without any.
+            Of what is left out later it is known that the object is there.
     """
 
     image: Float[np.ndarray, "h w"]
@@ -48,6 +50,7 @@ class Seen(NamedTuple):
     camera: Sight
     noise: AbstractDepthNoise
     unsure: Bool[np.ndarray, "h w"] | None = None
+    missing: Bool[np.ndarray, "h w"] | None = None
 
     @property
     def num_readings(self) -> int:
@@ -107,7 +110,11 @@ def seen_by(
             camera.camera_from_world and camera.camera_from_world.inverse(),
         )
         image, camera = depth_of_ranges(image, sight), sight
-    return Seen(image, mask & has_rays(camera), camera, noise)
+    region = mask & has_rays(camera)
+    missing = region & (image == 0)
+    return Seen(
+        image, region, camera, noise, missing=missing if missing.any() else None
+    )
 
 
 def _directions(camera: SphericalCamera) -> Float[np.ndarray, "h w 3"]:
@@ -160,6 +167,9 @@ def shown_by(
     if seen.unsure is not None:
         image = np.where(seen.unsure, 0, image)
     row, col = pixel_indices(chosen_pixels(image, seen.region, most), most, least)
+    # A region may go on past the object, and where it has no reading nothing says so.
+    # Of a sensor that mixes readings at edges its edge is as inexact in any case.
+    is_exact = is_outline or seen.noise.bias.errs_at_edges
     return table_of(
         seen.image,
         seen.region,
@@ -169,7 +179,7 @@ def shown_by(
         seen.noise,
         correlated,
         seen.unsure,
-        is_outline,
+        None if is_exact else seen.missing,
     )
 
 

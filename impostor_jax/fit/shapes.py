@@ -142,7 +142,7 @@ def fit_shape(
         if is_told and effort.doubts and options.errors is None:
             shown = shared_errors(fit, views, seen)
             if shown is None and options.scale == "estimated" and not in_search:
-                shown = less_noise(fit, kind.body.of(fit.shape), views, seen)
+                shown = less_noise(fit, kind.body, views, seen)
             if shown is not None:
                 sigma, told = shown
                 fit = fit_shape(request._replace(sigma=sigma), in_search=in_search)
@@ -349,8 +349,8 @@ def _fit_traced(
 ) -> Fit:
     """Fit with sizes that do not depend on any value, in the world frame."""
     correlated = any(options.correlated(noise) for *_, noise in views)
-    readings = options.effort.readings
-    shown = tuple(_shown_traced(*view, initial, readings, correlated) for view in views)
+    how = options.effort.readings, correlated, options.mask_meaning == "outline"
+    shown = tuple(_shown_traced(*view, initial, *how) for view in views)
     settings = dataclasses.replace(settings, refutes=True)
     start = initial.transformed(shown[0].camera_from_world)
     inputs = Inputs(prior, settings, shown, options.effort.kernel)
@@ -367,6 +367,7 @@ def _shown_traced(
     initial: AbstractBody,
     readings: int | None,
     correlated: bool,
+    is_outline: bool,
 ) -> Table:
     """What an image shows of an object, of which only the run knows.
 
@@ -383,6 +384,7 @@ def _shown_traced(
     if mask is None:
         ray = camera.rays(row, col, depth.dtype)
         mask = in_camera_frame(initial.shape, camera).intersect(ray).mask
+    missing = None if noise.bias.errs_at_edges or is_outline else mask & (depth == 0)
     # A mask that is known stays so: its pixels are found before anything is compiled.
     region = np.asarray(mask) if is_concrete(mask) else mask
     depth = without_edges(depth, region, camera, noise)
@@ -396,4 +398,6 @@ def _shown_traced(
     else:
         row, col = traced_indices(region, readings)
     depth, region = map(jnp.asarray, (depth, region))
-    return table_of(depth, region, row, col, camera, noise, correlated, xp=jnp)
+    return table_of(
+        depth, region, row, col, camera, noise, correlated, missing=missing, xp=jnp
+    )
