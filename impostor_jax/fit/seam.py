@@ -48,6 +48,9 @@ FAR = 3.5
 BINS = 32
 """Places where two walls may meet."""
 
+FEWEST_BINS = 3
+"""Those in which readings of either lie, at least: a ring may lie in two."""
+
 FEWEST = 20
 """Readings that a wall takes."""
 
@@ -216,9 +219,12 @@ def best_split(
     wall = [*range(5), 11]
     whole = total[np.ix_(wall, wall)]
 
-    # Some of either side must be seen.
+    # Some of either side must be seen, and not as a ring alone, in which places differ
+    # by noise that is in the distances, too.
     counts = np.cumsum(np.diff(edges))[2:-3]
     few = np.minimum(counts, len(rows) - counts) < max(FEWEST, LEAST * len(rows))
+    full = np.cumsum(np.diff(edges) > 0)
+    few |= np.minimum(full, full[-1] - full)[2:-3] < FEWEST_BINS
     if few.all():
         return None
     before = np.cumsum(products[:, wall][:, :, wall], axis=0)[2:-3]

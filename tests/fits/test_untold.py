@@ -158,6 +158,14 @@ def rings(count, heights, noise, seed):
     return points * scale
 
 
+def test_a_ring_alone_is_no_other_wall():
+    # Its points lie along the axis by noise alone, which is in their distances, too: a
+    # tilted wall explained both, and the fit was of "two walls that meet".
+    fit = ij.fit_cylinder_to_points(rings(400, np.linspace(-0.5, 0.5, 5), 0.002, 0))
+    assert fit.success
+    assert abs(float(fit.cylinder.radius) - 0.1) < 3 * float(fit.std.radius)
+
+
 @pytest.mark.parametrize("seed", range(3))
 def test_few_rings_tell_their_noise(seed):
     # Half of them lie within .3 mm of a wall that lies, where they scatter by 10 mm:
