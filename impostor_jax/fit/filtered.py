@@ -11,7 +11,14 @@ mean, and where nothing was told they were right. So it did where a model says t
 noise grows towards grazing, and that of the images does not: by 1.5.
 """
 
-__all__ = ["FEWEST", "LESS", "OVERSTATED", "less_noise", "shared_errors"]
+__all__ = [
+    "FEWEST",
+    "LESS",
+    "OVERSTATED",
+    "grows_less",
+    "less_noise",
+    "shared_errors",
+]
 
 import math
 from collections.abc import Sequence
@@ -107,13 +114,7 @@ def less_noise(
         views: As they were given.
         seen: The object in each of them.
     """
-    noises = [one.noise for one in seen]
-    if not fit.is_shape or not all(map(_is_white, noises)):
-        return None
-    # An error of scale that is told would be lost with it.
-    if any(isinstance(one, PerPixelNoise) or one.bias.scales for one in noises):
-        return None
-    if fit.num_inliers < FEWEST:
+    if not fit.is_shape or not _is_law(seen) or fit.num_inliers < FEWEST:
         return None
     chi2, slanted = fit.chi2.item(), _chi2_of_slanted(fit, kind, seen)
     is_less = chi2 <= OVERSTATED and not fit.across.score.item() > SPEAKS
@@ -133,6 +134,29 @@ def less_noise(
     if is_less_there and max(of_told) < SLANTED:
         return sigma, LESS_THERE.format(times=math.sqrt(slanted)) + told
     return None
+
+
+def grows_less(fit: Fit, kind: type[AbstractBody], seen: Sequence[Seen]) -> bool:
+    """Whether noise grows by less towards grazing than a model of it says.
+
+    Args:
+        fit: Of the images with that model, concrete.
+        kind: The body that was fitted.
+        seen: The object in each of them.
+    """
+    return _is_law(seen) and _chi2_of_slanted(fit, kind, seen) < LESS_SLANTED
+
+
+def _is_law(seen: Sequence[Seen]) -> bool:
+    """Whether all that is told of noise is a law of single readings.
+
+    An error of scale that is told would be lost where noise is measured.
+    """
+    noises = [one.noise for one in seen]
+    return not any(
+        isinstance(one, PerPixelNoise) or one.bias.scales or not _is_white(one)
+        for one in noises
+    )
 
 
 def _chi2_of_slanted(fit: Fit, kind: type[AbstractBody], seen: Sequence[Seen]) -> float:

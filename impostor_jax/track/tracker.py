@@ -69,7 +69,8 @@ class Tracker:
     Args:
         camera: That takes the images.
         sigma: As of `fit_cylinder`; if None it is measured in the first image that
-            tells it.
+            tells it, and so it is where a model lets noise grow towards grazing and
+            that of what is found first does not.
         frame_rate: Images in a second, where `step` is not told the time.
         search_every: Images from one search of what no track explains to the next, the
             first included. An image in which a cylinder is missing from where it was
@@ -227,6 +228,15 @@ class Tracker:
         image, noise, _ = checked_readings(depth, camera, noise)
         return View.of(np.asarray(image), camera, noise)
 
+    def _remeasured(self, view: View) -> View:
+        """The same with the noise that its image tells, from now on, if it does."""
+        found = law_of_noise(view.image, view.camera)
+        if found.text == NOT_MEASURED:
+            return view
+        self.noise = found.noise
+        image, noise, _ = checked_readings(view.image, view.camera, self.noise)
+        return View.of(np.asarray(image), view.camera, noise)
+
     def _predict(self, now: float) -> None:
         if self.time is None:
             return
@@ -343,6 +353,9 @@ class Tracker:
         if np.count_nonzero(rest) < self._sought["min_pixels"]:
             return
         found = find_cylinders(rest, view.camera, view.noise, **self._sought)
+        if not self._num_found and view.shows_less(found):
+            view = self._remeasured(view)
+            found = find_cylinders(rest, view.camera, view.noise, **self._sought)
         normals = np.asarray(found.planes.unit_normal, float)
         points = np.asarray(found.planes.point, float)
         across = np.sum(points * normals, axis=1, keepdims=True)

@@ -11,11 +11,14 @@ from jaxtyping import Bool, Float, Int
 from impostor_jax.camera.base import posed
 from impostor_jax.camera.pinhole import PinholeCamera
 from impostor_jax.effort import MIN_READINGS
+from impostor_jax.find.found import Found
+from impostor_jax.fit.filtered import grows_less
 from impostor_jax.fit.fittable import CYLINDER
 from impostor_jax.fit.options import Options
 from impostor_jax.fit.pose import in_double
 from impostor_jax.fit.request import FitRequest
 from impostor_jax.fit.result import Fit
+from impostor_jax.fit.seen import seen_by
 from impostor_jax.fits.shown import fit_or_failure
 from impostor_jax.primitives.cylinder import Cylinder
 from impostor_jax.sensor.base import AbstractDepthNoise
@@ -120,6 +123,17 @@ class View:
         """A fit to some pixels, from a start."""
         given = self.image, self.camera, mask, self.noise
         return fit_or_failure(FitRequest(CYLINDER, *given, start, options))
+
+    def shows_less(self, found: Found) -> bool:
+        """Whether noise grows by less towards grazing than a model of it says."""
+        return any(
+            grows_less(
+                fit,
+                CYLINDER.body,
+                [seen_by(self.image, mask, self.camera, self.noise)],
+            )
+            for fit, mask in zip(found.fits, found.masks, strict=True)
+        )
 
     def measured(self, fit: Fit, state: State | None) -> Measured:
         """What a fit says, whose axis has the sign of a state's."""

@@ -278,6 +278,18 @@ def test_without_sigma_it_is_measured():
     assert abs(float(told[2][0].cylinder.radius) - 0.04) < 4 * told[2][0].std.radius
 
 
+@FULL
+def test_noise_that_does_not_graze_as_a_model_says_is_measured():
+    # Radii of all images erred the same way, and added up to 6.7 deviations.
+    sensor = ij.StructuredLight(floor=SIGMA, growth=0.0, grazing=0.0003)
+    tracker = ij.Tracker(CAMERA, sensor)
+    told = played(tracker, [[can()]] * 10)
+    assert tracker.noise.grazing == 0
+    (track,) = told[-1]
+    off = float(track.cylinder.radius) - float(can().radius)
+    assert abs(off) < 3 * float(track.std.radius)
+
+
 def test_images_without_readings_leave_tracks_as_they_are():
     tracker = ij.Tracker(CAMERA, SIGMA)
     played(tracker, 2 * [[can()]])
