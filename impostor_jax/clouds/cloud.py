@@ -82,7 +82,8 @@ def cloud_of(
     Args:
         points: In meters.
         origins: Where each was seen from, if that is known.
-        normals: At the points, of any length; found from their neighbors if None.
+        normals: At the points, of any length; those of length 0, and all if None, are
+            found from their neighbors.
         most: Points that are searched.
     """
     middle = np.median(points, axis=0)
@@ -95,7 +96,8 @@ def cloud_of(
     found, rough, is_flat = _planes_at(own, tree)
     if normals is not None:
         length = np.linalg.norm(normals[chosen], axis=1, keepdims=True)
-        found = normals[chosen] / np.maximum(length, np.finfo(float).tiny)
+        told = normals[chosen] / np.maximum(length, np.finfo(float).tiny)
+        found = np.where(length > 0, told, found)
     seen_from = None if origins is None else origins[chosen] - middle
     if seen_from is not None:
         away = np.sum(found * (seen_from - own), axis=1) < 0

@@ -170,8 +170,13 @@ def _check_origins(starts: Float[np.ndarray, "n 3"]) -> None:
     )
 
 
-def as_numbers(name: str, value: Any) -> Float[np.ndarray, "..."]:
-    """An argument as finite numbers in double precision, or a clear error."""
+def as_numbers(
+    name: str, value: Any, may_miss: bool = False
+) -> Float[np.ndarray, "..."]:
+    """An argument as numbers in double precision, or a clear error.
+
+    They are finite, unless some `may_miss`.
+    """
     if np.ma.is_masked(value):
         raise ValueError(
             f"{name} must hold no masked values, got {np.ma.count_masked(value)}: "
@@ -184,6 +189,8 @@ def as_numbers(name: str, value: Any) -> Float[np.ndarray, "..."]:
         raise ValueError(
             f"{name} must be numbers, got {described(value)}{hint}"
         ) from error
+    if may_miss:
+        return values
     bad = np.count_nonzero(~np.all(np.isfinite(np.atleast_2d(values)), axis=-1))
     if bad:
         where = f" in {bad} of {len(values)} rows: leave these out" * (values.ndim > 1)

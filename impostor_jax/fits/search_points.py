@@ -95,7 +95,7 @@ def find_cylinders_in_points(
         sigma: Standard deviation of a range in meters, or a noise model of single
             readings; measured at each wall if None.
         normals: (N, 3), at the points, of either sign and any length; found from their
-            neighbors if None.
+            neighbors if None, and where one is 0 or NaN.
         min_points: Fewest points of a cylinder, of those that are searched; 60 by
             default.
         min_arc: Smallest angle about its axis over which it is seen, in radians; 0.6 by
@@ -284,13 +284,15 @@ class _Fits:
 
 
 def _checked_normals(normals: Any, given: GivenPoints) -> Float[np.ndarray, "n 3"]:
-    values = as_numbers("normals", normals)
+    values = as_numbers("normals", normals, may_miss=True)
     if values.shape != given.ends.shape:
         raise ValueError(
             f"normals must be {given.ends.shape}, one a point, got {values.shape}"
         )
-    if not np.all(np.any(values != 0, axis=1)):
-        raise ValueError("normals must have a direction, got some of length 0")
+    # What other programs could not tell is NaN or 0.
+    values = np.where(np.isfinite(values).all(axis=1, keepdims=True), values, 0)
+    if not np.any(values):
+        raise ValueError("normals must have a direction, got none that has")
     return values
 
 
