@@ -183,7 +183,8 @@ def fit_cylinder_to_points(
     if initial is not None:
         return fit
     is_refuted = fit.status is FitStatus.CONTRADICTED and not asked.prior
-    is_failed = is_refuted or fit.status in FAILED
+    # Of a pole with a sign neither tells what both are of.
+    is_failed = is_refuted or fit.status in (*FAILED, FitStatus.UNDETERMINED)
     is_mixed = fit.is_shape and _is_mixed(fit, len(given.ends))
     if given.starts is not None and (is_failed or is_mixed):
         # Rings and wires show no surface to a guess, but a wall to its distances; and
