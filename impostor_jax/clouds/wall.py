@@ -229,12 +229,14 @@ def refined_walls(
         own = size[going, None]
         slope = np.stack([x, y, x * z / own, y * z / own, distance], axis=2)
         slope *= (root / distance)[:, :, None]
-        information[going] = slope.transpose(0, 2, 1) @ slope
-        is_sane = np.linalg.cond(information[going]) < MOST_CONDITION
+        across = slope.transpose(0, 2, 1)
+        information[going] = across @ slope
+        values = np.linalg.eigvalsh(information[going])
+        is_sane = values[:, -1] < MOST_CONDITION * values[:, 0]
         is_good[going[~is_sane]] = False
-        going, slope = going[is_sane], slope[is_sane]
-        pull = np.einsum("pni,pn->pi", slope, (root * off)[is_sane])
-        step = np.linalg.solve(information[going], pull[:, :, None])[:, :, 0]
+        pull = (across @ (root * off)[:, :, None])[is_sane]
+        going = going[is_sane]
+        step = np.linalg.solve(information[going], pull)[:, :, 0]
         first, second, third = frame[going].transpose(1, 0, 2)
         own = size[going, None]
         center[going] += first * step[:, :1] + second * step[:, 1:2]
