@@ -244,36 +244,31 @@ def fit_points(
 
     fit = fitted(cloud, initial)
     fit = _clear_of_limb(fit, cloud, cloud.starts, asked, fitted)
-    ends, starts = cloud.ends[cloud.counts], cloud.starts[cloud.counts]
+    starts = cloud.starts[cloud.counts]
     if fit.status in FAILED and np.any(starts != starts[:1]):
         # Rays that miss a wall by a millimeter, as those of scans do that are aligned
         # so well, contradict it; its distances from the points do not.
-        merged = fit_merged(cloud, cloud.starts, sigma, initial, asked, wall)
+        merged = fit_merged(cloud, sigma, initial, asked, wall)
         if merged.is_shape and merged.asked.doubt.startswith(DISAGREE):
             return merged
-    return with_errors_of_places(tested_by_facing(fit, ends, starts), ends, starts)
+    return _held_against_places(fit, cloud)
 
 
-def fit_merged(
-    cloud: GivenPoints,
-    starts: Float[np.ndarray, "n 3"],
-    sigma: Any,
-    initial: Cylinder | None,
-    asked: Options,
-    wall: Wall | None = None,
-) -> Fit:
+def fit_merged(cloud: GivenPoints, *asked: Any) -> Fit:
     """The same without a viewpoint, of points that were seen from several places.
 
     Args:
-        cloud: The points.
-        starts: Where each was seen from.
-        sigma: As of `fit_points`, like the others.
-        initial: Start of the fit.
-        asked: The options.
-        wall: Near which they lie.
+        cloud: The points, with these places.
+        asked: All else that `fit_points` takes.
     """
-    fit = fit_points(cloud._replace(starts=None), sigma, initial, asked, wall)
-    ends, starts = cloud.ends[cloud.counts], starts[cloud.counts]
+    fit = fit_points(cloud._replace(starts=None), *asked)
+    return _held_against_places(fit, cloud)
+
+
+def _held_against_places(fit: Fit, cloud: GivenPoints) -> Fit:
+    """A fit, or what the places that its points were seen from make of it."""
+    assert cloud.starts is not None
+    ends, starts = cloud.ends[cloud.counts], cloud.starts[cloud.counts]
     return with_errors_of_places(tested_by_facing(fit, ends, starts), ends, starts)
 
 

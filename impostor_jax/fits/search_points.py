@@ -255,15 +255,14 @@ class _Fits:
         ends, starts, dtype, rounding, _ = self.given
         counts = np.ones(len(own), bool)
         starts = None if starts is None else starts[own]
+        points = GivenPoints(ends[own], starts, dtype, rounding, counts)
+        how = start, self.options, wall
         if starts is None or in_one_frame(ends[own], starts):
-            points = GivenPoints(ends[own], starts, dtype, rounding, counts)
-            fit = fit_points(points, self.sigma, start, self.options, wall)
+            fit = fit_points(points, self.sigma, *how)
         else:
             # Each number of frames would be compiled for itself; a fit without a
             # viewpoint needs one.
-            points = GivenPoints(ends[own], None, dtype, rounding, counts)
-            how = self.request.sigma, start, self.options, wall
-            fit = fit_merged(points, starts, *how)
+            fit = fit_merged(points, self.request.sigma, *how)
         radius = float(fit.cylinder.radius)
         if not bool(fit.success) or abs(radius / wall.radius - 1) > MOST_MOVED:
             return None
