@@ -12,7 +12,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Int
+from jaxtyping import Bool, Float, Int
 from scipy import ndimage, special
 from scipy.optimize import linear_sum_assignment
 
@@ -221,21 +221,18 @@ class Tracker:
         noise = self.noise
         if noise is None:
             image, *_ = checked_readings(depth, camera, None)
-            found = law_of_noise(np.asarray(image), camera)
-            noise = found.noise
-            if found.text != NOT_MEASURED:
-                self.noise = noise
+            noise = self._measured(np.asarray(image), camera)
         image, noise, _ = checked_readings(depth, camera, noise)
         return View.of(np.asarray(image), camera, noise)
 
-    def _remeasured(self, view: View) -> View:
-        """The same with the noise that its image tells, from now on, if it does."""
-        found = law_of_noise(view.image, view.camera)
-        if found.text == NOT_MEASURED:
-            return view
-        self.noise = found.noise
-        image, noise, _ = checked_readings(view.image, view.camera, self.noise)
-        return View.of(np.asarray(image), view.camera, noise)
+    def _measured(
+        self, image: Float[np.ndarray, "h w"], camera: PinholeCamera
+    ) -> AbstractDepthNoise:
+        """The noise that an image tells, from now on; a guess where it tells none."""
+        found = law_of_noise(image, camera)
+        if found.text != NOT_MEASURED:
+            self.noise = found.noise
+        return found.noise
 
     def _predict(self, now: float) -> None:
         if self.time is None:
@@ -354,8 +351,9 @@ class Tracker:
             return
         found = find_cylinders(rest, view.camera, view.noise, **self._sought)
         if not self._num_found and view.shows_less(found):
-            view = self._remeasured(view)
-            found = find_cylinders(rest, view.camera, view.noise, **self._sought)
+            if self._measured(view.image, view.camera) is self.noise:
+                view = self._view(view.image, view.camera)
+                found = find_cylinders(rest, view.camera, view.noise, **self._sought)
         normals = np.asarray(found.planes.unit_normal, float)
         points = np.asarray(found.planes.point, float)
         across = np.sum(points * normals, axis=1, keepdims=True)
