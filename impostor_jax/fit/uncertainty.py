@@ -40,6 +40,20 @@ MOST_PLACES = 16
 by spectra: of 30,000 pixels of a can 0.04 s for 0.4. Pixels that were thinned lie
 farther apart."""
 
+LAGS = np.array(
+    [
+        (down, right)
+        for down in range(MAX_LAG)
+        for right in range(-MAX_LAG + 1, MAX_LAG)
+        if (down, right) > (0, 0)
+    ]
+)
+"""Rows down and columns right between two pixels that may be correlated, of which each
+pair is one."""
+
+FADING = np.exp(-np.sum((LAGS / WINDOW) ** 2, axis=1) / 2)
+"""The window at these."""
+
 OWN_ROUNDING = 64
 """Spacings of numbers, of the most that any coordinate moves a quantity, up to which
 one that is free moves it by rounding: of a pole that leans by 8e-6 a place across it is
@@ -150,24 +164,13 @@ def score_covariance(
     """
     counts = jnp.where(residual[0] != 0, 1, 0).astype(residual.dtype)
     count = jnp.sum(counts)
-    lags = np.array(
-        [
-            (down, right)
-            for down in range(MAX_LAG)
-            for right in range(-MAX_LAG + 1, MAX_LAG)
-            if (down, right) > (0, 0)
-        ]
-    )
-    windows = np.exp(-np.sum((lags / WINDOW) ** 2, axis=1) / 2)
-    pixels = gradient.shape[1] * (1 + 2 * float(np.sum(windows)))
+    pixels = gradient.shape[1] * (1 + 2 * float(np.sum(FADING)))
     taken = jnp.minimum(pixels / jnp.maximum(count, 1), MOST_TAKEN)
     sums = jnp.sum(residual**2, axis=1)
     variance = safe_divide(sums, jnp.broadcast_to(count, sums.shape))
     is_sparse = len(lattice.pixel_at) > MOST_PLACES * len(counts)
     over_lags = _lag_by_lag if is_sparse else _by_spectra
-    apart = jnp.asarray(lags), jnp.asarray(windows, residual.dtype)
-    total = over_lags(gradient, residual, counts, variance, lattice, *apart)
-    return total / (1 - taken)
+    return over_lags(gradient, residual, counts, variance, lattice) / (1 - taken)
 
 
 def _by_spectra(
@@ -176,8 +179,6 @@ def _by_spectra(
     counts: Float[Array, " n"],
     variance: Float[Array, " r"],
     lattice: Lattice,
-    lags: Int[Array, "l 2"],
-    windows: Float[Array, " l"],
 ) -> Float[Array, "r k k"]:
     """The sum over all pairs, as one over frequencies."""
     num_places = len(lattice.pixel_at)
@@ -188,9 +189,10 @@ def _by_spectra(
 
     power = jnp.abs(spectra_of(jnp.concatenate([counts[None], residual]))) ** 2
     products = jnp.fft.irfft(power, num_places)
-    at = lags[:, 0] * lattice.stride + lags[:, 1]
+    at = jnp.asarray(LAGS[:, 0]) * lattice.stride + jnp.asarray(LAGS[:, 1])
     pairs, sums = jnp.round(products[:1, at]), products[1:, at]
-    means = safe_divide(sums, jnp.broadcast_to(pairs, sums.shape)) * windows[None]
+    means = safe_divide(sums, jnp.broadcast_to(pairs, sums.shape))
+    means *= jnp.asarray(FADING, means.dtype)[None]
     kernel = jnp.zeros_like(products[1:]).at[:, 0].set(variance)
     kernel = kernel.at[:, at].set(means).at[:, num_places - at].set(means)
     weight = jnp.fft.rfft(kernel).real
@@ -210,8 +212,6 @@ def _lag_by_lag(
     counts: Float[Array, " n"],
     variance: Float[Array, " r"],
     lattice: Lattice,
-    lags: Int[Array, "l 2"],
-    windows: Float[Array, " l"],
 ) -> Float[Array, "r k k"]:
     """The same of few pixels that lie far from each other."""
     size, pixel_at = len(counts), jnp.asarray(lattice.pixel_at)
@@ -233,5 +233,6 @@ def _lag_by_lag(
         return total + mean[:, None, None] * (cross + cross.T)[None], None
 
     start = variance[:, None, None] * product(gradient.T, gradient)[None]
-    total, _ = jax.lax.scan(at_lag, start, (lags, windows))
+    shown = jnp.asarray(LAGS), jnp.asarray(FADING, start.dtype)
+    total, _ = jax.lax.scan(at_lag, start, shown)
     return total
