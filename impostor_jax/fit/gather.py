@@ -96,13 +96,16 @@ def table_of(
     own = row < height
     at_edge, beside = _at_border(mask, row, col, xp)
     at_edge = own & at_edge
-    misses = None if missing is None else at_edge & _of_pixels(missing, row, col, xp)
-    if misses is not None:
+    # A mask may go on past the object, and where it has no reading nothing says so. Of
+    # a sensor that mixes readings at edges its edge is as inexact in any case.
+    is_inexact = missing is not None and not noise.bias.errs_at_edges
+    if is_inexact:
+        misses = at_edge & _of_pixels(missing, row, col, xp)
         at_edge = at_edge & ~misses
-    if xp is np and misses is not None:
-        at_edge |= _before_missing(depth, mask, row[misses], col[misses], row, col)
+        if xp is np:
+            at_edge |= _before_missing(depth, mask, row[misses], col[misses], row, col)
     edge_row, edge_col = _around_some(at_edge, row, col, xp)
-    if xp is np and misses is not None:
+    if is_inexact and xp is np:
         edge_row, edge_col = _past_missing(depth, mask, edge_row, edge_col)
     rows, cols = _all_over((height, width))
     all_rows = xp.concatenate([row, edge_row.ravel(), rows])

@@ -167,9 +167,6 @@ def shown_by(
     if seen.unsure is not None:
         image = np.where(seen.unsure, 0, image)
     row, col = pixel_indices(chosen_pixels(image, seen.region, most), most, least)
-    # A region may go on past the object, and where it has no reading nothing says so.
-    # Of a sensor that mixes readings at edges its edge is as inexact in any case.
-    is_exact = is_outline or seen.noise.bias.errs_at_edges
     return table_of(
         seen.image,
         seen.region,
@@ -179,7 +176,7 @@ def shown_by(
         seen.noise,
         correlated,
         seen.unsure,
-        None if is_exact else seen.missing,
+        None if is_outline else seen.missing,
     )
 
 

@@ -384,7 +384,7 @@ def _shown_traced(
     if mask is None:
         ray = camera.rays(row, col, depth.dtype)
         mask = in_camera_frame(initial.shape, camera).intersect(ray).mask
-    missing = None if noise.bias.errs_at_edges or is_outline else mask & (depth == 0)
+    missing = None if is_outline else mask & (depth == 0)
     # A mask that is known stays so: its pixels are found before anything is compiled.
     region = np.asarray(mask) if is_concrete(mask) else mask
     depth = without_edges(depth, region, camera, noise)
