@@ -248,17 +248,22 @@ def test_of_the_mask_of_a_bottle_its_body_is_fitted(sigma):
     assert not np.any(region & ~mask)
 
 
-def test_a_mask_of_a_large_object_is_searched_first(monkeypatch):
-    depth, mask, _ = bottle()
-    monkeypatch.setattr(border, "MANY", 100)
-    tried = []
+def tries_of(monkeypatch):
+    """How fits of a region are asked for from now on, beside their requests."""
+    tried, fit_shape = [], shown.fit_shape
 
     def noted(request, **also):
         tried.append(also)
         return fit_shape(request, **also)
 
-    fit_shape = shown.fit_shape
     monkeypatch.setattr(shown, "fit_shape", noted)
+    return tried
+
+
+def test_a_mask_of_a_large_object_is_searched_first(monkeypatch):
+    depth, mask, _ = bottle()
+    monkeypatch.setattr(border, "MANY", 100)
+    tried = tries_of(monkeypatch)
     assert ij.fit_cylinder(depth, CAMERA, mask, SIGMA).success
     assert tried == [{"is_trial": True}, {}]
 
@@ -269,14 +274,7 @@ def test_a_trial_that_ended_early_is_no_answer(monkeypatch):
     monkeypatch.setattr(border, "MANY", 1000)
     monkeypatch.setattr(shown, "MANY", 1000)
     monkeypatch.setattr(shown, "_fit_within", lambda *_: None)
-    tried = []
-
-    def noted(request, **also):
-        tried.append(also)
-        return fit_shape(request, **also)
-
-    fit_shape = shown.fit_shape
-    monkeypatch.setattr(shown, "fit_shape", noted)
+    tried = tries_of(monkeypatch)
     ij.fit_cylinder(depth, CAMERA, mask, SIGMA, effort=ij.Effort(readings=500))
     assert tried == [{"is_trial": True}, {}]
 
