@@ -156,20 +156,21 @@ class State:
 
     def compared(self, seen: Measured) -> "Innovation":
         """What an image shows, less what is expected of it."""
-        along = seen.basis[2]
+        along, basis = seen.basis[2], basis_of(self.axis)
         offset = seen.center - self.center
         across = seen.basis[:2] @ self.axis
-        sine = float(np.linalg.norm(across))
-        angle = float(np.arctan2(sine, self.axis @ along))
+        sine, cosine = float(np.linalg.norm(across)), float(self.axis @ along)
+        angle = float(np.arctan2(sine, cosine))
         rows, off = np.zeros((7, 10)), np.zeros(7)
-        rows[:2, AXIS] = seen.basis[:2] @ basis_of(self.axis).T
+        rows[:2, AXIS] = seen.basis[:2] @ _rotation(self.axis, along) @ basis.T
         off[:2] = -across * (angle / sine if sine > 0 else 1)
         rows[2:5, CENTER] = seen.basis
         off[2:5] = seen.basis @ offset
         if not seen.is_known[4]:
             # What is seen is another place of the axis.
-            rows[2:4, AXIS] = off[4] * rows[:2, AXIS]
-            off[2:4] -= off[4] * across
+            slide = off[4] / cosine
+            rows[2:4, AXIS] = slide * rows[:2, AXIS]
+            off[2:4] -= slide * across
         rows[5, RADIUS] = rows[6, HEIGHT] = 1
         off[5:] = seen.radius - self.radius, seen.height - self.height
         known = seen.is_known
@@ -310,7 +311,10 @@ class State:
         # Joseph's form stays positive where a gain is rounded.
         covariance = left @ self.covariance @ left.T + gain @ found.own @ gain.T
         shared = left @ self.shared + gain @ found.shared
-        axis = self.axis + change[AXIS] @ basis_of(self.axis)
+        # In an image a can that falls turns by an angle that is no longer its tangent.
+        tilt = change[AXIS] @ basis_of(self.axis)
+        angle = float(np.linalg.norm(tilt))
+        axis = np.cos(angle) * self.axis + np.sinc(angle / np.pi) * tilt
         axis = axis / np.linalg.norm(axis)
         turn = np.eye(10)
         turn[AXIS, AXIS] = _carried(self.axis, axis)
@@ -370,8 +374,13 @@ def _carried(
     before: Float[np.ndarray, "3"], after: Float[np.ndarray, "3"]
 ) -> Float[np.ndarray, "2 2"]:
     """From tilts at one axis to those at another, by the least rotation between."""
-    cosine = float(before @ after)
+    return basis_of(after) @ _rotation(before, after) @ basis_of(before).T
+
+
+def _rotation(
+    before: Float[np.ndarray, "3"], after: Float[np.ndarray, "3"]
+) -> Float[np.ndarray, "3 3"]:
+    """The least one from one axis to another, which is not its opposite."""
     x, y, z = np.cross(before, after)
     cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    rotation = np.eye(3) + cross + cross @ cross / (1 + cosine)
-    return basis_of(after) @ rotation @ basis_of(before).T
+    return np.eye(3) + cross + cross @ cross / (1 + float(before @ after))
