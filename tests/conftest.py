@@ -10,6 +10,9 @@ CACHE = Path(__file__).parent.parent / ".pytest_cache" / "jax"
 # Compile time rules the suite; the command-line tests' processes share the cache too.
 os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(CACHE))
 os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.05")
+# Threads of two processes on two cores wait for each other: an inverse of 144 x 144
+# took 150 ms for 0.5, and the suite a third longer.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import hypothesis  # noqa: E402
 import jax  # noqa: E402

@@ -139,6 +139,13 @@ def test_what_leaves_the_image_is_lost_and_dropped():
     assert all(np.isfinite(tracks[0].velocity).all() for tracks in told if tracks)
 
 
+def test_what_stops_at_once_is_looked_for_before_where_it_was_expected():
+    # It is where it would hide what goes on, which nothing hid in the image before.
+    scenes = [[can(z=0.5 + 0.025 * min(k, 5))] for k in range(9)]
+    tracker = ij.Tracker(CAMERA, SIGMA, search_every=100)
+    assert statuses(played(tracker, scenes)) == ["new"] + 8 * ["tracked"]
+
+
 @FULL
 def test_a_box_in_the_place_of_a_can_is_not_the_can():
     box = ij.Box((0.0, 0.0, 0.5), np.eye(3), (0.07, 0.12, 0.07))
