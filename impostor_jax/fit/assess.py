@@ -185,7 +185,7 @@ def assess(problem: Problem, solution: Solution, correlated: bool) -> Assessment
     return Assessment(
         fit=fit,
         body=body,
-        cost=jnp.where(solution.finite, cost, jnp.inf),
+        cost=jnp.where(finite, cost, jnp.inf),
         is_possible=is_possible & _radius_is_told(body, std),
         repeats=errors.repeats,
         is_clear=is_clear,

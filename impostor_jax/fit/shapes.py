@@ -21,6 +21,7 @@ from impostor_jax.effort import MIN_READINGS, Effort
 from impostor_jax.fit.assess import Assessment
 from impostor_jax.fit.body import AbstractBody
 from impostor_jax.fit.border import fit_of_one_surface
+from impostor_jax.fit.clusters import clustered_outliers
 from impostor_jax.fit.copied import with_copies
 from impostor_jax.fit.edges import without_edges
 from impostor_jax.fit.far import fitted_near
@@ -65,7 +66,7 @@ from impostor_jax.sensor.base import AbstractDepthNoise
 ALL_OWN = 0.995
 """Share of a region's readings on the shape, from which on none are foreign."""
 
-MOST_LOOKS = 2
+MOST_LOOKS = 4
 """Times that foreign readings are looked for: a fit that a floor spoils may not tell
 its corner."""
 
@@ -246,19 +247,24 @@ def _without_foreign(
     seen: Sequence[Seen],
 ) -> Fit:
     """The fit without readings of the region that are not of the shape."""
-    foreign_in = kind.foreign
-    if foreign_in is None:
-        return fit
-    left_out = [np.zeros_like(one.region) for one in seen]
+    left_out = clusters = [np.zeros_like(one.region) for one in seen]
     for _ in range(MOST_LOOKS):
         is_own = fit.num_inliers >= ALL_OWN * int(fit.num_pixels)
         if is_own or not fit.status.has_numbers:
             break
         body = kind.body.of(fit.shape)
-        foreign = [foreign_in(one, body) for one in seen]
-        if not any(found.any() for found in foreign) or all(
-            map(np.array_equal, foreign, left_out)
-        ):
+        if fit.success:
+            clusters = [
+                before | clustered_outliers(one, body, told)
+                for before, one, told in zip(clusters, seen, fit.pixelwise, strict=True)
+            ]
+        foreign = clusters
+        if kind.foreign is not None:
+            foreign = [
+                found | kind.foreign(one, body)
+                for found, one in zip(clusters, seen, strict=True)
+            ]
+        if all(map(np.array_equal, foreign, left_out)):
             break
         kept = [
             one._replace(image=np.where(found, 0, one.image).astype(one.image.dtype))
