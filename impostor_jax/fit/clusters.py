@@ -13,6 +13,7 @@ __all__ = ["clustered_outliers"]
 import numpy as np
 from jaxtyping import Bool
 
+from impostor_jax.camera.ray_table import shows_image
 from impostor_jax.fit.body import AbstractBody
 from impostor_jax.fit.pixelwise import Pixelwise
 from impostor_jax.fit.regions import SQUARE
@@ -30,13 +31,15 @@ BESIDE = 2
 def clustered_outliers(
     seen: Seen, body: AbstractBody, told: Pixelwise
 ) -> Bool[np.ndarray, "h w"]:
-    """Pixels of outliers that lie together, and those beside them.
+    """Pixels of outliers that lie together, and those beside them; none of points.
 
     Args:
         seen: An object.
         body: What was fitted to it, in the world frame.
         told: What the fit tells of its readings.
     """
+    if not shows_image(seen.camera):
+        return np.zeros_like(seen.region)
     marks = np.asarray(told.marks)
     outliers = told.image(marks == 1)
     if np.count_nonzero(marks) < seen.num_readings / 2:

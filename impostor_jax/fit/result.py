@@ -78,6 +78,12 @@ UNSEEN = {
 }
 """What it means where an end is not seen."""
 
+OF_MASK = (
+    "  Depth does not tell that what stands on something ends there: a mask of all of it "
+    "does, with mask_meaning='outline'."
+)
+"""What a reader is told besides, of a mask that says nothing of an end."""
+
 OF_SOURCE = {
     "points": "  Of points: neither background beside an end nor an outline counts.",
     "outline": "  Of an outline: scale and distance rest on what was known beforehand.",
@@ -703,6 +709,9 @@ class Fit(eqx.Module):
             lines.append(
                 f"  {UNSEEN[type(self.shape)]} std is {millimeters(across)} mm."
             )
+            asked = (self.asked.arguments or {}).get("options")
+            if asked and (self.source, asked.mask_meaning) == ("images", "region"):
+                lines.append(OF_MASK)
         return "\n".join(lines)
 
     def _alternatives_told(self) -> list[str]:
