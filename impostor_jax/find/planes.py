@@ -37,6 +37,9 @@ CELL_LIMIT = 2.0
 AGREEING = 0.8
 """Cosine between the slopes of a cell and its plane, at least."""
 
+LEAST_SIGMA = 1e-6
+"""Of a reading, over the median of all: single precision."""
+
 PIXEL_LIMIT = 4.0
 """Deviations within which a reading lies on a plane."""
 
@@ -169,10 +172,10 @@ class _Readings(NamedTuple):
 
     @staticmethod
     def of(view: View, valid: Bool[np.ndarray, "h w"]) -> "_Readings":
-        sigma = view.linear_sigma
-        weight = np.where(
-            valid & (sigma > 0), 1 / np.where(sigma > 0, sigma, 1) ** 2, 0
-        )
+        sigma, known = view.linear_sigma, valid & (view.linear_sigma > 0)
+        # What lies beyond the horizon of a floor is as good as at infinity.
+        least = LEAST_SIGMA * float(np.median(sigma[known])) if known.any() else 1.0
+        weight = np.where(known, 1 / np.maximum(sigma, least) ** 2, 0)
         linear = np.where(valid, view.linear, 0)
         rows = np.empty((4, *linear.shape))
         for k, row in enumerate((view.x, view.y, 1, linear)):

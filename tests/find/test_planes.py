@@ -48,6 +48,17 @@ def test_noise_that_is_larger_than_said_is_estimated():
     assert (found.labels > 0).mean() > 0.95
 
 
+def test_what_lies_at_the_horizon_has_no_weight_of_its_own():
+    # The reciprocal of its variance was infinite, and nothing else counted.
+    image = image_of([TABLE, WALL])
+    depth = image.depth.copy()
+    depth[:2, :5] = 1e17
+    view = seen(depth)
+    found = planes_of(view, view.valid)
+    assert (found.labels > 0).mean() > 0.95
+    assert found.noise == pytest.approx(1, abs=0.1)
+
+
 def test_an_empty_image_has_no_planes():
     view = seen(np.zeros((120, 160), np.float32))
     found = planes_of(view, view.valid)
