@@ -79,8 +79,8 @@ UNSEEN = {
 """What it means where an end is not seen."""
 
 OF_MASK = (
-    "  Depth does not tell that what stands on something ends there: a mask of all of it "
-    "does, with mask_meaning='outline'."
+    "  Depth does not tell that what stands on something ends there: a mask of all of "
+    "it does, with mask_meaning='outline'."
 )
 """What a reader is told besides, of a mask that says nothing of an end."""
 

@@ -88,6 +88,12 @@ MOST_OF_MASK = 0.4
 MOST_OBJECTS = 5
 """How many objects are fitted, the largest first."""
 
+SMALL = (
+    f"Cylinders of {Request.min_pixels} pixels and more are looked for: a smaller one "
+    "needs a mask."
+)
+"""What a reader is told besides where an image without a mask shows none."""
+
 
 @fitted_near
 def fit_shown(request: FitRequest) -> Fit:
@@ -248,7 +254,9 @@ def _fit_found(request: FitRequest) -> Fit:
     if not good:
         warn_of_units(image, image > 0, noise)
         with working_precision(precision, ()):
-            return no_guess(kind, np.zeros(image.shape, bool))
+            nothing = no_guess(kind, np.zeros(image.shape, bool))
+        is_search = kind is CYLINDER and initial is None
+        return nothing.noting(doubt=SMALL) if is_search else nothing
     return max(good, key=lambda fit: fit.num_inliers)
 
 

@@ -145,6 +145,7 @@ def test_a_wall_shows_no_object(fit):
     found = fit(WALL, CAMERA, sigma=SIGMA)
     assert found.status is ij.FitStatus.NO_FIRST_GUESS
     assert not np.asarray(found.region).any()
+    assert ("150 pixels" in found.reason) == (fit is ij.fit_cylinder)
 
 
 @pytest.mark.parametrize(
