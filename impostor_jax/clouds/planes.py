@@ -15,8 +15,9 @@ from scipy.spatial import KDTree
 from impostor_jax.clouds.cloud import Cloud, scatter_of, spread_seeds
 from impostor_jax.opencv import cv2
 
-SEEDS, PATCHES = 400, (300, 60)
-"""Patches of each size that planes are grown from, and points of each."""
+SEEDS, PATCHES = 400, (300, 60, 4000)
+"""Patches of each size that planes are grown from, and points of each: the last of what
+scatters by the distance of its points, as a belt below a profiler."""
 
 FLATTEST = 0.05
 """Scatter of a patch about its plane, over its extent in the narrower direction, up to
@@ -69,7 +70,7 @@ class Planes(NamedTuple):
 
 
 def planes_of(cloud: Cloud) -> Planes:
-    """Planes of a cloud, those of large patches first, of these the flattest."""
+    """Planes of a cloud, by one size of patches after the other, the flattest first."""
     points = cloud.points
     label = np.zeros(len(points), int)
     if len(points) < FEWEST:
@@ -77,7 +78,7 @@ def planes_of(cloud: Cloud) -> Planes:
     found: list[tuple[np.ndarray, np.ndarray]] = []
     seeds, rows = spread_seeds(points, SEEDS, seed=1), np.ascontiguousarray(points.T)
     for size in PATCHES:
-        count = min(size, len(points))
+        count, seeds = min(size, len(points)), seeds[label[seeds] == 0]
         _, near = cloud.tree.query(points[seeds], k=count, workers=-1)
         values, vectors = scatter_of(points[near])
         values = np.maximum(values, 0)
