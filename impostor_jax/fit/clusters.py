@@ -22,7 +22,7 @@ from impostor_jax.fit.touching import OFF, sigmas_off
 from impostor_jax.opencv import cv2
 
 FEWEST = 20
-"""Outliers that lie together: of 300 cans there were five at most."""
+"""Outliers that lie together: of 300 drawn cans there were two at most."""
 
 BESIDE = 2
 """Pixels beside them that may be of the same."""
@@ -40,10 +40,10 @@ def clustered_outliers(
     """
     if not shows_image(seen.camera):
         return np.zeros_like(seen.region)
-    marks = np.asarray(told.marks)
-    outliers = told.image(marks == 1)
-    if np.count_nonzero(marks) < seen.num_readings / 2:
-        # Too few were taken for any to lie together.
+    outliers = told.image(np.asarray(told.marks) == 1)
+    num_taken = np.count_nonzero(np.asarray(told.place) < seen.region.size)
+    if num_taken < np.count_nonzero(seen.region) / 2:
+        # Too few for any to lie together.
         outliers = np.abs(sigmas_off(seen, body)) > OFF
     if np.count_nonzero(outliers) < FEWEST:
         return np.zeros_like(seen.region)

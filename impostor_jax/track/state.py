@@ -156,13 +156,13 @@ class State:
 
     def compared(self, seen: Measured) -> "Innovation":
         """What an image shows, less what is expected of it."""
-        along, basis = seen.basis[2], basis_of(self.axis)
+        along = seen.basis[2]
         offset = seen.center - self.center
         across = seen.basis[:2] @ self.axis
         sine, cosine = float(np.linalg.norm(across)), float(self.axis @ along)
         angle = float(np.arctan2(sine, cosine))
         rows, off = np.zeros((7, 10)), np.zeros(7)
-        rows[:2, AXIS] = seen.basis[:2] @ _rotation(self.axis, along) @ basis.T
+        rows[:2, AXIS] = _carried(self.axis, along)
         off[:2] = -across * (angle / sine if sine > 0 else 1)
         rows[2:5, CENTER] = seen.basis
         off[2:5] = seen.basis @ offset
@@ -374,13 +374,8 @@ def _carried(
     before: Float[np.ndarray, "3"], after: Float[np.ndarray, "3"]
 ) -> Float[np.ndarray, "2 2"]:
     """From tilts at one axis to those at another, by the least rotation between."""
-    return basis_of(after) @ _rotation(before, after) @ basis_of(before).T
-
-
-def _rotation(
-    before: Float[np.ndarray, "3"], after: Float[np.ndarray, "3"]
-) -> Float[np.ndarray, "3 3"]:
-    """The least one from one axis to another, which is not its opposite."""
+    cosine = float(before @ after)
     x, y, z = np.cross(before, after)
     cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    return np.eye(3) + cross + cross @ cross / (1 + float(before @ after))
+    rotation = np.eye(3) + cross + cross @ cross / (1 + cosine)
+    return basis_of(after) @ rotation @ basis_of(before).T
