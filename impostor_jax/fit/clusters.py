@@ -40,7 +40,7 @@ def clustered_outliers(
     """
     if not shows_image(seen.camera):
         return np.zeros_like(seen.region)
-    outliers = told.image(np.asarray(told.marks) == 1)
+    outliers = np.asarray(told.image(np.asarray(told.marks) == 1))
     num_taken = np.count_nonzero(np.asarray(told.place) < seen.region.size)
     if num_taken < np.count_nonzero(seen.region) / 2:
         # Too few for any to lie together.
