@@ -47,10 +47,8 @@ def clustered_outliers(
         outliers = np.abs(sigmas_off(seen, body)) > OFF
     if np.count_nonzero(outliers) < FEWEST:
         return np.zeros_like(seen.region)
-    _, labels, stats, _ = cv2.connectedComponentsWithStats(
-        outliers.astype(np.uint8), connectivity=8
-    )
-    is_cluster = stats[:, cv2.CC_STAT_AREA] >= FEWEST
+    _, labels = cv2.connectedComponents(outliers.astype(np.uint8), connectivity=8)
+    is_cluster = np.bincount(labels.ravel()) >= FEWEST
     # The first is what is no outlier.
     is_cluster[0] = False
     clusters = is_cluster[labels].astype(np.uint8)
