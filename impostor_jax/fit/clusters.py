@@ -48,8 +48,7 @@ def clustered_outliers(
     if np.count_nonzero(outliers) < FEWEST:
         return np.zeros_like(seen.region)
     _, labels = cv2.connectedComponents(outliers.astype(np.uint8), connectivity=8)
-    is_cluster = np.bincount(labels.ravel()) >= FEWEST
+    large = np.flatnonzero(np.bincount(labels.ravel()) >= FEWEST)
     # The first is what is no outlier.
-    is_cluster[0] = False
-    clusters = is_cluster[labels].astype(np.uint8)
-    return cv2.dilate(clusters, SQUARE, iterations=BESIDE) > 0
+    clusters = np.isin(labels, large[large > 0])
+    return cv2.dilate(clusters.astype(np.uint8), SQUARE, iterations=BESIDE) > 0
