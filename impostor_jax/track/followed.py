@@ -49,7 +49,7 @@ class Followed:
         visible: Part of the expected pixels that read near its surface.
         was_lost: Whether the image before did not show it.
         is_newly_missing: Whether the image, and not the one before, shows that it is
-            not where it should be.
+            not where it should be, or nothing of it where most was seen before.
     """
 
     def __init__(
