@@ -101,15 +101,15 @@ def _walls_of(
 ) -> list[tuple[int, Wall, float]]:
     """Number, wall and support of those patches that are of a wall."""
     size = points.shape[1]
-    values, vectors = np.linalg.eigh(np.einsum("pki,pkj->pij", normals, normals) / size)
+    values, vectors = np.linalg.eigh(normals.transpose(0, 2, 1) @ normals / size)
     turns = (values[:, 1] > LEAST_TURN) & (values[:, 0] < MOST_STRAY * values[:, 1])
     number = np.flatnonzero(turns)
     points, normals, axis = points[number], normals[number], vectors[number, :, 0]
     frame = turned_to(axis)
     middle = points.mean(axis=1)
     about = points - middle[:, None]
-    flat = np.einsum("pki,pji->pkj", about, frame[:, :2])
-    across = np.einsum("pki,pji->pkj", normals, frame[:, :2])
+    onto = frame[:, :2].transpose(0, 2, 1)
+    flat, across = about @ onto, normals @ onto
     length = np.linalg.norm(across, axis=2, keepdims=True)
     across = across / np.maximum(length, 1e-12)
     # Where lines along the normals meet, by least squares.
