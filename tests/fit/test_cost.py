@@ -107,14 +107,16 @@ def test_another_question_of_the_same_image_compiles_nothing():
 def test_one_solver_serves_correlated_errors_and_few_readings():
     depth, mask = image()
     few = mask & (np.arange(mask.shape[1]) < 80)
+    # Other tests may have asked for both.
+    program._assessed().programs.clear()
     ij.fit_cylinder(depth, CAMERA, mask, SIGMA)
-    solvers, _ = num_programs()
+    solvers, assessments = num_programs()
     for region, effort in ((mask, "balanced"), (few, ij.Effort(readings=5000))):
         for errors in ("independent", "correlated"):
             options = {"effort": effort, "errors": errors}
             ij.fit_cylinder(depth, CAMERA, region, SIGMA, initial=can(), **options)
     assert num_programs()[0] == solvers
-    assert num_programs()[1] >= 2
+    assert num_programs()[1] > assessments
 
 
 def pinhole(width, height, focal, **lens):
