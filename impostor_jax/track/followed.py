@@ -75,7 +75,7 @@ class Followed:
         """Note what reads where it is expected; it is lost until it is taken."""
         self.was_lost = self.is_lost
         was_missing = self.is_lost and self.reason not in (HIDDEN, OUT)
-        was_open = not self.is_lost and self.visible > 1 - MOST_HIDDEN
+        was_open = not self.was_lost and self.visible > 1 - MOST_HIDDEN
         self.fit = None
         self.visible = sight.explained / max(sight.expected, 1)
         could_be_seen = sight.explained + sight.empty
@@ -88,10 +88,8 @@ class Followed:
         else:
             self.reason = OTHER
         # What hides it all at once may be a table that it was expected below.
-        may_be_seen = self.reason not in (HIDDEN, OUT) or (
-            self.reason == HIDDEN and was_open
-        )
-        self.is_newly_missing = may_be_seen and not was_missing
+        unseen = (OUT,) if was_open else (HIDDEN, OUT)
+        self.is_newly_missing = not was_missing and self.reason not in unseen
         if self.reason != GONE:
             self.last_there = now
 

@@ -351,7 +351,9 @@ class Tracker:
             return
         found = find_cylinders(rest, view.camera, view.noise, **self._sought)
         if not self._num_found and view.shows_less(found):
-            if self._measured(view.image, view.camera) is self.noise:
+            told = self.noise
+            self._measured(view.image, view.camera)
+            if self.noise is not told:
                 view = self._view(view.image, view.camera)
                 found = find_cylinders(rest, view.camera, view.noise, **self._sought)
         normals = np.asarray(found.planes.unit_normal, float)
