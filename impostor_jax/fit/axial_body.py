@@ -63,6 +63,11 @@ class AbstractAxialBody(AbstractBody):
 
     @property
     @override
+    def end_axes(self) -> Float[Array, "e 3"]:
+        return jnp.stack([-self.axis, self.axis])
+
+    @property
+    @override
     def sign(self) -> Numbers:
         largest = self.axis[jnp.argmax(jnp.abs(self.axis))]
         return jnp.where(largest < 0, -1, 1).astype(largest.dtype)

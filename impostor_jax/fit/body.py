@@ -285,6 +285,11 @@ class AbstractBody(eqx.Module):
         """The ends that it has, -1 and 1 along its axis."""
 
     @property
+    @abc.abstractmethod
+    def end_axes(self) -> Float[Array, "e 3"]:
+        """Unit vectors outward across each of `ends`."""
+
+    @property
     def of_ends(self) -> tuple[str, ...]:
         """What is known where each of `ends` is seen, by its name in `readout`."""
         return ()

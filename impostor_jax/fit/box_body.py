@@ -128,6 +128,11 @@ class BoxBody(AbstractAxislessBody):
 
     @property
     @override
+    def end_axes(self) -> Float[Array, "e 3"]:
+        return jnp.stack([side * self.frame[k] for k, side in FACES])
+
+    @property
+    @override
     def is_long(self) -> Bool[Array, "*batch"]:
         return jnp.ones(self.radius.shape, bool)
 

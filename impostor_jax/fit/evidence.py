@@ -345,7 +345,7 @@ def crossing_terms(
     that mix both sides of a jump are left out of one that was made from readings, all
     along. So there its place is uniform within `edge_reach` and `window_reach` pixels
     of that, too, and within what rays err by, and off by as much in all rows; of an
-    outline, within the sensor's `outline` pixels.
+    outline, within the sensor's `outline` pixels; of a foot, as is told of that.
     The wall's edge is straight, so along an image direction it may have the same place
     in the grid in all of them: there the interval alone counts, and all within it are
     as likely. It counts where the region is an outline; that every pixel of a region
@@ -449,6 +449,8 @@ def crossing_terms(
     if not bias.has_exact_rays:
         of_region += BESIDE_EDGE * _across_in_pixels(pixels, bias)
     shared = jnp.where(is_outline, of_outline, of_region)
+    # A sensor mixes nothing where no depth jumps.
+    shared = jnp.where(edge.foot < 0, shared, edge.foot)
     if bias.lean is not None:
         # All within are as likely, with that standard deviation.
         shared += 3**0.5 * jnp.asarray(bias.lean, r.dtype)

@@ -74,6 +74,7 @@ def table_of(
     correlated: bool = False,
     unsure: Mask | None = None,
     missing: Mask | None = None,
+    feet: Float[np.ndarray, "h w"] | None = None,
     xp: ModuleType = np,
 ) -> Table:
     """What an image shows of an object.
@@ -90,6 +91,7 @@ def table_of(
         unsure: Pixels of the object whose readings tell where it ends alone.
         missing: Pixels of the mask that the sensor did not read, if these may be beyond
             the object.
+        feet: As of `Seen`.
         xp: NumPy, or `jax.numpy` of what is traced.
     """
     height, width = depth.shape
@@ -123,6 +125,7 @@ def table_of(
         rays=rays,
         inside=_of_pixels(mask, edge_row, edge_col, xp),
         mixed=mixed,
+        foot=_of_feet(feet, edge_row, edge_col, xp).astype(dtype),
         row=row,
         col=col,
         beside=xp.where(own & is_image, beside, 0).astype(dtype),
@@ -134,6 +137,18 @@ def table_of(
         camera_from_world=camera.camera_from_world or _still(dtype),
         noise=law_of(noise),
     )
+
+
+def _of_feet(
+    feet: Float[np.ndarray, "h w"] | None,
+    row: Indices,
+    col: Indices,
+    xp: ModuleType,
+) -> Indices:
+    """The `foot` of `Table`; pixels are as `_around_some` has them."""
+    if feet is None:
+        return xp.full(row.shape[1:], -1.0)
+    return _of_pixels(feet, row, col, xp).max(axis=0)
 
 
 @functools.lru_cache(maxsize=64)

@@ -87,12 +87,14 @@ class Edge(eqx.Module):
     Attributes:
         pixels: What the image holds there.
         inside: Which of them belong to the object.
-        mixed: As of `Table`.
+        mixed: As of `Table`, like the next one.
+        foot: Of each of them.
     """
 
     pixels: Pixels
     inside: Bool[Array, "5 m"]
     mixed: Bool[Array, "5 m"]
+    foot: Float[Array, " m"]
 
 
 class Settings(eqx.Module):
@@ -194,6 +196,8 @@ class Table(NamedTuple):
         inside: Which of those at the edge belong to the object.
         mixed: Which of them may be of two surfaces: their readings are neither the
             object's nor of what lies beyond them.
+        foot: By how many pixels the end of each may be off where it stands on
+            something, and depth does not jump; -1 elsewhere.
         row: Rows of the object's pixels, as `pixel_indices` orders them; one beyond the
             image only fills up.
         col: Columns of the object's pixels.
@@ -212,6 +216,7 @@ class Table(NamedTuple):
     rays: RayList
     inside: Bool[Array, "5 e"] | Bool[np.ndarray, "5 e"]
     mixed: Bool[Array, "5 e"] | Bool[np.ndarray, "5 e"]
+    foot: Float[Array, " e"] | Float[np.ndarray, " e"]
     row: Int[Array, " n"] | Int[np.ndarray, " n"]
     col: Int[Array, " n"] | Int[np.ndarray, " n"]
     beside: Values
@@ -441,6 +446,7 @@ def _view_of(table: Table, first: RigidTransform | None) -> View:
             rays.pixels(num_pixels, at_edge),
             jnp.asarray(table.inside),
             jnp.asarray(table.mixed),
+            jnp.asarray(table.foot),
         ),
         around=rays.pixels(num_pixels + num_edge),
         is_image=table.is_image,

@@ -78,6 +78,7 @@ def coarse(table: Table) -> Table:
         rays=jax.tree.map(lambda values: values[chosen], table.rays),
         inside=table.inside[:, : len(few)],
         mixed=table.mixed[:, : len(few)],
+        foot=table.foot[: len(few)],
         row=table.row[-BLOCK:],
         col=table.col[-BLOCK:],
         beside=table.beside[-BLOCK:],

@@ -79,10 +79,16 @@ UNSEEN = {
 """What it means where an end is not seen."""
 
 OF_MASK = (
-    "  Depth does not tell that what stands on something ends there: a mask of all of "
-    "it does, with mask_meaning='outline'."
+    "  Where no plane is seen around its foot, depth does not tell where it stands: a "
+    "mask of all of it does, with mask_meaning='outline'."
 )
 """What a reader is told besides, of a mask that says nothing of an end."""
+
+OF_FOOT = (
+    "  It is taken to end where a plane that is seen around its foot meets it, as where "
+    "it stands on a table."
+)
+"""What a reader is told of an end that depth alone does not tell."""
 
 OF_SOURCE = {
     "points": "  Of points: neither background beside an end nor an outline counts.",
@@ -215,6 +221,7 @@ class Asked:
         doubt: What is wrong with that which was given, or may be, in words.
         is_thinned: Whether more readings were given than a fit takes.
         is_quick: Whether the answer was not doubted, as of an `Effort`.
+        stands: Whether it stands on something, which an end was taken from.
         contradiction: In words, what of that which was stated, or of the outline, the
             readings exclude; None if nothing, or where the fit was traced or stacked.
         outline_gap: Of the fit; None where no image shows the outline, or likewise.
@@ -226,6 +233,7 @@ class Asked:
     doubt: str = ""
     is_thinned: bool = False
     is_quick: bool = False
+    stands: bool = False
     contradiction: str | None = None
     outline_gap: OutlineGap | None = None
     each: tuple["Asked", ...] = ()
@@ -701,6 +709,8 @@ class Fit(eqx.Module):
                 f"{100 * gap.radii:+.0f} % of the radius, {gap.deviations:+.1f} "
                 "deviations."
             )
+        if self.asked.stands:
+            lines.append(OF_FOOT)
         if self.source in OF_SOURCE:
             lines.append(OF_SOURCE[self.source])
         if not self.height_observed:

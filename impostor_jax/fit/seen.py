@@ -43,6 +43,8 @@ class Seen(NamedTuple):
             tell where it ends, and not how deep it is; None where all are its own.
         missing: Pixels of the region that the sensor did not read; None without any.
             Of what is left out later it is known that the object is there.
+        feet: At pixels of what it stands on, by how many pixels its end there may be
+            off; -1 elsewhere. None where it stands on nothing.
     """
 
     image: Float[np.ndarray, "h w"]
@@ -51,6 +53,7 @@ class Seen(NamedTuple):
     noise: AbstractDepthNoise
     unsure: Bool[np.ndarray, "h w"] | None = None
     missing: Bool[np.ndarray, "h w"] | None = None
+    feet: Float[np.ndarray, "h w"] | None = None
 
     @property
     def num_readings(self) -> int:
@@ -177,6 +180,7 @@ def shown_by(
         correlated,
         seen.unsure,
         None if is_outline else seen.missing,
+        seen.feet,
     )
 
 

@@ -57,6 +57,7 @@ from impostor_jax.fit.request import (
 from impostor_jax.fit.result import Fit, each_of
 from impostor_jax.fit.seam import refuted_by_seam
 from impostor_jax.fit.seen import Seen, all_shown_by, seen_by, shown_by
+from impostor_jax.fit.standing import standing_on
 from impostor_jax.fit.starts import Search, guesses_of
 from impostor_jax.fit.stated import tested_by_readings
 from impostor_jax.fit.weighing import best_of, likeliest
@@ -196,9 +197,7 @@ def _fit_seen(
     quick = dataclasses.replace(effort, doubts=False)
 
     # Without types of arrays, which would be looked up at each call, in 20 us.
-    def fitted(
-        parts: Any, correlated: bool, known: Any = None, begin: Any = start
-    ) -> Fit:
+    def fitted(parts: Any, correlated: bool, known: Any, begin: Any) -> Fit:
         asked = settings
         if any(part.region is not one.region for part, one in zip(parts, seen)):  # noqa: B905
             # Only of the whole one a caller says that its edge is the silhouette.
@@ -209,12 +208,6 @@ def _fit_seen(
         own = quick if is_sure else effort
         return _fit_pixels(kind, clear, begin, known, prior, asked, own, correlated)
 
-    def to_surface(parts: Any) -> Fit:
-        # An outline is as exact as its caller says.
-        is_exact = bool(settings.is_outline)
-        how = correlated, is_exact, is_trial
-        return fit_of_one_surface(fitted, kind.body, parts, *how)
-
     def resumed(parts: Any, before: Fit) -> Fit:
         used = [
             # What it took for the object's, if that is told of all pixels.
@@ -223,14 +216,26 @@ def _fit_seen(
             else one
             for one, region in zip(parts, each_of(before.region), strict=True)
         ]
-        return fitted(used, correlated, begin=before.shape)
+        return fitted(used, correlated, None, before.shape)
 
-    def fitted_to(parts: Any) -> Fit:
+    def fitted_to(parts: Any, first: Any = start) -> Fit:
+        def from_first(
+            parts: Any, correlated: bool, known: Any = None, begin: Any = first
+        ) -> Fit:
+            return fitted(parts, correlated, known, begin)
+
+        def to_surface(parts: Any) -> Fit:
+            # An outline is as exact as its caller says.
+            is_exact = bool(settings.is_outline)
+            how = correlated, is_exact, is_trial
+            return fit_of_one_surface(from_first, kind.body, parts, *how)
+
         return fit_with_learned_rays(to_surface, resumed, parts, rounding)
 
     if not effort.doubts:
-        return fitted(seen, correlated)
-    return _without_foreign(kind, fitted_to(seen), fitted_to, seen)
+        return fitted(seen, correlated, None, start)
+    fit, kept = _without_foreign(kind, fitted_to(seen), fitted_to, seen)
+    return _with_feet(kind, fit, fitted_to, kept)
 
 
 def _checked(view: Given) -> tuple[Given, AbstractDepthNoise]:
@@ -245,8 +250,9 @@ def _without_foreign(
     fit: Fit,
     fitted_to: Callable[[Sequence[Seen]], Fit],
     seen: Sequence[Seen],
-) -> Fit:
-    """The fit without readings of the region that are not of the shape."""
+) -> tuple[Fit, Sequence[Seen]]:
+    """The fit without readings of the region that are not of the shape; and of what."""
+    own = seen
     left_out = clusters = [np.zeros_like(one.region) for one in seen]
     for _ in range(MOST_LOOKS):
         is_own = fit.num_inliers >= ALL_OWN * int(fit.num_pixels)
@@ -272,8 +278,27 @@ def _without_foreign(
         ]
         if sum(one.num_readings for one in kept) < MIN_READINGS:
             break
-        left_out, fit = foreign, fitted_to(kept)
-    return fit
+        left_out, own, fit = foreign, kept, fitted_to(kept)
+    return fit, own
+
+
+def _with_feet(
+    kind: Fittable,
+    fit: Fit,
+    fitted_to: Callable[[Sequence[Seen], AbstractPrimitive], Fit],
+    seen: Sequence[Seen],
+) -> Fit:
+    """The fit with those ends that the object stands on, where it stands on some."""
+    ends_seen = np.asarray(fit.ends_seen)
+    if not bool(fit.success) or ends_seen.all():
+        return fit
+    body = kind.body.of(fit.shape)
+    standing = [standing_on(one, body, ends_seen) for one in seen]
+    if all(one is other for one, other in zip(standing, seen, strict=True)):
+        return fit
+    found = fitted_to(standing, fit.shape)
+    is_told = np.count_nonzero(found.ends_seen) > np.count_nonzero(ends_seen)
+    return found.noting(stands=True) if bool(found.success) and is_told else fit
 
 
 def _fit_pixels(

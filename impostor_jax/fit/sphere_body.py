@@ -65,6 +65,11 @@ class SphereBody(AbstractAxislessBody):
 
     @property
     @override
+    def end_axes(self) -> Float[Array, "e 3"]:
+        return jnp.zeros((0, 3), self.radius.dtype)
+
+    @property
+    @override
     def is_long(self) -> Bool[Array, "*batch"]:
         return jnp.zeros(self.radius.shape, bool)
 
