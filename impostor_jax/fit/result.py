@@ -85,8 +85,8 @@ OF_MASK = (
 """What a reader is told besides, of a mask that says nothing of an end."""
 
 OF_FOOT = (
-    "  It is taken to end where a plane that is seen around its foot meets it, as where "
-    "it stands on a table."
+    "  It is taken to end where a plane that is seen around its foot meets it, as on a "
+    "table."
 )
 """What a reader is told of an end that depth alone does not tell."""
 
