@@ -325,11 +325,13 @@ def _plane_at(around: _Around, end: int) -> _Plane | None:
     points = around.start + around.direction * around.depth[:, None]
     along, beside = points @ axis, points @ across.T
     away = np.hypot(*beside.T)
-    on_wall = around.wall & around.read & around.inside
+    place = around.place[end]
+    # Caps have no place along the axis.
+    on_wall = around.wall & around.read & around.inside & np.isfinite(place)
     on_wall &= np.abs(around.depth - around.surface) < OFF * sigma
     if np.count_nonzero(on_wall) < FEWEST:
         return None
-    lowest = np.quantile(around.place[end][on_wall], LOWEST)
+    lowest = np.quantile(place[on_wall], LOWEST)
     in_front = around.wall & around.read
     in_front &= np.abs(along - lowest) < BAND * around.radius
     in_front &= around.surface - around.depth > OFF * sigma
