@@ -98,16 +98,15 @@ def table_of(
     own = row < height
     at_edge, beside = _at_border(mask, row, col, xp)
     at_edge = own & at_edge
-    # A mask may go on past the object, and where it has no reading nothing says so. Of
-    # a sensor that mixes readings at edges its edge is as inexact in any case.
-    is_inexact = missing is not None and not noise.bias.errs_at_edges
-    if is_inexact:
+    # A mask may go on past the object, and where it has no reading nothing says so.
+    if missing is not None:
         misses = at_edge & _of_pixels(missing, row, col, xp)
         at_edge = at_edge & ~misses
         if xp is np:
-            at_edge |= _before_missing(depth, mask, row[misses], col[misses], row, col)
+            lost = row[misses], col[misses]
+            at_edge |= _before_missing(missing, mask, *lost, row, col)
     edge_row, edge_col = _around_some(at_edge, row, col, xp)
-    if is_inexact and xp is np:
+    if missing is not None and xp is np:
         edge_row, edge_col = _past_missing(depth, mask, edge_row, edge_col)
     rows, cols = _all_over((height, width))
     all_rows = xp.concatenate([row, edge_row.ravel(), rows])
@@ -257,7 +256,7 @@ def _around_some(
 
 
 def _before_missing(
-    depth: DepthImage,
+    missing: Mask,
     mask: Mask,
     edge_row: Indices,
     edge_col: Indices,
@@ -267,7 +266,7 @@ def _before_missing(
     """Which pixels of an object are the last that read before those at its edge.
 
     Args:
-        depth: In meters; 0 where there is no reading.
+        missing: Pixels that the sensor did not read.
         mask: Pixels of the object.
         edge_row: Rows of those at its edge, without a reading.
         edge_col: Their columns.
@@ -277,14 +276,14 @@ def _before_missing(
     last = np.zeros_like(mask)
     for down, right in CROSS.T[0, 1:]:
         r, c = edge_row, edge_col
-        ends = _exists(depth, r + down, c + right)
+        ends = _exists(mask, r + down, c + right)
         ends &= ~_of_pixels(mask, r + down, c + right, np)
         r, c = r[ends], c[ends]
         for _ in range(MOST_MISSING):
             r, c = r - down, c - right
-            within = _exists(depth, r, c)
+            within = _exists(missing, r, c)
             r, c = r[within], c[within]
-            reads = depth[r, c] > 0
+            reads = ~missing[r, c]
             last[r[reads], c[reads]] = True
             r, c = r[~reads], c[~reads]
     return (row < len(mask)) & _of_pixels(last & mask, row, col, np)
