@@ -357,7 +357,7 @@ def _shuffle(size: int) -> Float[np.ndarray, " n"]:
     return np.random.default_rng(0).uniform(0.5, 1, size).astype(np.float32)
 
 
-def _exists(image: DepthImage, row: Indices, col: Indices) -> Indices:
+def _exists(image: DepthImage | Mask, row: Indices, col: Indices) -> Indices:
     """Which pixels lie within an image."""
     height, width = image.shape
     return (row >= 0) & (row < height) & (col >= 0) & (col < width)
