@@ -98,8 +98,8 @@ ROUNDS = 3
 UNSURE = 2
 """Pixels of a wall beside its foot whose readings may be of the plane."""
 
-
 LEVEL = np.zeros(2)
+"""Slope of a plane that is across the axis."""
 
 
 def standing_on(
