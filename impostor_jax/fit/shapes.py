@@ -234,8 +234,9 @@ def _fit_seen(
 
     if not effort.doubts:
         return fitted(seen, correlated, None, start)
-    fit, kept = _without_foreign(kind, fitted_to(seen), fitted_to, seen)
-    return _with_feet(kind, fit, fitted_to, kept)
+    fit, kept, is_bare = _without_foreign(kind, fitted_to(seen), fitted_to, seen)
+    # Where a shoulder was left out the other end may be wrong.
+    return _with_feet(kind, fit, fitted_to, kept) if is_bare else fit
 
 
 def _checked(view: Given) -> tuple[Given, AbstractDepthNoise]:
@@ -250,8 +251,13 @@ def _without_foreign(
     fit: Fit,
     fitted_to: Callable[[Sequence[Seen]], Fit],
     seen: Sequence[Seen],
-) -> tuple[Fit, Sequence[Seen]]:
-    """The fit without readings of the region that are not of the shape; and of what."""
+) -> tuple[Fit, Sequence[Seen], bool]:
+    """The fit without readings of the region that are not of the shape.
+
+    Returns:
+        The fit; what it is of; and whether nothing was found on the object that is not
+        of its shape.
+    """
     own = seen
     left_out = clusters = [np.zeros_like(one.region) for one in seen]
     for _ in range(MOST_LOOKS):
@@ -279,7 +285,7 @@ def _without_foreign(
         if sum(one.num_readings for one in kept) < MIN_READINGS:
             break
         left_out, own, fit = foreign, kept, fitted_to(kept)
-    return fit, own
+    return fit, own, not any(map(np.any, clusters))
 
 
 def _with_feet(

@@ -50,7 +50,7 @@ BAND = 0.5
 read must be the wall's or the plane's."""
 
 MARGIN = 8
-"""Pixels around a region that are looked at, besides a quarter of its longer side."""
+"""Pixels around a region that are looked at, besides half of its longer side."""
 
 THICKNESS, WITHIN = 6.0, 3.0
 """Standard deviations along the axis within which readings of a plane lie of its first
@@ -85,9 +85,19 @@ SECTORS, LEAST_SECTORS = 12, 7
 """Sectors around the axis, and those in which the plane is seen at least: on more than
 one side of the object."""
 
-NEAREST, TELLING = 10, 20
-"""Readings of a sector, the nearest to the axis, of which most must be of the plane,
-and those that tell where it is: farther off is the edge of what stands below."""
+IN_SECTOR, MOST_LOWER = 6, 0.2
+"""Readings of the plane in a sector, at least, and part of all beside the wall that may
+lie behind it: boxes beside a box, and a ring around a can, end before a table."""
+
+TELLING = 20
+"""Readings of a sector, the nearest to the axis, that tell where the plane is: farther
+off is the edge of what stands below."""
+
+STRIP = 2.0
+"""Pixels of the wall above its foot that tell whether it comes down to the plane."""
+
+MOST_GAP, BY_CHANCE = 0.3, 4.0
+"""Deviations by which their mean may lie behind the wall, and those of the mean."""
 
 LEAST_SHOWN = 0.1
 """Sine of the angle to the line of sight from which on an image shows a length."""
@@ -116,7 +126,7 @@ def standing_on(
         return seen
     height, width = (one.stop - one.start for one in cropped(seen.region))
     asked = np.zeros_like(seen.region)
-    asked[cropped(seen.region, margin=max(height, width) // 4 + MARGIN)] = True
+    asked[cropped(seen.region, margin=max(height, width) // 2 + MARGIN)] = True
     row, col, rays = seen._replace(region=asked).rays()
     exists = rays.exists
     row, col = row[exists], col[exists]
@@ -274,6 +284,11 @@ def _foot_at(around: _Around, end: int, spacing: float) -> _Foot | None:
     cosine = view @ around.axes[end] / np.linalg.norm(view, axis=1)
     shown = np.sqrt(np.maximum(1 - cosine**2, LEAST_SHOWN**2))
     pixel = float(np.median(spacing * around.depth[tells] / shown))
+    above = plane.level - around.place[end]
+    strip = off[band & ~below & (above < STRIP * pixel) & ~(off < -OFF)]
+    gap = np.clip(strip, -OFF, OFF).mean() if len(strip) else np.inf
+    if gap > MOST_GAP + BY_CHANCE / np.sqrt(len(strip)):
+        return None
     return _Foot(
         below=below,
         shown=below & on_plane,
@@ -302,20 +317,22 @@ def _goes_around(
     tells = around.read & (below | ~around.wall) & (away > BEYOND * around.radius)
     tells &= (away < WIDE * around.size) & np.isfinite(plane.depth)
     tells &= around.depth - plane.depth > -OFF * around.sigma
-    nearest = _nearest(plane.beside, tells, NEAREST)
-    shown = [2 * np.count_nonzero(on_plane[one]) > NEAREST for one in nearest]
-    return bool(sum(shown) >= LEAST_SECTORS)
+    sectors = _by_sector(plane.beside, tells)
+    counts = np.array([(len(one), np.count_nonzero(on_plane[one])) for one in sectors])
+    total, shown = counts.T
+    is_plane = (shown >= IN_SECTOR) & (total - shown <= MOST_LOWER * total)
+    return bool(np.count_nonzero(is_plane) >= LEAST_SECTORS)
 
 
-def _nearest(
-    beside: Float[np.ndarray, "n 2"], which: Bool[np.ndarray, " n"], most: int
-) -> list[Int[np.ndarray, " m"]]:
-    """Of each sector around an axis some places, the nearest to it."""
+def _by_sector(
+    beside: Float[np.ndarray, "n 2"], which: Bool[np.ndarray, " n"]
+) -> list[Int[np.ndarray, "..."]]:
+    """Numbers of some places in each sector around an axis, the nearest to it first."""
     order = np.flatnonzero(which)
     order = order[np.argsort(np.hypot(*beside[order].T))]
     turn = np.arctan2(*beside[order].T) / (2 * np.pi) + 0.5
     sector = (turn * SECTORS).astype(int) % SECTORS
-    return [order[sector == k][:most] for k in range(SECTORS)]
+    return [order[sector == k] for k in range(SECTORS)]
 
 
 def _plane_at(around: _Around, end: int) -> _Plane | None:
@@ -346,16 +363,44 @@ def _plane_at(around: _Around, end: int) -> _Plane | None:
         tells = around.read & (np.hypot(*plane.beside.T) < WIDE * around.size)
         tells &= ~around.wall | (around.surface - plane.depth > OFF * sigma)
         tells &= np.abs(along - plane.level - beside @ plane.slope) < reach
-        near = np.concatenate(_nearest(plane.beside, tells, TELLING))
+        sectors = [one[:TELLING] for one in _by_sector(plane.beside, tells)]
+        near = np.concatenate(sectors)
         if len(near) < FEWEST:
             return None
         terms = np.column_stack([np.ones(len(near)), USUAL_TILT * beside[near]])
         found = solved(terms, along[near] - plane.level, slant[near])
         level = plane.level + float(found.value[0])
-        slope, deviation = USUAL_TILT * found.value[1:], float(found.deviation[0])
+        slope = USUAL_TILT * found.value[1:]
+        # What is uneven, or slopes, is met somewhere below its wall.
+        parts = found.deviation[0], _unevenness(sectors, found.rest, slant[near])
+        deviation = float(np.linalg.norm([*parts, *slope * around.radius]))
         plane = _plane(around, axis, across, level, slope, deviation)
         reach = thick * (WITHIN / THICKNESS)
     return plane if np.linalg.norm(plane.slope) < MOST_TILT else None
+
+
+def _unevenness(
+    sectors: list[Int[np.ndarray, "..."]],
+    rest: Float[np.ndarray, " n"],
+    deviation: Float[np.ndarray, " n"],
+) -> float:
+    """Deviation from a plane of its sectors' means, over what noise lets them scatter.
+
+    Args:
+        sectors: Numbers of readings.
+        rest: What the plane leaves of these, one after the other, in deviations.
+        deviation: Of each.
+    """
+    ends = np.cumsum([len(one) for one in sectors])[:-1]
+    off = np.split(rest * deviation, ends)
+    full = [one for one in off if len(one) >= IN_SECTOR]
+    if not full:
+        return 0.0
+    by_noise = np.array([one.var() / len(one) for one in full])
+    squares = np.array([one.mean() ** 2 for one in full])
+    # And by their own scatter.
+    by_chance = (1 + np.sqrt(2 / len(full))) * by_noise.mean()
+    return float(np.sqrt(max(squares.mean() - by_chance, 0.0)))
 
 
 def _plane(

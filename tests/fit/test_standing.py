@@ -1,5 +1,7 @@
 """Ends that stand on something: a table around a foot, and what only looks like one."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -35,7 +37,7 @@ def depth_of(shape):
     return np.where(np.asarray(maps.mask), np.asarray(maps.depth), np.inf)
 
 
-def seen_of(shape=CAN, *others, table=None, sigma=SIGMA):
+def seen_of(shape: Any = CAN, *others, table=None, sigma=SIGMA):
     """Depth of a thing among others on a table, and its mask."""
     table = plane_depth() if table is None else table
     table = np.where(table > 0, table, np.inf)
@@ -115,6 +117,9 @@ def sloping(degrees):
         # Nothing is below, or far below.
         (lambda: seen_of(table=np.full(RAYS.shape[:2], 0.6)), False),
         (lambda: seen_of(table=plane_depth(through=FOOT + 0.05 * AXIS)), False),
+        (lambda: seen_of(table=plane_depth(through=FOOT + 0.006 * AXIS)), False),
+        # Beside what surrounds it, at the height of a ring, the table is lower.
+        (lambda: seen_of(CAN, depth_of(ring(1.6))), False),
         # A crescent: the edge of what it stands on is near.
         (
             lambda: seen_of(
@@ -123,7 +128,10 @@ def sloping(degrees):
             False,
         ),
     ],
-    ids=["table", "touching", "in front", "sloping", "wall", "floating", "stand"],
+    ids=[
+        *("table", "touching", "in front", "sloping", "wall", "floating"),
+        *("hovering", "ring", "stand"),
+    ],
 )
 def test_an_end_is_where_a_plane_goes_around_the_foot(around, is_found):
     depth, mask = around()
@@ -132,9 +140,16 @@ def test_an_end_is_where_a_plane_goes_around_the_foot(around, is_found):
     assert (standing is not seen) == is_found
     if is_found:
         background = standing.image > seen.image + 0.1
+        assert standing.feet is not None
         assert (standing.feet[background] >= 0).all()
         assert not (background & standing.region).any()
         assert np.count_nonzero(standing.region ^ mask) < 0.02 * np.count_nonzero(mask)
+
+
+def ring(wider):
+    """A cylinder that the can stands in."""
+    radius = wider * float(CAN.radius)
+    return ij.Cylinder(FOOT - 0.01 * AXIS, AXIS, radius=radius, height=0.02)
 
 
 def stand(wider):
