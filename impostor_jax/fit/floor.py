@@ -6,12 +6,12 @@ along the axis where many of the readings lie that are off the wall, and above w
 wall is seen. Readings at it, below it, and of the wall just above it are left out.
 """
 
-__all__ = ["floor_pixels"]
+__all__ = ["floor_pixels", "fullest_stretch"]
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool
+from jaxtyping import Array, Bool, Float
 
 from impostor_jax.fit.gather import passed_by
 from impostor_jax.fit.per_pixel import law_of
@@ -54,15 +54,10 @@ def floor_pixels(seen: Seen, body: TubeBody) -> Bool[np.ndarray, "h w"]:
     if np.count_nonzero(off) < FEWEST:
         return none
     thick = THICKNESS * float(np.median(sigma[off]))
-    places = np.sort(deep[off])
-    # The fullest stretch of the axis.
-    counts = np.searchsorted(places, places + thick, side="right")
-    counts -= np.arange(len(places))
-    first = int(np.argmax(counts))
-    count = int(counts[first])
-    if count < max(FEWEST, (1 - MOST_STRAY) * len(places)):
+    stretch = fullest_stretch(deep[off], thick)
+    if len(stretch) < max(FEWEST, (1 - MOST_STRAY) * np.count_nonzero(off)):
         return none
-    floor = float(np.median(places[first : first + count]))
+    floor = float(np.median(stretch))
     margin = max(thick, CORNER * float(body.inner_radius))
     is_wall = within & (np.abs(front) < OFF) & (wall < floor - margin)
     if np.count_nonzero(is_wall) < FEWEST:
@@ -71,6 +66,17 @@ def floor_pixels(seen: Seen, body: TubeBody) -> Bool[np.ndarray, "h w"]:
     found = none.copy()
     found[row[beside], col[beside]] = True
     return found
+
+
+def fullest_stretch(
+    places: Float[np.ndarray, " n"], thick: float
+) -> Float[np.ndarray, " m"]:
+    """Those of some places on a line that lie where most do within so much of it."""
+    places = np.sort(places)
+    counts = np.searchsorted(places, places + thick, side="right")
+    counts -= np.arange(len(places))
+    first = int(np.argmax(counts))
+    return places[first : first + counts[first]]
 
 
 @jax.jit

@@ -21,6 +21,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from impostor_jax.camera.ray_table import shows_image
 from impostor_jax.fit.body import AbstractBody
+from impostor_jax.fit.floor import fullest_stretch
 from impostor_jax.fit.gather import passed_by
 from impostor_jax.fit.per_pixel import law_of
 from impostor_jax.fit.problem import RayList
@@ -285,9 +286,7 @@ def _foot_at(around: _Around, end: int, spacing: float) -> _Foot | None:
     shown = np.sqrt(np.maximum(1 - cosine**2, LEAST_SHOWN**2))
     pixel = float(np.median(spacing * around.depth[tells] / shown))
     above = plane.level - around.place[end]
-    strip = off[band & ~below & (above < STRIP * pixel) & ~(off < -OFF)]
-    gap = np.clip(strip, -OFF, OFF).mean() if len(strip) else np.inf
-    if gap > MOST_GAP + BY_CHANCE / np.sqrt(len(strip)):
+    if _hovers(off[band & ~below & (above < STRIP * pixel) & (off > -OFF)]):
         return None
     return _Foot(
         below=below,
@@ -296,6 +295,16 @@ def _foot_at(around: _Around, end: int, spacing: float) -> _Foot | None:
         # With this deviation, if all within are as likely.
         doubt=3**0.5 * plane.deviation / pixel,
     )
+
+
+def _hovers(off: Float[np.ndarray, " n"]) -> bool:
+    """Whether readings just above a plane lie behind a wall that comes down to it.
+
+    Args:
+        off: How far behind it they lie, in deviations.
+    """
+    most = MOST_GAP + BY_CHANCE / np.sqrt(max(len(off), 1))
+    return not len(off) or bool(np.minimum(off, OFF).mean() > most)
 
 
 def _goes_around(
@@ -356,7 +365,8 @@ def _plane_at(around: _Around, end: int) -> _Plane | None:
         return None
     slant = sigma * np.maximum(np.abs(around.direction @ axis), LEAST_SLANT)
     thick = THICKNESS * float(np.median(slant[in_front]))
-    level, reach = _fullest(along[in_front], thick), thick + MOST_TILT * away
+    level = float(np.median(fullest_stretch(along[in_front], thick)))
+    reach = thick + MOST_TILT * away
     plane = _plane(around, axis, across, level)
     for _ in range(ROUNDS):
         # By where rays lead, and not by what they read, which noise decides.
@@ -419,15 +429,6 @@ def _plane(
     places = around.start + around.direction * np.where(is_met, depth, 0)[:, None]
     depth = np.where(is_met, depth, np.inf)
     return _Plane(level, deviation, slope, depth, places @ across.T)
-
-
-def _fullest(places: Float[np.ndarray, " n"], thick: float) -> float:
-    """Median of the fullest stretch of a line that is so thick."""
-    places = np.sort(places)
-    counts = np.searchsorted(places, places + thick, side="right")
-    counts -= np.arange(len(places))
-    first = int(np.argmax(counts))
-    return float(np.median(places[first : first + counts[first]]))
 
 
 @jax.jit
