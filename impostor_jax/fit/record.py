@@ -45,6 +45,7 @@ def fit_record(
         **estimate_record(fit),
         "ends_seen": [bool(seen) for seen in fit.ends_seen],
         "height_observed": fit.height_observed,
+        "stands": fit.stands,
         "covariance": {
             "coordinates": list(fit.coordinates),
             "values": numbers(fit.covariance),

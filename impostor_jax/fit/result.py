@@ -421,6 +421,15 @@ class Fit(eqx.Module):
         return bool(self.ends_seen.all())
 
     @property
+    def stands(self) -> bool:
+        """Whether an end is taken from what it stands on, whose plane goes around it.
+
+        Depth alone does not exclude that it goes on below. False where it was traced or
+        stacked.
+        """
+        return self.asked.stands
+
+    @property
     def num_inliers(self) -> int:
         """Pixels that lie on the shape; needs a single, concrete result."""
         marks = [np.asarray(part.marks) for part in self.pixelwise]
@@ -709,7 +718,7 @@ class Fit(eqx.Module):
                 f"{100 * gap.radii:+.0f} % of the radius, {gap.deviations:+.1f} "
                 "deviations."
             )
-        if self.asked.stands:
+        if self.stands:
             lines.append(OF_FOOT)
         if self.source in OF_SOURCE:
             lines.append(OF_SOURCE[self.source])

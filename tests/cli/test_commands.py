@@ -20,7 +20,8 @@ CAMERA = {"fx": 150.0, "fy": 150.0, "cx": 79.5, "cy": 59.5, "width": 160, "heigh
 RECORD_KEYS = {
     "version", "success", "status", "reason", "shape", "source", "world_from_object",
     "center_m", "axis", "radius_m", "height_m", "std", "std_budget", "ends_seen",
-    "height_observed", "covariance", "num_starts", "num_agreeing", "alternatives",
+    "height_observed", "stands", "covariance", "num_starts", "num_agreeing",
+    "alternatives",
     "num_pixels", "rms_m", "chi2", "across_ray", "form", "outline_gap", "taper", "bore",
     "seconds",
 }  # fmt: skip

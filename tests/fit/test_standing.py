@@ -64,6 +64,8 @@ def test_a_can_on_a_table_has_a_height_and_says_what_it_rests_on():
     assert fit.ends_seen.all()
     off = float(fit.cylinder.height - CAN.height)
     assert abs(off) < 4 * float(fit.std.height) < 0.002
+    assert fit.stands
+    assert fit.to_dict()["stands"] is True
     assert "a plane that is seen around its foot" in str(fit)
 
 
