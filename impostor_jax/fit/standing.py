@@ -90,9 +90,9 @@ IN_SECTOR, MOST_LOWER = 6, 0.2
 """Readings of the plane in a sector, at least, and part of all beside the wall that may
 lie behind it: boxes beside a box, and a ring around a can, end before a table."""
 
-TELLING = 20
-"""Readings of a sector, the nearest to the axis, that tell where the plane is: farther
-off is the edge of what stands below."""
+TELLING, POOL = 20, 200
+"""Readings of a sector, the nearest to the axis, that tell where the plane is, for
+farther off is the edge of what stands below; and those that they are chosen from."""
 
 STRIP = 2.0
 """Pixels of the wall above its foot that tell whether it comes down to the plane."""
@@ -187,6 +187,14 @@ class _Around(NamedTuple):
     place: Float[np.ndarray, "e n"]
     cosine: Float[np.ndarray, " n"]
     sigma: Float[np.ndarray, " n"]
+
+    def at(self, rays: Int[np.ndarray, " m"]) -> "_Around":
+        """Of some rays."""
+        whole = {name: getattr(self, name) for name in ("radius", "size", "axes")}
+        parts = {name: x for name, x in self._asdict().items() if name not in whole}
+        place = parts.pop("place")[:, rays]
+        chosen = {name: x[rays] for name, x in parts.items()}
+        return _Around(**whole, **chosen, place=place)
 
 
 def _looked_at(
@@ -350,7 +358,6 @@ def _plane_at(around: _Around, end: int) -> _Plane | None:
     across = directions_across(axis)
     points = around.start + around.direction * around.depth[:, None]
     along, beside = points @ axis, points @ across.T
-    away = np.hypot(*beside.T)
     place = around.place[end]
     # Caps have no place along the axis.
     on_wall = around.wall & around.read & around.inside & np.isfinite(place)
@@ -366,27 +373,42 @@ def _plane_at(around: _Around, end: int) -> _Plane | None:
     slant = sigma * np.maximum(np.abs(around.direction @ axis), LEAST_SLANT)
     thick = THICKNESS * float(np.median(slant[in_front]))
     level = float(np.median(fullest_stretch(along[in_front], thick)))
-    reach = thick + MOST_TILT * away
     plane = _plane(around, axis, across, level)
+    is_low = np.abs(along - level) < thick + MOST_TILT * np.hypot(*beside.T)
+    # Those alone that may be nearest to the axis.
+    sectors = _by_sector(plane.beside, _tells_plane(around, plane) & is_low)
+    some = np.concatenate([one[:POOL] for one in sectors])
+    pool, along, beside, slant = around.at(some), along[some], beside[some], slant[some]
+    slope, deviation, reach = LEVEL, np.inf, np.inf
     for _ in range(ROUNDS):
-        # By where rays lead, and not by what they read, which noise decides.
-        tells = around.read & (np.hypot(*plane.beside.T) < WIDE * around.size)
-        tells &= ~around.wall | (around.surface - plane.depth > OFF * sigma)
-        tells &= np.abs(along - plane.level - beside @ plane.slope) < reach
-        sectors = [one[:TELLING] for one in _by_sector(plane.beside, tells)]
+        plane = _plane(pool, axis, across, level, slope)
+        is_low = np.abs(along - level - beside @ slope) < reach
+        sectors = _by_sector(plane.beside, _tells_plane(pool, plane) & is_low)
+        sectors = [one[:TELLING] for one in sectors]
         near = np.concatenate(sectors)
         if len(near) < FEWEST:
             return None
         terms = np.column_stack([np.ones(len(near)), USUAL_TILT * beside[near]])
-        found = solved(terms, along[near] - plane.level, slant[near])
-        level = plane.level + float(found.value[0])
+        found = solved(terms, along[near] - level, slant[near])
+        level += float(found.value[0])
         slope = USUAL_TILT * found.value[1:]
         # What is uneven, or slopes, is met somewhere below its wall.
         parts = found.deviation[0], _unevenness(sectors, found.rest, slant[near])
         deviation = float(np.linalg.norm([*parts, *slope * around.radius]))
-        plane = _plane(around, axis, across, level, slope, deviation)
         reach = thick * (WITHIN / THICKNESS)
-    return plane if np.linalg.norm(plane.slope) < MOST_TILT else None
+    if np.linalg.norm(slope) > MOST_TILT:
+        return None
+    return _plane(around, axis, across, level, slope, deviation)
+
+
+def _tells_plane(around: _Around, plane: _Plane) -> Bool[np.ndarray, " n"]:
+    """Which readings may be of a plane, or just above or below it.
+
+    By where their rays lead, and not by what they read, which noise decides.
+    """
+    tells = around.read & (np.hypot(*plane.beside.T) < WIDE * around.size)
+    apart = around.surface - plane.depth > OFF * around.sigma
+    return tells & (~around.wall | apart)
 
 
 def _unevenness(
