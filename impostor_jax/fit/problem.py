@@ -151,6 +151,10 @@ class RayList(NamedTuple):
     start: Float[Array, "n 3"] | Float[np.ndarray, "n 3"] | None
     spread: Values | None
 
+    def directions(self) -> Float[np.ndarray, "n 3"]:
+        """Of all of them, with z = 1, on the host in double precision."""
+        return np.stack([self.x, self.y, np.ones_like(self.x)], axis=-1).astype(float)
+
     def pixels(self, first: int = 0, shape: tuple[int, ...] = (-1,)) -> Pixels:
         """Some of them, in an array.
 

@@ -362,7 +362,7 @@ def wall_readings(
     row, col = np.nonzero(region & (seen.image > 0))
     rays = ray_list(seen.image, seen.camera, row, col, seen.noise)
     depth = np.asarray(rays.depth, float)
-    view = np.stack([rays.x, rays.y, np.ones_like(rays.x)], axis=-1).astype(float)
+    view = rays.directions()
     points = view * depth[:, None]
     if rays.start is not None:
         points += rays.start

@@ -135,13 +135,13 @@ def standing_on(
     inside[exists] = seen.region[row, col]
     placed = in_camera_frame(body, seen.camera)
     around = _looked_at(rays, inside, placed, ends_seen, law_of(seen.noise))
+    spacing, ends = float(seen.camera.spacing), np.flatnonzero(~ends_seen).tolist()
+    found = [foot for end in ends if (foot := _foot_at(around, end, spacing))]
+    if not found:
+        return seen
     image, region, unsure = seen.image.copy(), seen.region, seen.unsure
     feet = np.full(region.shape, -1.0)
-    spacing = float(seen.camera.spacing)
-    for end in np.flatnonzero(~ends_seen).tolist():
-        foot = _foot_at(around, end, spacing)
-        if foot is None:
-            continue
+    for foot in found:
         below, shown, own = np.zeros((3, *region.shape), bool)
         for marks, which in zip((below, shown, own), foot[:3], strict=True):
             marks[row, col] = which[exists]
@@ -150,8 +150,6 @@ def standing_on(
         unsure = region & (near if unsure is None else near | unsure)
         image[shown] = 2 * image[shown].max()
         feet[shown] = foot.doubt
-    if region is seen.region:
-        return seen
     return seen._replace(image=image, region=region, unsure=unsure, feet=feet)
 
 
@@ -207,7 +205,7 @@ def _looked_at(
     """What is read along some rays, of which those `inside` are of a body's region."""
     told = _beyond_ends(rays, body, ends_seen, noise)
     size, axes, surface, place, is_met, cosine, sigma = map(np.asarray, told)
-    direction = np.stack([rays.x, rays.y, np.ones_like(rays.x)], axis=-1).astype(float)
+    direction = rays.directions()
     start = np.broadcast_to(-np.asarray(body.center, float), direction.shape)
     if rays.start is not None:
         start = start + rays.start
@@ -234,14 +232,12 @@ class _Plane(NamedTuple):
     Attributes:
         level: Where the axis meets it, from the body's center.
         deviation: Of that.
-        slope: Against one that is across it.
         depth: Of the plane along the rays; `inf` where they do not meet it.
         beside: Where they do, across the axis.
     """
 
     level: float
     deviation: float
-    slope: Float[np.ndarray, "2"]
     depth: Float[np.ndarray, " n"]
     beside: Float[np.ndarray, "n 2"]
 
@@ -311,8 +307,10 @@ def _hovers(off: Float[np.ndarray, " n"]) -> bool:
     Args:
         off: How far behind it they lie, in deviations.
     """
-    most = MOST_GAP + BY_CHANCE / np.sqrt(max(len(off), 1))
-    return not len(off) or bool(np.minimum(off, OFF).mean() > most)
+    if not len(off):
+        return True
+    most = MOST_GAP + BY_CHANCE / np.sqrt(len(off))
+    return bool(np.minimum(off, OFF).mean() > most)
 
 
 def _goes_around(
@@ -450,7 +448,7 @@ def _plane(
     is_met = (towards != 0) & (depth > 0)
     places = around.start + around.direction * np.where(is_met, depth, 0)[:, None]
     depth = np.where(is_met, depth, np.inf)
-    return _Plane(level, deviation, slope, depth, places @ across.T)
+    return _Plane(level, deviation, depth, places @ across.T)
 
 
 @jax.jit

@@ -77,7 +77,7 @@ def test_a_box_stands_out_of_planes_that_go_on_beyond_the_image(on_table):
     region = np.asarray(fit.region)
     # All but some beside the table.
     assert np.count_nonzero(region & mask) > 0.9 * np.count_nonzero(region | mask)
-    # Where it stands on a table is open.
+    # Where it stands on a table may be open.
     size, std = (
         np.asarray(x.size)[np.argsort(fit.box.size)] for x in (fit.box, fit.std)
     )
