@@ -113,6 +113,10 @@ ROUNDED = 0.65
 """Distance from planes, in steps of rounding, up to which readings err by that alone:
 noise of a twentieth of a step takes some of them beyond."""
 
+MOST_ROUNDED = 1.35
+"""Noise of an object over that of rounding up to which there is no other, where planes
+tell none."""
+
 LOST = 1.6
 """Deviation of a smooth error over what a plane through a tile leaves of it, of one
 whose correlation length is half of the tile's."""
@@ -134,6 +138,9 @@ NUM_DEPTHS = 5
 
 FINEST = 1e-5
 """Meters of which steps of rounding are multiples."""
+
+FEWEST_LEVELS = 8
+"""Depths that tell a step."""
 
 SAMPLE = 4096
 """Readings that tell to which step depths are rounded."""
@@ -268,7 +275,10 @@ def _measured(
         )
         around = Around(is_filtered, 0.0, is_fine)
     if around.step:
-        return _rounded(around.step)
+        # Of what is as far as a sensor reads the object alone tells more.
+        alone = around.is_equal and min(_variances(depth, own, 1, 4))
+        if alone < (MOST_ROUNDED * around.step) ** 2 / 12:
+            return _rounded(around.step)
     if not (around.is_filtered or around.smooth > 0):
         return _white(white * middle**2)
     far = _variances(inverse, own, FAR, 3) or _variances(inverse, own, NEAR, 3)
@@ -455,12 +465,14 @@ class Around(NamedTuple):
         is_fine: Whether only neighbors do, and those but one share little.
         step: To which depths are rounded, in meters, if that is all that they err by;
             0 otherwise. Neighbors share it, but it leads a fit nowhere.
+        is_equal: Whether each plane has one depth, so that the step is all it tells.
     """
 
     is_filtered: bool
     smooth: float
     is_fine: bool
     step: float = 0.0
+    is_equal: bool = False
 
 
 def _around(
@@ -487,14 +499,17 @@ def _around(
         return field.reshape(side, CELL, side, CELL).sum(axis=(1, 3)).ravel()
 
     shared, fine, scattered, excess = [], [], [], []
-    farthest = []
+    farthest, num_equal = [], 0
     for row, col in zip(rows[pick], cols[pick], strict=True):
         use, depth = uses[row, col], depths[row, col].astype(float)
         inverse = np.where(use, 1 / np.where(use, depth, 1), 0)
         near, apart = (_variances(inverse, use, lag, 3) for lag in (1, NEAR))
         counts = blocks(use)
-        # Coarse steps leave tiles of equal readings, which tell nothing.
-        if not near or not any(apart) or counts.min() < CELL * CELL / 2:
+        if not near or not apart or counts.min() < CELL * CELL / 2:
+            continue
+        if np.ptp(depth[use]) == 0:
+            # What is coarsely rounded, faces the camera or is as far as it reads.
+            num_equal += 1
             continue
         white = max(float(np.mean(near)), (LEAST / float(np.median(depth[use]))) ** 2)
         # Where readings lack on one side of a block their mean lies to the other.
@@ -513,15 +528,15 @@ def _around(
         grain = _in_means(white, float(np.mean(apart)))
         scattered.append(scatter / (grain * float(np.mean(1 / counts))))
         excess.append(scatter)
+    step = _grid_of(image[image > 0])
     if not shared:
-        return None
+        return Around(False, 0.0, False, step, True) if num_equal and step else None
+    step = step if np.median(farthest) <= ROUNDED * step else 0.0
     is_smooth = np.median(scattered) > 1 + SCATTER / math.sqrt(len(scattered))
     smooth = LOST * math.sqrt(float(np.median(excess))) if is_smooth else 0.0
     is_filtered = bool(np.median(shared) > SHARED)
     is_fine = is_filtered and bool(np.median(fine) > 0.5)
-    step = _grid_of(image[usable])
-    is_all = np.median(farthest) <= ROUNDED * step
-    return Around(is_filtered, smooth, is_fine, step if is_all else 0.0)
+    return Around(is_filtered, smooth, is_fine, step)
 
 
 def _grid_of(depth: Float[np.ndarray, " n"]) -> float:
@@ -531,4 +546,8 @@ def _grid_of(depth: Float[np.ndarray, " n"]) -> float:
     # Numbers in single precision are off by 6e-8 of themselves.
     if np.any(np.abs(some - FINEST * places) > 1e-7 * some):
         return 0.0
-    return FINEST * float(np.gcd.reduce(places.astype(np.int64)))
+    levels = np.unique(places.astype(np.int64))
+    # The depths of a few walls that face the camera have some divisor.
+    return (
+        FINEST * float(np.gcd.reduce(levels)) if len(levels) >= FEWEST_LEVELS else 0.0
+    )

@@ -112,6 +112,21 @@ def test_rounding_alone_is_no_error_that_neighbors_share(step):
     assert "rounded" not in measured_noise(noisy, mask, CAMERA).text
 
 
+@pytest.mark.parametrize("deviation", [0.0, 0.002])
+@pytest.mark.parametrize("wall", [1.2, 1.2345])
+def test_a_wall_that_faces_the_camera_tells_no_step(wall, deviation):
+    # Its one depth was the step, 1.2 m: a drawn can was undetermined. What is as far as
+    # a sensor reads hides no noise of what is nearer, either.
+    scene = ij.Scene([SHAPE, ij.Plane((0.0, 0.0, wall), (0.0, 0.0, -1.0))])
+    maps = ij.render(scene, CAMERA, outputs=("depth", "index"))
+    mask = np.asarray(maps.index) == 0
+    noise = np.random.default_rng(0).normal(0, deviation, mask.shape)
+    depth = np.asarray(maps.depth, float) + np.where(mask, noise, 0)
+    found = measured_noise(np.round(depth, 3).astype(np.float32), mask, CAMERA).noise
+    expected = np.hypot(deviation, 0.001 / 12**0.5)
+    assert float(found.deviation) == pytest.approx(expected, rel=0.1)
+
+
 @pytest.mark.parametrize("width", [0.45, 0.6])
 def test_a_filter_of_half_a_pixel_is_no_window(width):
     # Five pixels beside jumps were left out: all but 48 pixels of a can of 269, whose
