@@ -13,7 +13,6 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.typing import DTypeLike
 from jaxtyping import Array, Bool, Float
 
 from impostor_jax.camera.ray_table import RayTable, Sight, directions_of, shows_image
@@ -32,7 +31,7 @@ from impostor_jax.fit.problem import (
 from impostor_jax.fit.regions import GENTLE, STEEP, jump_parts
 from impostor_jax.fit.surface import cropped
 from impostor_jax.fit.uncertainty import MAX_LAG
-from impostor_jax.geometry.frames import RigidTransform
+from impostor_jax.geometry.frames import unmoved
 from impostor_jax.opencv import cv2
 from impostor_jax.sensor.base import AbstractDepthNoise
 
@@ -133,7 +132,7 @@ def table_of(
         num_blocks=xp.asarray(-(-(len(row) - xp.argmax(own)) // BLOCK), xp.int32),
         each=xp.asarray(height * width / SPREAD**2, dtype),
         pixel=xp.asarray(camera.spacing, dtype),
-        camera_from_world=camera.camera_from_world or _still(dtype),
+        camera_from_world=camera.camera_from_world or unmoved(dtype),
         noise=law_of(noise),
     )
 
@@ -156,13 +155,6 @@ def _all_over(shape: tuple[int, int]) -> tuple[Indices, Indices]:
     sides = (np.linspace(0, n - 1, SPREAD).astype(int) for n in shape)
     rows, cols = np.meshgrid(*sides, indexing="ij")
     return rows.ravel(), cols.ravel()
-
-
-@functools.cache
-def _still(dtype: DTypeLike) -> RigidTransform:
-    """Pose of a camera whose frame is the world's."""
-    with jax.ensure_compile_time_eval():
-        return RigidTransform(np.eye(3, dtype=dtype), np.zeros(3, dtype))
 
 
 def ray_list(

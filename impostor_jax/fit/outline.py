@@ -29,6 +29,7 @@ from impostor_jax.fit.outline_solve import (
     outline_problem,
     traced,
 )
+from impostor_jax.fit.pixelwise import Pixelwise
 from impostor_jax.fit.prior import Prior
 from impostor_jax.fit.request import (
     FitRequest,
@@ -112,13 +113,13 @@ def fit_outline(request: FitRequest) -> Fit:
 
 def _fit_from(request: FitRequest, problem: OutlineProblem, matte: Matte) -> Fit:
     """The fit from a start in the world frame, or from guesses."""
-    kind, begin = request.kind, request.initial
+    kind, begin, shape = request.kind, request.initial, matte.covered.shape
     if begin is not None:
-        start = in_camera_frame(kind.body.of(begin), problem.camera)
-        return _assessed(problem, _led(problem, start)).fit
+        start = in_camera_frame(kind.body.of(begin), request.camera)
+        return _assessed(problem, _led(problem, start), shape).fit
     finalists = _finalists(kind, problem)[: request.options.effort.starts]
     if finalists:
-        return best_of([_assessed(problem, one) for one in finalists])
+        return best_of([_assessed(problem, one, shape) for one in finalists])
     failed = no_guess(kind, np.asarray(matte.beside()))
     return failed.having(source="outline")
 
@@ -181,9 +182,20 @@ def _led(problem: OutlineProblem, start: AbstractBody) -> Traced:
     return to_edge(problem, start, to_end=False)
 
 
-def _assessed(problem: OutlineProblem, way: Traced) -> Assessment:
-    """The solution that is near a body, and what is said of it."""
-    return quickly_compiled(_to_end)(problem, way)
+def _assessed(
+    problem: OutlineProblem, way: Traced, shape: tuple[int, ...]
+) -> Assessment:
+    """The solution that is near a body, and what is said of it.
+
+    Args:
+        problem: What was given.
+        way: That led there.
+        shape: Of the mask, which no compiled program knows.
+    """
+    found = quickly_compiled(_to_end)(problem, way)
+    (residual,), (marks,) = found.residual, found.marks
+    told = Pixelwise(residual, marks, problem.place, shape)
+    return found._replace(fit=found.fit.having(pixelwise=(told,)))
 
 
 def _to_end(problem: OutlineProblem, way: Traced) -> Assessment:

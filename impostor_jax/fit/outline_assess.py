@@ -32,7 +32,6 @@ from impostor_jax.fit.outline_solve import (
     coverage_errors,
     scale_coordinate,
 )
-from impostor_jax.fit.pixelwise import Pixelwise
 from impostor_jax.fit.prior import prior_residuals
 from impostor_jax.fit.result import Fit
 from impostor_jax.fit.robust import KERNELS, robust_residual
@@ -42,7 +41,6 @@ from impostor_jax.fit.status import STATUSES, FitStatus, code_of_first
 from impostor_jax.fit.uncertainty import covariance_root, sandwich_root
 from impostor_jax.geometry.vec3 import Vec3
 from impostor_jax.numerics import product, safe_divide
-from impostor_jax.primitives.base import in_world_frame
 from impostor_jax.rendering.half_pixels import halves
 
 MOST_CHI2 = 9.0
@@ -81,8 +79,8 @@ def assess_outline(problem: OutlineProblem, found: Traced) -> Assessment:
         problem: What was given.
         found: The estimate.
     """
-    camera, prior, settings = problem.camera, problem.prior, problem.settings
-    sign = in_world_frame(found.body, camera).sign
+    prior, settings = problem.prior, problem.settings
+    sign = problem.in_world(found.body).sign
     estimate = found.body.reversed(jnp.where(settings.keep_ends, 1, sign))
     places = _shown(problem, estimate)
     body, carried = estimate.drawn_in(
@@ -106,11 +104,11 @@ def assess_outline(problem: OutlineProblem, found: Traced) -> Assessment:
     into = product(basis.T * leans[None], carried)
     moves = ~(problem.grows & (np.arange(len(into)) == scale_coordinate(body)))
     into = jnp.where(moves[:, None], into, 0)
-    world = in_world_frame(body, camera)
+    world = problem.in_world(body)
 
     def read(free: Float[Array, " c"]) -> tuple[Readout, Float[Array, " p"]]:
         moved = body.retracted(product(basis, free), settings.free)
-        told = in_world_frame(moved, camera).readout(world, places.ends_seen)
+        told = problem.in_world(moved).readout(world, places.ends_seen)
         return told, prior_residuals(prior, moved)
 
     change, known = jax.jacfwd(read)(still)
@@ -162,8 +160,6 @@ def assess_outline(problem: OutlineProblem, found: Traced) -> Assessment:
     meters = problem.footprint * problem.sigma * estimate.center[2]
 
     marks = jnp.where(problem.is_pixel, jnp.where(agreement.near, 2, 1), 0)
-    beyond = camera.height * camera.width
-    place = problem.row * camera.width + problem.col
     num_free = jnp.sum(jnp.any(settings.free != 0, axis=0)).astype(chi2.dtype)
     p_value = tail(chi2, count - num_free)
     has_p_value = problem.is_trusted & ~problem.is_hard
@@ -180,14 +176,7 @@ def assess_outline(problem: OutlineProblem, found: Traced) -> Assessment:
         num_steps=found.num_steps,
         num_starts=jnp.ones((), int),
         num_agreeing=jnp.ones((), int),
-        pixelwise=(
-            Pixelwise(
-                residual=jnp.zeros_like(off),
-                marks=marks.astype(jnp.int8),
-                place=jnp.where(problem.is_pixel, place, beyond),
-                shape=(camera.height, camera.width),
-            ),
-        ),
+        pixelwise=(),
         num_pixels=jnp.sum(problem.is_pixel),
         rms=jnp.sqrt(agreement.squares / count) * meters,
         chi2=chi2,
@@ -209,6 +198,8 @@ def assess_outline(problem: OutlineProblem, found: Traced) -> Assessment:
         hides_tilt=no,
         hides_turn=no,
         ends_early=no,
+        residual=(jnp.zeros_like(off),),
+        marks=(marks.astype(jnp.int8),),
     )
 
 

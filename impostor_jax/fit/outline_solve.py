@@ -41,6 +41,7 @@ from impostor_jax.fit.silhouette import (
     nearest,
 )
 from impostor_jax.fit.solve import spread_of
+from impostor_jax.geometry.frames import RigidTransform, unmoved
 from impostor_jax.numerics import product
 from impostor_jax.primitives.base import in_camera_frame
 
@@ -68,17 +69,17 @@ class OutlineProblem(eqx.Module):
         pixels: Those beside the edge.
         covered: Part of each that is covered, as the mask has it.
         is_pixel: Which of them are any.
-        row: Rows of the pixels; one beyond the image only fills up.
-        col: Their columns.
+        place: Of each in the image, row by row; what only fills up lies beyond.
         sigma: Standard deviation of a coverage.
         edge_sigma: Standard deviation, in pixels, by which the edge is off all along.
         is_hard: Whether the mask tells of the pixels' centers alone.
         is_trusted: Whether `sigma` is known, and not a guess.
         grows: Whether the shape is free to grow and go away alike.
         has_scale: Whether anything that is known tells how large it is.
+        footprint: Distance of neighboring rays over the depth.
         prior: In the camera frame.
         settings: What is asked for.
-        camera: The camera.
+        world_from_camera: Inverse of the camera's pose.
         kernel: Name of the robust loss.
         max_steps: Of the solver.
     """
@@ -88,24 +89,23 @@ class OutlineProblem(eqx.Module):
     pixels: RayDifferentials
     covered: Float[Array, " n"]
     is_pixel: Bool[Array, " n"]
-    row: Int[Array, " n"]
-    col: Int[Array, " n"]
+    place: Int[Array, " n"]
     sigma: Float[Array, ""]
     edge_sigma: Float[Array, ""]
     is_hard: Bool[Array, ""]
     is_trusted: Bool[Array, ""]
     grows: Bool[Array, ""]
     has_scale: Bool[Array, ""]
+    footprint: Float[Array, ""]
     prior: Prior
     settings: Settings
-    camera: PinholeCamera
+    world_from_camera: RigidTransform
     kernel: str = eqx.field(static=True)
     max_steps: int = eqx.field(static=True)
 
-    @property
-    def footprint(self) -> Float[Array, ""]:
-        """Distance of neighboring rays over the depth."""
-        return 1 / jnp.minimum(self.camera.fx, self.camera.fy).astype(self.sigma.dtype)
+    def in_world(self, body: AbstractBody) -> AbstractBody:
+        """A body of the camera's frame in that of the world."""
+        return body.transformed(self.world_from_camera)
 
 
 class Traced(NamedTuple):
@@ -136,7 +136,7 @@ def outline_problem(
     kernel: str,
     max_steps: int,
 ) -> OutlineProblem:
-    """Gather the problem of a mask.
+    """Gather the problem of a mask: all that knows the image's size and the camera.
 
     Args:
         places: Rows and columns of pixels, and steps from their centers to the edge
@@ -152,19 +152,20 @@ def outline_problem(
         max_steps: Of the solver.
     """
     (row, col, cols, rows), (own_row, own_col, covered) = places, pixels
+    pose = camera.camera_from_world or unmoved(sigma.dtype)
     return OutlineProblem(
         edge=moved(rays_through(camera, row, col), cols, rows),
         is_place=row < camera.height,
         pixels=rays_through(camera, own_row, own_col),
         covered=covered,
         is_pixel=own_row < camera.height,
-        row=own_row,
-        col=own_col,
+        place=own_row * camera.width + own_col,
         sigma=sigma,
         edge_sigma=edge_sigma,
+        footprint=1 / jnp.minimum(camera.fx, camera.fy).astype(sigma.dtype),
         prior=in_camera_frame(prior, camera),
         settings=settings,
-        camera=camera,
+        world_from_camera=pose.inverse(),
         kernel=kernel,
         max_steps=max_steps,
         **facts,

@@ -7,14 +7,16 @@ One that reaches far, as a pose in map coordinates does, keeps the digits that i
 given with: two large numbers that nearly cancel are subtracted when it is applied.
 """
 
-__all__ = ["RigidTransform"]
+__all__ = ["RigidTransform", "unmoved"]
 
+import functools
 from typing import Any
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.typing import DTypeLike
 from jaxtyping import Array, Float
 
 from impostor_jax.arguments import (
@@ -126,3 +128,10 @@ class RigidTransform(eqx.Module):
             np.asarray(self.rotation, np.float64),
             np.asarray(self.translation, np.float64),
         )
+
+
+@functools.cache
+def unmoved(dtype: DTypeLike) -> RigidTransform:
+    """Pose of a camera whose frame is the world's."""
+    with jax.ensure_compile_time_eval():
+        return RigidTransform(np.eye(3, dtype=dtype), np.zeros(3, dtype))

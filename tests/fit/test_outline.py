@@ -7,9 +7,11 @@ import numpy as np
 import pytest
 
 import impostor_jax as ij
+from impostor_jax.compiling import quickly_compiled
 from impostor_jax.fit.body import AbstractBody
 from impostor_jax.fit.fittable import KINDS
-from impostor_jax.fit.outline_solve import rays_through
+from impostor_jax.fit.outline import _to_end
+from impostor_jax.fit.outline_solve import rays_through, traced
 from impostor_jax.fit.silhouette import coverage_of
 from tests.cases import pose
 from tests.checks import angle_between
@@ -195,13 +197,23 @@ def test_a_fit_says_that_it_is_of_an_outline():
             use(fit)
 
 
-@RELEASE
-def test_an_outline_is_fitted_in_the_world_of_a_posed_camera():
-    posed = camera_with(camera_from_world=pose())
-    fit = fit_to(mask_of(can()), camera=posed)
+def test_an_image_of_another_size_from_elsewhere_is_fitted_by_the_same_programs():
+    mask = mask_of(can())
+    fit_to(mask)
+    programs = [
+        quickly_compiled(traced, static_argnames="to_end").programs,
+        quickly_compiled(_to_end).programs,
+    ]
+    before = [len(one) for one in programs]
+    camera = ij.PinholeCamera(
+        150.0, 150.0, 79.5, 59.5, width=200, height=130, camera_from_world=pose()
+    )
+    fit = fit_to(np.pad(mask, ((0, 10), (0, 40))), camera=camera)
     np.testing.assert_allclose(
         np.asarray(fit.pose_in_camera)[:3, 3], can().center, atol=2e-3
     )
+    assert fit.inliers.shape == (130, 200)
+    assert [len(one) for one in programs] == before
 
 
 def test_labels_are_fitted_one_by_one():
