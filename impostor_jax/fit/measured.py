@@ -109,6 +109,10 @@ SCATTER = 1.6
 the root of the number of tiles, from which there is a smooth error: 5 standard
 deviations of the median of white noise."""
 
+TWO_SURFACES = 5.0
+"""Scatter of the means over that of the lowest quarter of tiles beyond which there is
+more than one surface in one: of five cameras' planes it is up to 4 times."""
+
 ROUNDED = 0.65
 """Distance from planes, in steps of rounding, up to which readings err by that alone:
 noise of a twentieth of a step takes some of them beyond."""
@@ -144,6 +148,8 @@ FEWEST_LEVELS = 8
 
 SAMPLE = 4096
 """Readings that tell to which step depths are rounded."""
+
+Window = tuple[slice, slice]
 
 
 class MeasuredNoise(NamedTuple):
@@ -201,19 +207,37 @@ def measured_noise(
         region: Pixels of the object, or of all that is seen.
         camera: That took it.
     """
-    return _measured(_despiked(image), region, camera)
+    seen = image > 0
+    beside = seen & ~region
+    # All that is looked at: in a large image it is little.
+    windows = [cropped(region), *_tiles_of(beside if beside.any() else seen)]
+    return _measured(_despiked(image, windows), region, camera)
 
 
-def _despiked(image: Float[np.ndarray, "h w"]) -> Float[np.ndarray, "h w"]:
-    """An image without readings that lie far from what is around them.
+def _despiked(
+    image: Float[np.ndarray, "h w"], windows: Sequence[Window] = (np.s_[:, :],)
+) -> Float[np.ndarray, "h w"]:
+    """Some windows of an image, without readings that lie far from what is around them.
 
     Differences of the fourth order hold five readings each: of a tenth of outliers two
     fifths are wrong, more than clipping takes away. Where they are so many that they
     hide each other, no reading is left.
     """
+    usual, num_seen, num_spikes = np.zeros_like(image), 0, 0
+    for window in windows:
+        part = image[window]
+        is_spike = _spikes(part)
+        usual[window] = np.where(is_spike, 0, part)
+        num_seen += np.count_nonzero(part)
+        num_spikes += np.count_nonzero(is_spike)
+    return usual if num_spikes <= MOST_SPIKES * num_seen else np.zeros_like(image)
+
+
+def _spikes(image: Float[np.ndarray, "h w"]) -> Bool[np.ndarray, "h w"]:
+    """Readings that lie far from what is around them."""
     seen = image[image > 0]
     if not len(seen):
-        return image
+        return np.zeros(image.shape, bool)
     single = np.ascontiguousarray(image, np.float32)
     middle = cv2.medianBlur(single, WINDOW)
     off = np.abs(single - middle)
@@ -226,10 +250,7 @@ def _despiked(image: Float[np.ndarray, "h w"]) -> Float[np.ndarray, "h w"]:
     usual = np.maximum(cv2.medianBlur(off, WINDOW), least * growth)
     least_off = np.maximum(SPIKE * usual, STEPS * _step(seen) * growth)
     # Where most has no reading nothing tells.
-    is_spike = (off > least_off) & (middle > 0) & (image > 0)
-    if np.count_nonzero(is_spike) > MOST_SPIKES * len(seen):
-        return np.zeros_like(image)
-    return np.where(is_spike, 0, image)
+    return (off > least_off) & (middle > 0) & (image > 0)
 
 
 def _measured(
@@ -475,21 +496,22 @@ class Around(NamedTuple):
     is_equal: bool = False
 
 
+def _tiles_of(usable: Bool[np.ndarray, "h w"]) -> list[Window]:
+    """Some tiles of an image, evenly spread, most of whose readings are usable."""
+    tall, wide = (size // TILE for size in usable.shape)
+    whole = usable[: tall * TILE, : wide * TILE].reshape(tall, TILE, wide, TILE)
+    rows, cols = np.nonzero(whole.mean(axis=(1, 3)) > COVERED)
+    pick = at_most(len(rows), MOST_TILES)
+    return [
+        (slice(row, row + TILE), slice(col, col + TILE))
+        for row, col in zip(TILE * rows[pick], TILE * cols[pick], strict=True)
+    ]
+
+
 def _around(
     image: Float[np.ndarray, "h w"], usable: Bool[np.ndarray, "h w"]
 ) -> Around | None:
     """What planes among the usable readings tell; None where there is none."""
-    tall, wide = (size // TILE for size in image.shape)
-    if not tall * wide:
-        return None
-
-    def tiled(field: np.ndarray) -> np.ndarray:
-        field = field[: tall * TILE, : wide * TILE]
-        return field.reshape(tall, TILE, wide, TILE).swapaxes(1, 2)
-
-    depths, uses = tiled(image), tiled(usable)
-    rows, cols = np.nonzero(uses.mean(axis=(2, 3)) > COVERED)
-    pick = at_most(len(rows), MOST_TILES)
     side = TILE // CELL
     places = np.indices((side, side)).reshape(2, -1)
     basis = np.linalg.qr(np.stack([*places, np.ones(side * side)], axis=1))[0]
@@ -500,8 +522,8 @@ def _around(
 
     shared, fine, scattered, excess = [], [], [], []
     farthest, num_equal = [], 0
-    for row, col in zip(rows[pick], cols[pick], strict=True):
-        use, depth = uses[row, col], depths[row, col].astype(float)
+    for tile in _tiles_of(usable):
+        use, depth = usable[tile], image[tile].astype(float)
         inverse = np.where(use, 1 / np.where(use, depth, 1), 0)
         near, apart = (_variances(inverse, use, lag, 3) for lag in (1, NEAR))
         counts = blocks(use)
@@ -532,7 +554,12 @@ def _around(
     if not shared:
         return Around(False, 0.0, False, step, True) if num_equal and step else None
     step = step if np.median(farthest) <= ROUNDED * step else 0.0
-    is_smooth = np.median(scattered) > 1 + SCATTER / math.sqrt(len(scattered))
+    # Tiles of one camera scatter alike, and those of two surfaces by far more.
+    spread = np.array(scattered)
+    is_plane = spread <= TWO_SURFACES * np.quantile(spread, 0.25)
+    least = 1 + SCATTER / math.sqrt(np.count_nonzero(is_plane))
+    is_smooth = np.median(spread[is_plane]) > least
+    excess = np.array(excess)[is_plane]
     smooth = LOST * math.sqrt(float(np.median(excess))) if is_smooth else 0.0
     is_filtered = bool(np.median(shared) > SHARED)
     is_fine = is_filtered and bool(np.median(fine) > 0.5)

@@ -112,6 +112,20 @@ def test_rounding_alone_is_no_error_that_neighbors_share(step):
     assert "rounded" not in measured_noise(noisy, mask, CAMERA).text
 
 
+def test_tiles_of_two_surfaces_show_no_smooth_error():
+    # A table full of things: four of seven tiles held an edge, and a can of 38,000
+    # pixels was not found.
+    row, col = np.indices((480, 640))
+    steps = 0.02 * ((row // 140 + col // 140) % 2)
+    noise = np.random.default_rng(0).normal(0, 0.001, row.shape)
+    depth = 1 / (1 - 1e-4 * row - 2e-4 * col) + steps + noise
+    camera = ij.PinholeCamera(525.0, 525.0, 319.5, 239.5, 640, 480)
+    mask = (abs(row - 210) < 60) & (abs(col - 350) < 60)
+    found = measured_noise(depth, mask, camera).noise
+    assert isinstance(found, ij.ConstantNoise)
+    assert float(found.deviation) == pytest.approx(0.001, rel=0.05)
+
+
 @pytest.mark.parametrize("deviation", [0.0, 0.002])
 @pytest.mark.parametrize("wall", [1.2, 1.2345])
 def test_a_wall_that_faces_the_camera_tells_no_step(wall, deviation):
