@@ -147,9 +147,13 @@ class Fitter:
     ) -> Bool[np.ndarray, "H W"]:
         """A mask of what is searched, as one of the image."""
         if self.sector is None:
-            return view.enlarged(mask, self.depth.shape) & view.agrees(self.depth)
+            return view.enlarged(mask, self.depth.shape)
         shape = self.depth.shape[0], len(self.sector.cols)
         return self.sector.of_scan(view.enlarged(mask, shape))
+
+    def agrees(self, view: View) -> Bool[np.ndarray, "H W"] | np.bool_:
+        """Pixels of the image that show what their pixel of what is searched does."""
+        return view.agrees(self.depth) if self.sector is None else np.True_
 
     def guesses(self, region: Bool[np.ndarray, "h w"]) -> list[Candidate]:
         """First guesses of a region of the image, in the camera's frame."""

@@ -176,6 +176,7 @@ class _Search:
         self.free = self.usable & (self.planes.labels == 0)
         self.joined: Int[np.ndarray, "h w"] | None = None
         self.crease = creases(view, self.normals)
+        self.agrees = fitter.agrees(view)
         self.detections: list[Detection] = []
         self.looked_at: set[tuple[int, int]] = set()
         self.refused: list[Candidate] = []
@@ -437,7 +438,7 @@ class _Search:
         return max(about[0], 1.0) ** 0.5 if about else None
 
     def _of_image(self, mask: Bool[np.ndarray, "h w"]) -> Bool[np.ndarray, "H W"]:
-        return self.fitter.of_image(self.view, mask)
+        return self.fitter.of_image(self.view, mask) & self.agrees
 
     def _moved_to(self, part: Part, guess: Candidate) -> list[Candidate]:
         """A guess that is seen end on, fitted to its object; none where that fails.

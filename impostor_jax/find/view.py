@@ -108,7 +108,8 @@ class View:
         """A field of the view, told of all pixels of an image of that shape."""
         if self.stride == 1:
             return field
-        whole = field.repeat(self.stride, axis=0).repeat(self.stride, axis=1)
+        # Whole rows last: that is copied twice as fast.
+        whole = field.repeat(self.stride, axis=1).repeat(self.stride, axis=0)
         return whole[: shape[0], : shape[1]]
 
     def agrees(

@@ -13,6 +13,7 @@ the end where all others are found, at the region's edge.
 
 __all__ = ["standing_on"]
 
+import math
 from typing import NamedTuple
 
 import jax
@@ -94,6 +95,9 @@ TELLING, POOL = 20, 200
 """Readings of a sector, the nearest to the axis, that tell where the plane is, for
 farther off is the edge of what stands below; and those that they are chosen from."""
 
+MANY = 40_000
+"""Rays of which a plane is estimated by fewer, evenly spread."""
+
 STRIP = 2.0
 """Pixels of the wall above its foot that tell whether it comes down to the plane."""
 
@@ -135,8 +139,14 @@ def standing_on(
     inside[exists] = seen.region[row, col]
     placed = in_camera_frame(body, seen.camera)
     around = _looked_at(rays, inside, placed, ends_seen, law_of(seen.noise))
+    stride = math.isqrt(len(row) // MANY) + 1
+    some = around
+    if stride > 1:
+        few = np.zeros(len(exists), bool)
+        few[exists] = (row % stride == 0) & (col % stride == 0)
+        some = around.at(np.flatnonzero(few))
     spacing, ends = float(seen.camera.spacing), np.flatnonzero(~ends_seen).tolist()
-    found = [foot for end in ends if (foot := _foot_at(around, end, spacing))]
+    found = [foot for end in ends if (foot := _foot_at(around, some, end, spacing))]
     if not found:
         return seen
     image, region, unsure = seen.image.copy(), seen.region, seen.unsure
@@ -226,18 +236,32 @@ def _looked_at(
     )
 
 
-class _Plane(NamedTuple):
-    """A plane across an axis.
+class _Level(NamedTuple):
+    """Where a plane is that is about across an axis.
 
     Attributes:
-        level: Where the axis meets it, from the body's center.
-        deviation: Of that.
+        axis: Unit vector.
+        across: Two unit vectors across it.
+        level: Where the axis meets the plane, from the body's center.
+        slope: Of the plane along these two.
+        deviation: Of the level.
+    """
+
+    axis: Float[np.ndarray, "3"]
+    across: Float[np.ndarray, "2 3"]
+    level: float
+    slope: Float[np.ndarray, "2"] = LEVEL
+    deviation: float = np.inf
+
+
+class _Plane(NamedTuple):
+    """How rays meet a plane.
+
+    Attributes:
         depth: Of the plane along the rays; `inf` where they do not meet it.
         beside: Where they do, across the axis.
     """
 
-    level: float
-    deviation: float
     depth: Float[np.ndarray, " n"]
     beside: Float[np.ndarray, "n 2"]
 
@@ -258,24 +282,26 @@ class _Foot(NamedTuple):
     doubt: float
 
 
-def _foot_at(around: _Around, end: int, spacing: float) -> _Foot | None:
+def _foot_at(around: _Around, some: _Around, end: int, spacing: float) -> _Foot | None:
     """What is seen where a body stands on an end; None where it stands on nothing.
 
     Args:
         around: What is read around it.
+        some: The same of readings enough to tell a plane.
         end: Number of one that is not seen.
         spacing: Distance of neighboring rays over the depth.
     """
-    plane = _plane_at(around, end)
-    if plane is None:
+    level = _level_at(some, end)
+    if level is None:
         return None
+    plane = _plane(around, level)
     count = np.count_nonzero
     below = around.wall & (plane.depth < around.surface)
     first = np.minimum(plane.depth, around.surface)
     off = np.where(around.read, around.depth - first, 0) / around.sigma
     is_either, is_behind = np.abs(off) < OFF, off > OFF
     band = around.wall & around.read & (around.cosine > FACING)
-    band &= np.abs(around.place[end] - plane.level) < BAND * around.radius
+    band &= np.abs(around.place[end] - level.level) < BAND * around.radius
     tells = band & below & (around.surface - plane.depth > OFF * around.sigma)
     is_met = count(tells & is_either) >= max(FEWEST, LEAST_EXPLAINED * count(tells))
     if not is_met or count(band & is_behind) > MOST_BEHIND * count(band):
@@ -289,7 +315,7 @@ def _foot_at(around: _Around, end: int, spacing: float) -> _Foot | None:
     cosine = view @ around.axes[end] / np.linalg.norm(view, axis=1)
     shown = np.sqrt(np.maximum(1 - cosine**2, LEAST_SHOWN**2))
     pixel = float(np.median(spacing * around.depth[tells] / shown))
-    above = plane.level - around.place[end]
+    above = level.level - around.place[end]
     if _hovers(off[band & ~below & (above < STRIP * pixel) & (off > -OFF)]):
         return None
     return _Foot(
@@ -297,7 +323,7 @@ def _foot_at(around: _Around, end: int, spacing: float) -> _Foot | None:
         shown=below & on_plane,
         own=band & ~below & is_either,
         # With this deviation, if all within are as likely.
-        doubt=3**0.5 * plane.deviation / pixel,
+        doubt=3**0.5 * level.deviation / pixel,
     )
 
 
@@ -350,7 +376,7 @@ def _by_sector(
     return [order[sector == k] for k in range(SECTORS)]
 
 
-def _plane_at(around: _Around, end: int) -> _Plane | None:
+def _level_at(around: _Around, end: int) -> _Level | None:
     """The plane across the axis that lies before a wall at an end, if it went on."""
     axis, sigma = around.axes[end], around.sigma
     across = directions_across(axis)
@@ -371,7 +397,7 @@ def _plane_at(around: _Around, end: int) -> _Plane | None:
     slant = sigma * np.maximum(np.abs(around.direction @ axis), LEAST_SLANT)
     thick = THICKNESS * float(np.median(slant[in_front]))
     level = float(np.median(fullest_stretch(along[in_front], thick)))
-    plane = _plane(around, axis, across, level)
+    plane = _plane(around, _Level(axis, across, level))
     is_low = np.abs(along - level) < thick + MOST_TILT * np.hypot(*beside.T)
     # Those alone that may be nearest to the axis.
     sectors = _by_sector(plane.beside, _tells_plane(around, plane) & is_low)
@@ -379,7 +405,7 @@ def _plane_at(around: _Around, end: int) -> _Plane | None:
     pool, along, beside, slant = around.at(some), along[some], beside[some], slant[some]
     slope, deviation, reach = LEVEL, np.inf, np.inf
     for _ in range(ROUNDS):
-        plane = _plane(pool, axis, across, level, slope)
+        plane = _plane(pool, _Level(axis, across, level, slope))
         is_low = np.abs(along - level - beside @ slope) < reach
         sectors = _by_sector(plane.beside, _tells_plane(pool, plane) & is_low)
         sectors = [one[:TELLING] for one in sectors]
@@ -396,7 +422,7 @@ def _plane_at(around: _Around, end: int) -> _Plane | None:
         reach = thick * (WITHIN / THICKNESS)
     if np.linalg.norm(slope) > MOST_TILT:
         return None
-    return _plane(around, axis, across, level, slope, deviation)
+    return _Level(axis, across, level, slope, deviation)
 
 
 def _tells_plane(around: _Around, plane: _Plane) -> Bool[np.ndarray, " n"]:
@@ -433,22 +459,15 @@ def _unevenness(
     return float(np.sqrt(max(squares.mean() - by_chance, 0.0)))
 
 
-def _plane(
-    around: _Around,
-    axis: Float[np.ndarray, "3"],
-    across: Float[np.ndarray, "2 3"],
-    level: float,
-    slope: Float[np.ndarray, "2"] = LEVEL,
-    deviation: float = np.inf,
-) -> _Plane:
-    """A plane about across an axis, which meets it at a level, along all rays."""
-    normal = axis - slope @ across
+def _plane(around: _Around, level: _Level) -> _Plane:
+    """A plane about across an axis, along all rays."""
+    normal = level.axis - level.slope @ level.across
     towards = around.direction @ normal
-    depth = (level - around.start @ normal) / np.where(towards == 0, 1, towards)
+    depth = level.level - around.start @ normal
+    depth /= np.where(towards == 0, 1, towards)
     is_met = (towards != 0) & (depth > 0)
     places = around.start + around.direction * np.where(is_met, depth, 0)[:, None]
-    depth = np.where(is_met, depth, np.inf)
-    return _Plane(level, deviation, depth, places @ across.T)
+    return _Plane(np.where(is_met, depth, np.inf), places @ level.across.T)
 
 
 @jax.jit
