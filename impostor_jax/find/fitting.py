@@ -46,9 +46,6 @@ MOST_GUESSES = 6
 QUICK: dict[str, Any] = {"doubts": False, "readings": 4096, "max_steps": 20}
 """What is less of a fit that tries a candidate."""
 
-MANY = 32
-"""Pixels of an image over those of an object that is expected in it, at least."""
-
 _PREPARED: set[Any] = set()
 """For which fits programs are prepared in this process."""
 
@@ -184,15 +181,12 @@ class Fitter:
             return
         _PREPARED.add(key)
         valid = np.flatnonzero(self.depth > 0)
-        few, most = BUCKETS[:2]
-        counts = [few, most] if len(valid) > MANY * few else [few]
 
         def compile_all() -> None:
-            for count in counts:
-                region = np.zeros(self.depth.shape, bool)
-                region.ravel()[valid[:count]] = True
-                given = self.depth, self.seen_by, region, self.sigma
-                prepare_fit(FitRequest(CYLINDER, *given, None, self.options))
+            region = np.zeros(self.depth.shape, bool)
+            region.ravel()[valid[: BUCKETS[0]]] = True
+            given = self.depth, self.seen_by, region, self.sigma
+            prepare_fit(FitRequest(CYLINDER, *given, None, self.options))
 
         in_background(compile_all)
 

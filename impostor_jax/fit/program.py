@@ -26,7 +26,7 @@ from impostor_jax.fit.regions import BUCKETS
 from impostor_jax.fit.solve import Solution, solve
 from impostor_jax.fit.threads import in_background
 
-SOLVER_SIZES = BUCKETS[2::2]
+SOLVER_SIZES = BUCKETS[1::2]
 """Numbers of readings to which tables are padded for the solver. It skips blocks of
 padding, so that larger tables cost nothing, and fewer sizes are compiled."""
 

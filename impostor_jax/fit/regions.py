@@ -61,8 +61,11 @@ LARGEST_HOLE = 0.1
 """Pixels of a hole in a silhouette, over the region's, that may be a mistake: the far
 end of a pipe that is seen from inside is larger."""
 
-BUCKETS = tuple(BLOCK << k for k in range(3, 20))
+BUCKETS = tuple(BLOCK << k for k in range(4, 20))
 """Readings are filled up to one of these numbers, so that few sizes are compiled."""
+
+FEW_READINGS = 2048
+"""That are asked for at most, up to which they have a size of their own."""
 
 NOISY, STEEP = 6.0, 10.0
 """Standard deviations, and widths of a pixel (at an incidence of 84 degrees), by which
@@ -283,7 +286,7 @@ def pixel_indices(
     index = np.flatnonzero(region[box])
     count = len(index)
     size = places_for(max(count, least))
-    if most is not None:
+    if most is not None and most <= FEW_READINGS:
         size = min(size, -(-most // BLOCK) * BLOCK)
     is_some = np.zeros(count, bool)
     is_some[(np.arange(BLOCK) * count // BLOCK)[: BLOCK * count]] = True

@@ -6,6 +6,7 @@ import pytest
 
 import impostor_jax as ij
 from impostor_jax.fit.options import Options
+from impostor_jax.fit.regions import BUCKETS
 from impostor_jax.fits.given_points import points_given
 from impostor_jax.fits.points import _views_of, prepare_points
 from impostor_jax.geometry.rays import Ray
@@ -199,7 +200,7 @@ def test_scanners_that_stand_around_are_six_views_of_one_form(degrees):
     places = np.concatenate([view.places for view in views])
     np.testing.assert_array_equal(np.sort(places), np.arange(len(points)))
     for view in views:
-        assert view.depth.shape == view.mask.shape == (1, 4096)
+        assert view.depth.shape == view.mask.shape == (1, BUCKETS[0])
         assert np.count_nonzero(view.mask) == len(view.places)
         assert not view.camera.is_central
 
