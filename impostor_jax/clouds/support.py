@@ -56,7 +56,8 @@ class Support(NamedTuple):
         high: Where it ends on the other side.
         on: Points on it.
         arc: Angle about the axis over which there are any, in radians.
-        filled: Part of the cells of that arc, between the ends, in which there are.
+        filled: Part of the cells of that arc, between the ends, in which there are, of
+            those that as many points, evenly spread, are in.
         inner: Points within it, over those on it.
         behind: Rays through it, over those to it, of `with_rays`; 0 where nobody tells
             of rays.
@@ -194,8 +195,11 @@ def _told(
     spacing = float(np.median(cloud.gaps[on]))
     width = max(wall.radius / 2, 2 * spacing)
     rows = np.floor((along - low) / width).astype(int)
-    cells = len(np.unique(rows[seen[sector]] * SECTORS + sector[seen[sector]]))
-    filled = cells / (np.count_nonzero(seen) * (rows.max() + 1))
+    own = seen[sector]
+    full = len(np.unique(rows[own] * SECTORS + sector[own]))
+    # Of few points that are evenly spread, as many cells have some by chance.
+    cells = np.count_nonzero(seen) * (rows.max() + 1)
+    filled = full / (cells * -np.expm1(-np.count_nonzero(own) / cells))
     inner = _within(cloud, wall, low, high)
     is_inside = cloud.origins is not None and float(np.mean(cosine)) < 0
     return Support(
@@ -204,7 +208,7 @@ def _told(
         high=high,
         on=on,
         arc=2 * np.pi * np.count_nonzero(seen) / SECTORS,
-        filled=float(filled),
+        filled=min(float(filled), 1.0),
         inner=0.0 if is_inside else inner / len(on),
         behind=0.0,
         turned=float(np.arccos(np.clip(np.median(np.abs(cosine)), 0, 1))),

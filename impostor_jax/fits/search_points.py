@@ -180,15 +180,22 @@ def search_cloud(
         free = planes.label == 0
         fits = _Fits(given, cloud, which, request, sigma, options)
         asked = dataclasses.replace(request, radius_range=(low, high))
+        # What is refused may be several smaller ones, which smaller voxels show.
+        refused: list[Support] = []
         for candidate in searched(cloud, planes, asked):
-            free[candidate.own] = False
             support = candidate.support.moved(cloud.middle)
             if any(continues(piece, support) for piece in pieces):
+                free[candidate.own] = False
                 continue
-            pieces.append(support)
+            if any(continues(one, support) for one in refused):
+                continue
             one = fits.detection(candidate, support)
-            if one is not None:
-                found.append(one)
+            if one is None:
+                refused.append(support)
+                continue
+            found.append(one)
+            pieces.append(support)
+            free[candidate.own] = False
         high = min(high, MOST_UNRESOLVED * cloud.spacing)
         if len(cloud) == len(which) or len(levels) == MOST_LEVELS or high <= low:
             break

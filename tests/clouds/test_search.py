@@ -48,6 +48,16 @@ def test_pipes_that_cross_are_found_from_end_to_end():
 
 
 @FULL
+def test_a_thin_pipe_of_few_points_is_as_full_as_a_thick_one():
+    # Most of its cells were empty by chance, and it was no wall.
+    rng = np.random.default_rng(0)
+    thin = wall(rng, 900, (0, 0, 0), (1, 0, 0), 0.05, 6.0, (-1.3, 1.3), 0.002)
+    _, (one,) = found_in(thin)
+    assert one.support.filled == pytest.approx(0.95, abs=0.05)
+    assert one.support.length == pytest.approx(6.0, rel=0.02)
+
+
+@FULL
 def test_a_wall_around_several_pipes_leaves_their_points_to_them():
     rng = np.random.default_rng(0)
     turns = np.radians([-45, -15, 15, 45])

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 import impostor_jax as ij
+from impostor_jax.fits import search_points
 from tests.clouds.scenes import floor, wall
 from tests.groups import FULL, OF_POINTS, RELEASE
 from tests.schemas import validator
@@ -94,6 +95,24 @@ def test_far_coordinates_and_an_origin_for_each_point_change_nothing(cloud, foun
 def test_a_viewpoint_need_not_be_known(cloud):
     points, owner = cloud
     check(ij.find_cylinders_in_points(points, sigma=NOISE), owner)
+
+
+@FULL
+def test_what_large_voxels_took_for_one_wall_is_found_by_smaller_ones(monkeypatch):
+    # A wall around several pipes of a rack was refused, and their points were lost.
+    monkeypatch.setattr(search_points, "MOST_POINTS", 6000)
+    rng = np.random.default_rng(0)
+    radii = [0.05, 0.06, 0.07, 0.05, 0.06, 0.07]
+    places = [((0, 0.2 * (k % 2), 0.5 + 0.3 * k), (1, 0, 0)) for k in range(6)]
+    parts = [
+        wall(rng, 1500, *place, radius, 3.0, ARC, NOISE)
+        for place, radius in zip(places, radii, strict=True)
+    ]
+    points = np.concatenate([*parts, floor(rng, 60_000, 4.0)])
+    found = ij.find_cylinders_in_points(points)
+    assert found.num_searched < 6000
+    sizes = sorted(float(fit.cylinder.radius) for fit in found.fits)
+    assert sizes == pytest.approx(sorted(radii), abs=5e-4)
 
 
 @FULL
