@@ -111,7 +111,7 @@ deviations of the median of white noise."""
 
 TWO_SURFACES = 5.0
 """Scatter of the means over that of the lowest quarter of tiles beyond which there is
-more than one surface in one: of five cameras' planes it is up to 4 times."""
+more than one surface in one: of four cameras' planes it is up to 4 times."""
 
 ROUNDED = 0.65
 """Distance from planes, in steps of rounding, up to which readings err by that alone:
@@ -567,14 +567,14 @@ def _around(
 
 
 def _grid_of(depth: Float[np.ndarray, " n"]) -> float:
-    """The step that depths are multiples of, in meters; 0 where they are of none."""
+    """The step that depths are multiples of, in meters; 0 where none is told."""
     some = depth[at_most(len(depth), SAMPLE)].astype(float)
     places = np.round(some / FINEST)
     # Numbers in single precision are off by 6e-8 of themselves.
     if np.any(np.abs(some - FINEST * places) > 1e-7 * some):
         return 0.0
     levels = np.unique(places.astype(np.int64))
-    # The depths of a few walls that face the camera have some divisor.
-    return (
-        FINEST * float(np.gcd.reduce(levels)) if len(levels) >= FEWEST_LEVELS else 0.0
-    )
+    # The depths of a few walls that face the camera have some divisor, too.
+    if len(levels) < FEWEST_LEVELS:
+        return 0.0
+    return FINEST * float(np.gcd.reduce(levels))
