@@ -12,6 +12,7 @@ from impostor_jax.clouds.cloud import Cloud
 from impostor_jax.clouds.planes import Planes
 from impostor_jax.clouds.proposals import Proposal, proposed
 from impostor_jax.clouds.support import Support, supported, with_rays
+from impostor_jax.clouds.wall import Wall
 
 MOST_TAKEN = 0.3
 """Part of a proposal's points that may be taken already."""
@@ -40,6 +41,13 @@ BESIDE = 2.0
 SMALLER, CLOSER = 0.7, 0.4
 """Radius and scatter of walls of parts of a wall, over its own, up to which they are
 others, as the pipes of a rack are."""
+
+MOST_TRIES = 3
+"""Of walls that lead to nearly the same one, which is refused."""
+
+NEARLY, ALONG = 0.15, np.cos(np.radians(5))
+"""Difference of places and radii of walls that are nearly one, in radii, and cosine
+between their axes."""
 
 COAXIAL = np.cos(np.radians(10))
 """Cosine between the axes of pieces of one thing, at least."""
@@ -87,24 +95,42 @@ def searched(cloud: Cloud, planes: Planes, request: Request) -> list[Candidate]:
     left = proposed(cloud, free, request.radius_range)
     for is_last in (False, True):
         waiting: list[Proposal] = []
+        # Until points are taken the same comes of the same.
+        refused: list[Support] = []
         for number, proposal in enumerate(left):
             if np.mean(~free[proposal.sample]) > MOST_TAKEN:
                 continue
+            if sum(_leads_to(proposal.wall, one) for one in refused) >= MOST_TRIES:
+                continue
             support = supported(cloud, free, proposal.wall, least)
-            if support is None or not _is_likely(support, request):
+            if support is None:
                 continue
-            support = with_rays(cloud, support)
-            if support.inner + support.behind > MOST_AGAINST:
+            told = with_rays(cloud, support) if _is_likely(support, request) else None
+            if told is None or told.inner + told.behind > MOST_AGAINST:
+                refused.append(support)
                 continue
-            if not is_last and _is_of_several(support, left[number:], len(cloud)):
+            if not is_last and _is_of_several(told, left[number:], len(cloud)):
                 waiting.append(proposal)
                 continue
-            own = belonging(cloud.points, support, least)
+            own = belonging(cloud.points, told, least)
             own = own[free[own]]
             free[own] = False
-            found.append(Candidate(support, own))
+            refused.clear()
+            found.append(Candidate(told, own))
         left = waiting
     return found
+
+
+def _leads_to(wall: Wall, support: Support) -> bool:
+    """Whether a wall is so near to what another led to that it leads there, too."""
+    other = support.wall
+    across, along = np.split(other.frame @ (wall.center - other.center), [2])
+    return bool(
+        abs(wall.radius - other.radius) < NEARLY * other.radius
+        and support.low <= along[0] <= support.high
+        and across @ across < (NEARLY * other.radius) ** 2
+        and abs(wall.frame[2] @ other.frame[2]) > ALONG
+    )
 
 
 def _is_of_several(support: Support, others: list[Proposal], num_points: int) -> bool:

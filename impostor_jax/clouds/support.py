@@ -37,6 +37,9 @@ SECTORS = 36
 CORE = 0.7
 """Part of the radius within which nothing is of a wall."""
 
+MOST_SWAYED, MOST_TILTED = 0.5, 0.2
+"""Change of a radius or a place by its fits, in radii, and of an axis, at most."""
+
 ROUNDS = 3
 """Times that a wall is fitted to all points on it and its ends are found."""
 
@@ -127,7 +130,7 @@ def supported(
         wall: As it was proposed.
         least: Standard deviation of a point from a wall at least, in meters.
     """
-    places = np.flatnonzero(free)
+    places = np.flatnonzero(free & _may_be_on(cloud, wall, least))
     low = high = 0.0
     on = places[:0]
     for number in range(ROUNDS):
@@ -156,6 +159,14 @@ def supported(
         moved = (wall.center - refined.center) @ refined.frame[2]
         wall = refined._replace(center=refined.center + moved * refined.frame[2])
     return _told(cloud, wall, low, high, on)
+
+
+def _may_be_on(cloud: Cloud, wall: Wall, least: float) -> Bool[np.ndarray, " n"]:
+    """Points that may be on a wall, however it turns and moves as it is fitted."""
+    x, y, along = wall.frame @ (cloud.points - wall.center).T
+    off = np.abs(np.hypot(x, y) - wall.radius)
+    reach = MOST_SWAYED * wall.radius + NEAR * max(wall.scatter, least)
+    return off < reach + MOST_TILTED * np.abs(along)
 
 
 def _ends(
