@@ -38,7 +38,8 @@ CORE = 0.7
 """Part of the radius within which nothing is of a wall."""
 
 MOST_SWAYED, MOST_TILTED = 0.5, 0.2
-"""Change of a radius or a place by its fits, in radii, and of an axis, at most."""
+"""Change of a radius or a place by its fits, in radii, and slope of its axis to what it
+was, at most."""
 
 ROUNDS = 3
 """Times that a wall is fitted to all points on it and its ends are found."""

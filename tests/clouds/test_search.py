@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from impostor_jax.clouds import search
 from impostor_jax.clouds.cloud import cloud_of
 from impostor_jax.clouds.confidence import FACTS, confidence, facts_of
 from impostor_jax.clouds.planes import planes_of
@@ -45,6 +46,23 @@ def test_pipes_that_cross_are_found_from_end_to_end():
         assert np.mean(is_own) > 0.98
         assert len(one.own) > 5700
         assert confidence(facts_of(cloud, one.support)) > 0.9
+
+
+@FULL
+def test_a_wall_that_is_refused_is_asked_for_a_few_times(monkeypatch):
+    rng = np.random.default_rng(0)
+    asked = []
+
+    def counted(cloud, free, one, least):
+        asked.append(one)
+        return supported(cloud, free, one, least)
+
+    monkeypatch.setattr(search, "supported", counted)
+    pipe = wall(rng, 3000, (0, 0, 0), (1, 0, 0), 0.1, 2.0, noise=0.001)
+    _, found = found_in(pipe, request=Request(min_points=10**6))
+    # It is proposed 5946 times, 30 of them by other axes and radii.
+    assert not found
+    assert 3 <= len(asked) < 100
 
 
 @FULL
