@@ -124,11 +124,11 @@ def searched(cloud: Cloud, planes: Planes, request: Request) -> list[Candidate]:
 def _leads_to(wall: Wall, support: Support) -> bool:
     """Whether a wall is so near to what another led to that it leads there, too."""
     other = support.wall
-    across, along = np.split(other.frame @ (wall.center - other.center), [2])
+    x, y, along = other.frame @ (wall.center - other.center)
     return bool(
         abs(wall.radius - other.radius) < NEARLY * other.radius
-        and support.low <= along[0] <= support.high
-        and across @ across < (NEARLY * other.radius) ** 2
+        and support.low <= along <= support.high
+        and np.hypot(x, y) < NEARLY * other.radius
         and abs(wall.frame[2] @ other.frame[2]) > ALONG
     )
 

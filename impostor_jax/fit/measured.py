@@ -295,11 +295,11 @@ def _measured(
             _variances(inverse, own, NEXT, 4), own_levels[NEAR]
         )
         around = Around(is_filtered, 0.0, is_fine)
-    if around.step:
-        # Of what is as far as a sensor reads the object alone tells more.
-        alone = around.is_equal and min(_variances(depth, own, 1, 4))
-        if alone < (MOST_ROUNDED * around.step) ** 2 / 12:
-            return _rounded(around.step)
+    # Where planes tell nothing but the step, the object alone tells more.
+    most = (MOST_ROUNDED * around.step) ** 2 / 12
+    is_rounded = not around.is_equal or min(_variances(depth, own, 1, 4)) < most
+    if around.step and is_rounded:
+        return _rounded(around.step)
     if not (around.is_filtered or around.smooth > 0):
         return _white(white * middle**2)
     far = _variances(inverse, own, FAR, 3) or _variances(inverse, own, NEAR, 3)

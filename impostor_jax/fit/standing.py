@@ -142,9 +142,8 @@ def standing_on(
     stride = math.isqrt(len(row) // MANY) + 1
     some = around
     if stride > 1:
-        few = np.zeros(len(exists), bool)
-        few[exists] = (row % stride == 0) & (col % stride == 0)
-        some = around.at(np.flatnonzero(few))
+        is_some = (row % stride == 0) & (col % stride == 0)
+        some = around.at(np.flatnonzero(exists)[is_some])
     spacing, ends = float(seen.camera.spacing), np.flatnonzero(~ends_seen).tolist()
     found = [foot for end in ends if (foot := _foot_at(around, some, end, spacing))]
     if not found:

@@ -322,7 +322,7 @@ def _fit_cloud(
 
 
 def prepare_points(cloud: GivenPoints, sigma: Any, asked: Options) -> None:
-    """Load or compile what `fit_points` takes from a start, for few points.
+    """Load or compile what `fit_points` takes from a start for `BUCKETS[0]` points.
 
     Args:
         cloud: The points, among which objects will be found.

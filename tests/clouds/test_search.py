@@ -60,7 +60,7 @@ def test_a_wall_that_is_refused_is_asked_for_a_few_times(monkeypatch):
     monkeypatch.setattr(search, "supported", counted)
     pipe = wall(rng, 3000, (0, 0, 0), (1, 0, 0), 0.1, 2.0, noise=0.001)
     _, found = found_in(pipe, request=Request(min_points=10**6))
-    # It is proposed 5946 times, 30 of them by other axes and radii.
+    # 5946 patches propose it, and 30 of them are asked: the first, and what is apart.
     assert not found
     assert 3 <= len(asked) < 100
 
