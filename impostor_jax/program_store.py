@@ -43,7 +43,7 @@ serialized again, holds none and would fail when it is called."""
 CACHE_SETTINGS = ("jax_compilation_cache_dir", "jax_enable_compilation_cache")
 """Of JAX, that say where compiled programs are kept, and whether."""
 
-MOST_ENTRIES = 100
+MOST_ENTRIES = 300
 """That are kept: of a fit some 0.5 MB each. The oldest make room for new ones."""
 
 

@@ -7,12 +7,12 @@ others, only its core is fitted. The body that the core shows then tells which o
 other pixels are its own, and these are fitted once more.
 """
 
-__all__ = ["FAILED", "MANY", "fit_of_one_surface"]
+__all__ = ["FAILED", "MANY", "fit_of_one_surface", "without_others"]
 
 from collections.abc import Callable, Sequence
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Array, Bool, Float
 
 from impostor_jax.fit.averaged import without_averaged
 from impostor_jax.fit.body import AbstractBody
@@ -91,9 +91,8 @@ def fit_of_one_surface(
     if is_trial and whole.status in FAILED and _num_readings(seen) > MANY:
         return whole
     if whole.status.has_numbers:
-        body, wider = going_on(kind.of(whole.shape), whole.ends_seen), _wider(whole)
-        told = seen if is_exact else [with_unsure(one, body, wider) for one in seen]
-        told = [without_averaged(one, body, wider, is_exact) for one in told]
+        body = going_on(kind.of(whole.shape), whole.ends_seen)
+        told = without_others(seen, body, _wider(whole), is_exact)
         if any(one.unsure is not None for one in told):
             # From the whole if that is near, for which no other program is compiled.
             is_near = leaves_no_doubt(whole) and whole.border_chi2 < DISAGREEING
@@ -102,6 +101,24 @@ def fit_of_one_surface(
             if fit.status.has_numbers:
                 whole, seen = fit, told
     return _of_one_surface(fitted, kind, seen, correlated, whole)
+
+
+def without_others(
+    seen: Sequence[Seen],
+    body: AbstractBody,
+    wider: float,
+    is_exact: bool | Bool[Array, ""],
+) -> list[Seen]:
+    """An object without what it touches, and without what its images average.
+
+    Args:
+        seen: The object in each of its images.
+        body: About what it is, in the world frame.
+        wider: Factor on the deviations of the readings.
+        is_exact: Whether no pixel of the region is of what the object touches.
+    """
+    told = seen if is_exact else [with_unsure(one, body, wider) for one in seen]
+    return [without_averaged(one, body, wider, bool(is_exact)) for one in told]
 
 
 def _of_one_surface(

@@ -60,6 +60,12 @@ SQUARE_WIDTH = 4.0
 """Factor on the width of the robust loss where readings are compared in squares: their
 error is skewed, and a loss that bends early would be biased."""
 
+MISSED = 4.0
+"""How far a ray misses the wall, as a half-chord's square in variances of a reading,
+where that width is halved. No error of a reading leads there, and what is read as far
+away as the limb is mixed with what is behind it: two such readings beside a can's
+outline moved that by half a pixel, and its radius by ten deviations."""
+
 FIRST_END_WIDTH = 20.0
 """The same for ends that may still be pixels off."""
 
@@ -200,6 +206,7 @@ def reading_terms(
         grazing = (seen.square < (GRAZING * sigma) ** 2) & ~seen.on_cap & ~coarse
         grazing &= jnp.abs(reach - chord) < OUTLIER * sigma
         steadiness, is_skewed = 1.0, grazing
+        missed = jnp.maximum(-seen.square, 0) / (MISSED * sigma * sigma)
     else:
         moved = computed_once(
             lambda: moved_rays(
@@ -209,6 +216,8 @@ def reading_terms(
         weight, squares = jnp.where(used, moved.weight, 0), moved.squares
         steadiness, is_skewed = moved.steadiness, moved.is_skewed
         grazing = ~seen.on_cap & ~coarse
+        # There a ray that misses has erred.
+        missed = jnp.zeros_like(weight)
         seen = jax.tree.map(partial(jnp.where, grazing), moved.passing, seen)
         chord = safe_sqrt(seen.square)
     # The standard deviation of the difference of squares, over twice sigma.
@@ -225,7 +234,9 @@ def reading_terms(
     terms = Terms(
         augmented=_stacked([part * weight for part in (*gradient, error)]),
         weight=weight,
-        widening=jnp.where(grazing & is_skewed, SQUARE_WIDTH, 1.0).astype(weight.dtype),
+        widening=jnp.where(
+            grazing & is_skewed, SQUARE_WIDTH / (1 + missed * missed), 1.0
+        ).astype(weight.dtype),
         end=blank,
     )
     follows = jnp.where(grazing, jnp.abs(2 * chord * per_square), 1)

@@ -12,6 +12,7 @@ import dataclasses
 from collections.abc import Callable, Sequence
 from typing import Any
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 
@@ -20,7 +21,7 @@ from impostor_jax.camera.pinhole import PinholeCamera
 from impostor_jax.effort import MIN_READINGS, Effort
 from impostor_jax.fit.assess import Assessment
 from impostor_jax.fit.body import AbstractBody
-from impostor_jax.fit.border import fit_of_one_surface
+from impostor_jax.fit.border import fit_of_one_surface, without_others
 from impostor_jax.fit.clusters import clustered_outliers
 from impostor_jax.fit.copied import with_copies
 from impostor_jax.fit.edges import without_edges
@@ -233,6 +234,10 @@ def _fit_seen(
         return fit_with_learned_rays(to_surface, resumed, parts, rounding)
 
     if not effort.doubts:
+        if start is not None and not in_search:
+            # What is not its own would be off by as much in every image of a video.
+            body = kind.body.of(jax.tree.map(jnp.asarray, start))
+            seen = without_others(seen, body, 1.0, settings.is_outline)
         return fitted(seen, correlated, None, start)
     fit, kept, is_bare = _without_foreign(kind, fitted_to(seen), fitted_to, seen)
     # Where a shoulder was left out the other end may be wrong.

@@ -30,8 +30,8 @@ from impostor_jax.fit.regions import (
 )
 from impostor_jax.fit.seen import Seen
 from impostor_jax.fit.surface import cropped
+from impostor_jax.geometry.frames import RigidTransform
 from impostor_jax.opencv import cv2
-from impostor_jax.primitives.base import in_camera_frame
 from impostor_jax.sensor.base import AbstractDepthNoise
 
 OFF = 5.0
@@ -158,7 +158,8 @@ def sigmas_off(seen: Seen, body: AbstractBody) -> Float[np.ndarray, "h w"]:
         body: In the world frame.
     """
     row, col, rays = seen.rays()
-    off = _sigmas_off(rays, in_camera_frame(body, seen.camera), law_of(seen.noise))
+    pose = seen.camera.camera_from_world
+    off = _sigmas_off(rays, body, pose, law_of(seen.noise))
     away = np.zeros(seen.image.shape)
     away[row[rays.exists], col[rays.exists]] = np.asarray(off)[rays.exists]
     return away
@@ -166,12 +167,18 @@ def sigmas_off(seen: Seen, body: AbstractBody) -> Float[np.ndarray, "h w"]:
 
 @jax.jit
 def _sigmas_off(
-    rays: RayList, body: AbstractBody, noise: AbstractDepthNoise
+    rays: RayList,
+    body: AbstractBody,
+    pose: RigidTransform | None,
+    noise: AbstractDepthNoise,
 ) -> Float[Array, " n"]:
     """A reading near a body that its ray misses is not the body's.
 
     The core tells radius and place to a small part of a pixel.
     """
+    if pose is not None:
+        # Compiled with the rest: alone it takes longer than that.
+        body = body.transformed(pose)
     pixels, seen, read, sigma = passed_by(rays, body, noise)
     behind = (pixels.depth - seen.depth) / sigma
     far = jnp.sign(behind) * jnp.maximum(jnp.abs(behind), 2 * OFF)

@@ -406,6 +406,28 @@ def test_mixed_readings_beside_the_outline_do_not_decide(pixels):
     assert float(fit.std.radius) < 0.0015
 
 
+def test_mixed_readings_beyond_the_outline_do_not_move_it():
+    # A few of a mask that is a pixel too large, which read about as far as the limb,
+    # moved the outline to their pixels: by up to twelve deviations of a radius.
+    (depth, mask), truth = image(), can()
+    row, col = np.nonzero(grown(mask, 1) & ~mask)
+    ray = np.stack([(col - 79.5) / 150, (row - 59.5) / 150, np.ones(len(row))], axis=1)
+    center, axis = np.asarray(truth.center), np.asarray(truth.axis)
+    across = ray - (ray @ axis)[:, None] * axis
+    limb = across @ center / np.sum(across**2, axis=1)
+    off = limb[:, None] * ray - center
+    along = off @ axis
+    passes = np.linalg.norm(off - along[:, None] * axis, axis=1)
+    beside = np.flatnonzero((np.abs(along) < 0.05) & (passes < 0.0415))
+    rng = np.random.default_rng(0)
+    some = rng.choice(beside, 8, replace=False)
+    depth = np.array(depth)
+    depth[row[some], col[some]] = limb[some] + rng.normal(0, 2 * SIGMA, 8)
+    fit = ij.fit_cylinder(depth, CAMERA, grown(mask, 1), SIGMA)
+    assert fit.success
+    assert errors(fit, truth).max() < 3
+
+
 @FULL
 @pytest.mark.parametrize("share", [0.3, pytest.param(1, marks=FULL)])
 def test_mixed_readings_are_not_where_the_background_begins(share):

@@ -8,7 +8,7 @@ from impostor_jax.track.measured import PART
 from tests.find.scenes import ORTHOGRAPHIC
 from tests.fit.scenes import CAMERA, SIGMA
 from tests.groups import FULL, SMALL_IMAGES
-from tests.track.scenes import RATE, can, frame, moved
+from tests.track.scenes import RATE, WALL, can, frame, moved
 
 pytestmark = SMALL_IMAGES
 
@@ -276,6 +276,20 @@ def test_errors_of_a_video_are_as_large_as_said():
 
 
 @FULL
+def test_images_that_average_over_their_pixels_draw_no_radius_in():
+    # Each drew it in by a deviation or two, and twelve by eight.
+    fine = ij.PinholeCamera(450.0, 450.0, 239.5, 179.5, 480, 360)
+    depth = ij.render(ij.Scene([WALL, can()]), fine, outputs=("depth",)).depth
+    depth = np.asarray(depth).reshape(120, 3, 160, 3).mean(axis=(1, 3))
+    tracker = ij.Tracker(CAMERA, SIGMA)
+    rng = np.random.default_rng(0)
+    for _ in range(12):
+        noise = rng.normal(0, SIGMA, depth.shape).astype(np.float32)
+        (track,) = tracker.step(depth + noise)
+    error = float(track.cylinder.radius) - float(can().radius)
+    assert abs(error) < 3 * float(track.std.radius)
+
+
 def test_without_sigma_it_is_measured():
     tracker = ij.Tracker(CAMERA)
     assert tracker.noise is None
