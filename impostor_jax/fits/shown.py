@@ -85,6 +85,11 @@ the fit to all of it failed says that it is of something else."""
 MOST_OF_MASK = 0.4
 """Part of a mask's readings that it has, at least."""
 
+GOES_ON, LEAST_PIXELS = 0.08, 1.5
+"""Radii and pixels by which the image shows the wall's outline beyond that cylinder's,
+from which on what was left out is of the same wall: of ovals parts were fitted whose
+radius was 8 % off, by up to four deviations."""
+
 MOST_OBJECTS = 5
 """How many objects are fitted, the largest first."""
 
@@ -161,6 +166,9 @@ def _fit_within(request: FitRequest, mask: Bool[np.ndarray, "h w"]) -> Fit | Non
         return None
     fit = fit_shape(request._replace(mask=regions[best]))
     if not fit.is_shape:
+        return None
+    gap = fit.outline_gap
+    if gap is not None and gap.radii > GOES_ON and gap.pixels > LEAST_PIXELS:
         return None
     return fit.noting(
         doubt=f"{100 * shares[best]:.0f} % of the region is of the cylinder, and the "
