@@ -12,7 +12,7 @@ __all__ = ["FAILED", "MANY", "fit_of_one_surface", "without_others"]
 from collections.abc import Callable, Sequence
 
 import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Bool, Float
 
 from impostor_jax.fit.averaged import without_averaged
 from impostor_jax.fit.body import AbstractBody
@@ -107,7 +107,7 @@ def without_others(
     seen: Sequence[Seen],
     body: AbstractBody,
     wider: float,
-    is_exact: bool | Bool[Array, ""],
+    is_exact: bool,
 ) -> list[Seen]:
     """An object without what it touches, and without what its images average.
 
@@ -118,7 +118,7 @@ def without_others(
         is_exact: Whether no pixel of the region is of what the object touches.
     """
     told = seen if is_exact else [with_unsure(one, body, wider) for one in seen]
-    return [without_averaged(one, body, wider, bool(is_exact)) for one in told]
+    return [without_averaged(one, body, wider, is_exact) for one in told]
 
 
 def _of_one_surface(

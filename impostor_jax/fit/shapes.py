@@ -237,7 +237,7 @@ def _fit_seen(
         if start is not None and not in_search:
             # What is not its own would be off by as much in every image of a video.
             body = kind.body.of(jax.tree.map(jnp.asarray, start))
-            seen = without_others(seen, body, 1.0, settings.is_outline)
+            seen = without_others(seen, body, 1.0, bool(settings.is_outline))
         return fitted(seen, correlated, None, start)
     fit, kept, is_bare = _without_foreign(kind, fitted_to(seen), fitted_to, seen)
     # Where a shoulder was left out the other end may be wrong.
