@@ -26,6 +26,9 @@ FLATTEST = 0.1
 """The same up to which a point is of no wall of few spacings, whose neighbors scatter
 by a quarter of their extent where its radius is 2.5 spacings, and by 0.1 at 6."""
 
+EDGE_ON = 0.05
+"""Cosine of the incidence up to which a plane holds the rays to it."""
+
 SAME = 1e-7
 """Distance of two points, over the extent of all, up to which they are one."""
 
@@ -69,6 +72,20 @@ class Cloud(NamedTuple):
 
     def __len__(self) -> int:
         return len(self.points)
+
+    @property
+    def on_lines(self) -> float:
+        """Part of the points whose neighbors are all of one line of a scan.
+
+        The plane through these holds the rays to them, as no surface that is seen does.
+        0 where nobody tells of rays.
+        """
+        if self.origins is None:
+            return 0.0
+        ray = self.points - self.origins
+        cosine = np.sum(self.normals * ray, axis=1)
+        along = np.abs(cosine) < EDGE_ON * np.linalg.norm(ray, axis=1)
+        return float(np.mean(along))
 
 
 def cloud_of(

@@ -84,7 +84,9 @@ def find_cylinders_in_points(
     Planes are taken away; walls are proposed from patches of the rest, grown along
     their axes, and fitted as `fit_cylinder_to_points` does. Of a stem that tapers or
     bends the piece is found that a cylinder explains, and its other pieces are not
-    found beside it. Points within a wall, and rays through it, speak against it.
+    found beside it. Points within a wall, and rays through it, speak against it. Lines
+    of a scan, as the rings of a lidar, must lie closer than half a radius: neighbors of
+    one line tell no normal. A fit to points that are known to be of a wall needs none.
 
     Args:
         points: (N, 3), in meters, in the world frame, in any order; or (N, 6), each
@@ -139,6 +141,7 @@ def find_cylinders_in_points(
         inside=np.array([one.candidate.support.is_inside for one in detections], bool),
         planes=_planes(cloud, planes),
         num_searched=len(cloud),
+        on_lines=cloud.on_lines,
     )
 
 

@@ -133,6 +133,20 @@ def test_normals_and_a_range_of_radii_are_taken(cloud):
     assert float(fit.cylinder.radius) == pytest.approx(0.1, abs=1e-3)
 
 
+@pytest.mark.parametrize(("num_rings", "is_said"), [(10, True), (100, False)])
+def test_lines_of_a_scan_that_are_too_far_apart_are_told(num_rings, is_said):
+    # Nothing is found on rings a radius apart, and nothing said why.
+    side, slope = np.linspace(-1.2, 1.2, 60), np.linspace(0, 0.3, num_rings)
+    angle, slope = np.meshgrid(side, slope)
+    x, y = 0.1 * np.sin(angle), 3 - 0.1 * np.cos(angle)
+    points = np.stack([x, y, slope * np.hypot(x, y)], axis=-1).reshape(-1, 3)
+    points *= 1 + np.random.default_rng(0).normal(0, 0.001, (len(points), 1))
+    found = ij.find_cylinders_in_points(points, np.zeros(3))
+    assert len(found) == (0 if is_said else 1)
+    assert ("lines of a scan that are too far apart" in str(found)) is is_said
+    assert (found.on_lines > 0.6) is is_said
+
+
 def test_a_floor_alone_holds_nothing(cloud):
     points, owner = cloud
     found = ij.find_cylinders_in_points(points[owner == 0], ORIGIN)
