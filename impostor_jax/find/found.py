@@ -173,8 +173,8 @@ class FoundInPoints(AbstractFound):
         planes: The m planes that were taken away. They face the viewpoint, where it is
             known.
         num_searched: Points that were searched: of a larger cloud one of each voxel.
-        on_lines: Part of them whose neighbors are all of one line of a scan, where the
-            viewpoint is known: these are no part of any wall.
+        on_lines: Part of them whose neighbors are all of one line of a scan, so that no
+            wall shows at them; 0 where the viewpoint is not known.
     """
 
     fits: tuple[Fit, ...]

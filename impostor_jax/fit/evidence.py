@@ -210,6 +210,7 @@ def reading_terms(
         grazing &= jnp.abs(reach - chord) < OUTLIER * sigma
         steadiness, is_skewed = 1.0, grazing
         missed = jnp.maximum(-seen.square, 0) / (MISSED * sigma * sigma)
+        widening = SQUARE_WIDTH / (1 + missed * missed)
     else:
         moved = computed_once(
             lambda: moved_rays(
@@ -219,8 +220,8 @@ def reading_terms(
         weight, squares = jnp.where(used, moved.weight, 0), moved.squares
         steadiness, is_skewed = moved.steadiness, moved.is_skewed
         grazing = ~seen.on_cap & ~coarse
-        # There a ray that misses has erred.
-        missed = jnp.zeros_like(weight)
+        # A ray that misses has erred.
+        widening = SQUARE_WIDTH
         seen = jax.tree.map(partial(jnp.where, grazing), moved.passing, seen)
         chord = safe_sqrt(seen.square)
     # The standard deviation of the difference of squares, over twice sigma.
@@ -237,9 +238,7 @@ def reading_terms(
     terms = Terms(
         augmented=_stacked([part * weight for part in (*gradient, error)]),
         weight=weight,
-        widening=jnp.where(
-            grazing & is_skewed, SQUARE_WIDTH / (1 + missed * missed), 1.0
-        ).astype(weight.dtype),
+        widening=jnp.where(grazing & is_skewed, widening, 1.0).astype(weight.dtype),
         end=blank,
     )
     follows = jnp.where(grazing, jnp.abs(2 * chord * per_square), 1)

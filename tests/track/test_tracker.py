@@ -290,6 +290,7 @@ def test_images_that_average_over_their_pixels_draw_no_radius_in():
     assert abs(error) < 3 * float(track.std.radius)
 
 
+@FULL
 def test_without_sigma_it_is_measured():
     tracker = ij.Tracker(CAMERA)
     assert tracker.noise is None
