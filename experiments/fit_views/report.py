@@ -1,4 +1,4 @@
-"""The table of the README from results.json."""
+"""The tables of the README from results.json."""
 
 __all__ = ["COMPARED", "tables"]
 
@@ -24,11 +24,28 @@ COLUMNS = [
     ),
 ]
 
+OF_POSES = [
+    Column("failures", "failures", ""),
+    Column("beyond 4 deviations, %", "beyond", ".1f", 100),
+    Column("radius: error, um", "radius.rms", ".1f", 1e6),
+    Column("center across: error, um", "center_first.rms", ".0f", 1e6),
+]
+
 
 def tables(results: Results) -> str:
-    """Errors, their ratio to the bound, biases and intervals, by views and noise."""
+    """Errors by views and noise, beside the bound; and where poses err."""
     rows = [
-        [*case.split(".")[1:], *(column.cell(results, case) for column in COLUMNS)]
+        [*case.split(".")[1:], *_cells(COLUMNS, results, case)]
         for case in results.cases("views.", ".failures")
     ]
-    return table(["views", "noise", *(column.head for column in COLUMNS)], rows)
+    of_views = table(["views", "noise", *(column.head for column in COLUMNS)], rows)
+    rows = [
+        [*case.split(".", 1)[1].rsplit(".", 1), *_cells(OF_POSES, results, case)]
+        for case in results.cases("poses.", ".failures")
+    ]
+    heads = ["poses err by", "told", *(column.head for column in OF_POSES)]
+    return f"{of_views}\n\n{table(heads, rows)}"
+
+
+def _cells(columns: list[Column], results: Results, case: str) -> list[str]:
+    return [column.cell(results, case) for column in columns]

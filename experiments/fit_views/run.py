@@ -4,6 +4,7 @@ __all__ = ["Config", "measure"]
 
 import dataclasses
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 
@@ -19,6 +20,15 @@ NOISE = {"1mm": 1e-3, "3mm": 3e-3}
 
 COUNTS = (1, 2, 4)
 """Views, evenly around the can."""
+
+POSES = {"0.1mm": (1e-4, 2e-4), "0.5mm": (5e-4, 1e-3)}
+"""What poses err by, in meters and radians."""
+
+TOLD = {"as they err": True, "nothing": None, "exact": (0.0, 0.0)}
+"""What is told of them: what they err by, if True."""
+
+BEYOND = 4.0
+"""Deviations from which a coordinate is wrong."""
 
 BOUNDED = 10
 """One of so many cans whose bound is computed: it hardly differs between them."""
@@ -43,6 +53,35 @@ def measure(config: Config) -> Iterator[Metric]:
             rng = np.random.default_rng(config.seed)
             cans = [draw_around(count, sigma, rng) for _ in range(config.seeds)]
             yield from _compared(f"views.{count}.{noise}", cans)
+    for label, off in list(POSES.items())[:some]:
+        rng = np.random.default_rng(config.seed)
+        cans = [draw_around(2, NOISE["1mm"], rng) for _ in range(config.seeds)]
+        cans = [around.off(*off, rng) for around in cans]
+        for told, pose_sigma in TOLD.items():
+            how = off if pose_sigma is True else pose_sigma
+            yield from _with_poses_off(f"poses.{label}.{told}", cans, how)
+
+
+def _with_poses_off(
+    label: str, cans: list[Around], pose_sigma: Any
+) -> Iterator[Metric]:
+    """What is wrong by how much where poses err, and does not say so."""
+    errors, beyond = [], 0
+    for around in cans:
+        fit = around.fit(pose_sigma=pose_sigma)
+        if fit.success:
+            off = error(fit.cylinder, around.can)
+            deviations = np.sqrt(np.diagonal(np.asarray(fit.covariance)))
+            beyond += bool(np.any(np.abs(off) > BEYOND * deviations))
+            errors.append(off)
+    failures = len(cans) - len(errors)
+    yield Metric(f"{label}.failures", failures, None, "cans", "lower", len(cans))
+    share = beyond / len(errors) if errors else None
+    yield Metric.share(f"{label}.beyond", share, len(errors), "lower")
+    for name in ("radius", "center_first"):
+        off = np.array(errors).reshape(len(errors), -1)
+        k = CYLINDER.coordinates.index(name)
+        yield rmse(f"{label}.{name}.rms", off[:, k], "m")
 
 
 def _compared(label: str, cans: list[Around]) -> Iterator[Metric]:

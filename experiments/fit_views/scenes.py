@@ -3,7 +3,10 @@
 __all__ = ["Around", "draw_around"]
 
 import dataclasses
+from typing import Any
 
+import equinox as eqx
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
@@ -18,6 +21,7 @@ from experiments.scenes import (
     make_view,
     with_noise,
 )
+from impostor_jax.geometry.frames import moved_by
 
 RAISED = (15.0, 40.0)
 """Angles in degrees by which a camera is above the can, or below it."""
@@ -31,8 +35,13 @@ class Around:
     views: list[View]
     cameras: list[ij.PinholeCamera]
 
-    def fit(self, plainly: bool = False) -> ij.Fit:
-        """Fit what was read, or what would be without noise."""
+    def fit(self, plainly: bool = False, pose_sigma: Any = (0.0, 0.0)) -> ij.Fit:
+        """Fit what was read, or what would be without noise.
+
+        Args:
+            plainly: Whether without.
+            pose_sigma: As of `fit_cylinder`; of exact poses by default.
+        """
         depths = [view.depth for view in self.views]
         if plainly:
             depths = [_read(self.can, camera)[0] for camera in self.cameras]
@@ -42,7 +51,25 @@ class Around:
             mask=[view.mask for view in self.views],
             sigma=self.views[0].sigma,
             initial=self.can if plainly else None,
+            pose_sigma=pose_sigma,
         )
+
+    def off(self, place: float, turn: float, rng: np.random.Generator) -> "Around":
+        """The same by cameras of which a caller knows the poses only about.
+
+        Args:
+            place: Standard deviation along each axis of a camera, in meters.
+            turn: The same of a rotation about each, in radians.
+            rng: Of the draws.
+        """
+        told = []
+        for camera in self.cameras:
+            motion = rng.normal(0, np.repeat([turn, place], 3))
+            pose = camera.camera_from_world
+            assert pose is not None
+            pose = moved_by(jnp.asarray(motion)) @ pose
+            told.append(eqx.tree_at(lambda c: c.camera_from_world, camera, pose))
+        return dataclasses.replace(self, cameras=told)
 
     def bound(self, reachable: bool = False) -> Float[np.ndarray, " k"]:
         """Of the depths of all views.

@@ -101,6 +101,9 @@ class FitCommand:
     views: Path | None = None
     """JSON file that makes the images views of one object, with one fit to all: a list
     of 4 x 4 matrices, from the world to the camera, one for each image."""
+    pose_sigma: tuple[float, float] | None = None
+    """What these poses are off by: standard deviations of the camera's place, in
+    meters, and of its rotation, in radians; 0 0 if they are exact."""
     output: Path = Path(".")
     """Folder that the files are written to."""
     json: Path | None = None
@@ -151,6 +154,8 @@ class FitCommand:
         ):
             if is_given and (self.camera is None or self.labels):
                 raise ValueError(f"{flag} must be given with --camera, not --labels")
+        if self.pose_sigma is not None and self.views is None:
+            raise ValueError("--pose-sigma must be given with --views")
         if self.silhouette and (self.mask or self.views or self.page):
             raise ValueError(
                 "--silhouette must not be given with --mask, --views, --page"
@@ -238,6 +243,8 @@ class FitCommand:
         }
         if self.origin is not None:
             asked["origin"] = self.origin
+        if self.pose_sigma is not None:
+            asked["pose_sigma"] = self.pose_sigma
         return FitTask(asked, self.shape, self.test_taper, self.test_bore)
 
 

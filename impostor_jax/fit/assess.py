@@ -19,7 +19,7 @@ from impostor_jax.fit.deviations import are_numbers, deviations_of, open_where_u
 from impostor_jax.fit.inliers import Compared, Inliers, compared, inliers_of
 from impostor_jax.fit.posterior import cost_of, explains, hidden_pixels
 from impostor_jax.fit.problem import Problem, View
-from impostor_jax.fit.result import DISAGREEING, Fit
+from impostor_jax.fit.result import DISAGREEING, Fit, PoseErrors
 from impostor_jax.fit.solve import Solution
 from impostor_jax.fit.status import STATUSES, FitStatus, code_of_first
 from impostor_jax.numerics import product, safe_divide
@@ -107,7 +107,7 @@ def assess(problem: Problem, solution: Solution, correlated: bool) -> Assessment
         solution: The estimate.
         correlated: Whether the covariance allows for correlated residuals.
     """
-    settings = problem.settings
+    settings, problem = problem.settings, problem.with_poses(solution.off)
     # The axis is signed so that its largest component in the world is positive.
     sign = problem.in_world(solution.body).sign
     estimate = solution.body.reversed(jnp.where(settings.keep_ends, 1, sign))
@@ -172,6 +172,7 @@ def assess(problem: Problem, solution: Solution, correlated: bool) -> Assessment
         alternatives=no_alternatives(world.shape),
         across=across_found(problem, told.bodies, told.of_views, errors.repeats),
         form=errors.form,
+        pose_errors=_pose_errors(problem, errors),
     )
     hides = hidden_pixels(problem, estimate)
     cost = cost_of(problem, estimate, told.of_views, hides)
@@ -195,6 +196,22 @@ def assess(problem: Problem, solution: Solution, correlated: bool) -> Assessment
         residual=problem.apart(meters),
         marks=problem.apart(marks),
     )
+
+
+def _pose_errors(problem: Problem, errors: Uncertainty) -> PoseErrors | None:
+    """What poses are off by, and how well that is known; None of exact ones."""
+    poses = problem.poses
+    if not poses:
+        return None
+    value, sigma = (
+        jnp.stack([getattr(x, of) for x in poses]) for of in ("total", "sigma")
+    )
+    variance = jnp.sum(errors.root**2, axis=1)[-value.size :]
+    # What would be left of the variance of each in deviations, which was 1.
+    left = jnp.diagonal(errors.independent)[-value.size :]
+    freedom = jnp.sum(jnp.maximum(1 - left, 0))
+    std = sigma * jnp.sqrt(variance).reshape(value.shape)
+    return PoseErrors(value, std, freedom)
 
 
 def _agrees(
@@ -284,7 +301,7 @@ def _is_as_flat(problem: Problem, told: Compared, on: Inliers) -> Bool[Array, ""
 
 def _towards(view: View) -> Float[Array, "3 n"]:
     """Readings in the first view's frame, over their depths; 0 where there is none."""
-    pixels, move = view.pixels, view.from_first
+    pixels, move = view.pixels, view.from_shared
     d, start = pixels.direction, pixels.start
     if move is None and start is None:
         return jnp.stack([d.x, d.y, d.z])

@@ -72,14 +72,22 @@ def between_views(
         tells: Which readings count.
         into: Tangent coordinates that each free coordinate moves, one a row.
         root: Of the covariance of the free coordinates, as of `covariance_root`.
-        others: Pull of all else on them.
+        others: Pull on them of all else but what is believed of poses.
         variance: Of the whitened residuals.
     """
     told = jnp.where(tells[None], augmented, 0)
     departed = told.at[-1].set(jnp.where(tells, unexplained, 0))
 
+    poses = problem.poses
+    num_seen = len(into) - sum(pose.off.size for pose in poses)
+    # A view says what it does at a pose that it may have.
+    beliefs = [variance * pose.belief(num_seen) for pose in poses]
+
     def parts_of(rows: Float[Array, "k n"]) -> list[Float[Array, "m m"]]:
-        return [in_coordinates(product(x, x.T), into) for x in problem.apart(rows)]
+        told = [in_coordinates(product(x, x.T), into) for x in problem.apart(rows)]
+        return (
+            [x + own for x, own in zip(told, beliefs, strict=True)] if poses else told
+        )
 
     parts, of_form = parts_of(told), parts_of(departed)
     chi2, chi2_of_form = (

@@ -34,7 +34,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 from typing_extensions import override
 
-from impostor_jax.geometry.frames import RigidTransform
+from impostor_jax.geometry.frames import RigidTransform, moved_by
 from impostor_jax.geometry.rays import Ray
 from impostor_jax.geometry.vec3 import Vec3
 from impostor_jax.numerics import Numbers, product, safe_sqrt
@@ -461,6 +461,33 @@ class AbstractBody(eqx.Module):
         Args:
             target_from_source: To the frame that the body is `transformed` to.
         """
+
+    def rigid_moves(self) -> Float[Array, "6 c"]:
+        """Tangent coordinates by which a turn and a shift of all that is seen move it.
+
+        One a row: of turns about the axes of its frame, in radians, and of shifts along
+        these, in meters.
+        """
+        free = self.free_directions(())
+        dtype = self.center.dtype
+
+        def leaves(body: AbstractBody) -> Float[Array, " m"]:
+            return jnp.concatenate([jnp.ravel(x) for x in jax.tree.leaves(body)])
+
+        def moved(by: Float[Array, "6"]) -> Float[Array, " m"]:
+            return leaves(self.transformed(moved_by(by)))
+
+        def retracted(tangent: Float[Array, " c"]) -> Float[Array, " m"]:
+            return leaves(self.retracted(tangent, free))
+
+        by_tangent = jax.jacfwd(retracted)(jnp.zeros(len(free), dtype))
+        by_motion = jax.jacfwd(moved)(jnp.zeros(6, dtype))
+        own = product(by_tangent.T, by_tangent)
+        # A tip has no radius to change.
+        own += jnp.diag(jnp.where(jnp.diagonal(own) > 0, 0, 1).astype(dtype))
+        return jax.scipy.linalg.solve(
+            own, product(by_tangent.T, by_motion), assume_a="pos"
+        ).T
 
     @abc.abstractmethod
     def magnified(self, change: Numbers) -> "AbstractBody":

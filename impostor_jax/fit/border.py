@@ -16,6 +16,7 @@ from jaxtyping import Bool, Float
 
 from impostor_jax.fit.averaged import without_averaged
 from impostor_jax.fit.body import AbstractBody
+from impostor_jax.fit.camera_poses import at_poses
 from impostor_jax.fit.learned import SPEAKS
 from impostor_jax.fit.regions import SQUARE
 from impostor_jax.fit.result import AGREEING, DISAGREEING, Fit
@@ -91,6 +92,7 @@ def fit_of_one_surface(
     if is_trial and whole.status in FAILED and _num_readings(seen) > MANY:
         return whole
     if whole.status.has_numbers:
+        seen = at_poses(seen, whole)
         body = going_on(kind.of(whole.shape), whole.ends_seen)
         told = without_others(seen, body, _wider(whole), is_exact)
         if any(one.unsure is not None for one in told):

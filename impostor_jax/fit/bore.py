@@ -28,6 +28,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from impostor_jax.arguments import working_precision
+from impostor_jax.camera.base import posed as posed_at
 from impostor_jax.compiling import quickly_compiled
 from impostor_jax.device import on_processor
 from impostor_jax.fit.body import AbstractBody
@@ -42,7 +43,7 @@ from impostor_jax.fit.request import (
     checked_settings,
     request_of_cylinder,
 )
-from impostor_jax.fit.result import Fit
+from impostor_jax.fit.result import Fit, PoseErrors
 from impostor_jax.fit.seen import all_shown_by, seen_by
 from impostor_jax.fit.shapes import fit_shape
 from impostor_jax.fit.text import millimeters
@@ -132,11 +133,18 @@ def test_bore(fit: Fit) -> BoreTest:
         fit_shape(asked._replace(initial=start), places=places)
         for start in _starts(request.initial)
     ]
-    tube = min(found, key=lambda one: (not one.is_shape, cost(TUBE, one.shape)))
+
+    def cost_of_tube(fit: Fit) -> float:
+        return cost(TUBE, fit.shape, fit.pose_errors)
+
+    tube = min(found, key=lambda one: (not one.is_shape, cost_of_tube(one)))
     values = tube.tube
     outer = Cylinder(values.center, values.axis, values.outer_radius, values.height)
-    solid = min(cost(CYLINDER, shape) for shape in (fit.cylinder, outer))
-    ratio = 2 * (solid - cost(TUBE, tube.shape)) / _repeats(tube)
+    solid = min(
+        cost(CYLINDER, shape, one.pose_errors)
+        for shape, one in ((fit.cylinder, fit), (outer, tube))
+    )
+    ratio = 2 * (solid - cost_of_tube(tube)) / _repeats(tube)
     is_seen = np.isfinite(float(tube.std.inner_radius))
     statistic = jnp.asarray(max(ratio, 0.0) if is_seen else 0.0, tube.rms.dtype)
     above = jax.scipy.special.erfc(jnp.sqrt(statistic / 2)) / 2
@@ -176,9 +184,12 @@ def _costs(request: FitRequest) -> Any:
     effort = options.effort
     world = LocalWorld.of(view.camera for view in views)
 
-    def cost(kind: Fittable, shape: Any) -> float:
+    def cost(kind: Fittable, shape: Any, errors: PoseErrors | None) -> float:
         with working_precision(effort.precision, request.values) as converted:
             cameras = [view.camera for view in views]
+            if errors is not None:
+                poses = errors.corrected([one.camera_from_world for one in cameras])
+                cameras = list(map(posed_at, cameras, poses))
             if world is not None:
                 shape, cameras = world.near(shape), list(map(world.seen_by, cameras))
             shape = converted(shape)

@@ -11,6 +11,7 @@ __all__ = ["BoxBody", "box_body"]
 
 import itertools
 from collections import OrderedDict
+from collections.abc import Sequence
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -253,7 +254,11 @@ class BoxBody(AbstractAxislessBody):
     def end_shown(self, passing: Passing, depth: Numbers, slack: Numbers) -> Numbers:
         normal = self._seen(passing.local, passing.outside)
         face = normal.x + 2 * normal.y + 3 * normal.z
-        return jnp.where(passing.rim < passing.cap_radius, face, 0)
+        # Beside an edge readings may be of the other face, as where the image ends.
+        enters, leaves = zip(*self._slabs(passing.local), strict=True)
+        other = jnp.where(passing.outside, _middle(enters), _middle(leaves))
+        is_own = jnp.abs(other + passing.foot - depth) > slack
+        return jnp.where((passing.rim < passing.cap_radius) & is_own, face, 0)
 
     @override
     def outward(self, passing: Passing) -> Float[Array, "e n"]:
@@ -425,6 +430,13 @@ def _along(local: Ray) -> tuple[list[Numbers], list[Numbers]]:
 def _side(value: Numbers) -> Numbers:
     """-1 or 1."""
     return jnp.where(value < 0, -1, 1).astype(value.dtype)
+
+
+def _middle(values: Sequence[Numbers]) -> Numbers:
+    """The second of three by size."""
+    first, second, third = values
+    low, high = jnp.minimum(first, second), jnp.maximum(first, second)
+    return jnp.maximum(low, jnp.minimum(high, third))
 
 
 def _largest(values: list[Numbers]) -> Numbers:

@@ -106,7 +106,7 @@ class Budget(eqx.Module):
     * `scale`: Errors of all depths alike, in so far as no prior tells them; without
       depth, of a mask's edge all along.
     * `alignment`: What walls lean by where readings were copied to several pixels.
-    * `poses`: What views disagree by beyond their noise, as where poses err.
+    * `poses`: What poses of cameras err by, and what views disagree by beyond that.
     * `outline`: The place of the ends, and of a silhouette, in the image.
     * `prior`: What was expected beforehand.
     * `form`: That a wall departs from the shape's, where the readings say so.

@@ -42,8 +42,10 @@ class FreeCoordinates(NamedTuple):
     Attributes:
         body: The estimate in the first view's frame, up to where it is seen.
         world: The same in the world.
-        into: Tangent coordinates of the estimate that each free one moves, one a row;
-            none that the sensor's scale moves, which comes last where it has one.
+        into: Coordinates of the estimate, as of `View.coordinates`, that each free one
+            moves, one a row: the body's, then the sensor's scale where it has one,
+            which moves none, then what poses are off by.
+        num_own: How many the body's are.
         change: Derivative of the world's `readout`.
         known: Derivative of the prior's residuals.
     """
@@ -51,6 +53,7 @@ class FreeCoordinates(NamedTuple):
     body: AbstractBody
     world: AbstractBody
     into: Float[Array, "c t"]
+    num_own: int
     change: Readout
     known: Float[Array, "p c"]
 
@@ -75,10 +78,14 @@ def free_coordinates(
     leans = jnp.concatenate([others, on.ends_seen])
     leans = jnp.where(leans, 1, 0).astype(basis.dtype)
     into = product(basis.T * leans[None], carried)
-    num_moves = len(into)
+    num_own = len(into)
     if bias.scales:
         # What the sensor shows may be larger, and no reading tells.
         into = jnp.pad(into, ((0, 1), (0, 0)))
+    num_seen = len(into)
+    if problem.off is not None:
+        poses = jnp.eye(problem.off.size, dtype=into.dtype)
+        into = jax.scipy.linalg.block_diag(into, poses)
 
     def in_world(
         body: AbstractBody, larger: Float[Array, " s"] | None = None
@@ -94,15 +101,16 @@ def free_coordinates(
     world = in_world(body)
 
     def read(free: Float[Array, " c"]) -> tuple[Readout, Float[Array, " p"]]:
-        moved = body.retracted(product(basis, free[:num_moves]), settings.free)
-        told = in_world(moved, free[num_moves:]).readout(world, on.ends_seen)
+        moved = body.retracted(product(basis, free[:num_own]), settings.free)
+        larger = free[num_own:num_seen]
+        told = in_world(moved, larger).readout(world, on.ends_seen)
         return told, prior_residuals(prior, moved, bias)
 
     change, known = jax.jacfwd(read)(jnp.zeros(len(into), basis.dtype))
     # What is held stays, whatever moves the place at which it is read.
     for name in filter(change.__contains__, settings.held):
         change[name] = jnp.where(settings.held[name], 0, change[name])
-    return FreeCoordinates(body, world, into, change, known)
+    return FreeCoordinates(body, world, into, num_own, change, known)
 
 
 class Uncertainty(NamedTuple):
@@ -118,6 +126,7 @@ class Uncertainty(NamedTuple):
         border_chi2: By how much readings at the border pull elsewhere.
         form: Of the wall.
         between: What the views say, each against the others; None of one.
+        independent: Covariance if each reading errs by itself.
     """
 
     root: Float[Array, "c c"]
@@ -128,6 +137,7 @@ class Uncertainty(NamedTuple):
     border_chi2: Float[Array, ""]
     form: Form
     between: BetweenViews | None
+    independent: Float[Array, "c c"]
 
 
 def uncertainty_of(
@@ -198,9 +208,14 @@ def uncertainty_of(
     def sandwich() -> Float[Array, "c c"]:
         return sandwich_root(root, _sum_of(parts.values()), LEAST_LEFT)
 
+    def wider_by(root: Float[Array, "c c"]) -> Float[Array, ""]:
+        # Of what is seen: poses are known as well as they are, whatever readings say.
+        seen = len(into) - (0 if problem.off is None else problem.off.size)
+        return _wider(root[:seen], independent[:seen, :seen])
+
     def wider_without(name: str) -> Float[Array, ""]:
         left = _sum_of(parts.values()) - explained[name]
-        return _wider(sandwich_root(root, left, LEAST_LEFT), independent)
+        return wider_by(sandwich_root(root, left, LEAST_LEFT))
 
     whole, wider = root, jnp.ones_like(variance)
     if shares_errors or learns:
@@ -208,7 +223,7 @@ def uncertainty_of(
     if shares_errors:
         # Errors that neighbors share let a part pull harder by as much as they widen
         # the standard deviations.
-        wider = _wider(whole, independent)
+        wider = wider_by(whole)
     border_chi2, repeats = alone.border_chi2 / wider, variance * wider
     if between is not None and shares_errors:
         # Those within a view: where views disagree, neighbors seem to share an error.
@@ -226,7 +241,7 @@ def uncertainty_of(
         # What looks like another form may be poses that err.
         least = jnp.where(form.departs, DISAGREEING, DOUBTED)
         may_err = (between.chi2 >= least) | (between.chi2_of_form >= DOUBTED)
-        parts["poses"] = jnp.where(may_err, between.spread, 0)
+        parts["poses"] += jnp.where(may_err, between.spread, 0)
     if departures is not None or between is not None:
         whole = sandwich()
     is_stray = strays(on.inlier, told.readings.used, told.beside)
@@ -239,6 +254,7 @@ def uncertainty_of(
         border_chi2=jnp.where(is_stray, jnp.inf, border_chi2),
         form=form,
         between=between,
+        independent=independent,
     )
 
 
@@ -251,7 +267,8 @@ class _Independent(NamedTuple):
         covariance: That itself.
         directions: As `covariance_root` returns them.
         is_free: Which of them the image leaves free.
-        of_others: Pull of all but the readings on the free coordinates.
+        of_others: Pull of all but the readings, and what is believed of poses, on the
+            free coordinates.
         pull: Of all.
         border_chi2: By how much readings at the border pull elsewhere.
     """
@@ -274,18 +291,24 @@ def _independent(
     of_all = _products(terms, on.tells, into)
     of_border = _products(terms, on.tells & (told.beside > 0), into)
     of_edges = _products(told.edges, on.crossing, into)
-    is_scale = np.arange(len(into)) >= len(into) - bool(bias.scales)
+    number = np.arange(len(into))
+    is_scale = (number == free.num_own) & bool(bias.scales)
+    is_pose = number >= free.num_own + bool(bias.scales)
     # Each is what its errors pull by, too.
     parts = {
         "noise": of_all[:-1, :-1] / variance,
         "outline": of_edges[:-1, :-1],
         "prior": product(known.T, known),
         "scale": jnp.diag(jnp.where(is_scale, 1.0, 0.0)),
+        "poses": jnp.diag(jnp.where(is_pose, 1.0, 0.0)),
     }
     root, directions, is_free = covariance_root(_sum_of(parts.values()))
     of_others = product(known.T, prior_residuals(problem.prior, free.body, bias))
     of_others += of_edges[:-1, -1] / variance
     pull = of_others + of_all[:-1, -1] / variance
+    if problem.off is not None:
+        off = jnp.concatenate([pose.known + pose.off for pose in problem.poses])
+        pull = pull.at[-len(off) :].add(off)
     covariance = product(root, root.T)
     return _Independent(
         parts=parts,
@@ -362,7 +385,7 @@ def _of_bias(
 
 
 def _wider(
-    root: Float[Array, "c c"], independent: Float[Array, "c c"]
+    root: Float[Array, "s c"], independent: Float[Array, "s s"]
 ) -> Float[Array, ""]:
     """Mean factor on variances beside those of `independent` readings, at least 1."""
     variance = jnp.diagonal(independent)

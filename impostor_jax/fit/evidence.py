@@ -538,7 +538,7 @@ def _in_phase(
 def joined_terms(
     terms: Sequence[Terms], views: Sequence[View], body: AbstractBody
 ) -> Terms:
-    """Terms of several views, one after the other, in coordinates of the first.
+    """Terms of several views, one after the other, in coordinates of the estimate.
 
     Args:
         terms: Of each view, as its own body has them.
@@ -556,7 +556,7 @@ def joined_readings(
     readings: Sequence[Readings], views: Sequence[View], body: AbstractBody
 ) -> Readings:
     """The same of what readings say."""
-    if len(readings) == 1:
+    if len(views) == 1 and views[0].from_shared is None:
         return readings[0]
     terms = joined_terms([own.terms for own in readings], views, body)
     # Rays of one view begin in one plane.

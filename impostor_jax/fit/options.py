@@ -35,6 +35,7 @@ class Options:
     scale: Scale = "estimated"
     errors: Errors | None = None
     effort: Effort = EFFORTS["balanced"][1]
+    pose_sigma: Any = None
 
     def __post_init__(self) -> None:
         if isinstance(self.fixed, str):

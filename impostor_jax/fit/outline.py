@@ -85,6 +85,10 @@ def fit_outline(request: FitRequest) -> Fit:
             "camera must be one PinholeCamera where depth is None, got "
             f"{type(camera).__name__}"
         )
+    if options.pose_sigma is not None:
+        raise ValueError(
+            "pose_sigma must be None where depth is None: one image is all there is"
+        )
     check_types(kind.shape, camera, initial)
     if not is_concrete(request.values):
         raise ValueError(

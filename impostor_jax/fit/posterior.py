@@ -66,6 +66,7 @@ def cost_of(
     cost = MISSED_LOSS * hidden + sum(problem.of_each(loss, readings))
     known = prior_residuals(problem.prior, body, problem.bias)
     cost += jnp.sum(known**2) / 2
+    cost += sum(jnp.sum((pose.known + pose.off) ** 2) for pose in problem.poses) / 2
     # Readings without weight would let a body pass that is made of no numbers.
     return jnp.where(all_finite(body) & jnp.isfinite(cost), cost, jnp.inf)
 

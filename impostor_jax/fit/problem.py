@@ -14,6 +14,8 @@ __all__ = [
     "Lattice",
     "Mask",
     "Pixels",
+    "PoseBelief",
+    "PoseError",
     "Problem",
     "RayList",
     "Settings",
@@ -37,7 +39,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from impostor_jax.fit.body import AbstractBody, FreeDirections, Rays
 from impostor_jax.fit.prior import Prior
-from impostor_jax.geometry.frames import RigidTransform
+from impostor_jax.geometry.frames import RigidTransform, moved_by
 from impostor_jax.geometry.vec3 import Vec3
 from impostor_jax.numerics import Numbers, eps, product
 from impostor_jax.sensor.base import AbstractDepthNoise
@@ -190,6 +192,24 @@ class Lattice(NamedTuple):
     stride: Int[Array, ""] | Int[np.ndarray, ""]
 
 
+class PoseBelief(NamedTuple):
+    """What is known of the pose of a camera.
+
+    Attributes:
+        sigma: Standard deviations of what the one that was given is off by: of a turn
+            about each axis of the camera, in radians, and of a shift along each, in
+            meters.
+        known: What it is taken to be off by already, in these.
+    """
+
+    sigma: Float[Array, "6"] | Float[np.ndarray, "6"]
+    known: Float[Array, "6"] | Float[np.ndarray, "6"]
+
+    def grown(self, times: float) -> "PoseBelief":
+        """The same of one that errs by more, and is off by as much."""
+        return PoseBelief(self.sigma * times, self.known / times)
+
+
 class Table(NamedTuple):
     """All that an image shows of an object.
 
@@ -215,6 +235,7 @@ class Table(NamedTuple):
         pixel: Distance of neighboring rays over the depth.
         camera_from_world: Pose of the camera.
         noise: Of the readings.
+        pose: What that may be off by; None where it is exact.
     """
 
     rays: RayList
@@ -231,6 +252,7 @@ class Table(NamedTuple):
     pixel: Float[Array, ""] | Float[np.ndarray, ""]
     camera_from_world: RigidTransform
     noise: AbstractDepthNoise
+    pose: PoseBelief | None = None
 
 
 class Inputs(eqx.Module):
@@ -247,6 +269,52 @@ class Inputs(eqx.Module):
     settings: Settings
     tables: tuple[Table, ...]
     kernel: str = eqx.field(static=True)
+
+
+class PoseError(eqx.Module):
+    """What the pose of a view is off by: coordinates of a fit, beside those of a body.
+
+    Attributes:
+        sigma: As of `PoseBelief`, like the next one.
+        known: Of this view.
+        off: What it is off by beyond that, in deviations.
+        own: 1 at the number of this view, 0 at those of the others.
+    """
+
+    sigma: Float[Array, "6"]
+    known: Float[Array, "6"]
+    off: Float[Array, "6"]
+    own: Float[Array, " v"]
+
+    @property
+    def correction(self) -> RigidTransform:
+        """From the frame of the camera at the pose of its table to its own."""
+        return moved_by(self.sigma * self.off)
+
+    @property
+    def total(self) -> Float[Array, "6"]:
+        """What the pose that was given is off by, in radians and meters."""
+        return self.sigma * (self.known + self.off)
+
+    def moves(self, body: AbstractBody) -> Float[Array, "p c"]:
+        """Tangent coordinates by which the errors of all views move a body in this one.
+
+        Args:
+            body: In the view's frame.
+        """
+        moves = self.sigma[:, None] * body.rigid_moves()
+        return (self.own[:, None, None] * moves[None]).reshape(-1, moves.shape[1])
+
+    def belief(self, before: int) -> Float[Array, "k k"]:
+        """Products of terms of [gradient, residual] that say how large they may be.
+
+        Args:
+            before: Coordinates that come before those of poses.
+        """
+        own = jnp.repeat(self.own, len(self.off))
+        off = own * jnp.tile(self.known + self.off, len(self.own))
+        told = jnp.block([[jnp.diag(own), off[:, None]], [off, jnp.sum(off**2)]])
+        return jnp.pad(told, ((before, 0), (before, 0)))
 
 
 class View(eqx.Module):
@@ -266,7 +334,9 @@ class View(eqx.Module):
         pixel: Distance of neighboring rays over the depth.
         noise: Of the readings.
         world_from_camera: Inverse of the camera's pose.
-        from_first: To its frame from that of the first view; None of a single one.
+        from_first: To its frame from that of the first view, as poses were given; None
+            of a single one.
+        pose: What its pose is off by; None where it is exact.
     """
 
     pixels: Pixels
@@ -283,31 +353,56 @@ class View(eqx.Module):
     noise: AbstractDepthNoise
     world_from_camera: RigidTransform
     from_first: RigidTransform | None
+    pose: PoseError | None
+
+    @property
+    def from_shared(self) -> RigidTransform | None:
+        """To its frame from that of the estimate, which is the first's as it was given.
+
+        None of a single view whose pose is exact.
+        """
+        if self.pose is None:
+            return self.from_first
+        own = self.pose.correction
+        return own if self.from_first is None else own @ self.from_first
 
     def own(self, body: AbstractBody) -> AbstractBody:
-        """A body of the first view's frame in that of this one."""
-        return body if self.from_first is None else body.transformed(self.from_first)
+        """The estimate in the frame of this view."""
+        move = self.from_shared
+        return body if move is None else body.transformed(move)
+
+    def coordinates(self, body: AbstractBody) -> Float[Array, "k c"] | None:
+        """Tangent coordinates of its `own` body that those of the estimate move.
+
+        Those of the body first, and then those of what poses are off by, one a row;
+        None where they are the same.
+        """
+        move = self.from_shared
+        if move is None:
+            return None
+        into = body.carried(move)
+        if self.pose is None:
+            return into
+        return jnp.concatenate([into, self.pose.moves(body.transformed(move))])
 
     def told(
         self, terms: Float[Array, "k n"], body: AbstractBody
-    ) -> Float[Array, "k n"]:
-        """Gradients and residuals in tangent coordinates of the first view's frame.
+    ) -> Float[Array, "m n"]:
+        """Gradients and residuals in the `coordinates` of the estimate.
 
         Args:
             terms: In those of the `own` body, as of `Terms.augmented`.
-            body: In the first view's frame.
+            body: The estimate.
         """
-        if self.from_first is None:
-            return terms
-        return product(_with_residual(body.carried(self.from_first)), terms)
+        into = self.coordinates(body)
+        return terms if into is None else product(_with_residual(into), terms)
 
     def products_told(
         self, products: Float[Array, "k k"], body: AbstractBody
-    ) -> Float[Array, "k k"]:
+    ) -> Float[Array, "m m"]:
         """The same of products of such terms, summed up."""
-        if self.from_first is None:
-            return products
-        return in_coordinates(products, body.carried(self.from_first))
+        into = self.coordinates(body)
+        return products if into is None else in_coordinates(products, into)
 
 
 def in_coordinates(
@@ -368,6 +463,29 @@ class Problem(eqx.Module):
         """Of the sensor, if all rays begin in one place; none otherwise."""
         return self.views[0].noise.bias if self.is_central else Bias()
 
+    @property
+    def poses(self) -> list[PoseError]:
+        """What those of its views are off by; none where all are exact."""
+        return [view.pose for view in self.views if view.pose is not None]
+
+    @property
+    def off(self) -> Float[Array, "v 6"] | None:
+        """As of `PoseError`, of each view; None where all poses are exact.
+
+        As coordinates of a fit they come after those of a body.
+        """
+        return jnp.stack([pose.off for pose in self.poses]) if self.poses else None
+
+    def with_poses(self, off: Float[Array, "v 6"] | None) -> "Problem":
+        """The same with poses that are off by so much."""
+        if off is None:
+            return self
+        views = [
+            _with_pose(view, own) for view, own in zip(self.views, off, strict=True)
+        ]
+        together = self.together and _with_pose(self.together, off)
+        return dataclasses.replace(self, views=tuple(views), together=together)
+
     def in_world(self, body: AbstractBody) -> AbstractBody:
         """A body of the first view's frame in that of the world."""
         return body.transformed(self.views[0].world_from_camera)
@@ -402,7 +520,11 @@ def posed(inputs: Inputs) -> Problem:
     tables, settings = inputs.tables, inputs.settings
     first = tables[0].camera_from_world
     is_single = len(tables) == 1
-    views = tuple(_view_of(one, None if is_single else first) for one in tables)
+    count = len(tables)
+    views = tuple(
+        _view_of(one, None if is_single else first, k, count)
+        for k, one in enumerate(tables)
+    )
     dtype = views[0].pixels.depth.dtype
     counts, weights, footprints = zip(*map(_summed, views), strict=True)
     count = jnp.maximum(sum(counts[1:], counts[0]), 1).astype(dtype)
@@ -423,6 +545,10 @@ def posed(inputs: Inputs) -> Problem:
     )
 
 
+def _with_pose(view: View, off: Float[Array, "*v 6"]) -> View:
+    return eqx.tree_at(lambda v: v.pose.off, view, off)
+
+
 def _together(views: Sequence[View]) -> View | None:
     """Views along a first axis; None where they are not of one form."""
     bare = [dataclasses.replace(view, lattice=None) for view in views]
@@ -439,8 +565,15 @@ def _stacked(parts: Sequence[Any]) -> Any:
     return jax.tree.map(lambda *values: jnp.stack([*map(jnp.asarray, values)]), *parts)
 
 
-def _view_of(table: Table, first: RigidTransform | None) -> View:
-    """The view of a table; `first` is the first's pose, None where there is but one."""
+def _view_of(
+    table: Table, first: RigidTransform | None, number: int, count: int
+) -> View:
+    """The view of a table, of several if `first` is the pose of the first of them."""
+    pose = None
+    if table.pose is not None:
+        sigma, known = map(jnp.asarray, table.pose)
+        own = jnp.asarray(np.arange(count) == number, sigma.dtype)
+        pose = PoseError(sigma, known, jnp.zeros_like(known), own)
     rays, num_pixels, at_edge = table.rays, len(table.row), table.inside.shape
     num_edge = math.prod(at_edge)
     names = "row", "col", "beside", "num_blocks", "each", "pixel"
@@ -459,6 +592,7 @@ def _view_of(table: Table, first: RigidTransform | None) -> View:
         **{name: jnp.asarray(getattr(table, name)) for name in names},
         world_from_camera=table.camera_from_world.inverse(),
         from_first=first and table.camera_from_world @ first.inverse(),
+        pose=pose,
     )
 
 

@@ -50,7 +50,11 @@ class Program:
             body: Any of the kind that is fitted.
         """
         no = jnp.zeros((), bool)
-        ended = Solution(body, no, no, jnp.zeros((), jnp.int32))
+        poses = [table.pose for table in self.inputs.tables if table.pose is not None]
+        off = (
+            jnp.zeros_like(jnp.stack([pose.known for pose in poses])) if poses else None
+        )
+        ended = Solution(body, no, no, jnp.zeros((), jnp.int32), off)
         waited_for = in_background(
             lambda: _assessed().prepare(self.inputs, ended, self.correlated)
         )

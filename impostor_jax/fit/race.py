@@ -108,11 +108,12 @@ def _run_all(inputs: Inputs, starts: AbstractBody, count: Int[Array, ""]) -> End
     problem = posed(dataclasses.replace(inputs, settings=settings))
 
     def led(start: AbstractBody) -> Ends:
-        body = solve(problem, start).body
-        views = problem.views
+        found = solve(problem, start)
+        at_poses, body = problem.with_poses(found.off), found.body
+        views = at_poses.views
         bodies = [view.own(body) for view in views]
-        told = readings_of(problem, bodies, [view.noise for view in views])
-        cost = cost_of(problem, body, told, hidden_pixels(problem, body))
+        told = readings_of(at_poses, bodies, [view.noise for view in views])
+        cost = cost_of(at_poses, body, told, hidden_pixels(at_poses, body))
         joined = joined_readings(told, views, body)
         residual = jnp.where(joined.used, joined.terms.residual, 0)
         return Ends(body, cost, residual)

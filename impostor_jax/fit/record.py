@@ -33,7 +33,7 @@ def fit_record(
         taper: Its `TaperTest`, if there was one.
         bore: Its `BoreTest`, if there was one.
     """
-    gap = fit.outline_gap
+    gap, errors = fit.outline_gap, fit.pose_errors
     return {
         "version": FIT_VERSION,
         "success": bool(fit.success),
@@ -67,6 +67,11 @@ def fit_record(
             "departs": bool(fit.form.departs),
             "chi2": numbers(fit.form.chi2),
             **{name: numbers(told) for name, told in fit.form.sizes.items()},
+        },
+        "pose_errors": errors
+        and {
+            "value": numbers(errors.value),
+            "std": numbers(errors.std),
         },
         "outline_gap": gap and {name: numbers(x) for name, x in gap._asdict().items()},
         "taper": None if taper is None else _test(taper, "frustum"),

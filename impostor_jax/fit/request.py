@@ -12,6 +12,7 @@ __all__ = [
     "checked_depth",
     "checked_mask",
     "checked_noise",
+    "checked_pose_sigma",
     "checked_prior",
     "checked_readings",
     "checked_settings",
@@ -48,7 +49,7 @@ from impostor_jax.fit.fittable import CYLINDER, Fittable
 from impostor_jax.fit.options import Options
 from impostor_jax.fit.per_pixel import PerPixelNoise, noise_of_pixels, read_with
 from impostor_jax.fit.prior import Prior
-from impostor_jax.fit.problem import DepthImage, Mask, Settings
+from impostor_jax.fit.problem import DepthImage, Mask, PoseBelief, Settings
 from impostor_jax.fit.result import Fit, each_of
 from impostor_jax.numerics import safe_normalize
 from impostor_jax.primitives.base import AbstractPrimitive
@@ -336,6 +337,39 @@ def _nothing_known(parameters: tuple[str, ...], dtype: DTypeLike) -> Prior:
         size = (3,) if name in VECTORS else ()
         beliefs[name] = (np.zeros(size, dtype), np.array(np.inf, dtype))
     return Prior(**beliefs)
+
+
+def checked_pose_sigma(pose_sigma: Any, count: int) -> list[PoseBelief | None]:
+    """What is known of the poses of so many views.
+
+    Args:
+        pose_sigma: As a caller gives it.
+        count: Number of views.
+
+    Raises:
+        ValueError: It is no pair of numbers, nor one for each view.
+    """
+    if pose_sigma is None:
+        return [None] * count
+    try:
+        pairs = np.array(pose_sigma, float)
+    except (TypeError, ValueError):
+        pairs = np.array(None, float)
+    if pairs.shape not in ((2,), (count, 2)):
+        raise ValueError(
+            "pose_sigma must be standard deviations in meters and in radians, as in "
+            f"(0.0005, 0.001), or such a pair for each of {count} images, got "
+            f"{pose_sigma!r}"
+        )
+    if not (np.isfinite(pairs).all() and (pairs >= 0).all()):
+        raise ValueError(
+            f"pose_sigma must be finite and not negative, got {pose_sigma!r}"
+        )
+    if not pairs.any():
+        return [None] * count
+    of_each = np.broadcast_to(pairs, (count, 2)).astype(_own_type())
+    nothing = np.zeros(6, _own_type())
+    return [PoseBelief(np.repeat(pair[::-1], 3), nothing) for pair in of_each]
 
 
 def check_types(

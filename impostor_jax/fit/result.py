@@ -41,6 +41,7 @@ from impostor_jax.fit.pose import Pose, pose_from_camera, pose_of
 from impostor_jax.fit.record import FIT_VERSION, fit_record
 from impostor_jax.fit.status import STATUSES, FitStatus
 from impostor_jax.fit.text import as_sentence, line, millimeters, plain
+from impostor_jax.geometry.frames import RigidTransform, moved_by
 from impostor_jax.numerics import nan_where
 from impostor_jax.primitives.base import AbstractPrimitive
 from impostor_jax.primitives.box import Box
@@ -209,6 +210,36 @@ class OutlineGap(NamedTuple):
     edge_pixels: float
 
 
+class PoseErrors(eqx.Module):
+    """What the poses of several cameras are found to be off by.
+
+    Each leads from a camera's frame as it was given to its own: a turn about its axes,
+    in radians, and then a shift along them, in meters.
+
+    Attributes:
+        value: Turn and shift of each camera.
+        std: Their standard deviations.
+        freedom: How many of them the views tell, each with the part by which they take
+            from its variance.
+    """
+
+    value: Float[Array, "*batch v 6"]
+    std: Float[Array, "*batch v 6"]
+    freedom: Float[Array, "*batch"]
+
+    def corrected(self, poses: Sequence[RigidTransform | None]) -> list[RigidTransform]:
+        """The poses of the cameras as they are found to be.
+
+        Args:
+            poses: From the world to each camera, as they were given.
+        """
+        moves = map(moved_by, jnp.asarray(self.value))
+        return [
+            move if pose is None else move @ pose
+            for move, pose in zip(moves, poses, strict=True)
+        ]
+
+
 @jax.tree_util.register_pytree_node_class
 @dataclasses.dataclass(frozen=True)
 class Asked:
@@ -218,6 +249,7 @@ class Asked:
         arguments: Of a `FitRequest`, by name, once the fit has ended; None where it was
             traced, stacked, or made from another.
         measured: What is told of the noise, where no `sigma` was given.
+        poses: What is told of poses, where no `pose_sigma` was.
         doubt: What is wrong with that which was given, or may be, in words.
         is_thinned: Whether more readings were given than a fit takes.
         is_quick: Whether the answer was not doubted, as of an `Effort`.
@@ -230,6 +262,7 @@ class Asked:
 
     arguments: dict[str, Any] | None = None
     measured: str = ""
+    poses: str = ""
     doubt: str = ""
     is_thinned: bool = False
     is_quick: bool = False
@@ -308,6 +341,8 @@ class Fit(eqx.Module):
         across: What readings err by across their rays: what the noise model, or the
             points' grid, says, and what was learned from the residuals.
         form: How the wall of a cylinder or a frustum departs from one.
+        pose_errors: What the poses of several cameras are found to be off by; None
+            where they are exact.
         source: What the fit is of: "images", or "points", which show neither
             background beside an end nor an outline, or "outline", a mask without depth.
         asked: What `test_taper` and `test_bore` need; the depth image, or the mask of
@@ -335,6 +370,7 @@ class Fit(eqx.Module):
     alternatives: Alternatives
     across: AcrossRays
     form: Form
+    pose_errors: PoseErrors | None = None
     source: str = eqx.field(static=True, default="images")
     asked: Asked = dataclasses.field(default_factory=Asked, repr=False)
 
@@ -516,7 +552,7 @@ class Fit(eqx.Module):
             told.append(self.asked.measured)
         if self._counts("alignment") and not is_poor:
             told.append(ALIGNED)
-        if self._counts("poses") and not is_poor:
+        if self.pose_errors is None and self._counts("poses") and not is_poor:
             told.append(DISAGREE)
         got_lost = self.status in (FitStatus.STEP_LIMIT, FitStatus.NOT_FINITE)
         if len(self.pixelwise) > 1 and got_lost:
@@ -558,8 +594,9 @@ class Fit(eqx.Module):
             )
         if several:
             return (
-                "The views contradict each other: a pose is wrong, they show "
-                "different things, or they err by more than sigma says."
+                "The views contradict each other: a pose is wrong, or errs by more "
+                "than pose_sigma says, they show different things, or they err by more "
+                "than sigma says."
             )
         return "Part of the region lies off the shape: it, or the mask, is wrong."
 
@@ -633,9 +670,10 @@ class Fit(eqx.Module):
                 "few readings; multiply fit.pose by the camera's camera_from_world"
             )
         cameras = each_of(self.asked.arguments["camera"])
-        return of_images(
-            [pose_from_camera(self.pose, one.camera_from_world) for one in cameras]
-        )
+        poses = [one.camera_from_world for one in cameras]
+        if self.pose_errors is not None:
+            poses = self.pose_errors.corrected(poses)
+        return of_images([pose_from_camera(self.pose, pose) for pose in poses])
 
     def to_dict(
         self,
@@ -707,8 +745,8 @@ class Fit(eqx.Module):
                 "  Nothing was doubted: more effort looks for other solutions, and for "
                 "what is not of the object at its region's border."
             )
-        if self.asked.measured:
-            lines.append(f"  {self.asked.measured}")
+        told = filter(None, (self.asked.measured, self.asked.poses))
+        lines += [f"  {one}" for one in told]
         gap = self.outline_gap
         if gap is not None and (
             abs(gap.deviations) >= NOTED_GAP or abs(gap.radii) >= LARGE_GAP

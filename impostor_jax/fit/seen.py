@@ -18,7 +18,7 @@ from impostor_jax.camera.ray_table import (
 from impostor_jax.camera.spherical import SphericalCamera
 from impostor_jax.fit.edges import without_edges
 from impostor_jax.fit.gather import ray_list, table_of
-from impostor_jax.fit.problem import RayList, Table
+from impostor_jax.fit.problem import PoseBelief, RayList, Table
 from impostor_jax.fit.regions import (
     chosen_pixels,
     most_readings,
@@ -45,6 +45,7 @@ class Seen(NamedTuple):
             Of what is left out later it is known that the object is there.
         feet: At pixels of what it stands on, by how many pixels its end there may be
             off; -1 elsewhere. None where it stands on nothing.
+        pose: As of `Table`; what it is known to be off by is that of the camera.
     """
 
     image: Float[np.ndarray, "h w"]
@@ -54,6 +55,7 @@ class Seen(NamedTuple):
     unsure: Bool[np.ndarray, "h w"] | None = None
     missing: Bool[np.ndarray, "h w"] | None = None
     feet: Float[np.ndarray, "h w"] | None = None
+    pose: PoseBelief | None = None
 
     @property
     def num_readings(self) -> int:
@@ -170,7 +172,7 @@ def shown_by(
     if seen.unsure is not None:
         image = np.where(seen.unsure, 0, image)
     row, col = pixel_indices(chosen_pixels(image, seen.region, most), most, least)
-    return table_of(
+    table = table_of(
         seen.image,
         seen.region,
         row,
@@ -182,6 +184,7 @@ def shown_by(
         None if is_outline else seen.missing,
         seen.feet,
     )
+    return table._replace(pose=seen.pose)
 
 
 def all_shown_by(

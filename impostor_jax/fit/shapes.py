@@ -22,6 +22,13 @@ from impostor_jax.effort import MIN_READINGS, Effort
 from impostor_jax.fit.assess import Assessment
 from impostor_jax.fit.body import AbstractBody
 from impostor_jax.fit.border import fit_of_one_surface, without_others
+from impostor_jax.fit.camera_poses import (
+    as_they_disagree,
+    at_poses,
+    in_cameras,
+    told_of_poses,
+    with_usual_poses,
+)
 from impostor_jax.fit.clusters import clustered_outliers
 from impostor_jax.fit.copied import with_copies
 from impostor_jax.fit.edges import without_edges
@@ -51,6 +58,7 @@ from impostor_jax.fit.request import (
     check_types,
     checked_mask,
     checked_noise,
+    checked_pose_sigma,
     checked_prior,
     checked_readings,
     checked_settings,
@@ -117,6 +125,11 @@ def fit_shape(
             seen_by(np.asarray(image), np.asarray(one), *by)
             for image, one, *by in zip(images, masks, cameras, noises, strict=True)
         ]
+        poses = checked_pose_sigma(options.pose_sigma, len(seen))
+        seen = [one._replace(pose=p) for one, p in zip(seen, poses, strict=True)]
+        asks_poses = options.pose_sigma is None and places is None and len(seen) > 1
+        if asks_poses:
+            seen = with_usual_poses(seen)
         is_outline = options.mask_meaning == "outline"
         if is_outline and kind.closed is None:
             seen = [one.without_holes() for one in seen]
@@ -141,6 +154,14 @@ def fit_shape(
             return _fit_seen(kind, seen, begin, known, settings, *also)
 
         fit = _fit_seen(kind, seen, start, beliefs, settings, *also)
+        if asks_poses and effort.doubts:
+
+            def at_wider(seen: Sequence[Seen]) -> Fit:
+                return _fit_seen(kind, seen, start, beliefs, settings, *also)
+
+            fit, seen = as_they_disagree(fit, seen, at_wider)
+        seen = at_poses(seen, fit)
+        of_poses, disagreement = told_of_poses(fit, seen, not asks_poses)
         is_told = places is None and sigma is not None and not told
         if is_told and effort.doubts and options.errors is None:
             shown = shared_errors(fit, views, seen)
@@ -157,6 +178,9 @@ def fit_shape(
                 fit = tested_beyond_ends(fit, seen)
         if effort.doubts:
             fit = refuted_by_seam(fit, seen)
+        if fit.pose_errors is not None:
+            given_by = [view.camera for view in checked]
+            fit = fit.having(pose_errors=in_cameras(fit.pose_errors, given_by, seen))
         # A caller may write other pixels to a mask, and the depth is a copy.
         regions = [np.array(one) for one in masks]
         known = {"depth": images, "sigma": [v.sigma for v in checked], "mask": regions}
@@ -173,7 +197,8 @@ def fit_shape(
         return fit.noting(
             arguments=known,
             measured=told,
-            doubt=next(filter(None, doubts), ""),
+            poses=of_poses,
+            doubt=next(filter(None, [*doubts, disagreement]), ""),
             is_quick=not effort.doubts,
             is_thinned=not all(one.is_taken(effort.readings) for one in seen),
         )
@@ -263,7 +288,7 @@ def _without_foreign(
         The fit; what it is of; and whether nothing was found on the object that is not
         of its shape.
     """
-    own = seen
+    own = seen = at_poses(seen, fit)
     left_out = clusters = [np.zeros_like(one.region) for one in seen]
     for _ in range(MOST_LOOKS):
         is_own = fit.num_inliers >= ALL_OWN * int(fit.num_pixels)
@@ -289,7 +314,8 @@ def _without_foreign(
         ]
         if sum(one.num_readings for one in kept) < MIN_READINGS:
             break
-        left_out, own, fit = foreign, kept, fitted_to(kept)
+        left_out, fit = foreign, fitted_to(kept)
+        seen, own = at_poses(seen, fit), at_poses(kept, fit)
     return fit, own, not any(map(np.any, clusters))
 
 
@@ -392,7 +418,11 @@ def _fit_traced(
     """Fit with sizes that do not depend on any value, in the world frame."""
     correlated = any(options.correlated(noise) for *_, noise in views)
     how = options.effort.readings, correlated, options.mask_meaning == "outline"
-    shown = tuple(_shown_traced(*view, initial, *how) for view in views)
+    poses = checked_pose_sigma(options.pose_sigma, len(views))
+    shown = tuple(
+        _shown_traced(*view, initial, *how)._replace(pose=pose)
+        for view, pose in zip(views, poses, strict=True)
+    )
     settings = dataclasses.replace(settings, refutes=True)
     start = initial.transformed(shown[0].camera_from_world)
     inputs = Inputs(prior, settings, shown, options.effort.kernel)
@@ -426,7 +456,7 @@ def _shown_traced(
     if mask is None:
         ray = camera.rays(row, col, depth.dtype)
         mask = in_camera_frame(initial.shape, camera).intersect(ray).mask
-    missing = None if is_outline else mask & (depth == 0)
+    missing = None if is_outline else jnp.asarray(mask & (depth == 0))
     # A mask that is known stays so: its pixels are found before anything is compiled.
     region = np.asarray(mask) if is_concrete(mask) else mask
     depth = without_edges(depth, region, camera, noise)

@@ -106,12 +106,35 @@ class Solution(eqx.Module):
         finite: Whether it is.
         converged: Whether the fit ended where a step leads nowhere.
         num_steps: Steps that it took.
+        off: What poses are off by, as of `Problem`; None where all are exact.
     """
 
     body: AbstractBody
     finite: Bool[Array, ""]
     converged: Bool[Array, ""]
     num_steps: Int[Array, ""]
+    off: Float[Array, "v 6"] | None
+
+
+class _Estimate(NamedTuple):
+    """Where a step leads from, and to.
+
+    Attributes:
+        body: In the first view's frame.
+        off: As of `Solution`.
+    """
+
+    body: AbstractBody
+    off: Float[Array, "v 6"] | None
+
+    def moved(self, tangent: Float[Array, " k"], free: FreeDirections) -> "_Estimate":
+        """By tangent coordinates of the body, and what poses are off by after these."""
+        num_own = free.shape[0]
+        body = self.body.retracted(tangent[:num_own], free)
+        off = self.off
+        return _Estimate(
+            body, None if off is None else off + tangent[num_own:].reshape(off.shape)
+        )
 
 
 class _Pass(NamedTuple):
@@ -144,7 +167,7 @@ class _State(eqx.Module):
         stage: Number of the stage.
         in_stage: Steps in it.
         count: Steps in all.
-        body: The estimate from which the last step was taken.
+        estimate: From which the last step was taken.
         told: What its pass told.
         damping: Of that step.
         moved: Coordinates by which it moved the estimate.
@@ -155,7 +178,7 @@ class _State(eqx.Module):
     stage: Int[Array, ""]
     in_stage: Int[Array, ""]
     count: Int[Array, ""]
-    body: AbstractBody
+    estimate: _Estimate
     told: _Pass
     damping: Float[Array, ""]
     moved: Float[Array, " c"]
@@ -166,10 +189,10 @@ class _State(eqx.Module):
 class _Staged(optx.AbstractFixedPointSolver):
     """Steps of Levenberg and Marquardt to a fixed point, coarse ones first.
 
-    What is iterated takes a body and a `Stage`, and returns where a step leads from
-    there, and what the pass over the image told. A step that makes the readings' loss
-    much larger is taken again, damped. One that makes it a little larger is not: the
-    weights move with the estimate, so that no loss is at its minimum where it ends.
+    What is iterated takes an estimate and a `Stage`, and returns where a step leads
+    from there, and what the pass over the image told. A step that makes the readings'
+    loss much larger is taken again, damped. One that makes it a little larger is not:
+    the weights move with the estimate, so that no loss is at its minimum where it ends.
 
     Attributes:
         limits: Of the stages.
@@ -202,8 +225,8 @@ class _Staged(optx.AbstractFixedPointSolver):
         more = jnp.maximum(10 * state.damping, LEAST_DAMPING)
         less = jnp.where(state.damping > LEAST_DAMPING, state.damping / 10, 0)
         damping = jnp.where(is_worse, more, jnp.where(is_first, 0, less))
-        body, told = jax.tree.map(
-            partial(jnp.where, is_worse), (state.body, state.told), (y, told)
+        estimate, told = jax.tree.map(
+            partial(jnp.where, is_worse), (state.estimate, state.told), (y, told)
         )
         wanted = told.step(damping)
         # Through the weights it converges but linearly: by the secant of two steps.
@@ -221,14 +244,14 @@ class _Staged(optx.AbstractFixedPointSolver):
             stage=state.stage + jnp.where(goes_further, 1, 0),
             in_stage=jnp.where(goes_further, 0, state.in_stage + 1),
             count=count,
-            body=body,
+            estimate=estimate,
             told=told,
             damping=damping,
             moved=moved,
             wanted=wanted,
             left=jnp.where(is_last, size / self.limits[-1], jnp.inf),
         )
-        return body.retracted(tangent, self.free), state, told
+        return estimate.moved(tangent, self.free), state, told
 
     @override
     def terminate(self, fn, y, args, options, state, tags):
@@ -285,14 +308,15 @@ def _followed_jvp(given, changes):
     solution = _followed(problem, start)
     free = problem.settings.free
     stage = _stage_at(-1, problem.unit.dtype)
-    basis = _free_basis(problem, solution.body)
+    found = _Estimate(solution.body, solution.off)
+    basis = _free_basis(problem, found.body)
 
-    def body_at(moved: Float[Array, " c"]) -> AbstractBody:
-        tangent = product(basis, moved)
-        return solution.body.retracted(tangent, free)
+    def estimate_at(moved: Float[Array, " c"]) -> _Estimate:
+        return found.moved(product(basis, moved), free)
 
     def pull_at(moved: Float[Array, " c"], problem: Problem) -> Float[Array, " c"]:
-        at = body_at(moved)
+        at, off = estimate_at(moved)
+        problem = problem.with_poses(off)
 
         def told_by(view: View) -> Float[Array, "k k"]:
             own = view.own(at)
@@ -312,26 +336,29 @@ def _followed_jvp(given, changes):
         total = sum(problem.of_each(told_by), _of_beliefs(problem, at))
         return product(basis.T, total[:-1, -1])
 
-    still = jnp.zeros(free.shape[0], problem.unit.dtype)
+    still = jnp.zeros(len(basis), problem.unit.dtype)
     slope = jax.jacfwd(lambda moved: pull_at(moved, problem))(still)
     # Of what is held nothing pulls.
     is_held = jnp.where(jnp.all(slope == 0, axis=0), 1, 0).astype(slope.dtype)
     _, d_pull = jax.jvp(lambda p: pull_at(still, p), (problem,), (d_problem,))
     d_moved = -jnp.linalg.solve(slope + jnp.diag(is_held), d_pull)
-    _, d_body = jax.jvp(body_at, (still,), (d_moved,))
+    _, d_found = jax.jvp(estimate_at, (still,), (d_moved,))
     nothing = jax.tree.map(jax.custom_derivatives.zero_from_primal, solution)
-    return solution, eqx.tree_at(lambda s: s.body, nothing, d_body)
+    return solution, eqx.tree_at(
+        lambda s: (s.body, s.off), nothing, tuple(d_found), is_leaf=lambda x: x is None
+    )
 
 
 def _through_stages(problem: Problem, start: AbstractBody) -> Solution:
     settings = problem.settings
     coarseness = jnp.asarray(settings.tolerance) / STAGE_TOLERANCE
 
-    def led(body: AbstractBody, stage: Stage):
-        told = _told(problem, body, stage)
+    def led(estimate: _Estimate, stage: Stage):
+        told = _told(problem.with_poses(estimate.off), estimate.body, stage)
         tangent = product(told.basis, told.step())
-        return body.retracted(tangent, settings.free), told
+        return estimate.moved(tangent, settings.free), told
 
+    begin = _Estimate(start, problem.off)
     limits = np.array([stage.limit for stage in STAGES])
     found = optx.fixed_point(
         led,
@@ -340,19 +367,21 @@ def _through_stages(problem: Problem, start: AbstractBody) -> Solution:
             max_steps=settings.max_steps,
             free=settings.free,
         ),
-        start,
+        begin,
         _stage_at(0, coarseness.dtype),
         has_aux=True,
         max_steps=None,
         throw=False,
     )
     finite = all_finite(found.value)
+    body, off = jax.tree.map(partial(jnp.where, finite), found.value, begin)
     return Solution(
-        body=jax.tree.map(partial(jnp.where, finite), found.value, start),
+        body=body,
         finite=finite,
         converged=finite & (found.state.left < UNSETTLED),
         # Weakly typed, it would be no argument of the assessment that was prepared.
         num_steps=jnp.asarray(found.stats["num_steps"], jnp.int32),
+        off=off,
     )
 
 
@@ -383,7 +412,12 @@ def _told(problem: Problem, body: AbstractBody, stage: Stage) -> _Pass:
 
 
 def _free_basis(problem: Problem, body: AbstractBody) -> Float[Array, "c c"]:
-    return body.free_basis(problem.settings.free, problem.unit, problem.end_unit)
+    """Tangent coordinates that one unit of each free one moves, those of poses last."""
+    own = body.free_basis(problem.settings.free, problem.unit, problem.end_unit)
+    off = problem.off
+    if off is None:
+        return own
+    return jax.scipy.linalg.block_diag(own, jnp.eye(off.size, dtype=own.dtype))
 
 
 def _of_readings(
@@ -451,14 +485,20 @@ def _of_beliefs(problem: Problem, body: AbstractBody) -> Float[Array, "k k"]:
         moved = body.retracted(tangent, free)
         return prior_residuals(problem.prior, moved, problem.bias)
 
+    poses = problem.poses
+    num_others = sum(pose.off.size for pose in poses)
+
     def products() -> Float[Array, "k k"]:
         still = jnp.zeros(free.shape[0], dtype)
-        beliefs = jnp.concatenate([jax.jacfwd(known)(still).T, known(still)[None]])
+        none = jnp.zeros((num_others, len(known(still))), dtype)
+        slopes = jax.jacfwd(known)(still).T
+        beliefs = jnp.concatenate([slopes, none, known(still)[None]])
         return product(beliefs, beliefs.T)
 
-    blank = jnp.zeros((free.shape[0] + 1,) * 2, dtype)
+    blank = jnp.zeros((free.shape[0] + num_others + 1,) * 2, dtype)
     # Of most fits nothing is: a tenth of the time of a step.
-    return jax.lax.cond(problem.prior.tells, products, lambda: blank)
+    told = jax.lax.cond(problem.prior.tells, products, lambda: blank)
+    return sum((pose.belief(free.shape[0]) for pose in poses), told)
 
 
 def _products(

@@ -169,8 +169,9 @@ def fit_cylinder_to_points(
     Raises:
         ValueError: An argument has a wrong shape or value, or there are fewer than 50
             points, or they came in single precision, and so far from the origin of
-            the world that it rounds their coordinates by a tenth of the noise: give
-            them in double precision, or subtract an offset.
+            the world that it rounds their coordinates by a tenth of what they extend
+            over: give them in double precision, or subtract an offset before. What less
+            rounding adds to their noise is counted.
     """
     asked = Options(fixed, prior, mask_meaning, scale, errors, effort_of(effort))
     check_options(asked)
@@ -302,12 +303,12 @@ def _fit_cloud(
     cloud: GivenPoints, sigma: Any, initial: Cylinder | None, asked: Options
 ) -> Fit:
     """Fit points of which it is known from where they were seen."""
-    ends, starts, dtype, rounding, counts = cloud
+    ends, starts, _, rounding, counts = cloud
     assert starts is not None
     with working_precision(asked.effort.precision, ()):
         views = _views_of(ends, starts)
-        dtype = _working_type(views, dtype)
-        largest = _largest(cloud)
+        _check_stored(cloud)
+        dtype, largest = _working_type(views), _largest(cloud)
         reach = np.median(np.linalg.norm(ends - starts, axis=1))
         noise, one = single_noise(sigma), jnp.ones((), jnp.result_type(float))
         _check_rounding(dtype, largest, reach, float(noise.sigma(reach * one, one)))
@@ -353,11 +354,7 @@ def _fit_viewless(
     wall: Wall | None,
 ) -> Fit:
     """The same where nobody tells from where they were seen."""
-    extent = _extent(cloud)
-    level = level_of(sigma, cloud)
-    level = COARSEST * extent if level is None else level
-    if extent > 0:
-        _check_rounding(cloud.dtype, np.abs(cloud.ends).max(), extent, level)
+    _check_stored(cloud)
     walls = [wall] if wall else _known_walls(cloud)
     if not walls:
         nothing = no_guess(CYLINDER, np.ones(len(cloud.ends), bool))
@@ -526,8 +523,9 @@ def _resolution(cloud: GivenPoints, asked: Options) -> float:
     around = np.abs(cloud.ends - np.median(cloud.ends, axis=0)).max()
     assert cloud.starts is not None
     with working_precision(asked.effort.precision, ()):
-        dtype = _working_type(_views_of(cloud.ends, cloud.starts), cloud.dtype)
-    return float(max(around * eps(np.float32, 16), _largest(cloud) * eps(dtype, 16)))
+        dtype = _working_type(_views_of(cloud.ends, cloud.starts))
+    least = max(around * eps(np.float32, 16), _largest(cloud) * eps(dtype, 16))
+    return float(max(least, cloud.rounding))
 
 
 def _largest(cloud: GivenPoints) -> float:
@@ -536,12 +534,11 @@ def _largest(cloud: GivenPoints) -> float:
     return float(max(np.abs(cloud.ends).max(), np.abs(cloud.starts).max()))
 
 
-def _working_type(views: Sequence["_View"], dtype: np.dtype) -> np.dtype:
-    """That rounds coordinates in a fit to views of points that came in another one."""
+def _working_type(views: Sequence["_View"]) -> np.dtype:
+    """That rounds coordinates in a fit to views of points."""
     # From a frame that lies far off, they are told in double precision.
     is_far = LocalWorld.of(view.camera for view in views) is not None
-    own = np.dtype(np.float64 if is_far else jnp.result_type(float))
-    return min(own, dtype, key=lambda dtype: dtype.itemsize)
+    return np.dtype(np.float64 if is_far else jnp.result_type(float))
 
 
 class _View(NamedTuple):
@@ -558,6 +555,18 @@ class _View(NamedTuple):
     camera: RayTable
     mask: np.ndarray
     places: Int[np.ndarray, " n"]
+
+
+def _check_stored(cloud: GivenPoints) -> None:
+    """Raise where points were rounded by as much as they are apart."""
+    step = float(np.abs(cloud.ends).max()) * eps(cloud.dtype)
+    if step > COARSEST * _extent(cloud) > 0:
+        raise ValueError(
+            f"points must be told to a part of what they are of, got coordinates up to "
+            f"{np.abs(cloud.ends).max():.6g} m, which {cloud.dtype} rounds by "
+            f"{step:.2g} m: subtract an offset before they are rounded, or give them "
+            "in double precision"
+        )
 
 
 def _check_rounding(

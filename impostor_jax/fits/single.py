@@ -37,10 +37,12 @@ def fit_cylinder(
     scale: Scale = "estimated",
     errors: Errors | None = None,
     effort: Effort | str = "balanced",
+    pose_sigma: Any = None,
 ) -> Fit:
     """Fit center, axis, radius and height of a capped cylinder to depth images.
 
-    One image, or several of the same object from cameras whose poses are known:
+    One image, or several of the same object from cameras whose poses are known, as
+    exactly as `pose_sigma` says:
 
         fit = ij.fit_cylinder(depth, camera, mask=mask, sigma=0.001)
         fit = ij.fit_cylinder([depth1, depth2], [camera1, camera2], mask=[mask1, mask2])
@@ -124,6 +126,13 @@ def fit_cylinder(
             if that is said.
         effort: How much work it takes: "fast", "balanced", the default, or "exact", or
             an `Effort` with a setting of each dial, which says what each costs.
+        pose_sigma: What the poses of several cameras are off by, each by itself, as
+            standard deviations: of the camera's place along each axis, in meters, and
+            of its turn about each, in radians, as in `(0.0005, 0.001)`; or a list of
+            such pairs, one for each. (0, 0) are exact poses. What the views say of it
+            is in `pose_errors`. If None, it is 2e-4 of the distance and 2e-4 radians,
+            as after a good calibration, and more where the views disagree, up to 2.5e-3
+            of both: `print(fit)` says so. A traced fit takes poses for exact then.
 
     Returns:
         The fit. A fit that failed says so in `status`, with infinite standard
@@ -144,7 +153,8 @@ def fit_cylinder(
         With `initial` given: of the cylinder in the depths, the camera and sigma, by
         the implicit function theorem at the solution.
     """
-    asked = Options(fixed, prior, mask_meaning, scale, errors, effort_of(effort))
+    how = fixed, prior, mask_meaning, scale, errors, effort_of(effort), pose_sigma
+    asked = Options(*how)
     return fit_shown(FitRequest(CYLINDER, depth, camera, mask, sigma, initial, asked))
 
 
@@ -162,6 +172,7 @@ def fit_frustum(
     scale: Scale = "estimated",
     errors: Errors | None = None,
     effort: Effort | str = "balanced",
+    pose_sigma: Any = None,
 ) -> Fit:
     """Fit the ends and the two radii of a capped frustum to a depth image.
 
@@ -189,6 +200,7 @@ def fit_frustum(
         scale: "estimated" by default, or "fixed", as in `fit_cylinder`.
         errors: "independent" or "correlated"; what `sigma` says if None.
         effort: "fast", "balanced" (the default), "exact" or an `Effort`.
+        pose_sigma: What poses of several cameras err by, as in `fit_cylinder`.
 
     Returns:
         The fit. A fit that failed says so in `status`, with infinite standard
@@ -197,7 +209,8 @@ def fit_frustum(
     Raises:
         ValueError: As in `fit_cylinder`.
     """
-    asked = Options(fixed, prior, mask_meaning, scale, errors, effort_of(effort))
+    how = fixed, prior, mask_meaning, scale, errors, effort_of(effort), pose_sigma
+    asked = Options(*how)
     return fit_shown(FitRequest(FRUSTUM, depth, camera, mask, sigma, initial, asked))
 
 
@@ -215,6 +228,7 @@ def fit_box(
     scale: Scale = "estimated",
     errors: Errors | None = None,
     effort: Effort | str = "balanced",
+    pose_sigma: Any = None,
 ) -> Fit:
     """Fit center, rotation and size of a box to a depth image: a carton, or a room.
 
@@ -247,6 +261,7 @@ def fit_box(
         scale: "estimated" by default, or "fixed", as in `fit_cylinder`.
         errors: "independent" or "correlated"; what `sigma` says if None.
         effort: "fast", "balanced" (the default), "exact" or an `Effort`.
+        pose_sigma: What poses of several cameras err by, as in `fit_cylinder`.
 
     Returns:
         The fit; `std.rotation` is about the box's own axes, in radians, `std.size`
@@ -256,7 +271,8 @@ def fit_box(
     Raises:
         ValueError: As in `fit_cylinder`; or depth is None.
     """
-    asked = Options(fixed, prior, mask_meaning, scale, errors, effort_of(effort))
+    how = fixed, prior, mask_meaning, scale, errors, effort_of(effort), pose_sigma
+    asked = Options(*how)
     return fit_shown(FitRequest(BOX, depth, camera, mask, sigma, initial, asked))
 
 
@@ -274,6 +290,7 @@ def fit_sphere(
     scale: Scale = "estimated",
     errors: Errors | None = None,
     effort: Effort | str = "balanced",
+    pose_sigma: Any = None,
 ) -> Fit:
     """Fit center and radius of a sphere to a depth image.
 
@@ -295,6 +312,7 @@ def fit_sphere(
         scale: "estimated" by default, or "fixed", as in `fit_cylinder`.
         errors: "independent" or "correlated"; what `sigma` says if None.
         effort: "fast", "balanced" (the default), "exact" or an `Effort`.
+        pose_sigma: What poses of several cameras err by, as in `fit_cylinder`.
 
     Returns:
         The fit. A fit that failed says so in `status`, with infinite standard
@@ -303,7 +321,8 @@ def fit_sphere(
     Raises:
         ValueError: As in `fit_cylinder`.
     """
-    asked = Options(fixed, prior, mask_meaning, scale, errors, effort_of(effort))
+    how = fixed, prior, mask_meaning, scale, errors, effort_of(effort), pose_sigma
+    asked = Options(*how)
     return fit_shown(FitRequest(SPHERE, depth, camera, mask, sigma, initial, asked))
 
 
@@ -321,6 +340,7 @@ def fit_tube(
     scale: Scale = "estimated",
     errors: Errors | None = None,
     effort: Effort | str = "balanced",
+    pose_sigma: Any = None,
 ) -> Fit:
     """Fit a tube, of outer and inner radius, to a depth image: a pipe, or a mug.
 
@@ -362,6 +382,7 @@ def fit_tube(
         scale: "estimated" by default, or "fixed", as in `fit_cylinder`.
         errors: "independent" or "correlated"; what `sigma` says if None.
         effort: "fast", "balanced" (the default), "exact" or an `Effort`.
+        pose_sigma: What poses of several cameras err by, as in `fit_cylinder`.
 
     Returns:
         The fit; its values are `fit.tube`. A fit that failed says so in `status`, with
@@ -370,5 +391,6 @@ def fit_tube(
     Raises:
         ValueError: As in `fit_cylinder`; or `initial` is another solid than a tube.
     """
-    asked = Options(fixed, prior, mask_meaning, scale, errors, effort_of(effort))
+    how = fixed, prior, mask_meaning, scale, errors, effort_of(effort), pose_sigma
+    asked = Options(*how)
     return fit_shown(FitRequest(TUBE, depth, camera, mask, sigma, initial, asked))

@@ -7,7 +7,7 @@ One that reaches far, as a pose in map coordinates does, keeps the digits that i
 given with: two large numbers that nearly cancel are subtracted when it is applied.
 """
 
-__all__ = ["RigidTransform", "unmoved"]
+__all__ = ["RigidTransform", "moved_by", "unmoved"]
 
 import functools
 from typing import Any
@@ -26,6 +26,7 @@ from impostor_jax.arguments import (
     is_exact,
     place_of,
 )
+from impostor_jax.geometry.so3 import rotation_by
 from impostor_jax.numerics import product
 
 Points = Float[Array, "*batch 3"] | Float[np.ndarray, "*batch 3"]
@@ -135,3 +136,9 @@ def unmoved(dtype: DTypeLike) -> RigidTransform:
     """Pose of a camera whose frame is the world's."""
     with jax.ensure_compile_time_eval():
         return RigidTransform(np.eye(3, dtype=dtype), np.zeros(3, dtype))
+
+
+def moved_by(motion: Float[Array, "6"]) -> RigidTransform:
+    """A small turn, a vector in radians as of `rotation_by`, and then a shift."""
+    turn, shift = jnp.split(motion, 2)
+    return RigidTransform(rotation_by(turn), shift)

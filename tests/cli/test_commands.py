@@ -22,8 +22,8 @@ RECORD_KEYS = {
     "center_m", "axis", "radius_m", "height_m", "std", "std_budget", "ends_seen",
     "height_observed", "stands", "covariance", "num_starts", "num_agreeing",
     "alternatives",
-    "num_pixels", "rms_m", "chi2", "across_ray", "form", "outline_gap", "taper", "bore",
-    "seconds",
+    "num_pixels", "rms_m", "chi2", "across_ray", "form", "pose_errors", "outline_gap",
+    "taper", "bore", "seconds",
 }  # fmt: skip
 
 

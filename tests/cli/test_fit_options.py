@@ -252,6 +252,7 @@ def test_depth_in_millimeters_gets_a_hint_on_one_line(fit, folder):
         (("can.npy", "--shape", "cube"), "--shape"),
         (("can.png", "--silhouette", "--mask", "can.png"), "--silhouette must not be"),
         (("can.npy", "--views", "a.json", "--labels", "a.png"), "not --labels"),
+        (("can.npy", "--pose-sigma", "0.001", "0.001"), "must be given with --views"),
     ],
 )  # fmt: skip
 def test_bad_option_gives_one_line_and_exit_code_2(arguments, message, fit, folder):
@@ -294,12 +295,15 @@ def test_views_of_one_object_have_one_fit(fit, folder):
     (folder / "poses.json").write_text(json.dumps(poses))
     np.save(folder / "again.npy", image(seed=1)[0])
     files = "can.npy", "again.npy", "--mask", "can.png", "--mask", "can.png"
-    code, _, err = fit(*files, "--views", "poses.json", "--page", "out/page.html")
+    posed = "--views", "poses.json", "--pose-sigma", 0.0005, 0.001
+    code, _, err = fit(*files, *posed, "--page", "out/page.html")
     assert (code, err) == (0, "")
     assert names_in(folder / "out") == {"fit.json", "page.html"}
     record = record_of(folder)
     assert record["radius_m"] == pytest.approx(0.04, abs=1e-3)
     assert record["num_pixels"] > 1.8 * np.count_nonzero(image()[1])
+    assert record["std_budget"]["poses"]["center_m"][0] > 0.0002
+    assert np.shape(record["pose_errors"]["value"]) == (2, 6)
     (folder / "poses.json").write_text(json.dumps(poses[:1]))
     code, _, err = fit(*files, "--views", "poses.json")
     assert code == 2

@@ -51,8 +51,10 @@ def two():
     return from_two_sides(can())
 
 
-def fitted(depths, cameras, masks, sigma=SIGMA, **options):
-    return ij.fit_cylinder(depths, cameras, mask=masks, sigma=sigma, **options)
+def fitted(depths, cameras, masks, sigma=SIGMA, pose_sigma=(0.0, 0.0), **options):
+    """The fit to views whose poses are said to be exact."""
+    options |= {"sigma": sigma, "pose_sigma": pose_sigma}
+    return ij.fit_cylinder(depths, cameras, mask=masks, **options)
 
 
 def posed_wrongly(degrees, move, errors="correlated"):
