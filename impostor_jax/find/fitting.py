@@ -20,6 +20,7 @@ from typing_extensions import override
 
 from impostor_jax.camera.base import AbstractCamera
 from impostor_jax.camera.pinhole import PinholeCamera
+from impostor_jax.camera.ray_table import directions_of
 from impostor_jax.camera.spherical import SphericalCamera
 from impostor_jax.effort import Effort
 from impostor_jax.find.evidence import Candidate, Evidence
@@ -28,14 +29,22 @@ from impostor_jax.find.view import View
 from impostor_jax.fit.fittable import CYLINDER
 from impostor_jax.fit.options import Options
 from impostor_jax.fit.pose import in_double
-from impostor_jax.fit.regions import BUCKETS, DepthUnitsWarning, typical_sigma
+from impostor_jax.fit.regions import (
+    BUCKETS,
+    STEEP,
+    DepthUnitsWarning,
+    jump_parts,
+    typical_sigma,
+)
 from impostor_jax.fit.request import FitRequest, checked_noise, is_trusted
 from impostor_jax.fit.result import Asked, Fit
 from impostor_jax.fit.shapes import fit_shape, prepare_fit
 from impostor_jax.fit.status import FitStatus
+from impostor_jax.fit.surface import cropped
 from impostor_jax.fit.threads import in_background
 from impostor_jax.geometry.frames import RigidTransform
 from impostor_jax.numerics import Numbers
+from impostor_jax.opencv import cv2
 from impostor_jax.primitives.cylinder import Cylinder
 from impostor_jax.sensor.base import AbstractDepthNoise, Depths, Normals
 from impostor_jax.sensor.bias import Bias, is_none
@@ -48,6 +57,13 @@ QUICK: dict[str, Any] = {"doubts": False, "readings": 4096, "max_steps": 20}
 
 _PREPARED: set[Any] = set()
 """For which fits programs are prepared in this process."""
+
+AT_END = 2
+"""Pixels by which a mask may fall short of an end, and within which what lies far
+behind begins there."""
+
+FAR_BEHIND = 4.0
+"""Steps between neighbors from which something lies far behind."""
 
 NEAREST = 1e-3
 """Smallest depth that a noise model is asked for, in meters."""
@@ -201,6 +217,42 @@ class Fitter:
     def fit(self, mask: Bool[np.ndarray, "h w"], evidence: Evidence) -> Fit:
         """Fit the pixels of a mask of the image, from a wall between its ends."""
         return self._started(mask, evidence, self.options.effort)
+
+    def up_to_ends(
+        self, mask: Bool[np.ndarray, "H W"], fit: Fit
+    ) -> Bool[np.ndarray, "H W"] | None:
+        """A mask with what it lacks of a wall at an end that its fit does not see.
+
+        What is searched is coarser than the image, and normals beside an end are of
+        what lies behind it, too. None where nothing far behind begins there.
+        """
+        is_open = ~np.asarray(fit.ends_seen)
+        if not is_open.any() or self.away or self.sector is not None:
+            return None
+        box = cropped(mask, margin=2 * AT_END)
+        z, own = self.depth[box], mask[box]
+        noisy, width = jump_parts(z, self.seen_by, self.noise, np)
+        step = noisy + STEEP * width
+        around = np.ones((2 * AT_END + 1,) * 2, np.uint8)
+        farthest = cv2.dilate(np.where(own, z, 0), around)
+        nearest = -cv2.dilate(np.where(own, -z, -np.inf).astype(z.dtype), around)
+        near = ~own & (z > 0) & (z > nearest - step) & (z < farthest + step)
+        near &= cv2.dilate(z, around) > z + FAR_BEHIND * step
+        row, col = np.nonzero(near)
+        rows, cols = row + box[0].start, col + box[1].start
+        x, y = directions_of(self.seen_by, rows, cols, np.float64)
+        rotation, translation = in_double(self.seen_by.camera_from_world)
+        seen = np.stack([x, y, np.ones_like(x)], axis=1) * z[near][:, None]
+        shape = fit.cylinder
+        points = (seen - translation) @ rotation - np.asarray(shape.center, float)
+        place = points @ np.asarray(shape.axis, float)
+        beyond = np.abs(place) > float(shape.height) / 2 - 2 * AT_END * width[near]
+        kept = beyond & is_open[(place > 0).astype(int)]
+        if not kept.any():
+            return None
+        whole = mask.copy()
+        whole[rows[kept], cols[kept]] = True
+        return whole
 
     @property
     def _quick(self) -> Effort:

@@ -393,10 +393,32 @@ class _Search:
             return False, []
         if bulging(scene, final.evidence) > MOST_BULGING:
             return False, []
-        self.detections.append(Detection(fit, final, facts, self._of_image(mask), sure))
+        fit, final, shows = self._with_ends(scene, fit, final, self._of_image(mask))
+        self.detections.append(Detection(fit, final, facts, shows, sure))
         taken = cv2.dilate(mask.view(np.uint8), SQUARE) > 0
         self.free, self.joined = self.free & ~taken, None
         return True, []
+
+    def _with_ends(
+        self, scene: Scene, fit: Fit, entry: Entry, mask: Bool[np.ndarray, "H W"]
+    ) -> tuple[Fit, Entry, Bool[np.ndarray, "H W"]]:
+        """A fit, what is known of it, and its mask, up to ends that this lacks.
+
+        Args:
+            scene: What is searched.
+            fit: Of a wall.
+            entry: What speaks for it.
+            mask: Pixels of the image that show it.
+        """
+        whole = self.fitter.up_to_ends(mask, fit)
+        if whole is None:
+            return fit, entry, mask
+        again = self.fitter.fit(whole, entry.evidence)
+        better = self._led_to(scene, again, entry)
+        counts = [np.count_nonzero(one.ends_seen) for one in (again, fit)]
+        if better is None or counts[0] <= counts[1]:
+            return fit, entry, mask
+        return again, better, whole
 
     def _led_to(self, scene: Scene, fit: Fit, entry: Entry) -> Entry | None:
         """What is known of the wall that a fit of a candidate found; None for none."""

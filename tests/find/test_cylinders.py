@@ -111,6 +111,25 @@ def test_a_can_with_a_neck_is_found_by_its_wall():
 
 
 @FULL
+@pytest.mark.parametrize("seed", [1, 6, 7])
+def test_ends_that_stand_out_are_seen_without_a_mask(seed):
+    # What was found lacked the last row of pixels of the wall, whose normals are of the
+    # background, too: then nothing tells that the wall does not go on.
+    random = np.random.default_rng(seed)
+    place, tilt = random.normal(0, 0.03, 2), random.normal(0, 0.4)
+    axis = (tilt, 1, random.normal(0.3, 0.4))
+    radius, height = random.uniform(0.025, 0.045), random.uniform(0.08, 0.16)
+    truth = ij.Cylinder((*place, 0.5), axis, radius, height)
+    wall = ij.Plane((0.0, 0.0, 1.0), (0.0, 0.0, -1.0))
+    image = image_of([truth, wall], CAMERA)
+    found = ij.find_cylinders(image.depth, CAMERA, SIGMA)
+    assert len(found.fits) == 1
+    fit = found.fits[0]
+    assert fit.height_observed
+    assert abs(float(fit.cylinder.height) - height) < 4 * float(fit.std.height)
+
+
+@FULL
 def test_a_can_is_found_in_depth_that_was_filtered():
     # What a median leaves of the noise of a wall is a quarter of what it leaves of a
     # can's, which was refused for it.
