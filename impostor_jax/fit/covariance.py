@@ -209,9 +209,14 @@ def uncertainty_of(
         return sandwich_root(root, _sum_of(parts.values()), LEAST_LEFT)
 
     def wider_by(root: Float[Array, "c c"]) -> Float[Array, ""]:
-        # Of what is seen: poses are known as well as they are, whatever readings say.
-        seen = len(into) - (0 if problem.off is None else problem.off.size)
-        return _wider(root[:seen], independent[:seen, :seen])
+        if problem.off is None:
+            return _wider(root, independent)
+        # At poses that are held: what these err by readings do not share.
+        pulls = product(alone.information, root)[: -problem.off.size]
+        held = alone.information[: len(pulls), : len(pulls)]
+        held_root, *_ = covariance_root(held)
+        covariance = product(held_root, held_root.T)
+        return _wider(product(covariance, pulls), covariance)
 
     def wider_without(name: str) -> Float[Array, ""]:
         left = _sum_of(parts.values()) - explained[name]
@@ -263,6 +268,7 @@ class _Independent(NamedTuple):
 
     Attributes:
         parts: Of the information, by the names of a budget's parts.
+        information: Their sum.
         root: Of the covariance, the inverse of their sum.
         covariance: That itself.
         directions: As `covariance_root` returns them.
@@ -274,6 +280,7 @@ class _Independent(NamedTuple):
     """
 
     parts: dict[str, Float[Array, "c c"]]
+    information: Float[Array, "c c"]
     root: Float[Array, "c c"]
     covariance: Float[Array, "c c"]
     directions: Float[Array, "c c"]
@@ -302,7 +309,8 @@ def _independent(
         "scale": jnp.diag(jnp.where(is_scale, 1.0, 0.0)),
         "poses": jnp.diag(jnp.where(is_pose, 1.0, 0.0)),
     }
-    root, directions, is_free = covariance_root(_sum_of(parts.values()))
+    information = _sum_of(parts.values())
+    root, directions, is_free = covariance_root(information)
     of_others = product(known.T, prior_residuals(problem.prior, free.body, bias))
     of_others += of_edges[:-1, -1] / variance
     pull = of_others + of_all[:-1, -1] / variance
@@ -312,6 +320,7 @@ def _independent(
     covariance = product(root, root.T)
     return _Independent(
         parts=parts,
+        information=information,
         root=root,
         covariance=covariance,
         directions=directions,

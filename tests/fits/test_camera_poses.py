@@ -129,7 +129,7 @@ def test_of_poses_that_nobody_tells_as_much_is_taken_as_views_disagree():
     fit = fitted_off(0, None, 0.0, 0.0)
     assert fit.success
     assert "disagree" not in fit.reason
-    assert "Poses are taken to err by 0.07" in fit.summary()
+    assert "Poses are taken to err by 0.063 mm" in fit.summary()
     assert max(map(abs, deviations(fit).values())) < 4
 
 
