@@ -226,12 +226,12 @@ class Fitter:
         What is searched is coarser than the image, and normals beside an end are of
         what lies behind it, too. None where nothing far behind begins there.
         """
-        is_open = ~np.asarray(fit.ends_seen)
-        if not is_open.any() or self.away or self.sector is not None:
+        is_open, camera = ~np.asarray(fit.ends_seen), self.seen_by
+        if not is_open.any() or self.away or isinstance(camera, SphericalCamera):
             return None
         box = cropped(mask, margin=2 * AT_END)
         z, own = self.depth[box], mask[box]
-        noisy, width = jump_parts(z, self.seen_by, self.noise, np)
+        noisy, width = jump_parts(z, camera, self.noise, np)
         step = noisy + STEEP * width
         around = np.ones((2 * AT_END + 1,) * 2, np.uint8)
         farthest = cv2.dilate(np.where(own, z, 0), around)
@@ -240,8 +240,8 @@ class Fitter:
         near &= cv2.dilate(z, around) > z + FAR_BEHIND * step
         row, col = np.nonzero(near)
         rows, cols = row + box[0].start, col + box[1].start
-        x, y = directions_of(self.seen_by, rows, cols, np.float64)
-        rotation, translation = in_double(self.seen_by.camera_from_world)
+        x, y = directions_of(camera, rows, cols, np.float64)
+        rotation, translation = in_double(camera.camera_from_world)
         seen = np.stack([x, y, np.ones_like(x)], axis=1) * z[near][:, None]
         shape = fit.cylinder
         points = (seen - translation) @ rotation - np.asarray(shape.center, float)

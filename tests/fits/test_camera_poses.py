@@ -1,7 +1,5 @@
 """Poses of several views that err: what is told of them, and what they leave."""
 
-import dataclasses
-
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -249,13 +247,10 @@ def test_what_is_no_deviation_of_poses_is_refused(value, match):
     depths, cameras, masks = from_two_sides(can())
     with pytest.raises(ValueError, match=match):
         fitted(depths, cameras, masks, pose_sigma=value)
-    options = dataclasses.replace(ij.Effort())
+
+
+def test_an_outline_has_one_camera():
+    _, _, masks = from_two_sides(can())
+    asked = {"mask_meaning": "outline", "pose_sigma": (0.001, 0.001)}
     with pytest.raises(ValueError, match="pose_sigma must be None where depth is None"):
-        ij.fit_cylinder(
-            None,
-            CAMERA,
-            masks[0],
-            mask_meaning="outline",
-            pose_sigma=(0.001, 0.001),
-            effort=options,
-        )
+        ij.fit_cylinder(None, CAMERA, masks[0], **asked)
