@@ -36,6 +36,7 @@ def deviations_of(
     shares: dict[str, Float[Array, "n n"]],
     directions: Float[Array, "n n"],
     free: Bool[Array, " n"],
+    is_outline: bool = False,
 ) -> tuple[Deviations, Budget, Float[Array, "m m"], Directions, Bool[Array, ""]]:
     """Standard deviations of a body of the world, and whether they leave it known.
 
@@ -46,6 +47,7 @@ def deviations_of(
         shares: What that is the sum of, by the names of a budget's parts.
         directions: As `covariance_root` returns them, as columns.
         free: Which of them the image leaves free.
+        is_outline: Whether what is believed beforehand alone tells the scale.
     """
     num_free = root.shape[0]
     parts = [part.reshape(-1, num_free) for part in change.values()]
@@ -63,6 +65,11 @@ def deviations_of(
     # departs from its shape is known, if not well.
     of_others = budget[np.array([BUDGET.index("scale"), BUDGET.index("form")])]
     taken = jnp.sum(jnp.where(is_observed[None], of_others**2, 0), axis=0)
+    if is_outline:
+        # Then a distance is known as well as a radius, which is in proportion to it.
+        of_prior = jnp.where(is_observed, budget[BUDGET.index("prior")], 0)
+        is_radius = np.array(["radius" in name for name in names])
+        taken += jnp.where(is_radius, 0, of_prior**2)
     left = jnp.sqrt(jnp.maximum(variance - taken, 0))
     known = {
         name: jnp.all(

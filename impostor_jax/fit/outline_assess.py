@@ -135,7 +135,7 @@ def assess_outline(problem: OutlineProblem, found: Traced) -> Assessment:
     variance = jnp.sum(whole**2, axis=1)
     wider = safe_divide(variance, jnp.diagonal(independent))
     std, budget, covariance, observed, is_known = deviations_of(
-        world, change, whole, shares, directions, free
+        world, change, whole, shares, directions, free, is_outline=True
     )
     most = jnp.where(problem.is_hard, MOST_HARD_CHI2, MOST_CHI2)
     agrees = (chi2 < most) & (places.share_off <= MOST_OFF)

@@ -125,6 +125,22 @@ def test_an_edge_along_the_grid_is_known_to_a_pixel():
     assert float(tilted.std.across_axis.max()) < 0.5 * across
 
 
+@pytest.mark.parametrize("sigma", [None, 0.0])
+def test_a_distance_is_known_as_well_as_the_radius_that_tells_it(sigma):
+    # Of a ball of 9 pixels a radius that is known to 5 % tells it to 16 mm: more than
+    # half a radius, which was taken for nothing.
+    ball = ij.Sphere((0.03, 0.02, 0.33), 0.02)
+    mask = mask_of(ball)
+    for seed in range(3):
+        believed = 0.02 * (1 + 0.05 * np.random.default_rng(seed).normal())
+        prior = {"radius": (believed, 0.001)}
+        fit = fit_to(mask, ij.fit_sphere, prior=prior, sigma=sigma)
+        assert fit.status is ij.FitStatus.CONVERGED
+        off = np.asarray(fit.sphere.center) - np.asarray(ball.center)
+        assert np.all(np.abs(off) < 4 * np.asarray(fit.std.center))
+        assert fit.std.center[2] > 0.012
+
+
 def test_without_a_length_all_but_the_scale_is_told():
     truth = can()
     fit = fit_to(matte_of(truth), prior=None)
