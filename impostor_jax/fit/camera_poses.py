@@ -157,10 +157,10 @@ def told_of_poses(fit: Fit, seen: Sequence[Seen], is_given: bool) -> tuple[str, 
         return "", told if times > NOTED else ""
     turn, shift = np.max([_belief_of(one).sigma[[0, -1]] for one in seen], axis=0)
     err = f"oses are taken to err by {1e3 * shift:.2g} mm and {np.degrees(turn):.2g} "
-    err += "degrees; pose_sigma tells how well they are known"
+    err += "degrees{}; pose_sigma tells how well they are known"
     if turn > SAME * USUAL:
-        return "", f"Views disagree: p{err}"
-    return f"P{err}.", ""
+        return "", "Views disagree: p" + err.format(", or depths are off")
+    return f"P{err.format('')}.", ""
 
 
 def in_cameras(

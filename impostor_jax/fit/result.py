@@ -218,7 +218,8 @@ class PoseErrors(eqx.Module):
 
     Attributes:
         value: Turn and shift of each camera.
-        std: Their standard deviations.
+        std: Their standard deviations; of a `SphericalCamera` along the axes of a frame
+            that is turned to the object.
         freedom: How many of them the views tell, each with the part by which they take
             from its variance.
     """

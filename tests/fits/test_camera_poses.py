@@ -122,6 +122,7 @@ def test_of_poses_that_nobody_tells_as_much_is_taken_as_views_disagree():
     fit = fitted_off(3, None)
     assert fit.success
     assert "Views disagree: poses are taken to err by" in fit.reason
+    assert "or depths are off; pose_sigma tells" in fit.reason
     assert max(map(abs, deviations(fit).values())) < 4
     # Exact ones are taken for usual.
     fit = fitted_off(0, None, 0.0, 0.0)
