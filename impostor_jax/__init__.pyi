@@ -73,7 +73,7 @@ from .rendering.tile import outline_box, outline_tile
 from .rendering.trace import trace
 from .sensor.aligned import AlignedDepth
 from .sensor.base import AbstractDepthNoise
-from .sensor.correlated import CorrelatedNoise
+from .sensor.correlated import CorrelatedNoise, LineNoise
 from .sensor.dropout import Dropout
 from .sensor.flying_pixels import FlyingPixels
 from .sensor.gaussian import ConstantNoise
@@ -122,6 +122,7 @@ __all__ = [
     "Heightfield",
     "LabeledImage",
     "LateralNoise",
+    "LineNoise",
     "MatchingWindow",
     "Material",
     "NearFar",

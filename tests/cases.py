@@ -19,7 +19,7 @@ from impostor_jax.primitives.sphere import Sphere
 from impostor_jax.primitives.torus import Torus
 from impostor_jax.primitives.triangle import Triangle
 from impostor_jax.sensor.aligned import AlignedDepth
-from impostor_jax.sensor.correlated import CorrelatedNoise
+from impostor_jax.sensor.correlated import CorrelatedNoise, LineNoise
 from impostor_jax.sensor.dropout import Dropout
 from impostor_jax.sensor.flying_pixels import FlyingPixels
 from impostor_jax.sensor.gaussian import ConstantNoise
@@ -100,8 +100,9 @@ NOISES = {
     "flying pixels": lambda: FlyingPixels(ConstantNoise(0.002)),
     "matching window": lambda: MatchingWindow(ConstantNoise(0.002), half_window=2),
     "time of flight": TimeOfFlight,
-    # Of hardly any error, which `sigma` leaves out.
+    # Of hardly any error that readings share.
     "correlated": lambda: CorrelatedNoise(ConstantNoise(0.002), 1e-5, 30.0, power=1),
+    "lines": lambda: LineNoise(ConstantNoise(0.002), 1e-5, "columns", power=1),
     "scale": lambda: ScaleError(ConstantNoise(0.002), 1e-5, law="disparity"),
     "aligned": lambda: AlignedDepth(ConstantNoise(0.002), 1.4),
     "all parts": lambda: Dropout(FlyingPixels(LateralNoise(StereoDisparity(525.0)))),

@@ -32,8 +32,9 @@ from impostor_jax.camera.pinhole import PinholeCamera
 from impostor_jax.device import on_processor
 from impostor_jax.numerics import Numbers
 from impostor_jax.sensor.base import AbstractDepthNoise, Depths, Normals
-from impostor_jax.sensor.bias import Bias, SmoothField
+from impostor_jax.sensor.bias import Bias
 from impostor_jax.sensor.correlated import CorrelatedNoise
+from impostor_jax.sensor.fields import SmoothField
 from impostor_jax.sensor.matching_window import MatchingWindow
 from impostor_jax.sensor.scale_error import ScaleError
 

@@ -19,7 +19,7 @@ from typing import Any
 from impostor_jax.io.json_file import read_json_object, typed_record
 from impostor_jax.sensor.aligned import AlignedDepth
 from impostor_jax.sensor.base import AbstractDepthNoise
-from impostor_jax.sensor.correlated import CorrelatedNoise
+from impostor_jax.sensor.correlated import CorrelatedNoise, LineNoise
 from impostor_jax.sensor.dropout import Dropout
 from impostor_jax.sensor.flying_pixels import FlyingPixels
 from impostor_jax.sensor.gaussian import ConstantNoise
@@ -40,6 +40,7 @@ SENSORS: dict[str, type[AbstractDepthNoise]] = {
     "dropout": Dropout,
     "matching_window": MatchingWindow,
     "correlated_noise": CorrelatedNoise,
+    "line_noise": LineNoise,
     "scale_error": ScaleError,
     "aligned_depth": AlignedDepth,
 }

@@ -6,38 +6,20 @@ many pixels. A noise model says of which kind and how large; draws follow it, an
 counts it in.
 """
 
-__all__ = ["Bias", "Reach", "ScaleLaw", "SmoothField", "is_none"]
+__all__ = ["Bias", "Reach", "ScaleLaw", "is_none"]
 
 import dataclasses
-import math
 from typing import Any
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int, PRNGKeyArray
+from jaxtyping import Array, Float, Int
 
-from impostor_jax.numerics import Numbers, Scalar, product, safe_divide, safe_sqrt
-from impostor_jax.sensor.draws import normal_draws
-from impostor_jax.sensor.surface import has_surface
+from impostor_jax.numerics import Numbers, Scalar, safe_divide, safe_sqrt
+from impostor_jax.sensor.fields import AbstractField
 
 Reach = int | np.integer | Int[Array, ""]
-
-NODE_SPACING = 2 / 3
-"""Distance of the nodes of a smooth field, in correlation lengths: its variance ripples
-by 3e-5 then."""
-
-BEYOND = 3.0
-"""Correlation lengths beyond the pixels up to which nodes count."""
-
-MOST_NODES = 32
-"""Nodes across the readings of a fit; of a field with more it counts one as smooth as
-those, whose effect on what many correlation lengths have in common is the same."""
-
-CELLS_PER_LENGTH = 8
-"""Squares along a correlation length whose readings are summed up before they are
-compared with nodes, in a tenth of the time: variances are 0.3 % too small by that."""
 
 
 class ScaleLaw(eqx.Module):
@@ -80,84 +62,6 @@ class ScaleLaw(eqx.Module):
         return deviation * (depth if self.law == "scale" else -depth * depth)
 
 
-class SmoothField(eqx.Module):
-    """A normal error whose correlation is exp(-d^2 / (2 length^2)) at d pixels.
-
-    It is white noise on a grid of nodes, spread by exp(-(d / length)^2) along rows and
-    columns.
-
-    Attributes:
-        deviation: Standard deviation at a depth of 1 m, in meters.
-        power: Of the depth, with which that grows.
-        length: Of the correlation, in pixels.
-    """
-
-    deviation: Scalar
-    power: Scalar
-    length: float = eqx.field(static=True)
-
-    def shift(self, depth: Numbers) -> Numbers:
-        """Standard deviation at a depth, in meters; 0 where there is no surface."""
-        is_some = has_surface(depth)
-        z = jnp.where(is_some, depth, 1)
-        power = jnp.asarray(self.power, depth.dtype)
-        deviation = jnp.asarray(self.deviation, depth.dtype)
-        return jnp.where(is_some, deviation * jnp.exp(power * jnp.log(z)), 0)
-
-    def draw(self, key: PRNGKeyArray, depth: Float[Array, "h w"]) -> Numbers:
-        """An image of the error, in meters."""
-        spacing = NODE_SPACING * self.length
-
-        def along(size: int) -> Float[Array, "k s"]:
-            count = math.ceil((size + 2 * BEYOND * self.length) / spacing) + 1
-            nodes = np.arange(count) * spacing - BEYOND * self.length
-            places = jnp.arange(size, dtype=depth.dtype)
-            return _spread(places, jnp.asarray(nodes, depth.dtype), self.length)
-
-        rows, cols = map(along, depth.shape)
-        white = normal_draws(key, (len(rows), len(cols)), depth.dtype)
-        return product(rows.T, white, cols) * self.shift(depth)
-
-    def score_covariance(
-        self,
-        score: Float[Array, "k n"],
-        depth: Float[Array, " n"],
-        row: Int[Array, " n"],
-        col: Int[Array, " n"],
-    ) -> Float[Array, "k k"]:
-        """Covariance of sums over pixels of a score times the error.
-
-        Args:
-            score: Per meter; 0 for what does not count.
-            depth: Of the surface, in meters.
-            row: Rows of the pixels.
-            col: Columns of the pixels.
-        """
-        counts = jnp.any(score != 0, axis=0)
-        reach = math.ceil(BEYOND / NODE_SPACING)
-        nodes = np.arange(-reach, MOST_NODES + reach + 1) * NODE_SPACING
-        num_cells = math.ceil(MOST_NODES * NODE_SPACING * CELLS_PER_LENGTH) + 1
-        cells = np.arange(num_cells) / CELLS_PER_LENGTH
-        dtype = score.dtype
-        weight = _spread(jnp.asarray(cells, dtype), jnp.asarray(nodes, dtype), 1.0)
-
-        def along(index: Int[Array, " n"]) -> tuple[Int[Array, " n"], Float[Array, ""]]:
-            place = index.astype(score.dtype)
-            low = jnp.min(jnp.where(counts, place, jnp.inf))
-            high = jnp.max(jnp.where(counts, place, -jnp.inf))
-            extent = jnp.where(jnp.any(counts), high - low, 0)
-            length = jnp.maximum(self.length, extent / (MOST_NODES * NODE_SPACING))
-            cell = jnp.round((place - low) * (CELLS_PER_LENGTH / length))
-            return jnp.where(counts, cell, 0).astype(int), length
-
-        (down, tall), (right, wide) = along(row), along(col)
-        score = jnp.where(counts[None], score * self.shift(depth)[None], 0)
-        summed = jnp.zeros((num_cells, num_cells, len(score)), score.dtype)
-        summed = jnp.moveaxis(summed.at[down, right].add(score.T), -1, 0)
-        sums = product(weight, summed, weight.T).reshape(len(score), -1)
-        return product(sums, sums.T) * (self.length**2 / (tall * wide))
-
-
 class Bias(eqx.Module):
     """Errors that readings share.
 
@@ -170,7 +74,7 @@ class Bias(eqx.Module):
         outline: Pixels by which a silhouette that the sensor shows may be off, all
             along.
         scales: Errors of all depths of an image.
-        fields: Errors that are smooth over some pixels.
+        fields: Errors that are smooth over some pixels, or alike along lines.
         across: Standard deviation of a reading's place across its ray, along each of
             two directions, in meters; None where rays are exact.
         angle: The same of the ray's direction, in radians.
@@ -182,7 +86,7 @@ class Bias(eqx.Module):
     window_reach: Reach = 0
     outline: Reach = 0
     scales: tuple[ScaleLaw, ...] = ()
-    fields: tuple[SmoothField, ...] = ()
+    fields: tuple[AbstractField, ...] = ()
     across: Scalar | None = None
     angle: Scalar | None = None
     lean: Scalar | None = None
@@ -297,15 +201,3 @@ EXACT = Bias()
 def is_none(reach: Reach) -> bool:
     """Whether a reach is known to be 0 before anything runs."""
     return isinstance(reach, int) and reach == 0
-
-
-def _spread(
-    places: Float[Array, " s"],
-    nodes: Float[Array, " k"],
-    length: float | Float[Array, ""],
-) -> Float[Array, "k s"]:
-    """Weight of each node at each place; their squares add up to 1, or to 0 far off."""
-    weight = jnp.exp(-(((places[None] - nodes[:, None]) / length) ** 2))
-    squares = jnp.sum(weight**2, axis=0)
-    tiny = jnp.finfo(weight.dtype).tiny
-    return weight * jax.lax.rsqrt(jnp.maximum(squares, tiny))[None]

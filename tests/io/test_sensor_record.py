@@ -22,6 +22,7 @@ MODELS = [
     ij.MatchingWindow(ij.StructuredLight(), native_scale=1.88),
     ij.TimeOfFlight(growth=0.002),
     ij.CorrelatedNoise(ij.ConstantNoise(0.001), 0.002, 30.0, power=1),
+    ij.LineNoise(ij.ConstantNoise(0.001), 0.002, "columns", power=1),
     ij.ScaleError(ij.ConstantNoise(0.001), 0.01, law="disparity"),
     ij.AlignedDepth(ij.ConstantNoise(0.001), 1.44),
 ]

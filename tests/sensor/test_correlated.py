@@ -50,12 +50,53 @@ def test_what_a_field_does_to_sums_is_the_variance_of_draws(length):
     found = np.asarray(jax.jit(field.score_covariance)(*given))
     distance = (row[:, None] - row) ** 2 + (col[:, None] - col) ** 2
     kernel = 0.002**2 * np.exp(-distance / (2 * length**2))
+    if field.is_grain:
+        # `sigma` counts what each reading errs by.
+        kernel -= 0.002**2 * np.eye(row.size)
     wanted = (score * used) @ kernel @ (score * used).T
     np.testing.assert_allclose(found, wanted, atol=0.06 * np.abs(wanted).max())
 
 
+@pytest.mark.parametrize("length", [3.0, 30.0])
+def test_a_reading_scatters_by_grain_and_not_by_a_warp(length):
+    sensor = ij.CorrelatedNoise(ij.ConstantNoise(0.003), 0.002, length, power=1)
+    depth = np.array([2.0, np.inf, 0.0], np.float32)
+    sigma = jax.jit(sensor.sigma)(depth, np.ones_like(depth))
+    wanted = 0.005 if length < 10 else 0.003
+    np.testing.assert_allclose(sigma, [wanted, np.inf, np.inf], rtol=1e-6)
+
+
+@pytest.mark.parametrize("lines", ["rows", "columns"])
+def test_readings_of_a_line_err_alike(lines):
+    sensor = ij.LineNoise(ij.ConstantNoise(1e-7), 0.001, lines, power=1)
+    found = (readings(sensor, DEPTH) - DEPTH) / 0.002
+    found = found if lines == "rows" else np.swapaxes(found, 1, 2)
+    of_lines = found.mean(axis=2)
+    np.testing.assert_allclose(
+        found, of_lines[..., None] * np.ones_like(found), atol=1e-3
+    )
+    # Four standard errors of as many independent lines.
+    assert np.mean(of_lines**2) == pytest.approx(1, abs=4 * np.sqrt(2 / of_lines.size))
+
+
+@pytest.mark.parametrize("lines", ["rows", "columns"])
+def test_what_lines_do_to_sums_is_the_variance_of_draws(lines):
+    row, col = map(np.ravel, np.indices(SHAPE))
+    score = np.stack([np.ones(row.size), row - 24.0, (row - 24) * (col - 32.0)])
+    score = np.where(col < 50, score / 1e4, 0)
+    field = ij.LineNoise(ij.ConstantNoise(1.0), 0.001, lines, 1.0).bias.fields[0]
+    given = jnp.float32(score), jnp.float32(DEPTH.ravel()), row, col
+    found = jax.jit(field.score_covariance)(*given)
+    line = row if lines == "rows" else col
+    kernel = 0.002**2 * ((line[:, None] == line) & ~np.eye(row.size, dtype=bool))
+    wanted = score @ kernel @ score.T
+    np.testing.assert_allclose(found, wanted, atol=1e-4 * np.abs(wanted).max())
+
+
 def test_bad_values_are_named():
     noise = ij.ConstantNoise(0.001)
+    with pytest.raises(ValueError, match="lines must be one of rows, columns; got 'x'"):
+        ij.LineNoise(noise, 0.001, "x")
     with pytest.raises(ValueError, match="length must be at least 1"):
         ij.CorrelatedNoise(noise, 0.001, 0.5)
     with pytest.raises(ValueError, match="deviation must be 0 or positive"):
