@@ -37,6 +37,7 @@ from impostor_jax.fit.filtered import less_noise, shared_errors
 from impostor_jax.fit.fittable import Fittable, no_guess
 from impostor_jax.fit.gather import table_of
 from impostor_jax.fit.learned import fit_with_learned_rays, with_learned_rays
+from impostor_jax.fit.line_errors import line_errors
 from impostor_jax.fit.measured import with_measured
 from impostor_jax.fit.options import Options
 from impostor_jax.fit.outline_gap import compared_with_outline, tested_beyond_ends
@@ -162,15 +163,24 @@ def fit_shape(
             fit, seen = as_they_disagree(fit, seen, at_wider)
         seen = at_poses(seen, fit)
         of_poses, disagreement = told_of_poses(fit, seen, not asks_poses)
+
+        def refitted(sigma: Any, told: str) -> Fit:
+            again = request._replace(sigma=sigma)
+            fit = fit_shape(again, in_search=in_search, is_trial=is_trial)
+            return fit.noting(measured=told)
+
         is_told = places is None and sigma is not None and not told
         if is_told and effort.doubts and options.errors is None:
             shown = shared_errors(fit, views, seen)
             if shown is None and options.scale == "estimated" and not in_search:
                 shown = less_noise(fit, kind.body, views, seen)
             if shown is not None:
-                sigma, told = shown
-                fit = fit_shape(request._replace(sigma=sigma), in_search=in_search)
-                return fit.noting(measured=told)
+                return refitted(*shown)
+        if places is None and effort.doubts and options.errors is None:
+            shared = line_errors(fit, seen, told)
+            if shared is not None:
+                noises, of_lines = shared
+                return refitted(noises if len(noises) > 1 else noises[0], of_lines)
         fit = tested_by_readings(fit, request._replace(initial=start), fitted_as)
         if places is None:
             fit = compared_with_outline(fit, seen, is_outline)
