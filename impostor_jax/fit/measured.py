@@ -32,6 +32,7 @@ from scipy import optimize
 
 from impostor_jax.camera.base import AbstractRays
 from impostor_jax.camera.pinhole import PinholeCamera
+from impostor_jax.camera.ray_table import directions_of
 from impostor_jax.fit.per_pixel import PerPixelNoise
 from impostor_jax.fit.request import (
     Given,
@@ -282,7 +283,7 @@ def _measured(
     seen = image > 0
     beside = seen & ~region
     is_beside = bool(beside.any())
-    around = _around(image, beside if is_beside else seen)
+    around = _around(image, beside if is_beside else seen, camera)
     if around is not None and not (is_beside or is_scene):
         # An object by itself bends: differences of the fourth order tell of filters,
         # and its fit of smooth errors.
@@ -509,13 +510,13 @@ def _tiles_of(usable: Bool[np.ndarray, "h w"]) -> list[Window]:
 
 
 def _around(
-    image: Float[np.ndarray, "h w"], usable: Bool[np.ndarray, "h w"]
+    image: Float[np.ndarray, "h w"],
+    usable: Bool[np.ndarray, "h w"],
+    camera: PinholeCamera,
 ) -> Around | None:
     """What planes among the usable readings tell; None where there is none."""
     side = TILE // CELL
-    places = np.indices((side, side)).reshape(2, -1)
-    basis = np.linalg.qr(np.stack([*places, np.ones(side * side)], axis=1))[0]
-    pixels = np.stack([*np.indices((TILE, TILE)), np.ones((TILE, TILE))])
+    row, col = np.indices((TILE, TILE))
 
     def blocks(field: np.ndarray) -> np.ndarray:
         return field.reshape(side, CELL, side, CELL).sum(axis=(1, 3)).ravel()
@@ -534,10 +535,14 @@ def _around(
             num_equal += 1
             continue
         white = max(float(np.mean(near)), (LEAST / float(np.median(depth[use]))) ** 2)
+        # A plane's inverse depth is linear in these, and through a lens not in pixels.
+        x, y = directions_of(camera, row + tile[0].start, col + tile[1].start, float)
+        rays = np.stack([x, y, np.ones_like(x)])
         # Where readings lack on one side of a block their mean lies to the other.
-        plane = np.linalg.lstsq(pixels[:, use].T, inverse[use], rcond=None)[0]
-        beside = np.where(use, inverse - np.tensordot(plane, pixels, 1), 0)
+        plane = np.linalg.lstsq(rays[:, use].T, inverse[use], rcond=None)[0]
+        beside = np.where(use, inverse - np.tensordot(plane, rays, 1), 0)
         means = blocks(beside) / counts
+        basis = np.linalg.qr(np.stack([*map(blocks, rays)], axis=1))[0]
         left = means - basis @ (basis.T @ means)
         scatter = float(left @ left) / (side * side - 3)
         if scatter > MOST_SMOOTH**2:

@@ -8,7 +8,7 @@ import pytest
 
 import impostor_jax as ij
 from impostor_jax.fit.measured import NOT_MEASURED, law_of_noise, measured_noise
-from tests.fit.scenes import CAMERA, SIGMA, can, image, with_outliers
+from tests.fit.scenes import CAMERA, SIGMA, camera_with, can, image, with_outliers
 from tests.groups import FULL
 
 SHAPE = can()
@@ -48,6 +48,26 @@ def test_a_camera_that_matches_windows_is_told_by_the_planes_around(seed):
 def test_what_is_independent_is_no_camera_that_matches_windows(sensor):
     depth, mask = drawn(sensor)
     assert isinstance(measured_noise(depth, mask, CAMERA).noise, ij.ConstantNoise)
+
+
+@pytest.mark.parametrize(
+    "lens",
+    [
+        pytest.param({"distortion": (-0.3, 0.1, 0, 0, 0)}, id="radial"),
+        pytest.param({"distortion": (0.1, 0, 0, 0), "fisheye": True}, id="fisheye"),
+    ],
+)
+def test_a_wall_is_flat_through_a_lens(lens):
+    # Planes of its pixels had smooth errors: deviations were 20 to 35 times too wide.
+    camera = camera_with(**lens)
+    wall = ij.Plane((0.0, 0.0, 1.3), (0.5, 0.3, -1.0))
+    depth = np.asarray(ij.render(wall, camera, outputs=("depth",)).depth)
+    depth = depth + np.random.default_rng(0).normal(0, SIGMA, depth.shape)
+    mask = np.zeros(depth.shape, bool)
+    mask[50:70, 60:100] = True
+    found = measured_noise(depth.astype(np.float32), mask, camera)
+    assert isinstance(found.noise, ij.ConstantNoise)
+    assert float(found.noise.deviation) == pytest.approx(SIGMA, rel=0.15)
 
 
 def test_filtered_noise_is_told_without_anything_around():
