@@ -560,6 +560,8 @@ class Fit(eqx.Module):
             told.append(POSES)
         if self.is_shape and self.chi2 >= NOTED_CHI2 and self._is_weighed:
             told.append(f"But {self._residuals}: sigma or the shape may be wrong.")
+        if self.is_shape and self.form.departs:
+            told.append(f"The wall departs: {self.form}; std allows for it.")
         if self.asked.doubt:
             told.append(as_sentence(self.asked.doubt))
         return " ".join(told)
@@ -731,8 +733,6 @@ class Fit(eqx.Module):
                 f"  Readings err by {millimeters(self.across.deviation)} mm across "
                 "their rays."
             )
-        if self.form.departs:
-            lines.append(f"  The wall departs: {self.form}; std allows for it.")
         if self.asked.is_thinned:
             which = (
                 "evenly spread" if self.source == "points" else "half beside the border"
