@@ -62,6 +62,8 @@ def pytest_configure(config):
     # A flag that XLA no longer has would end the process.
     if jax.__version_info__ < ONE_GENERATOR:
         flags.append("--xla_cpu_use_fusion_emitters=false")
+        # Each process has one core, where parts of a program gain nothing.
+        flags.append("--xla_cpu_parallel_codegen_split_count=1")
     if not config.getoption("--optimized"):
         flags.append("--xla_backend_optimization_level=0")
     os.environ.setdefault("XLA_FLAGS", " ".join(flags))

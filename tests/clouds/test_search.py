@@ -16,7 +16,7 @@ from impostor_jax.clouds.search import (
 )
 from impostor_jax.clouds.support import supported, with_rays
 from tests.clouds.scenes import ball, floor, wall
-from tests.groups import FULL
+from tests.groups import FULL, RELEASE
 
 REQUEST = Request(radius_range=(0.01, 1.0))
 
@@ -75,7 +75,7 @@ def test_a_thin_pipe_of_few_points_is_as_full_as_a_thick_one():
     assert one.support.length == pytest.approx(6.0, rel=0.02)
 
 
-@FULL
+@RELEASE
 def test_a_wall_around_several_pipes_leaves_their_points_to_them():
     rng = np.random.default_rng(0)
     turns = np.radians([-45, -15, 15, 45])
@@ -140,7 +140,7 @@ def test_rays_through_a_wall_speak_against_it():
     assert _is_likely(support, REQUEST)
 
 
-@FULL
+@RELEASE
 def test_pieces_of_one_thing_are_told_from_two():
     rng = np.random.default_rng(4)
 

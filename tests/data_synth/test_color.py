@@ -94,6 +94,7 @@ def test_a_picture_is_that_of_the_labels(colored):
     assert seen == {"color", "exponent", "reflect", "transmit", "ior"}
 
 
+@RELEASE
 def test_depth_is_that_of_the_same_dataset_without_color(colored, tmp_path):
     small_dataset(tmp_path / "plain", PLAIN)
     plain, both = checksums(tmp_path / "plain"), checksums(colored)

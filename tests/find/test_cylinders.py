@@ -223,7 +223,7 @@ def test_a_can_is_found_in_depth_that_was_warped_to_a_color_camera():
     assert abs(float(np.dot(fit.cylinder.axis, DOWN))) > np.cos(np.radians(1))
 
 
-@FULL
+@RELEASE
 def test_a_can_is_found_by_parallel_rays_without_a_warning():
     # Its fit stands 1e5 m away, in double precision: depth looked like millimeters.
     standing_can = ij.Cylinder((0.0, 0.0, 0.5), (0.3, 0.9, 0.1), 0.04, 0.12)

@@ -71,6 +71,7 @@ def test_steps_of_a_disparity_are_not_taken_for_copies():
     assert copies_along(depth, mask) is None
 
 
+@RELEASE
 @SMALL_IMAGES
 def test_what_walls_lean_by_is_counted_where_it_is_recognized():
     fit = fitted(NOISE)

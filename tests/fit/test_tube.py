@@ -132,7 +132,7 @@ def test_a_floor_is_no_wall():
         assert np.count_nonzero(mask & ~np.asarray(fit.region)) > 50
 
 
-@FULL
+@RELEASE
 def test_a_bore_that_something_fills_is_no_success():
     depth, mask = map(np.array, image_of(pipe()))
     seen = ij.render(can(40.0), CAMERA, outputs=("depth",)).depth

@@ -82,6 +82,7 @@ def test_poses_that_err_as_is_told_leave_size_and_place_right(off):
     assert float(off.std_budget["poses"].along_axis) > PLACE / 4
 
 
+@RELEASE
 def test_taken_for_exact_they_are_off_by_many_deviations():
     fit = fitted_off(3, (0.0, 0.0))
     assert fit.pose_errors is None
@@ -132,6 +133,7 @@ def test_of_poses_that_nobody_tells_as_much_is_taken_as_views_disagree():
     assert max(map(abs, deviations(fit).values())) < 4
 
 
+@FULL
 def test_what_disagrees_by_far_more_is_a_wrong_pose():
     fit = fitted_off(0, None, 10 * PLACE, 0.0)
     assert fit.status == "poor_fit"
@@ -178,6 +180,7 @@ def test_other_shapes_have_poses_too(fit, shape, radii):
         assert abs(float(value) - true) < 4 * float(std)
 
 
+@RELEASE
 def test_derivatives_follow_poses_that_err(off):
     depths, cameras, masks = from_two_sides(can())
     cameras = with_poses_off(cameras, motions_of(0))

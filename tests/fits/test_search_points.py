@@ -97,7 +97,7 @@ def test_a_viewpoint_need_not_be_known(cloud):
     check(ij.find_cylinders_in_points(points, sigma=NOISE), owner)
 
 
-@FULL
+@RELEASE
 def test_what_large_voxels_took_for_one_wall_is_found_by_smaller_ones(monkeypatch):
     # A wall around several pipes of a rack was refused, and their points were lost.
     monkeypatch.setattr(search_points, "MOST_POINTS", 6000)

@@ -269,6 +269,7 @@ def test_a_mask_of_a_large_object_is_searched_first(monkeypatch):
     assert tried == [{"is_trial": True}, {}]
 
 
+@RELEASE
 def test_a_trial_that_ended_early_is_no_answer(monkeypatch):
     # Of few readings that are taken the others count, too.
     depth, mask, _ = bottle()

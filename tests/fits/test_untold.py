@@ -8,7 +8,7 @@ import pytest
 import impostor_jax as ij
 from impostor_jax.clouds.wall import wall_of
 from impostor_jax.fit.regions import DepthUnitsWarning
-from tests.groups import FULL, OF_POINTS
+from tests.groups import FULL, OF_POINTS, RELEASE
 
 pytestmark = OF_POINTS
 CENTER, AXIS, RADIUS = np.array([1.0, -2.0, 1.5]), np.array([0.05, -0.02, 1.0]), 0.12
@@ -254,7 +254,7 @@ def test_places_that_disagree_widen_deviations():
     np.testing.assert_allclose(root[5], drifts.std.radius, rtol=1e-5)
 
 
-@FULL
+@RELEASE
 def test_scans_that_are_aligned_to_a_few_millimeters_are_fitted_and_found():
     # With places given none was fitted, a poor fit; found without them, radii were up
     # to 30 deviations off.

@@ -90,6 +90,7 @@ def test_a_wrong_pose_makes_views_contradict_each_other():
     assert "a pose is wrong" in fit.reason
 
 
+@RELEASE
 def test_errors_of_neighbors_do_not_explain_a_wrong_pose():
     # It leaves what neighbors share; alone no view does.
     fit = posed_wrongly(60.0, (0.003, 0.001, 0.0015))
@@ -97,6 +98,7 @@ def test_errors_of_neighbors_do_not_explain_a_wrong_pose():
     assert "The views contradict each other: a pose is wrong" in fit.reason
 
 
+@RELEASE
 def test_a_wall_that_may_depart_because_a_pose_is_wrong_is_as_unsure():
     # From opposite sides a can between views that are apart looks oval.
     fit = posed_wrongly(150.0, (0.0015, 0.0005, 0.0007))

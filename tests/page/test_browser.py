@@ -12,7 +12,7 @@ from impostor_jax.fit.status import FitStatus
 from impostor_jax.page.frame import page_frame
 from impostor_jax.page.shown import image_view, shown_of
 from tests.fit.scenes import CAMERA, image
-from tests.groups import FULL
+from tests.groups import FULL, RELEASE
 from tests.page.scenes import SHAPES, can_fit, fit_of
 
 pytest.importorskip("playwright")
@@ -93,6 +93,7 @@ def test_hands_turn_the_scene_and_pick_a_shape(opened, can_page):
     assert page.complaints == []
 
 
+@RELEASE
 def test_what_is_switched_off_is_not_seen(opened, can_page):
     page = opened(can_page, size=DESKTOP)
     seen = [looked_at(page)]

@@ -16,7 +16,7 @@ from impostor_jax.glsl.impostors import impostor_of
 from impostor_jax.numerics import eps
 from tests.cases import TURNED, pose
 from tests.checks import all_finite, angle_between
-from tests.groups import FULL
+from tests.groups import FULL, RELEASE
 
 CAMERA = ij.PinholeCamera(60.0, 60.0, 31.5, 23.5, width=64, height=48)
 POSED = ij.PinholeCamera(60.0, 60.0, 31.5, 23.5, 64, 48, camera_from_world=pose())
@@ -130,7 +130,7 @@ def test_derivative_is_that_of_finite_differences_and_zero_along_the_axis(name, 
         assert slope @ change == pytest.approx(numeric, rel=1e-4, abs=1e-3)
 
 
-@FULL
+@RELEASE
 def test_adam_finds_the_axis_and_the_result_is_what_it_says():
     truth = ij.Cylinder((0.02, 0.01, 0.8), AXIS, 0.15, 0.3)
     depth = ij.render(truth, CAMERA, outputs=("depth",)).depth

@@ -8,7 +8,7 @@ import pytest
 import impostor_jax as ij
 from impostor_jax.rendering.maps import MISSES, OUTPUTS
 from tests.cases import CAMERAS
-from tests.groups import FULL
+from tests.groups import FULL, RELEASE
 
 # Edges are looked for beside pixels, and coverage of whole shapes.
 ALL = tuple(n for n in OUTPUTS if n not in ("coverage", "share", "beside"))
@@ -154,7 +154,7 @@ def test_a_traced_shape_is_rendered_in_jaxs_precision_alone():
     np.testing.assert_allclose(found, depth(0.1, "balanced"), rtol=1e-5)
 
 
-@FULL
+@RELEASE
 def test_misses_are_what_maps_hold_where_nothing_is_hit():
     maps = ij.render(can(), CAMERAS["pinhole"](), OUTPUTS)
     seen = np.asarray(maps.mask) | (np.asarray(maps.coverage) > 0)

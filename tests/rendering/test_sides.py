@@ -8,7 +8,7 @@ import pytest
 import impostor_jax as ij
 from tests.cases import CAMERAS
 from tests.checks import all_finite
-from tests.groups import FULL
+from tests.groups import FULL, RELEASE
 
 WIDTH, HEIGHT, PARTS = 32, 24, 16
 SIDES = ("depth", "mask", "share", "beside")
@@ -88,7 +88,7 @@ def test_coverage_of_a_scene_and_its_derivative_are_those_of_many_rays():
     assert abs(float(slope) - expected) < 0.08 * abs(expected)
 
 
-@FULL
+@RELEASE
 @pytest.mark.usefixtures("double")
 def test_a_loss_with_outlines_falls_as_that_of_many_rays_does():
     """An edge between two depths, of which the target has one, moves to the other."""
@@ -131,7 +131,7 @@ def test_maps_and_gradients_are_finite_with_a_target_of_any_kind(near, far):
     assert seen.max() < far
 
 
-@FULL
+@RELEASE
 def test_nothing_counts_as_a_gap_and_no_reading_does_not():
     ball = ij.Sphere((0, 0, 1.0), 0.2)
     maps = ij.render(ball, camera(), SIDES)
