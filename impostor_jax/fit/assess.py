@@ -14,7 +14,12 @@ from impostor_jax.fit.agreement import reduced_chi2, tail
 from impostor_jax.fit.alternatives import no_alternatives
 from impostor_jax.fit.body import AbstractBody, coordinates_of
 from impostor_jax.fit.budget import Deviations, if_known
-from impostor_jax.fit.covariance import Uncertainty, free_coordinates, uncertainty_of
+from impostor_jax.fit.covariance import (
+    FreeCoordinates,
+    Uncertainty,
+    free_coordinates,
+    uncertainty_of,
+)
 from impostor_jax.fit.deviations import are_numbers, deviations_of, open_where_unseen
 from impostor_jax.fit.inliers import Compared, Inliers, compared, inliers_of
 from impostor_jax.fit.posterior import cost_of, explains, hidden_pixels
@@ -37,8 +42,9 @@ bands are as rough as a shape that readings of another one lie about."""
 MOST_DEPARTED = 0.5
 """Departure from the shape, over its radius, from which on a wall is of another one."""
 
-MOST_UNMET = 0.02
-"""Share of the inliers whose rays may miss the shape."""
+MOST_UNMET, SURELY = 0.02, 3.0
+"""Share of the inliers whose rays may miss the shape, by more than so many deviations
+of where that is."""
 
 MOST_FILLED = 0.25
 """Share of the readings through the mouth of a bore that may lie in front of its wall:
@@ -128,7 +134,7 @@ def assess(problem: Problem, solution: Solution, correlated: bool) -> Assessment
     count = jnp.sum(used)
     rms = jnp.sqrt(jnp.sum(jnp.where(on.inlier, meters, 0) ** 2) / on.num_inliers)
     chi2 = reduced_chi2(on.squares, on.num_inliers)
-    agrees = _agrees(problem, body, told, on, errors, rms, chi2, correlated)
+    agrees = _agrees(problem, free, told, on, errors, rms, chi2, correlated)
     is_possible = _has_size(problem, body, told) & ~_is_as_flat(problem, told, on)
     finite = solution.finite & are_numbers(
         body, std, budget, covariance, chi2, errors.border_chi2
@@ -216,7 +222,7 @@ def _pose_errors(problem: Problem, errors: Uncertainty) -> PoseErrors | None:
 
 def _agrees(
     problem: Problem,
-    body: AbstractBody,
+    free: FreeCoordinates,
     told: Compared,
     on: Inliers,
     errors: Uncertainty,
@@ -226,8 +232,14 @@ def _agrees(
 ) -> Bool[Array, ""]:
     """Whether the readings are of such a shape, and there."""
     settings, terms, seen = problem.settings, told.readings.terms, told.readings.passing
-    total = jnp.sum(told.readings.used).astype(rms.dtype)
-    num_missed = jnp.sum(on.inlier & seen.is_missed, dtype=rms.dtype)
+    body, total = free.body, jnp.sum(told.readings.used).astype(rms.dtype)
+    # In deviations of its square. Within what the estimate is unsure by a ray may meet
+    # it: a twentieth of a pixel beside the outline of a ball of eight lie four of 218.
+    missed = -seen.square * terms.weight**2 / np.sqrt(2)
+    slopes = product(product(errors.root.T, free.into), terms.gradient)
+    unsure = jnp.sqrt(jnp.sum(slopes * slopes, axis=0))
+    misses = seen.is_missed & (missed > SURELY * unsure)
+    num_missed = jnp.sum(on.inlier & misses, dtype=rms.dtype)
     finest = jnp.max(terms.weight)
     is_small = (on.spread < 5) | (on.spread < body.radius * finest / 50)
     # More readings than not, on a shape that their rays meet.

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import impostor_jax as ij
+from impostor_jax.find import fitting, search
 from tests.find.scenes import ORTHOGRAPHIC, WALL, image_of
 from tests.fit.scenes import SIGMA, can
 from tests.groups import FULL, RELEASE, SMALL_IMAGES
@@ -61,6 +62,21 @@ def test_of_the_things_on_a_table_only_cans_are_found():
     again = ij.find_cylinders(image.depth, CAMERA, SIGMA)
     np.testing.assert_array_equal(again.masks, found.masks)
     np.testing.assert_array_equal(again.confidence, found.confidence)
+
+
+def test_a_candidate_that_runs_out_of_steps_takes_more(monkeypatch):
+    # Two of twelve cans in depth that is rounded were lost.
+    fit_shape, few = fitting.fit_shape, fitting.QUICK["max_steps"]
+
+    def ended_early(request, **more):
+        fit = fit_shape(request, **more)
+        is_quick = request.options.effort.max_steps == few
+        return fit.failed(ij.FitStatus.STEP_LIMIT) if is_quick else fit
+
+    monkeypatch.setattr(fitting, "fit_shape", ended_early)
+    monkeypatch.setattr(search, "FEW", 1000)
+    image = image_of([TABLE, can_on_table(-0.02, 0.08, 0.04, 0.12)], CAMERA)
+    assert len(ij.find_cylinders(image.depth, CAMERA, SIGMA).fits) == 1
 
 
 @pytest.mark.parametrize("sigma", [0.0002, 0.002])

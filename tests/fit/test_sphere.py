@@ -35,6 +35,19 @@ def test_noisy_sphere_is_recovered_within_its_deviations():
     assert 0.6 < np.sqrt(np.mean(np.square(scores))) < 1.4
 
 
+def test_rays_beside_the_outline_of_a_small_ball_may_miss_it():
+    # Of 40 balls of eight pixels ten were refused.
+    far, scores = ij.Sphere((0.0, 0.0, 1.0), 0.052), []
+    for seed in range(12):
+        depth, mask = image_of(far, seed=seed, wall=1.5)
+        noise = np.random.default_rng(100 + seed).normal(0, 0.008, depth.shape)
+        noisy = (depth + noise).astype(np.float32)
+        fit = ij.fit_sphere(noisy, CAMERA, mask, float(np.hypot(0.008, SIGMA)))
+        assert fit.success
+        scores += [float((fit.sphere.radius - 0.052) / fit.std.radius)]
+    assert np.sqrt(np.mean(np.square(scores))) < 1.6
+
+
 def test_sphere_is_found_without_a_mask():
     depth, mask = image_of(ball())
     fit = ij.fit_sphere(depth, CAMERA, sigma=SIGMA)
