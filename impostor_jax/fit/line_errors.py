@@ -27,6 +27,7 @@ from impostor_jax.fit.seen import Seen
 from impostor_jax.fit.surface import cropped
 from impostor_jax.sensor.base import AbstractDepthNoise
 from impostor_jax.sensor.correlated import LineNoise, Lines
+from impostor_jax.sensor.fields import LineField
 from impostor_jax.sensor.gaussian import ConstantNoise
 
 NONE = 0.01
@@ -72,8 +73,7 @@ def line_errors(
 ) -> tuple[list[AbstractDepthNoise], str] | None:
     """The noise of each view with what its lines share, and what a reader is told.
 
-    None where no lines err alike, or a sensor's model says already what pixels share.
-    Where that was measured in the image, it may be lines that were taken for it.
+    None where no lines err alike, or the noise says already that they do.
 
     Args:
         fit: To the images, concrete.
@@ -85,21 +85,22 @@ def line_errors(
         return None
     noises, told = [], ""
     for one, pixels in zip(seen, fit.pixelwise, strict=True):
-        noise, shares = one.noise, bool(one.noise.bias.fields)
-        is_said = isinstance(noise, PerPixelNoise) or (shares and not measured)
+        noise, fields = one.noise, one.noise.bias.fields
+        is_said = any(isinstance(field, LineField) for field in fields)
+        is_said |= isinstance(noise, PerPixelNoise)
         found = None if is_said else _shared(pixels)
-        if found is None or (shares and not found.is_all):
-            noises.append(noise)
-            continue
-        told = found.text
-        if shares:
-            measured = f"Measured in the image: noise of {1e3 * found.own:.2g} mm. "
-            noise = ConstantNoise(found.own)
-        elif isinstance(noise, ConstantNoise):
-            # A caller who tells how readings scatter has counted it.
-            left = float(noise.deviation) ** 2 - found.deviation**2
-            noise = ConstantNoise(math.sqrt(max(left, found.own**2)))
-        noises.append(LineNoise(noise, found.deviation, found.lines))
+        if found is not None:
+            told = found.text
+            if fields and measured and found.is_all:
+                # They were taken for smooth errors.
+                measured = f"Measured in the image: noise of {1e3 * found.own:.2g} mm."
+                noise = ConstantNoise(found.own)
+            elif isinstance(noise, ConstantNoise):
+                # A caller who tells how readings scatter has counted it.
+                left = float(noise.deviation) ** 2 - found.deviation**2
+                noise = ConstantNoise(math.sqrt(max(left, found.own**2)))
+            noise = LineNoise(noise, found.deviation, found.lines)
+        noises.append(noise)
     return (noises, f"{measured} {told}".strip()) if told else None
 
 
@@ -122,7 +123,7 @@ class _Shared(NamedTuple):
     def text(self) -> str:
         """What a reader is told."""
         line = self.lines.removesuffix("s")
-        return f"Readings of a {line} err alike, by {1e3 * self.deviation:.2g} mm. "
+        return f"Readings of a {line} err alike, by {1e3 * self.deviation:.2g} mm."
 
 
 def _shared(told: Pixelwise) -> _Shared | None:

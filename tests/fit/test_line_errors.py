@@ -59,6 +59,14 @@ def test_what_lines_share_widens_deviations():
 
 
 @FULL
+def test_a_sensor_that_says_what_neighbors_share_may_not_say_all():
+    warped = ij.CorrelatedNoise(ij.ConstantNoise(SIGMA), 1e-4, length=40.0)
+    fit = fitted("rows", warped)
+    assert "Readings of a row err alike" in fit.asked.measured
+    assert {"warp"} <= set(fit.std_budget.some)
+
+
+@FULL
 @pytest.mark.parametrize("sigma", [SIGMA, None])
 def test_white_noise_shares_nothing(sigma):
     assert "err alike" not in fitted(None, sigma).asked.measured
