@@ -18,13 +18,12 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float, Int
 
 from impostor_jax.fit.per_pixel import PerPixelNoise
 from impostor_jax.fit.pixelwise import Pixelwise
 from impostor_jax.fit.result import Fit
 from impostor_jax.fit.seen import Seen
-from impostor_jax.fit.surface import cropped
 from impostor_jax.sensor.base import AbstractDepthNoise
 from impostor_jax.sensor.correlated import LineNoise, Lines
 from impostor_jax.sensor.fields import LineField
@@ -128,26 +127,27 @@ class _Shared(NamedTuple):
 
 def _shared(told: Pixelwise) -> _Shared | None:
     """What lines of an image share; None where nothing tells that they do."""
-    is_on = np.asarray(told.inliers)
-    box = cropped(is_on)
-    is_on, off = is_on[box], np.asarray(told.residuals)[box].astype(float)
+    is_on = np.asarray(told.marks) == 2
     if np.count_nonzero(is_on) < FEWEST_READINGS * FEWEST_LINES:
         return None
-    scatter = float(np.median(np.abs(off[is_on]))) / MEDIAN_SQUARE**0.5
+    off = np.asarray(told.residual)[is_on].astype(float)
+    scatter = float(np.median(np.abs(off))) / MEDIAN_SQUARE**0.5
     if not scatter > 0:
         return None
     off = np.clip(off / scatter, -CLIPPED, CLIPPED)
-    rows, cols = _Excess.of(is_on, off), _Excess.of(is_on.T, off.T)
+    row, col = np.divmod(np.asarray(told.place)[is_on], told.shape[1])
+    rows, cols = _excess(row, off), _excess(col, off)
     more, less = (rows, cols) if rows.size >= cols.size else (cols, rows)
     # What is alike in all directions is no error of lines.
     tells = more.size > max(more.least, 2 * less.size)
     if not tells or more.shared > MOST_SHARED * more.own:
         return None
+    given = (row, col) if more is rows else (col, row)
     return _Shared(
         lines="rows" if more is rows else "columns",
         deviation=more.shared * scatter,
         own=more.own * scatter,
-        is_all=less.size < less.least and more.alike < ALIKE,
+        is_all=less.size < less.least and _alike(*given, off) < ALIKE,
     )
 
 
@@ -159,36 +159,54 @@ class _Excess(NamedTuple):
         least: From where on it tells that lines share something.
         shared: Deviation that readings of a line share.
         own: That of readings about the mean of their line.
-        alike: Correlation of neighbors within lines.
     """
 
     size: float
     least: float
     shared: float
     own: float
-    alike: float
 
-    @staticmethod
-    def of(is_on: Bool[np.ndarray, "h w"], off: Float[np.ndarray, "h w"]) -> "_Excess":
-        """Of the rows of residuals."""
-        count = np.count_nonzero(is_on, axis=1)
-        counts = count >= FEWEST_READINGS
-        is_told = counts[:-2] & counts[1:-1] & counts[2:]
-        if np.count_nonzero(is_told) < FEWEST_LINES:
-            return _Excess(0.0, math.inf, 0.0, 1.0, 0.0)
-        size = np.maximum(count, 1)
-        mean = np.sum(off * is_on, axis=1) / size
-        left = np.where(is_on & counts[:, None], off - mean[:, None], 0)
-        own = max(float(np.sum(left**2) / np.sum(count[counts] - 1)), TINY)
-        pairs = np.count_nonzero(is_on[counts, :-1] & is_on[counts, 1:])
-        alike = float(np.sum(left[:, :-1] * left[:, 1:])) / max(own * pairs, TINY)
-        each = 1 / size
-        expected = own * (each[:-2] + 4 * each[1:-1] + each[2:])[is_told]
-        ratio = np.diff(mean, 2)[is_told] ** 2 / expected
-        middle = float(np.median(ratio)) / MEDIAN_SQUARE
-        least = max(LEAST_EXCESS, SIGNIFICANT * OF_MEDIAN / math.sqrt(len(ratio)))
-        # Where a rim or a seam lies between them, they differ by that.
-        usual = ratio[ratio <= CLIPPED**2 * middle]
-        more = float(np.mean(usual)) / LEFT - 1 if len(usual) else 0.0
-        shared = max(more, 0.0) * float(np.median(expected)) / 6
-        return _Excess(middle - 1, least, math.sqrt(shared), math.sqrt(own), alike)
+
+def _excess(line: Int[np.ndarray, " n"], off: Float[np.ndarray, " n"]) -> _Excess:
+    """That of residuals, given the number of the line of each."""
+    count, mean, squares = _of_lines(line, off)
+    counts = count >= FEWEST_READINGS
+    is_told = counts[:-2] & counts[1:-1] & counts[2:]
+    if np.count_nonzero(is_told) < FEWEST_LINES:
+        return _Excess(0.0, math.inf, 0.0, 1.0)
+    own = max(float(np.sum(squares[counts]) / np.sum(count[counts] - 1)), TINY)
+    each = 1 / np.maximum(count, 1)
+    expected = own * (each[:-2] + 4 * each[1:-1] + each[2:])[is_told]
+    ratio = np.diff(mean, 2)[is_told] ** 2 / expected
+    middle = float(np.median(ratio)) / MEDIAN_SQUARE
+    least = max(LEAST_EXCESS, SIGNIFICANT * OF_MEDIAN / math.sqrt(len(ratio)))
+    # Where a rim or a seam lies between them, they differ by that.
+    usual = ratio[ratio <= CLIPPED**2 * middle]
+    more = float(np.mean(usual)) / LEFT - 1 if len(usual) else 0.0
+    shared = max(more, 0.0) * float(np.median(expected)) / 6
+    return _Excess(middle - 1, least, math.sqrt(shared), math.sqrt(own))
+
+
+def _of_lines(
+    line: Int[np.ndarray, " n"], off: Float[np.ndarray, " n"]
+) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, " m"], Float[np.ndarray, " m"]]:
+    """Count, mean, and sum of squares about that, of each line from the first on."""
+    line = line - line.min()
+    count = np.bincount(line).astype(float)
+    mean = np.bincount(line, off) / np.maximum(count, 1)
+    return count, mean, np.bincount(line, off**2) - count * mean**2
+
+
+def _alike(
+    line: Int[np.ndarray, " n"],
+    place: Int[np.ndarray, " n"],
+    off: Float[np.ndarray, " n"],
+) -> float:
+    """Correlation of neighbors of a line about the mean of it."""
+    _, mean, squares = _of_lines(line, off)
+    order = np.lexsort((place, line))
+    line, place = line[order], place[order]
+    left = off[order] - mean[line - line[0]]
+    beside = (np.diff(line) == 0) & (np.diff(place) == 1)
+    pairs = np.count_nonzero(beside) / len(off)
+    return float(left[:-1] @ (left[1:] * beside)) / max(squares.sum() * pairs, TINY)
