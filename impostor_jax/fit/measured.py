@@ -89,6 +89,16 @@ FINE, FINE_WINDOW = 1.25, 2.0
 other up to which the grain is fine, and half of the window that is taken for it: what
 smooths by half a pixel leans by less than the noise from there on."""
 
+LAGS, LENGTHS = (1, 2, 3, 5, 8), (1.5, 2.0, 3.0, 4.0, 6.0)
+"""Pixels between readings that tell the length of grain, and lengths that it may have:
+few, so that few programs are compiled."""
+
+MOST_GRAIN = 0.99
+"""Part of the variance that is grain, at most: no reading is without an error."""
+
+OF_THIRD = np.array([-1.5, 0.6, -0.1])
+"""What correlations at one, two and three lags do to a third difference's variance."""
+
 SHARED = 1.5
 """Variance of differences over that of neighbors from which errors are shared: of six
 images of five cameras it is 1.6 to 6, of drawn white noise 0.9 to 1.1."""
@@ -151,6 +161,41 @@ SAMPLE = 4096
 """Readings that tell to which step depths are rounded."""
 
 Window = tuple[slice, slice]
+
+
+class Grain(NamedTuple):
+    """An error that neighbors share, beside the own of each reading.
+
+    Attributes:
+        part: Of the variance of readings.
+        length: Of its correlation, in pixels: one of `LENGTHS`.
+    """
+
+    part: float
+    length: float
+
+    @staticmethod
+    def of(surfaces: Sequence[tuple[np.ndarray, np.ndarray]]) -> "Grain":
+        """That of inverse depths of surfaces, and which of these there are.
+
+        Differences of readings that are far from each other hold all of it, and those
+        of neighbors what these do not share.
+        """
+        lags, levels = [], []
+        for lag in LAGS:
+            some = [level for own in surfaces for level in _variances(*own, lag, 3)]
+            if some:
+                lags.append(lag)
+                levels.append(float(np.mean(some)))
+        level, best = np.array(levels), (math.inf, Grain(0.0, LENGTHS[0]))
+        for length in LENGTHS:
+            squares = np.outer(np.array(lags) / length, np.arange(1, 4)) ** 2
+            told = 1 + np.exp(-squares / 2) @ OF_THIRD
+            terms = np.stack([np.ones_like(told), told], axis=1) / level[:, None]
+            (own, shared), rest = optimize.nnls(terms, np.ones_like(level))
+            if rest < best[0]:
+                best = float(rest), Grain(shared / (own + shared), length)
+        return best[1]
 
 
 class MeasuredNoise(NamedTuple):
@@ -295,7 +340,8 @@ def _measured(
         is_fine = is_filtered and _is_fine(
             _variances(inverse, own, NEXT, 4), own_levels[NEAR]
         )
-        around = Around(is_filtered, 0.0, is_fine)
+        grain = Grain.of([(inverse, own)]) if is_filtered else None
+        around = Around(is_filtered, 0.0, is_fine, grain)
     # Where planes tell nothing but the step, the object alone tells more.
     most = (MOST_ROUNDED * around.step) ** 2 / 12
     is_rounded = not around.is_equal or min(_variances(depth, own, 1, 4)) < most
@@ -306,7 +352,7 @@ def _measured(
     far = _variances(inverse, own, FAR, 3) or _variances(inverse, own, NEAR, 3)
     total = max(white, math.sqrt(min(far))) if far else white
     bands = around.smooth or max(BANDS, total)
-    noise = _matching(total, bands, camera, around.is_fine)
+    noise = _matching(total, around.grain, bands, camera, around.is_fine)
     reach = noise.bias.window_reach
     text = (
         f"Measured in the image: noise of {1e3 * total * middle**2:.2g} mm that "
@@ -388,14 +434,23 @@ def _rounded(step: float) -> MeasuredNoise:
 
 
 def _matching(
-    deviation: float, bands: float, camera: PinholeCamera, is_fine: bool
+    deviation: float,
+    grain: Grain | None,
+    bands: float,
+    camera: PinholeCamera,
+    is_fine: bool,
 ) -> AbstractDepthNoise:
     """A camera that matches windows; its deviations are of inverse depth."""
+    part = 0.0 if grain is None else min(grain.part, MOST_GRAIN)
+    own = deviation * math.sqrt(1 - part)
     enlarged = 2 if float(camera.fx) > NARROW * camera.width else 1
     # Static numbers take few values, so that other images do not compile a fit anew.
-    law = StereoDisparity(float(camera.fx), 1.0, deviation * float(camera.fx), step=0.0)
+    law = StereoDisparity(float(camera.fx), 1.0, own * float(camera.fx), step=0.0)
     window = {"half_window": FINE_WINDOW} if is_fine else {"native_scale": enlarged}
     windowed = MatchingWindow(law, **window)
+    if grain is not None:
+        shared = deviation * math.sqrt(part)
+        windowed = CorrelatedNoise(windowed, shared, grain.length)
     banded = CorrelatedNoise(windowed, bands, BAND_LENGTH * enlarged)
     return ScaleError(banded, OFFSET, law="disparity")
 
@@ -485,6 +540,7 @@ class Around(NamedTuple):
         is_filtered: Whether neighbors share errors.
         smooth: Deviation of a smooth error of inverse depth; 0 if there is none.
         is_fine: Whether only neighbors do, and those but one share little.
+        grain: What neighbors share; None where they do not.
         step: To which depths are rounded, in meters, if that is all that they err by;
             0 otherwise. Neighbors share it, but it leads a fit nowhere.
         is_equal: Whether each plane has one depth, so that the step is all it tells.
@@ -493,6 +549,7 @@ class Around(NamedTuple):
     is_filtered: bool
     smooth: float
     is_fine: bool
+    grain: Grain | None = None
     step: float = 0.0
     is_equal: bool = False
 
@@ -521,7 +578,7 @@ def _around(
     def blocks(field: np.ndarray) -> np.ndarray:
         return field.reshape(side, CELL, side, CELL).sum(axis=(1, 3)).ravel()
 
-    shared, fine, scattered, excess = [], [], [], []
+    shared, fine, scattered, excess, surfaces = [], [], [], [], []
     farthest, num_equal = [], 0
     for tile in _tiles_of(usable):
         use, depth = usable[tile], image[tile].astype(float)
@@ -553,11 +610,14 @@ def _around(
         if shared[-1] > SHARED:
             fine.append(_is_fine(_variances(inverse, use, NEXT, 3), apart))
         grain = _in_means(white, float(np.mean(apart)))
+        surfaces.append((inverse, use))
         scattered.append(scatter / (grain * float(np.mean(1 / counts))))
         excess.append(scatter)
     step = _grid_of(image[image > 0])
     if not shared:
-        return Around(False, 0.0, False, step, True) if num_equal and step else None
+        return (
+            Around(False, 0.0, False, None, step, True) if num_equal and step else None
+        )
     step = step if np.median(farthest) <= ROUNDED * step else 0.0
     # Tiles of one camera scatter alike, and those of two surfaces by far more.
     spread = np.array(scattered)
@@ -568,7 +628,9 @@ def _around(
     smooth = LOST * math.sqrt(float(np.median(excess))) if is_smooth else 0.0
     is_filtered = bool(np.median(shared) > SHARED)
     is_fine = is_filtered and bool(np.median(fine) > 0.5)
-    return Around(is_filtered, smooth, is_fine, step)
+    planes = [own for own, flat in zip(surfaces, is_plane, strict=True) if flat]
+    grain = Grain.of(planes) if is_filtered else None
+    return Around(is_filtered, smooth, is_fine, grain, step)
 
 
 def _grid_of(depth: Float[np.ndarray, " n"]) -> float:
