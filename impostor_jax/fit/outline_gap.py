@@ -10,7 +10,7 @@ Nor does a mask that is said to be the outline tell an end, where the wall goes 
 the depth beyond it.
 """
 
-__all__ = ["compared_with_outline", "tested_beyond_ends"]
+__all__ = ["compared_with_outline", "doubted_edges", "tested_beyond_ends"]
 
 import statistics
 import warnings
@@ -40,6 +40,11 @@ disparity that neighbors share five had such a gap, and radii 21 to 48 % off."""
 NOTED = 2.0
 """Deviations of fit and edge alone above which a caller is warned of a gap that the
 sensor's way with edges may explain."""
+
+SURELY_OFF, LEAST_OFF = 3.0, 0.4
+"""Deviations of the fit's outline, and pixels, above which an edge in the image is off
+by a gap. Of cans with exact edges it is 0, and 0.8 to 2.7 where these reach a pixel or
+two too far, as of stereo."""
 
 EDGE = 1.0
 """Standard deviation in pixels of where a surface ends in an image. On the same real
@@ -111,6 +116,28 @@ def compared_with_outline(fit: Fit, seen: Sequence[Seen], is_outline: bool) -> F
             stacklevel=users_level(),
         )
     return fit
+
+
+def doubted_edges(fit: Fit, seen: Sequence[Seen]) -> float:
+    """Pixels by which ends may be off, since edges beside the wall are; 0 if none is.
+
+    An end is told by an edge in the image, which a sensor that matches windows moves,
+    and so does a program that fills holes: heights were off by 5 to 60 deviations.
+
+    Args:
+        fit: With its outline gap.
+        seen: The object in each of its images.
+    """
+    gap = fit.asked.outline_gap
+    if gap is None or not np.any(fit.ends_seen):
+        return 0.0
+    biases = [one.noise.bias for one in seen]
+    if any(bias.errs_at_edges or bias.lean is not None for bias in biases):
+        # A sensor that says how edges err.
+        return 0.0
+    off = abs(gap.pixels)
+    # With this deviation, if all within are as likely.
+    return 3**0.5 * off if off > max(LEAST_OFF, SURELY_OFF * gap.fit_pixels) else 0.0
 
 
 def tested_beyond_ends(fit: Fit, seen: Sequence[Seen]) -> Fit:

@@ -43,8 +43,8 @@ class Seen(NamedTuple):
             tell where it ends, and not how deep it is; None where all are its own.
         missing: Pixels of the region that the sensor did not read; None without any.
             Of what is left out later it is known that the object is there.
-        feet: At pixels of what it stands on, by how many pixels its end there may be
-            off; -1 elsewhere. None where it stands on nothing.
+        feet: At pixels beside which an end may be off, as of what it stands on, by how
+            many; -1 elsewhere. None where there are none.
         pose: As of `Table`; what it is known to be off by is that of the camera.
     """
 
@@ -71,6 +71,10 @@ class Seen(NamedTuple):
     def is_taken(self, readings: int | None) -> bool:
         """Whether a fit takes all its pixels, with as many `readings` as asked."""
         return takes_all(self.region, most_readings(readings, self.noise))
+
+    def with_doubted_edges(self, pixels: float) -> "Seen":
+        """The same where ends may be off by so many pixels."""
+        return self._replace(feet=np.full(self.region.shape, pixels))
 
     def without_holes(self) -> "Seen":
         """The same with its small holes as pixels that miss a reading.

@@ -40,7 +40,11 @@ from impostor_jax.fit.learned import fit_with_learned_rays, with_learned_rays
 from impostor_jax.fit.line_errors import line_errors
 from impostor_jax.fit.measured import with_measured
 from impostor_jax.fit.options import Options
-from impostor_jax.fit.outline_gap import compared_with_outline, tested_beyond_ends
+from impostor_jax.fit.outline_gap import (
+    compared_with_outline,
+    doubted_edges,
+    tested_beyond_ends,
+)
 from impostor_jax.fit.pixelwise import Pixelwise
 from impostor_jax.fit.prior import Prior
 from impostor_jax.fit.problem import DepthImage, Inputs, Mask, Settings, Table
@@ -77,6 +81,9 @@ from impostor_jax.sensor.base import AbstractDepthNoise
 ALL_OWN = 0.995
 """Share of a region's readings on the shape, from which on none are foreign."""
 
+EDGES_OFF = "ends are less sure, since edges beside the wall are off in the image"
+"""What a reader is told."""
+
 MOST_LOOKS = 4
 """Times that foreign readings are looked for: a fit that a floor spoils may not tell
 its corner."""
@@ -89,6 +96,7 @@ def fit_shape(
     rounding: float | None = None,
     in_search: bool = False,
     is_trial: bool = False,
+    doubted: float = 0.0,
 ) -> Fit:
     """Fit a shape.
 
@@ -96,7 +104,8 @@ def fit_shape(
     points, `places` are those of `Pixelwise.of_points`, and `rounding` is the standard
     deviation that their coordinates were rounded with. A step `in_search` is told the
     noise of the whole image, and where to begin. A trial that fails does not look for
-    the part of a large region that is of the shape.
+    the part of a large region that is of the shape. By `doubted` pixels edges in the
+    images may be off.
     """
     kind, depth, camera, _, sigma, initial, options = request
     effort, views, given = options.effort, request.views, request.values
@@ -144,6 +153,8 @@ def fit_shape(
 
         if places is None:
             seen = [with_copies(one) for one in seen]
+        if doubted:
+            seen = [one.with_doubted_edges(doubted) for one in seen]
         correlated = any(options.correlated(one.noise) for one in seen)
 
         also = effort, correlated, rounding, in_search, is_trial
@@ -164,10 +175,10 @@ def fit_shape(
         seen = at_poses(seen, fit)
         of_poses, disagreement = told_of_poses(fit, seen, not asks_poses)
 
-        def refitted(sigma: Any, told: str) -> Fit:
+        def refitted(sigma: Any, told: str, doubted: float = doubted) -> Fit:
             again = request._replace(sigma=sigma)
-            fit = fit_shape(again, in_search=in_search, is_trial=is_trial)
-            return fit.noting(measured=told)
+            how = {"in_search": in_search, "is_trial": is_trial, "doubted": doubted}
+            return fit_shape(again, **how).noting(measured=told)
 
         is_told = places is None and sigma is not None and not told
         if is_told and effort.doubts and options.errors is None:
@@ -184,6 +195,10 @@ def fit_shape(
         fit = tested_by_readings(fit, request._replace(initial=start), fitted_as)
         if places is None:
             fit = compared_with_outline(fit, seen, is_outline)
+            if not (is_outline or doubted) and effort.doubts:
+                doubted = doubted_edges(fit, seen)
+                if doubted:
+                    return refitted(sigma, told, doubted)
             if is_outline and effort.doubts:
                 fit = tested_beyond_ends(fit, seen)
         if effort.doubts:
@@ -191,6 +206,7 @@ def fit_shape(
         if fit.pose_errors is not None:
             given_by = [view.camera for view in checked]
             fit = fit.having(pose_errors=in_cameras(fit.pose_errors, given_by, seen))
+        edges = f"{EDGES_OFF} by {doubted / 3**0.5:.1f} pixels" if doubted else ""
         # A caller may write other pixels to a mask, and the depth is a copy.
         regions = [np.array(one) for one in masks]
         known = {"depth": images, "sigma": [v.sigma for v in checked], "mask": regions}
@@ -208,7 +224,7 @@ def fit_shape(
             arguments=known,
             measured=told,
             poses=of_poses,
-            doubt=next(filter(None, [*doubts, disagreement]), ""),
+            doubt=next(filter(None, [*doubts, disagreement, edges]), ""),
             is_quick=not effort.doubts,
             is_thinned=not all(one.is_taken(effort.readings) for one in seen),
         )

@@ -149,7 +149,7 @@ def standing_on(
     if not found:
         return seen
     image, region, unsure = seen.image.copy(), seen.region, seen.unsure
-    feet = np.full(region.shape, -1.0)
+    feet = np.full(region.shape, -1.0) if seen.feet is None else seen.feet.copy()
     for foot in found:
         below, shown, own = np.zeros((3, *region.shape), bool)
         for marks, which in zip((below, shown, own), foot[:3], strict=True):

@@ -4,6 +4,7 @@ import dataclasses
 import json
 from typing import Any
 
+import cv2
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -18,7 +19,7 @@ from impostor_jax.fit.result import Asked, OutlineGap
 from impostor_jax.fit.seen import Seen
 from tests.fit.scenes import CAMERA, SIGMA, camera_with, can, image
 from tests.fit.test_masks import grown, on_table
-from tests.groups import SMALL_IMAGES
+from tests.groups import FULL, SMALL_IMAGES
 from tests.schemas import validator
 
 pytestmark = SMALL_IMAGES
@@ -182,3 +183,41 @@ def test_a_skewed_image_is_no_success(monkeypatch):
     assert fit.status is ij.FitStatus.CONTRADICTED
     assert gap_of(fit).radii < -0.1
     assert np.isinf(fit.std.radius)
+
+
+def fattened(depth, mask, pixels):
+    """What is nearer reaches so far over what is farther, as of stereo."""
+    size = (2 * pixels + 1,) * 2
+    own = np.where(mask, depth, np.inf).astype(np.float32)
+    reached = cv2.erode(own, np.ones(size))
+    wider = cv2.dilate(mask.astype(np.uint8), np.ones(size)) > 0
+    noise = np.random.default_rng(7).normal(0, SIGMA, depth.shape)
+    grown = wider & ~mask
+    return np.where(grown, reached + noise, depth).astype(np.float32), wider
+
+
+@pytest.mark.parametrize("sigma", [SIGMA, pytest.param(None, marks=FULL)])
+def test_ends_are_no_surer_than_edges_beside_the_wall(sigma):
+    # Heights were 20 to 40 of their deviations off.
+    camera = ij.PinholeCamera(300.0, 300.0, 159.5, 119.5, width=320, height=240)
+    maps = ij.render(can(90.0), camera, outputs=("depth", "mask"))
+    depth, mask = np.asarray(maps.depth), np.asarray(maps.mask)
+    noise = np.random.default_rng(0).normal(0, SIGMA, depth.shape)
+    depth = (np.minimum(depth, 0.6) + noise).astype(np.float32)
+    exact = ij.fit_cylinder(depth, camera, mask, sigma)
+    assert "less sure" not in exact.reason
+    assert float(exact.std.height) < 1e-4
+    depth, mask = fattened(depth, mask, 1)
+    fit = ij.fit_cylinder(depth, camera, mask, sigma)
+    assert fit.success
+    assert "Ends are less sure" in fit.reason
+    off = float(fit.cylinder.height) - 0.12
+    assert 0.002 < off < 3 * float(fit.std.height)
+    assert abs(float(fit.cylinder.radius) - 0.04) < 3 * float(fit.std.radius)
+
+
+@FULL
+def test_a_sensor_that_says_how_edges_err_is_believed():
+    depth, mask = fattened(*image(), 1)
+    fit = fit_of(depth, mask, ij.MatchingWindow(ij.ConstantNoise(SIGMA)))
+    assert "less sure" not in fit.reason
