@@ -18,6 +18,8 @@ from jaxtyping import Array, Bool, Float, Int
 
 from impostor_jax.arguments import is_concrete, working_precision
 from impostor_jax.camera.base import AbstractCamera
+from impostor_jax.camera.spherical import SphericalCamera
+from impostor_jax.clouds.wall import walls_of
 from impostor_jax.effort import MIN_READINGS
 from impostor_jax.find.cylinders import MOST_PIXELS, find_cylinders
 from impostor_jax.find.found import Found
@@ -29,8 +31,10 @@ from impostor_jax.find.view import View, dense_stride, view_of
 from impostor_jax.fit.border import FAILED, MANY
 from impostor_jax.fit.far import fitted_near
 from impostor_jax.fit.fittable import CYLINDER, Fittable, no_guess
+from impostor_jax.fit.measured import NOT_MEASURED
 from impostor_jax.fit.options import Options
 from impostor_jax.fit.outline import fit_outline
+from impostor_jax.fit.pose import in_double
 from impostor_jax.fit.ranges import refuted_as_ranges
 from impostor_jax.fit.regions import warn_of_units
 from impostor_jax.fit.request import (
@@ -48,7 +52,9 @@ from impostor_jax.fit.request import (
 )
 from impostor_jax.fit.result import Fit
 from impostor_jax.fit.shapes import fit_shape
+from impostor_jax.fit.status import FitStatus
 from impostor_jax.fit.surface import cropped, upper_median
+from impostor_jax.fits.viewless import seen_across
 from impostor_jax.opencv import cv2
 from impostor_jax.primitives.base import AbstractPrimitive
 from impostor_jax.rendering.render import render
@@ -89,6 +95,9 @@ GOES_ON, LEAST_PIXELS = 0.08, 1.5
 """Radii and pixels by which the image shows the wall's outline beyond that cylinder's,
 from which on what was left out is of the same wall: of ovals parts were fitted whose
 radius was 8 % off, by up to four deviations."""
+
+MISLED = (FitStatus.NO_FIRST_GUESS, FitStatus.UNDETERMINED, FitStatus.STEP_LIMIT)
+"""How a fit ends whose first guess was wrong, or none: of images the first alone."""
 
 MOST_OBJECTS = 5
 """How many objects are fitted, the largest first."""
@@ -136,14 +145,55 @@ def _fit_masked(request: FitRequest) -> Fit:
     if kind is not CYLINDER or not is_one or not is_region:
         return fit_shape(request)
     fit = fit_shape(request, is_trial=True)
-    if not is_concrete(request.mask) or fit.status not in FAILED:
+    if not is_concrete(request.mask):
         return fit
     mask = np.asarray(checked_mask(views[0].mask, views[0].camera))
+    is_scan = isinstance(views[0].camera, SphericalCamera)
+    is_unknown = fit.asked.measured == NOT_MEASURED and not fit.is_shape
+    if is_unknown or fit.status in (MISLED if is_scan else MISLED[:1]):
+        found = _fit_from_wall(request, mask, is_unknown)
+        if found is not None:
+            return found
+    if fit.status not in FAILED:
+        return fit
     within = _fit_within(request, mask)
     if within is not None:
         return within
     # A trial may have ended early.
     return fit_shape(request) if np.count_nonzero(mask) > MANY else fit
+
+
+def _fit_from_wall(
+    request: FitRequest, mask: Bool[np.ndarray, "h w"], is_unknown: bool
+) -> Fit | None:
+    """Fit from a wall near which the readings of a checked mask lie as points.
+
+    Where few rows see an object, as of a scanner with 16 lasers, no window of pixels
+    tells a surface, nor its noise where that `is_unknown`. None where points do not
+    tell a wall either.
+    """
+    (view,) = request.views
+    image = np.asarray(checked_depth(view.depth, view.camera))
+    rows, cols = np.nonzero(mask & (image > 0))
+    ray = view.camera.rays(jnp.asarray(rows), jnp.asarray(cols), np.float32)
+    start, along = (np.asarray(x.stack(), float) for x in (ray.origin, ray.direction))
+    rotation, translation = in_double(view.camera.camera_from_world)
+    points = (start + image[rows, cols, None] * along - translation) @ rotation
+    for wall in filter(lambda wall: wall.is_known, walls_of(points)):
+        begun = request._replace(initial=seen_across(points, wall).start)
+        if not is_unknown:
+            fit = fit_shape(begun)
+        else:
+            level = wall.scatter
+            fit = fit_shape(begun._replace(sigma=level))
+            if fit.is_shape:
+                level *= fit.chi2.item() ** 0.5
+                fit = fit_shape(begun._replace(sigma=level))
+            text = f"Measured about its wall: noise of {1e3 * level:.3g} mm."
+            fit = fit.noting(measured=text)
+        if fit.is_shape:
+            return fit
+    return None
 
 
 def _fit_within(request: FitRequest, mask: Bool[np.ndarray, "h w"]) -> Fit | None:
