@@ -96,9 +96,6 @@ GOES_ON, LEAST_PIXELS = 0.08, 1.5
 from which on what was left out is of the same wall: of ovals parts were fitted whose
 radius was 8 % off, by up to four deviations."""
 
-MISLED = (FitStatus.NO_FIRST_GUESS, FitStatus.UNDETERMINED, FitStatus.STEP_LIMIT)
-"""How a fit ends whose first guess was wrong, or none: of images the first alone."""
-
 MOST_OBJECTS = 5
 """How many objects are fitted, the largest first."""
 
@@ -145,12 +142,12 @@ def _fit_masked(request: FitRequest) -> Fit:
     if kind is not CYLINDER or not is_one or not is_region:
         return fit_shape(request)
     fit = fit_shape(request, is_trial=True)
-    if not is_concrete(request.mask):
+    if fit.is_shape or not is_concrete(request.mask):
         return fit
     mask = np.asarray(checked_mask(views[0].mask, views[0].camera))
     is_scan = isinstance(views[0].camera, SphericalCamera)
-    is_unknown = fit.asked.measured == NOT_MEASURED and not fit.is_shape
-    if is_unknown or fit.status in (MISLED if is_scan else MISLED[:1]):
+    is_unknown = fit.asked.measured == NOT_MEASURED
+    if is_scan or is_unknown or fit.status is FitStatus.NO_FIRST_GUESS:
         found = _fit_from_wall(request, mask, is_unknown)
         if found is not None:
             return found
