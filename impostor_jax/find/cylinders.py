@@ -27,7 +27,8 @@ from impostor_jax.fit.measured import law_of_noise, law_of_pixels
 from impostor_jax.fit.options import Options
 from impostor_jax.fit.per_pixel import PerPixelNoise
 from impostor_jax.fit.ranges import warn_of_ranges
-from impostor_jax.fit.request import checked_prior, checked_readings
+from impostor_jax.fit.regions import warn_of_units
+from impostor_jax.fit.request import checked_noise, checked_prior, checked_readings
 from impostor_jax.primitives.local_world import LocalWorld
 from impostor_jax.primitives.plane import Plane
 from impostor_jax.rendering.render import render
@@ -143,6 +144,10 @@ def find_cylinders(
         _distinct([one for part in found for one in part.detections]),
         key=lambda one: -one.confidence,
     )
+    if not detections:
+        # Noise that was measured is in the same units.
+        usual = checked_noise(None) if sigma is None else noise
+        warn_of_units(image, image > 0, usual)
     masks = [one.mask for one in detections]
     return Found(
         fits=tuple(one.fit for one in detections),

@@ -22,6 +22,14 @@ def test_depth_in_millimeters_gets_a_hint():
     assert fit.reason.endswith(": is it in millimeters?")
 
 
+@SMALL_IMAGES
+@pytest.mark.parametrize("sigma", [SIGMA, None])
+def test_where_nothing_is_found_units_may_be_why(sigma):
+    depth, _ = image()
+    with pytest.warns(DepthUnitsWarning, match="in millimeters"):
+        assert not ij.find_cylinders(1000 * depth, CAMERA, sigma).fits
+
+
 @pytest.mark.parametrize(
     ("scale", "sensor", "warned"),
     [
