@@ -178,7 +178,8 @@ def fit_shape(
         def refitted(sigma: Any, told: str, doubted: float = doubted) -> Fit:
             again = request._replace(sigma=sigma)
             how = {"in_search": in_search, "is_trial": is_trial, "doubted": doubted}
-            return fit_shape(again, **how).noting(measured=told)
+            fit = fit_shape(again, **how)
+            return fit.noting(measured=told) if told else fit
 
         is_told = places is None and sigma is not None and not told
         if is_told and effort.doubts and options.errors is None:
