@@ -331,17 +331,17 @@ def _measured(
     around = _around(image, beside if is_beside else seen, camera)
     if around is not None and not (is_beside or is_scene):
         # An object by itself bends: differences of the fourth order tell of filters,
-        # and its fit of smooth errors.
+        # and its fit of smooth errors. Those far apart do not tell grain from that.
         is_filtered = around.is_filtered and _is_filtered(own_levels, step)
         smooth = around.smooth if is_filtered else 0.0
-        around = around._replace(is_filtered=is_filtered, smooth=smooth)
+        told = {"is_filtered": is_filtered, "smooth": smooth, "grain": None}
+        around = around._replace(**told)
     if around is None:
         is_filtered = _is_filtered(own_levels, step)
         is_fine = is_filtered and _is_fine(
             _variances(inverse, own, NEXT, 4), own_levels[NEAR]
         )
-        grain = Grain.of([(inverse, own)]) if is_filtered else None
-        around = Around(is_filtered, 0.0, is_fine, grain)
+        around = Around(is_filtered, 0.0, is_fine)
     # Where planes tell nothing but the step, the object alone tells more.
     most = (MOST_ROUNDED * around.step) ** 2 / 12
     is_rounded = not around.is_equal or min(_variances(depth, own, 1, 4)) < most
@@ -540,7 +540,7 @@ class Around(NamedTuple):
         is_filtered: Whether neighbors share errors.
         smooth: Deviation of a smooth error of inverse depth; 0 if there is none.
         is_fine: Whether only neighbors do, and those but one share little.
-        grain: What neighbors share; None where they do not.
+        grain: What neighbors share; None where they do not, or nothing tells.
         step: To which depths are rounded, in meters, if that is all that they err by;
             0 otherwise. Neighbors share it, but it leads a fit nowhere.
         is_equal: Whether each plane has one depth, so that the step is all it tells.

@@ -70,6 +70,19 @@ def test_a_wall_is_flat_through_a_lens(lens):
     assert float(found.noise.deviation) == pytest.approx(SIGMA, rel=0.15)
 
 
+@FULL
+def test_grain_is_told_by_planes_around():
+    # Of one whose length nobody knew, radii were up to eight deviations off.
+    grain = ij.CorrelatedNoise(ij.ConstantNoise(6e-4), 1.5e-3, length=2.8, power=0)
+    depth, mask = drawn(grain)
+    noise = measured_noise(depth, mask, CAMERA).noise
+    short = [one for one in noise.bias.fields if one.is_grain]
+    assert [one.length for one in short] == [3.0]
+    # An object by itself bends.
+    alone = measured_noise(np.where(mask, depth, 0), mask, CAMERA).noise
+    assert not any(one.is_grain for one in alone.bias.fields)
+
+
 def test_filtered_noise_is_told_without_anything_around():
     depth, mask = image(wall=None)
     grain = ij.CorrelatedNoise(ij.ConstantNoise(1e-4), 0.01, length=4.0)
