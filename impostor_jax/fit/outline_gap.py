@@ -119,7 +119,7 @@ def compared_with_outline(fit: Fit, seen: Sequence[Seen], is_outline: bool) -> F
 
 
 def doubted_edges(fit: Fit, seen: Sequence[Seen]) -> float:
-    """Pixels by which ends may be off, since edges beside the wall are; 0 if none is.
+    """Pixels by which edges beside the wall are off, and so ends may be; 0 if none is.
 
     An end is told by an edge in the image, which a sensor that matches windows moves,
     and so does a program that fills holes: heights were off by 5 to 60 deviations.
@@ -136,8 +136,7 @@ def doubted_edges(fit: Fit, seen: Sequence[Seen]) -> float:
         # A sensor that says how edges err.
         return 0.0
     off = abs(gap.pixels)
-    # With this deviation, if all within are as likely.
-    return 3**0.5 * off if off > max(LEAST_OFF, SURELY_OFF * gap.fit_pixels) else 0.0
+    return off if off > max(LEAST_OFF, SURELY_OFF * gap.fit_pixels) else 0.0
 
 
 def tested_beyond_ends(fit: Fit, seen: Sequence[Seen]) -> Fit:

@@ -73,8 +73,9 @@ class Seen(NamedTuple):
         return takes_all(self.region, most_readings(readings, self.noise))
 
     def with_doubted_edges(self, pixels: float) -> "Seen":
-        """The same where ends may be off by so many pixels."""
-        return self._replace(feet=np.full(self.region.shape, pixels))
+        """The same where ends are off by so many pixels, as a standard deviation."""
+        # With that one, if all within are as likely.
+        return self._replace(feet=np.full(self.region.shape, 3**0.5 * pixels))
 
     def without_holes(self) -> "Seen":
         """The same with its small holes as pixels that miss a reading.

@@ -207,7 +207,7 @@ def fit_shape(
         if fit.pose_errors is not None:
             given_by = [view.camera for view in checked]
             fit = fit.having(pose_errors=in_cameras(fit.pose_errors, given_by, seen))
-        edges = f"{EDGES_OFF} by {doubted / 3**0.5:.1f} pixels." if doubted else ""
+        edges = f"{EDGES_OFF} by {doubted:.1f} pixels." if doubted else ""
         # A caller may write other pixels to a mask, and the depth is a copy.
         regions = [np.array(one) for one in masks]
         known = {"depth": images, "sigma": [v.sigma for v in checked], "mask": regions}

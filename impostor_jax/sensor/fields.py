@@ -62,6 +62,14 @@ class AbstractField(eqx.Module):
         """An image of the error, in meters."""
 
     @abc.abstractmethod
+    def _covariance(
+        self,
+        score: Float[Array, "k n"],
+        row: Int[Array, " n"],
+        col: Int[Array, " n"],
+    ) -> Float[Array, "k k"]:
+        """That of sums over pixels of a score times a field whose deviation is 1."""
+
     def score_covariance(
         self,
         score: Float[Array, "k n"],
@@ -79,6 +87,9 @@ class AbstractField(eqx.Module):
             row: Rows of the pixels.
             col: Columns of the pixels.
         """
+        score = jnp.where(score != 0, score * self.shift(depth)[None], 0)
+        whole = self._covariance(score, row, col)
+        return whole - product(score, score.T) if self.is_grain else whole
 
     def shift(self, depth: Numbers) -> Numbers:
         """Standard deviation at a depth, in meters; 0 where there is no surface."""
@@ -122,17 +133,15 @@ class LineField(AbstractField):
         return normal_draws(key, shape, depth.dtype) * self.shift(depth)
 
     @override
-    def score_covariance(
+    def _covariance(
         self,
         score: Float[Array, "k n"],
-        depth: Float[Array, " n"],
         row: Int[Array, " n"],
         col: Int[Array, " n"],
     ) -> Float[Array, "k k"]:
         line = (row if self.lines == "rows" else col) % MOST_LINES
-        score = jnp.where(score != 0, score * self.shift(depth)[None], 0)
         sums = jnp.zeros((MOST_LINES, len(score)), score.dtype).at[line].add(score.T)
-        return product(sums.T, sums) - product(score, score.T)
+        return product(sums.T, sums)
 
 
 class SmoothField(AbstractField):
@@ -171,10 +180,9 @@ class SmoothField(AbstractField):
         return product(rows.T, white, cols) * self.shift(depth)
 
     @override
-    def score_covariance(
+    def _covariance(
         self,
         score: Float[Array, "k n"],
-        depth: Float[Array, " n"],
         row: Int[Array, " n"],
         col: Int[Array, " n"],
     ) -> Float[Array, "k k"]:
@@ -196,12 +204,10 @@ class SmoothField(AbstractField):
             return jnp.where(counts, cell, 0).astype(int), length
 
         (down, tall), (right, wide) = along(row), along(col)
-        score = jnp.where(counts[None], score * self.shift(depth)[None], 0)
         summed = jnp.zeros((num_cells, num_cells, len(score)), score.dtype)
         summed = jnp.moveaxis(summed.at[down, right].add(score.T), -1, 0)
         sums = product(weight, summed, weight.T).reshape(len(score), -1)
-        whole = product(sums, sums.T) * (self.length**2 / (tall * wide))
-        return whole - product(score, score.T) if self.is_grain else whole
+        return product(sums, sums.T) * (self.length**2 / (tall * wide))
 
 
 def _spread(
