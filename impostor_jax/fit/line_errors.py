@@ -20,6 +20,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Int
 
+from impostor_jax.fit.high_differences import MEDIAN_SQUARE
 from impostor_jax.fit.per_pixel import PerPixelNoise
 from impostor_jax.fit.pixelwise import Pixelwise
 from impostor_jax.fit.result import Fit
@@ -47,9 +48,6 @@ SIGNIFICANT = 5.0
 
 OF_MEDIAN = 3.4
 """That deviation of a single line, where the median tells it."""
-
-MEDIAN_SQUARE = 0.4549
-"""Of the square of a standard normal number."""
 
 MOST_SHARED = 2.0
 """Deviation that lines share over that within them, up to which it is an error."""

@@ -83,6 +83,42 @@ def test_grain_is_told_by_planes_around():
     assert not any(one.is_grain for one in alone.bias.fields)
 
 
+LARGE = ij.PinholeCamera(525.0, 525.0, 319.5, 239.5, 640, 480)
+
+
+@pytest.mark.parametrize("width", [30, 60])
+def test_a_warp_that_is_longer_than_the_smallest_patch_is_told(width):
+    # Planes of 48 pixels take it up, and the noise was white: of 8 fits 5 and 7 were
+    # more than four of their deviations off, up to 29, with success.
+    row, col = np.indices((480, 640))
+    rng = np.random.default_rng(0)
+    warp = cv2.GaussianBlur(rng.normal(size=row.shape), (0, 0), width)
+    mask = (abs(row - 240) < 60) & (abs(col - 320) < 40)
+    depth = np.where(mask, 0.7, 1 / (1 + 1e-4 * col - 3e-4 * row))
+    depth += rng.normal(0, 0.001, row.shape) + 0.0015 * warp / warp.std()
+    noise = measured_noise(depth, mask, LARGE).noise
+    assert max(one.length for one in noise.bias.fields) == 60
+    # On the object it is what it is on the wall, as the noise is.
+    at, steep = jnp.asarray(0.7), jnp.asarray(1.0)
+    smooth = [float(one.shift(at)) for one in noise.bias.fields]
+    assert 0.4 < np.linalg.norm(smooth) / 0.0015 < 1.5
+    assert float(noise.sigma(at, steep)) == pytest.approx(0.001, rel=0.15)
+
+
+@pytest.mark.parametrize("seed", [1, 2, 4, 5])
+def test_flat_things_on_a_table_are_no_smooth_errors(seed):
+    # In small images few patches are free of edges: of 40 such 32 had some, now 9.
+    rng = np.random.default_rng(seed)
+    row, col = np.indices((120, 160))
+    depth = 1 / (1 + 1e-3 * col - 2e-3 * row)
+    for y, x, size in rng.integers(0, (100, 140, 40), (12, 3)):
+        depth[y : y + size, x : x + size] -= rng.choice([0.005, 0.02, 0.1])
+    mask = (abs(row - 60) < 15) & (abs(col - 80) < 16)
+    depth = np.where(mask, 0.7, depth) + rng.normal(0, 0.001, row.shape)
+    noise = measured_noise(depth, mask, CAMERA).noise
+    assert isinstance(noise, ij.ConstantNoise)
+
+
 def test_filtered_noise_is_told_without_anything_around():
     depth, mask = image(wall=None)
     grain = ij.CorrelatedNoise(ij.ConstantNoise(1e-4), 0.01, length=4.0)
@@ -152,9 +188,8 @@ def test_tiles_of_two_surfaces_show_no_smooth_error():
     steps = 0.02 * ((row // 140 + col // 140) % 2)
     noise = np.random.default_rng(0).normal(0, 0.001, row.shape)
     depth = 1 / (1 - 1e-4 * row - 2e-4 * col) + steps + noise
-    camera = ij.PinholeCamera(525.0, 525.0, 319.5, 239.5, 640, 480)
     mask = (abs(row - 210) < 60) & (abs(col - 350) < 60)
-    found = measured_noise(depth, mask, camera).noise
+    found = measured_noise(depth, mask, LARGE).noise
     assert isinstance(found, ij.ConstantNoise)
     assert float(found.deviation) == pytest.approx(0.001, rel=0.05)
 
