@@ -15,7 +15,8 @@ with b the distance between the ray and the axis, and the distance from the cent
 has its extremes where x = e (e x - k) / rho. Turned so that k >= 0, the left side less
 the right one is concave for e x < k, with one zero there, and convex for e x > k, with
 none or two: Newton's steps from the outer ends of [-e, e], and from e x = k, come to
-each of them without a step too far.
+each of them without a step too far. Those from e x = k are of e x - k itself: there a
+ray that meets the axis to rounding is farthest.
 
 Rounding. The crossing is that of rho of the point itself, by steps of Newton's kept
 between the known places, on a ray that is moved no farther than what it meets
@@ -200,7 +201,10 @@ class _Line(NamedTuple):
 
     def past(self, x: Numbers) -> tuple[Numbers, Numbers]:
         """Half the slope of the squared distance from the center line, and its own."""
-        out = self.sine * x - self.lag
+        return self.past_by(x, self.sine * x - self.lag)
+
+    def past_by(self, x: Numbers, out: Numbers) -> tuple[Numbers, Numbers]:
+        """The same where e x - k is told: by the axis the difference has no digits."""
         square = out * out + self.apart * self.apart
         met = square > 0
         # Of rho: one operation, not a root and four quotients.
@@ -227,18 +231,23 @@ class _Line(NamedTuple):
         is_second = k < e * e * safe_sqrt((1 - s) * (1 + s)) ** 3
         middle = safe_divide(k, e)
 
-        def closer(_: Any, x: tuple[Numbers, ...]) -> tuple[Numbers, ...]:
-            ahead = (at - safe_divide(*self.past(at)) for at in x)
-            ends = ((-e, jnp.zeros_like(e)), (middle, e), (middle, e))
-            return tuple(
-                jnp.clip(at, *end) for at, end in zip(ahead, ends, strict=True)
+        def closer(_: Any, at: tuple[Numbers, ...]) -> tuple[Numbers, ...]:
+            first, out, second = at
+            first = first - safe_divide(*self.past(first))
+            largest = middle + safe_divide(out, e)
+            out = out - e * safe_divide(*self.past_by(largest, out))
+            second = second - safe_divide(*self.past(second))
+            return (
+                jnp.clip(first, -e, 0),
+                jnp.clip(out, 0, e * e - k),
+                jnp.clip(second, middle, e),
             )
 
-        start = (-e, middle, e)
-        first, largest, second = jax.lax.fori_loop(0, _steps(e), closer, start)
+        start = (-e, jnp.zeros_like(e), e)
+        first, out, second = jax.lax.fori_loop(0, _steps(e), closer, start)
         return (
             first,
-            jnp.where(is_second, largest, first),
+            jnp.where(is_second, middle + safe_divide(out, e), first),
             jnp.where(is_second, second, first),
         )
 

@@ -17,13 +17,17 @@ struct Line {
     float rise;
 };
 
-// Half the slope of the squared distance from the center line, and its own.
-vec2 past(Line line, float x) {
-    float along = line.sine * x - line.lag;
-    float square = along * along + line.apart * line.apart;
+// Half the slope of the squared distance from the center line, and its own, where
+// sine x - lag is beside: near the axis the difference has no digits.
+vec2 past_by(Line line, float x, float beside) {
+    float square = beside * beside + line.apart * line.apart;
     float inverse = square > 0.0 ? inversesqrt(square) : 0.0;
     float across = line.sine * line.apart * inverse;
-    return vec2(x - line.sine * along * inverse, 1.0 - across * across * inverse);
+    return vec2(x - line.sine * beside * inverse, 1.0 - across * across * inverse);
+}
+
+vec2 past(Line line, float x) {
+    return past_by(line, x, line.sine * x - line.lag);
 }
 
 float distance_at(Line line, float x) {
@@ -31,13 +35,24 @@ float distance_at(Line line, float x) {
     return length(vec2(beside, line.height + line.rise * x));
 }
 
-// One of the places where that is smallest or largest, by Newton's steps from x.
-float extreme(Line line, float x, float low, float high) {
+// A place where that is smallest, by Newton's steps from x.
+float smallest(Line line, float x, float low, float high) {
     for (int k = 0; k < STEPS; k++) {
         vec2 now = past(line, x);
         x = clamp(now.y != 0.0 ? x - now.x / now.y : x, low, high);
     }
     return x;
+}
+
+// Where it is largest, by steps of sine x - lag from 0.
+float largest_after(Line line, float middle) {
+    float beside = 0.0, most = line.sine * line.sine - line.lag;
+    for (int k = 0; k < STEPS; k++) {
+        vec2 now = past_by(line, middle + beside / line.sine, beside);
+        if (now.y != 0.0) beside -= line.sine * now.x / now.y;
+        beside = clamp(beside, 0.0, most);
+    }
+    return middle + beside / line.sine;
 }
 
 // Distance from the surface of major radius 1 and minor radius r, and its slope.
@@ -88,10 +103,10 @@ Past past_of(vec3 origin, vec3 direction) {
 
     float middle = sine > 0.0 ? line.lag / sine : 0.0;
     float s = sine > 0.0 ? pow(apart / (sine * sine), 1.0 / 3.0) : 0.0;
-    float first = extreme(line, -sine, -sine, 0.0), largest = first, second = first;
+    float first = smallest(line, -sine, -sine, 0.0), largest = first, second = first;
     if (s < 1.0 && line.lag < sine * sine * pow((1.0 - s) * (1.0 + s), 1.5)) {
-        largest = extreme(line, middle, middle, sine);
-        second = extreme(line, sine, middle, sine);
+        largest = largest_after(line, middle);
+        second = smallest(line, sine, middle, sine);
     }
     float near = lag < 0.0 ? second : first, far = lag < 0.0 ? first : second;
     vec3 off = vec3(
