@@ -65,6 +65,9 @@ behind begins there."""
 FAR_BEHIND = 4.0
 """Steps between neighbors from which something lies far behind."""
 
+MOSTLY = 0.5
+"""Part of the readings beside such an end with something far behind, at least."""
+
 NEAREST = 1e-3
 """Smallest depth that a noise model is asked for, in meters."""
 
@@ -237,7 +240,6 @@ class Fitter:
         farthest = cv2.dilate(np.where(own, z, 0), around)
         nearest = -cv2.dilate(np.where(own, -z, -np.inf).astype(z.dtype), around)
         near = ~own & (z > 0) & (z > nearest - step) & (z < farthest + step)
-        near &= cv2.dilate(z, around) > z + FAR_BEHIND * step
         row, col = np.nonzero(near)
         rows, cols = row + box[0].start, col + box[1].start
         x, y = directions_of(camera, rows, cols, np.float64)
@@ -247,7 +249,13 @@ class Fitter:
         points = (seen - translation) @ rotation - np.asarray(shape.center, float)
         place = points @ np.asarray(shape.axis, float)
         beyond = np.abs(place) > float(shape.height) / 2 - 2 * AT_END * width[near]
-        kept = beyond & is_open[(place > 0).astype(int)]
+        is_last = (cv2.dilate(z, around) > z + FAR_BEHIND * step)[near]
+        kept = np.zeros_like(beyond)
+        for end in np.flatnonzero(is_open):
+            there = beyond & ((place > 0) == end)
+            # Where it is not, the surface goes on, as a bottle's shoulder does.
+            if there.any() and np.mean(is_last[there]) > MOSTLY:
+                kept |= there & is_last
         if not kept.any():
             return None
         whole = mask.copy()

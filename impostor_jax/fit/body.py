@@ -335,6 +335,14 @@ class AbstractBody(eqx.Module):
             slack: By how much a reading of the wall may be off.
         """
 
+    def width_of_ends(self, beside: Float[Array, ""]) -> Float[Array, " e"]:
+        """Readings across each end, where so many show what is between; 0 if unknown.
+
+        Args:
+            beside: Readings of neither end.
+        """
+        return jnp.zeros(len(self.ends), beside.dtype)
+
     @abc.abstractmethod
     def outward(self, passing: Passing) -> Float[Array, "e n"]:
         """How far towards each end rays see the body, from its center; or -inf."""

@@ -53,6 +53,11 @@ of a can of 50 pixels whose mask is 4 pixels too large, 0.4, were all around it 
 MOST_NEAR = 0.05
 """Those that may where the others do not scatter as their noise says."""
 
+MOST_DOUBTFUL, SCATTERED = 0.15, 1.2
+"""Part of the readings on a body that may be left out, as they lie beside some that are
+not on it, where the middle one of them is off by so many deviations; of normal noise it
+is by 0.7, of cones and eggs that were taken for a tube or a ball by 1.5 to 2.1."""
+
 LEAST_P_VALUE = 1e-6
 """Of their scatter; NaN where the noise is not known, which refutes nothing."""
 
@@ -170,13 +175,18 @@ def _of_one_surface(
     # Beside a mask's object are its surroundings. Of another shape a part looks like
     # this one, but not to the noise, and leaves the rest.
     near = on_body = 0
-    for one, far in zip(seen, away, strict=True):
+    rest = []
+    for one, far, own in zip(seen, away, kept, strict=True):
+        on = one.region & (one.image > 0) & (far <= OFF)
         near += np.count_nonzero(one.region & (far > OFF) & (far < FAR))
-        on_body += np.count_nonzero(one.region & (one.image > 0) & (far <= OFF))
+        on_body += int(np.count_nonzero(on))
+        rest.append(far[on & ~own.region])
     share = near / max(on_body, 1)
     is_part = share > MOST_NEAR and best.p_value < LEAST_P_VALUE
     is_part |= share > MOST_LEFT
-    return _refuted(best) if is_part or _departs(best, seen, kept) else best
+    if not is_part and _errs_alone(best, seen):
+        is_part = _scatters(np.concatenate(rest), on_body) or _departs(best, seen, kept)
+    return _refuted(best) if is_part else best
 
 
 def _wider(fit: Fit) -> float:
@@ -184,22 +194,36 @@ def _wider(fit: Fit) -> float:
     return max(float(fit.chi2), 1.0) ** 0.5
 
 
-def _departs(fit: Fit, seen: Sequence[Seen], kept: Sequence[Seen]) -> bool:
-    """Whether a wall seems to be a cylinder's for what was left out of its readings.
+def _errs_alone(fit: Fit, seen: Sequence[Seen]) -> bool:
+    """Whether what a sensor says of its readings is all that moves them.
 
-    A sensor whose readings share smooth errors bends a wall where it has none, and so
-    do rays that err, of which is to be learned yet.
+    One whose readings share smooth errors bends a wall where it has none, and so do
+    rays that err, of which is to be learned yet.
     """
-    if not isinstance(fit.shape, Cylinder) or bool(fit.form.departs):
-        return False
-    if fit.across.score.item() > SPEAKS:
-        return False
     biases = [one.noise.bias for one in seen]
-    if any(bias.fields or bias.lean is not None for bias in biases):
+    is_smooth = any(bias.fields or bias.lean is not None for bias in biases)
+    return not is_smooth and fit.across.score.item() <= SPEAKS
+
+
+def _departs(fit: Fit, seen: Sequence[Seen], kept: Sequence[Seen]) -> bool:
+    """Whether a wall seems to be a cylinder's for what was left out of its readings."""
+    if not isinstance(fit.shape, Cylinder) or bool(fit.form.departs):
         return False
     # Readings that mix two surfaces, beside the border, bend a wall as well.
     inner = [one._replace(region=_narrower(one.region, EDGE)) for one in seen]
     return departs_beyond(fit.shape, inner, [one.region for one in kept])
+
+
+def _scatters(off: Float[np.ndarray, " n"], on_body: int) -> bool:
+    """Whether readings of the body that were left out are beside it by more than noise.
+
+    They are of another shape's, of which the part that is left looks like this one.
+
+    Args:
+        off: By how many standard deviations.
+        on_body: How many readings lie on the body, with these.
+    """
+    return len(off) > MOST_DOUBTFUL * on_body and bool(np.median(off) > SCATTERED)
 
 
 def _num_readings(seen: Sequence[Seen]) -> int:

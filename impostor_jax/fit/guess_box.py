@@ -95,8 +95,10 @@ def _around(
     high = np.where(is_thin & ahead, low + others, high)
     low = np.where(is_thin & ~ahead, high - others, low)
     center = (high + low) / 2 @ frame
-    # Normals face the camera: of a room inward, and it is in there.
-    if np.sum((samples.normal_points - center) * samples.normals) < 0:
+    # Normals face the camera: of a room inward, and it is in there. Of a plate they do
+    # by less than its faces are long.
+    outward = np.sum((samples.normal_points - center) * samples.normals, axis=1)
+    if np.mean(outward) < -THIN * np.max(high - low):
         margin = THIN * (high - low)
         low, high = np.minimum(low, -margin), np.maximum(high, margin)
         center = (high + low) / 2 @ frame

@@ -26,6 +26,11 @@ MIN_END_TERMS = 5
 either that tell of any other coordinate."""
 
 
+PART_OF_WIDTH = 0.3
+"""Inlying readings of a cap over those across it, at least: of 400 that it would show
+some 5 of a bottle's shoulder may be near by chance."""
+
+
 class Compared(NamedTuple):
     """What all views show, compared with an estimate.
 
@@ -135,6 +140,9 @@ def inliers_of(told: Compared, body: AbstractBody, unit: Float[Array, ""]) -> In
     shown = jnp.where(terms.weight > 0, body.end_shown(seen, told.depth, slack), 0)
     ends = jnp.array(body.ends, shown.dtype)[:, None]
     counts = jnp.sum(inlier[None] & (shown[None] == ends), axis=1)
+    beside = jnp.sum(inlier & (shown == 0)).astype(told.depth.dtype)
+    least = PART_OF_WIDTH * body.width_of_ends(beside)
+    counts = jnp.where(counts.astype(least.dtype) >= least, counts, 0)
     counts += jnp.sum(crossing[None] & (edges.end[None] == ends), axis=1)
     outward = jnp.where(inlier[None], body.outward(seen), -jnp.inf)
     num_telling = jnp.sum(inlier[None] & (terms.gradient != 0), axis=1)

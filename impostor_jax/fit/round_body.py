@@ -333,6 +333,13 @@ class RoundBody(AbstractAxialBody):
         return gradient[4] * first + gradient[5] * second
 
     @override
+    def width_of_ends(self, beside: Float[Array, ""]) -> Float[Array, " e"]:
+        # A wall's readings are as many as a rectangle of its mean width and height has.
+        radii = jnp.stack([self.radius1, self.radius2])
+        across = beside * 2 * radii.mean() / self.height
+        return jnp.sqrt(across) * radii / radii.mean()
+
+    @override
     def wall_square(self, passing: Passing) -> Numbers:
         r = self.radius
         if self.growth is None:

@@ -74,6 +74,7 @@ from impostor_jax.fit.seen import Seen, all_shown_by, seen_by, shown_by
 from impostor_jax.fit.standing import standing_on
 from impostor_jax.fit.starts import Search, guesses_of
 from impostor_jax.fit.stated import tested_by_readings
+from impostor_jax.fit.status import FitStatus
 from impostor_jax.fit.weighing import best_of, likeliest
 from impostor_jax.primitives.base import AbstractPrimitive, in_camera_frame
 from impostor_jax.sensor.base import AbstractDepthNoise
@@ -81,12 +82,19 @@ from impostor_jax.sensor.base import AbstractDepthNoise
 ALL_OWN = 0.995
 """Share of a region's readings on the shape, from which on none are foreign."""
 
+SOME, MOST = 0.25, 0.5
+"""Share of an object's readings from which a reader is told that they were left out,
+and from which the fit fails."""
+
+LEFT_OUT = "% of the region's readings were left out, as of something else"
+"""What a reader is told."""
+
 EDGES_OFF = "ends are less sure, since edges beside the wall are off in the image"
 """What a reader is told."""
 
-MOST_LOOKS = 4
-"""Times that foreign readings are looked for: a fit that a floor spoils may not tell
-its corner."""
+MOST_LOOKS, MOST_FAILED = 4, 2
+"""Times that foreign readings are looked for, and that a fit without them fails: one
+that a floor spoils may not tell its corner."""
 
 
 @fitted_near
@@ -208,6 +216,10 @@ def fit_shape(
             given_by = [view.camera for view in checked]
             fit = fit.having(pose_errors=in_cameras(fit.pose_errors, given_by, seen))
         edges = f"{EDGES_OFF} by {doubted:.1f} pixels." if doubted else ""
+        is_thinned = not all(one.is_taken(effort.readings) for one in seen)
+        rest = ""
+        if places is None and effort.doubts and not is_thinned:
+            fit, rest = _of_most(kind, fit, seen)
         # A caller may write other pixels to a mask, and the depth is a copy.
         regions = [np.array(one) for one in masks]
         known = {"depth": images, "sigma": [v.sigma for v in checked], "mask": regions}
@@ -225,9 +237,9 @@ def fit_shape(
             arguments=known,
             measured=told,
             poses=of_poses,
-            doubt=next(filter(None, [*doubts, disagreement, edges]), ""),
+            doubt=next(filter(None, [*doubts, disagreement, edges, rest]), ""),
             is_quick=not effort.doubts,
-            is_thinned=not all(one.is_taken(effort.readings) for one in seen),
+            is_thinned=is_thinned,
         )
 
 
@@ -317,6 +329,7 @@ def _without_foreign(
     """
     own = seen = at_poses(seen, fit)
     left_out = clusters = [np.zeros_like(one.region) for one in seen]
+    num_failed = 0
     for _ in range(MOST_LOOKS):
         is_own = fit.num_inliers >= ALL_OWN * int(fit.num_pixels)
         if is_own or not fit.status.has_numbers:
@@ -343,7 +356,39 @@ def _without_foreign(
             break
         left_out, fit = foreign, fitted_to(kept)
         seen, own = at_poses(seen, fit), at_poses(kept, fit)
+        num_failed += not bool(fit.success)
+        if num_failed == MOST_FAILED:
+            break
     return fit, own, not any(map(np.any, clusters))
+
+
+def _of_most(kind: Fittable, fit: Fit, seen: Sequence[Seen]) -> tuple[Fit, str]:
+    """The fit, or a failed one that left out most of what is seen of an object.
+
+    A part of another shape may look like this one, to the noise. Readings beside edges,
+    where they may lean, and those in a shape's mouth are left out for other reasons.
+
+    Returns:
+        The fit, and what a reader is told of what it left out.
+    """
+
+    def share_left(seen: Sequence[Seen]) -> float:
+        return 1 - int(fit.num_pixels) / max(sum(one.num_readings for one in seen), 1)
+
+    if not bool(fit.success) or share_left(seen) < SOME:
+        return fit, ""
+    seen = [one.without_edges() for one in seen]
+    if kind.foreign is not None:
+        body = kind.body.of(fit.shape)
+        inside = [kind.foreign(one, body) for one in seen]
+        seen = [
+            one._replace(region=one.region & ~foreign)
+            for one, foreign in zip(seen, inside, strict=True)
+        ]
+    share = share_left(seen)
+    if share > MOST:
+        return fit.failed(FitStatus.POOR_FIT), ""
+    return fit, f"{100 * share:.0f} {LEFT_OUT}." if share > SOME else ""
 
 
 def _with_feet(

@@ -207,6 +207,14 @@ def test_a_room_is_fitted_from_inside():
     assert np.isinf(fit.std.size).any()
 
 
+def test_a_plate_is_no_room():
+    # Its normals are off by more than it is thick, and so they looked inward.
+    turn = Rotation.random(random_state=8).as_matrix()
+    fit = fit_of(ij.Box((0.0, 0.0, 0.35), turn, (0.2, 0.05, 0.008)), 8)
+    assert fit.success
+    np.testing.assert_allclose(np.sort(fit.shape.size), (0.008, 0.05, 0.2), atol=0.004)
+
+
 def test_a_face_that_nothing_shows_is_open():
     depth, mask = image_of(CARTON)
     rows = np.flatnonzero(mask.any(axis=1))

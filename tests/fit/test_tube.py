@@ -233,3 +233,15 @@ def test_a_bore_is_tested_only_of_what_a_fit_returned():
         ij.test_bore(stacked)
     with pytest.raises(ValueError, match=r"fit must be of a cylinder .* got a tube"):
         ij.test_bore(fit_of(pipe()))
+
+
+@pytest.mark.parametrize("seed", [4, 7, pytest.param(5, marks=RELEASE)])
+def test_a_part_of_a_cone_is_no_tube(seed):
+    # Half of its readings and fewer were taken, which look like one to the noise: 9 of
+    # 16 such were a success, now 3, with radii of 40 to 46 mm and deviations of .6.
+    rng = np.random.default_rng(seed)
+    center = rng.uniform((-0.05, -0.04, 0.3), (0.05, 0.04, 0.4))
+    axis = rng.normal(size=3)
+    axis *= 0.05 / np.linalg.norm(axis)
+    fit = fit_of(ij.Frustum(center - axis, center + axis, 0.05, 0.015), seed)
+    assert not fit.success
