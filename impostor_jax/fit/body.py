@@ -335,13 +335,13 @@ class AbstractBody(eqx.Module):
             slack: By how much a reading of the wall may be off.
         """
 
+    @abc.abstractmethod
     def width_of_ends(self, beside: Float[Array, ""]) -> Float[Array, " e"]:
-        """Readings across each end, where so many show what is between; 0 if unknown.
+        """Readings across the cap at each end; 0 where there is none, or none tell.
 
         Args:
-            beside: Readings of neither end.
+            beside: Readings of what is between the ends.
         """
-        return jnp.zeros(len(self.ends), beside.dtype)
 
     @abc.abstractmethod
     def outward(self, passing: Passing) -> Float[Array, "e n"]:

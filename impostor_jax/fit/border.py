@@ -54,9 +54,10 @@ MOST_NEAR = 0.05
 """Those that may where the others do not scatter as their noise says."""
 
 MOST_DOUBTFUL, SCATTERED = 0.15, 1.2
-"""Part of the readings on a body that may be left out, as they lie beside some that are
-not on it, where the middle one of them is off by so many deviations; of normal noise it
-is by 0.7, of cones and eggs that were taken for a tube or a ball by 1.5 to 2.1."""
+"""Part of the readings on a body that may be left out, because they lie beside readings
+that are off it, where their median distance from it is as many standard deviations. Of
+normal noise that is 0.7; of a cone and an egg that passed for a tube and a ball, 1.5 to
+2.1."""
 
 LEAST_P_VALUE = 1e-6
 """Of their scatter; NaN where the noise is not known, which refutes nothing."""

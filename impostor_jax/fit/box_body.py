@@ -261,6 +261,10 @@ class BoxBody(AbstractAxislessBody):
         return jnp.where((passing.rim < passing.cap_radius) & is_own, face, 0)
 
     @override
+    def width_of_ends(self, beside: Float[Array, ""]) -> Float[Array, " e"]:
+        return jnp.zeros(len(self.ends), beside.dtype)
+
+    @override
     def outward(self, passing: Passing) -> Float[Array, "e n"]:
         point = _parts(passing.local.at(passing.cap))
         return jnp.stack([side * point[k] for k, side in FACES])

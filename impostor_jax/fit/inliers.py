@@ -25,10 +25,9 @@ MIN_END_TERMS = 5
 """Fewest inlying readings of a cap, or crossings, that show an end; and fewest of
 either that tell of any other coordinate."""
 
-
 PART_OF_WIDTH = 0.3
-"""Inlying readings of a cap over those across it, at least: of 400 that it would show
-some 5 of a bottle's shoulder may be near by chance."""
+"""Inlying readings of a cap, at least, in readings across it. A bottle's body has none;
+of its shoulder 5 to 7 lay on the plane of one, on which a cap would have had 400."""
 
 
 class Compared(NamedTuple):

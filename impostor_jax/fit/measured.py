@@ -40,7 +40,6 @@ from impostor_jax.fit.patches import (
     SAMPLE,
     SHORT,
     Around,
-    Grain,
     Window,
     around_of,
     is_fine,
@@ -102,13 +101,13 @@ class MeasuredNoise(NamedTuple):
         noise: The model of it.
         text: What a reader is told of it.
         is_of_all: Whether the model holds at all depths, wherever it was measured.
-        around: What planes told; None where they told nothing but that.
+        around: What planes told of white noise.
     """
 
     noise: AbstractDepthNoise
     text: str
     is_of_all: bool = False
-    around: Around | None = None
+    around: Around = Around()
 
 
 NOT_MEASURED = "The noise is not measured: 1 mm is taken, and held against nothing."
@@ -330,7 +329,7 @@ def law_of_noise(
     if not levels:
         return whole
     noise = _growing(np.array(middles), np.array(levels))
-    if whole.around is not None and whole.around.is_smooth:
+    if whole.around.is_smooth:
         noise = _with_smooth(noise, whole.around)
     return whole._replace(noise=noise)
 
@@ -386,8 +385,7 @@ def _matched(own: _Own, around: Around) -> MeasuredNoise:
     total = own.total
     if not around.is_smooth:
         around = around._replace(bands=max(BANDS, total))
-    grain = around.grain or Grain(0.0, 0.0)
-    part = min(grain.part, MOST_GRAIN)
+    part = 0.0 if around.grain is None else min(around.grain.part, MOST_GRAIN)
     # What neighbors share is of the inverse depth.
     law = StereoDisparity(1.0, 1.0, total * math.sqrt(1 - part), step=0.0)
     # Static numbers take few values, so that other images do not compile a fit anew.
@@ -398,7 +396,7 @@ def _matched(own: _Own, around: Around) -> MeasuredNoise:
     )
     noise = MatchingWindow(law, **window)
     if around.grain is not None:
-        noise = CorrelatedNoise(noise, total * math.sqrt(part), grain.length)
+        noise = CorrelatedNoise(noise, total * math.sqrt(part), around.grain.length)
     noise, square = _with_smooth(noise, around), own.middle**2
     text = (
         f"Measured in the image: noise of {1e3 * total * square:.2g} mm that "

@@ -88,8 +88,8 @@ deviations of the median of white noise."""
 ALIKE = 3.0
 """Patches that tell as much as one, where they overlap by half."""
 
-DOUBTFUL = 1.7
-"""Variance that a size of patches may show of what bands explain."""
+DOUBTFUL = 0.8
+"""Part of a variance that one patch leaves open: a patch is a few bands wide."""
 
 TWO_SURFACES = 5.0
 """Scatter of the means over that of the lowest quarter of patches beyond which there is
@@ -101,7 +101,8 @@ depth cameras' smooth errors are of some `BANDS`."""
 
 EDGE = 4.5
 """Second difference of the means of neighboring cells, over their robust deviation in a
-patch, from which there is an edge in it: none of 100 patches of normal noise has it."""
+patch, from which there is an edge in it: of normal noise no small patch has that, and
+of the largest one in 50."""
 
 OF_MEDIAN = 1.4826
 """Standard deviation of normal numbers over the median of their sizes."""
@@ -295,7 +296,7 @@ class _Means(NamedTuple):
 
     Attributes:
         variance: Of it, in inverse depth.
-        noise: What single readings leave of it.
+        noise: That which the noise of single readings makes.
     """
 
     variance: float
@@ -407,12 +408,12 @@ def _patch(
         return None
     white = max(float(np.mean(near)), (LEAST / float(np.median(depth[use]))) ** 2)
     own = _part(cells, window)
-    noise = variance_of_mean(white, float(np.mean(apart))) * float(np.mean(1 / own[0]))
-    usual, most = _bends(own)
-    if most > EDGE * usual > 0:
+    if math.isinf(_usual_bend(own)):
         return None
-    means = _means(own, noise)
-    return means and _Patch(window, inverse, use, white, apart, means)
+    means = _means(own, variance_of_mean(white, float(np.mean(apart))))
+    if means is None:
+        return None
+    return _Patch(window, inverse, use, white, apart, means)
 
 
 def _larger(cells: _Sums, size: int) -> list[_Means]:
@@ -420,12 +421,14 @@ def _larger(cells: _Sums, size: int) -> list[_Means]:
     found = []
     for window in _windows(cells[0], size):
         own = _part(cells, window)
-        usual, most = _bends(own)
-        if most < EDGE * usual:
-            least = LEAST * float(np.mean(own[1]) / np.mean(own[0])) / CELL
-            means = _means(_pooled(own, size), max(usual**2 / 6, least**2) / size**2)
-            found += [means] if means else []
-    return [one for one in found if one.ratio <= _most(found)]
+        usual = _usual_bend(own)
+        # What is rounded coarsely has none in most places.
+        if 0 < usual < math.inf:
+            least = LEAST * float(np.sum(own[1]) / np.sum(own[0]))
+            means = _means(_pooled(own, size), max(usual**2 / 6 * CELL**2, least**2))
+            found += [] if means is None else [means]
+    most = _most(found) if found else 0.0
+    return [one for one in found if one.ratio <= most]
 
 
 def _part(cells: _Sums, window: Window) -> _Sums:
@@ -433,27 +436,33 @@ def _part(cells: _Sums, window: Window) -> _Sums:
     return cells[:, rows, cols]
 
 
-def _bends(cells: _Sums) -> tuple[float, float]:
-    """Robust deviation of second differences of cells' means, and the largest of them.
+def _usual_bend(cells: _Sums) -> float:
+    """Robust deviation of second differences of cells' means; inf if there is an edge.
 
     From cell to cell a smooth error hardly bends, and an edge does by far more.
     """
     count = np.where(cells[0] > FILLED * CELL**2, cells[0], np.nan)
-    mean = cells[1] / count
-    bends = [np.abs(np.diff(mean, 2, axis=axis)).ravel() for axis in (0, 1)]
-    bend = np.concatenate(bends)
-    return OF_MEDIAN * float(np.nanmedian(bend)), float(np.nanmax(bend))
+    bends = [np.abs(np.diff(cells[1] / count, 2, axis=axis)) for axis in (0, 1)]
+    bend = np.concatenate([one.ravel() for one in bends])
+    usual = OF_MEDIAN * float(np.nanmedian(bend))
+    return math.inf if np.nanmax(bend) > EDGE * usual > 0 else usual
 
 
-def _means(blocks: _Sums, noise: float) -> _Means | None:
-    """How means of blocks scatter; None where they are of no plane."""
-    sums = blocks[:, blocks[0] > FILLED * blocks[0].max()]
-    if sums.shape[1] < COVERED * SIDE**2:
+def _means(blocks: _Sums, one: float) -> _Means | None:
+    """How means of blocks scatter; None where they are of no plane.
+
+    Args:
+        blocks: Their sums.
+        one: Variance of a mean of n readings, times n.
+    """
+    count, *sums = blocks[:, blocks[0] > FILLED * blocks[0].max()]
+    if len(count) < COVERED * SIDE**2:
         return None
-    inverse, x, y = sums[1:] / sums[0]
+    inverse, x, y = sums / count
     terms = np.stack([x, y, np.ones_like(x)])
     off = inverse - np.linalg.lstsq(terms.T, inverse, rcond=None)[0] @ terms
     variance = float(off @ off) / (len(off) - 3)
+    noise = one * float(np.mean(1 / count))
     return _Means(variance, noise) if variance < MOST_SMOOTH**2 else None
 
 
@@ -478,7 +487,7 @@ def _smooth(by_size: Sequence[Sequence[_Means]], pixel: int) -> tuple[float, flo
         by_size: Of planes, for each of `SIZES`.
         pixel: Pixels of the image for one of the sensor's.
     """
-    left, excess, weight, is_smooth = [], [], [], False
+    left, excess, weight, doubt, is_smooth = [], [], [], [], False
     for size, means in zip(SIZES, by_size, strict=True):
         if not means:
             continue
@@ -489,13 +498,15 @@ def _smooth(by_size: Sequence[Sequence[_Means]], pixel: int) -> tuple[float, flo
         left.append([_left(length * pixel / size) for length in (SHORT, LONG)])
         excess.append(max(0.0, variance - noise))
         weight.append(1 / variance)
+        doubt.append(1 / math.sqrt(num_apart))
     if not is_smooth:
         return 0.0, 0.0
     scaled = np.array(weight)[:, None] * np.array(left)
     target = np.multiply(weight, excess)
     # Bands alone, if they explain all: of a single size they do.
     bands = float(optimize.nnls(scaled[:, :1], target)[0][0])
-    if np.all(excess <= DOUBTFUL * bands * np.array(left)[:, 0]):
+    most = (1 + DOUBTFUL * (doubt[0] + np.array(doubt))) * bands
+    if np.all(excess <= most * np.array(left)[:, 0]):
         return math.sqrt(bands), 0.0
     bands, warp = np.sqrt(optimize.nnls(scaled, target)[0]).tolist()
     return bands, warp

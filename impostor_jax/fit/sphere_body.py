@@ -115,6 +115,10 @@ class SphereBody(AbstractAxislessBody):
         return jnp.zeros_like(depth)
 
     @override
+    def width_of_ends(self, beside: Float[Array, ""]) -> Float[Array, " e"]:
+        return jnp.zeros(len(self.ends), beside.dtype)
+
+    @override
     def outward(self, passing: Passing) -> Float[Array, "e n"]:
         return jnp.zeros((0, *passing.along.shape), passing.along.dtype)
 

@@ -158,6 +158,10 @@ class TubeBody(AbstractAxialBody):
         return passing.within & ((beyond > self.height / 2) | is_along)
 
     @override
+    def width_of_ends(self, beside: Float[Array, ""]) -> Float[Array, " e"]:
+        return jnp.zeros(len(self.ends), beside.dtype)
+
+    @override
     def covers(self, passing: Passing) -> Bool[Array, "*batch"]:
         is_wall = passing.within & passing.outside & ~self._is_through(passing)
         return is_wall | (self.outer.covers(passing) & ~passing.within)

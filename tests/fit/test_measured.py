@@ -86,23 +86,35 @@ def test_grain_is_told_by_planes_around():
 LARGE = ij.PinholeCamera(525.0, 525.0, 319.5, 239.5, 640, 480)
 
 
-@pytest.mark.parametrize("width", [30, 60])
-def test_a_warp_that_is_longer_than_the_smallest_patch_is_told(width):
-    # Planes of 48 pixels take it up, and the noise was white: of 8 fits 5 and 7 were
-    # more than four of their deviations off, up to 29, with success.
+def with_smooth_error(length, deviation):
+    """An object before a wall, with 1 mm of white noise, and its mask."""
     row, col = np.indices((480, 640))
     rng = np.random.default_rng(0)
-    warp = cv2.GaussianBlur(rng.normal(size=row.shape), (0, 0), width)
+    smooth = cv2.GaussianBlur(rng.normal(size=row.shape), (0, 0), length / 2**0.5)
     mask = (abs(row - 240) < 60) & (abs(col - 320) < 40)
     depth = np.where(mask, 0.7, 1 / (1 + 1e-4 * col - 3e-4 * row))
-    depth += rng.normal(0, 0.001, row.shape) + 0.0015 * warp / warp.std()
-    noise = measured_noise(depth, mask, LARGE).noise
+    depth += rng.normal(0, 0.001, row.shape) + deviation * smooth / smooth.std()
+    # In each of the smallest patches a block is a hole.
+    return np.where((row % 48 < 12) & (col % 48 < 12), 0, depth), mask
+
+
+@pytest.mark.parametrize("length", [42, 85])
+def test_a_warp_that_is_longer_than_the_smallest_patch_is_told(length):
+    # Planes of 48 pixels take it up, and the noise was white: of 8 fits 5 and 7 were
+    # more than four of their deviations off, up to 29, with success.
+    noise = measured_noise(*with_smooth_error(length, 0.0015), LARGE).noise
     assert max(one.length for one in noise.bias.fields) == 60
     # On the object it is what it is on the wall, as the noise is.
     at, steep = jnp.asarray(0.7), jnp.asarray(1.0)
     smooth = [float(one.shift(at)) for one in noise.bias.fields]
     assert 0.4 < np.linalg.norm(smooth) / 0.0015 < 1.5
     assert float(noise.sigma(at, steep)) == pytest.approx(0.001, rel=0.15)
+
+
+@pytest.mark.parametrize(("length", "part"), [(20, 0.1), (40, 0.1), (100, 0.2)])
+def test_smooth_errors_are_seen_that_are_a_tenth_of_the_noise(length, part):
+    noise = measured_noise(*with_smooth_error(length, 1e-3 * part), LARGE).noise
+    assert noise.bias.fields
 
 
 @pytest.mark.parametrize("seed", [1, 2, 4, 5])
