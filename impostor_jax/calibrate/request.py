@@ -10,7 +10,8 @@ from jaxtyping import Bool, Float
 from impostor_jax.arguments import real_number, unmasked
 from impostor_jax.camera.base import AbstractCamera
 from impostor_jax.camera.pinhole import PinholeCamera
-from impostor_jax.fit.request import checked_depth
+from impostor_jax.fit.regions import warn_of_units
+from impostor_jax.fit.request import checked_depth, checked_noise
 
 
 def checked_images(depths: Any, camera: AbstractCamera) -> Float[np.ndarray, "n h w"]:
@@ -23,7 +24,10 @@ def checked_images(depths: Any, camera: AbstractCamera) -> Float[np.ndarray, "n 
             f"{images.shape}"
         )
     images = images.reshape(-1, *shape)
-    return np.stack([np.asarray(checked_depth(image, camera)) for image in images])
+    images = np.stack([np.asarray(checked_depth(image, camera)) for image in images])
+    # One is told of as well as all.
+    warn_of_units(images[0], images[0] > 0, checked_noise(None))
+    return images
 
 
 def checked_masks(

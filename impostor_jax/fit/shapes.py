@@ -187,7 +187,8 @@ def fit_shape(
             again = request._replace(sigma=sigma)
             how = {"in_search": in_search, "is_trial": is_trial, "doubted": doubted}
             fit = fit_shape(again, **how)
-            return fit.noting(measured=told) if told else fit
+            said = {"measured": told, "doubt": next(filter(None, doubts), "")}
+            return fit.noting(**{name: text for name, text in said.items() if text})
 
         is_told = places is None and sigma is not None and not told
         if is_told and effort.doubts and options.errors is None:

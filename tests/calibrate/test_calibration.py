@@ -6,6 +6,8 @@ import pytest
 
 import impostor_jax as ij
 from impostor_jax.calibrate.calibration import calibration_of
+from impostor_jax.calibrate.request import checked_images
+from impostor_jax.fit.regions import DepthUnitsWarning
 from impostor_jax.io.sensor_record import sensor_from_record, sensor_record
 from tests.calibrate.scenes import (
     CAMERA,
@@ -200,6 +202,11 @@ def test_bad_arguments_are_named(changes, message):
     given = {"depths": DEPTH, "camera": CAMERA, **changes}
     with pytest.raises(ValueError, match=message):
         ij.calibrate_sensor(given.pop("depths"), given.pop("camera"), **given)
+
+
+def test_depth_in_millimeters_gets_a_hint():
+    with pytest.warns(DepthUnitsWarning, match="in millimeters"):
+        checked_images(1000 * DEPTH, CAMERA)
 
 
 def test_a_traced_image_is_refused():

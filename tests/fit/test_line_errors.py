@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import impostor_jax as ij
+from impostor_jax.fit.regions import DepthUnitsWarning
 from tests.fit.scenes import CAMERA, SIGMA, image
 from tests.groups import FULL, SMALL_IMAGES
 
@@ -15,12 +16,12 @@ SHARED = 0.7 * SIGMA
 
 
 @functools.cache
-def fitted(lines, sigma, **options):
+def fitted(lines, sigma, scale=1.0, **options):
     depth, mask = image()
     size = {"rows": (len(depth), 1), "columns": (1, depth.shape[1]), None: (1, 1)}
     errors = np.random.default_rng(3).normal(0, SHARED if lines else 0, size[lines])
     noisy = np.where(depth > 0, depth + errors, 0).astype(depth.dtype)
-    return ij.fit_cylinder(noisy, CAMERA, mask, sigma, **options)
+    return ij.fit_cylinder(scale * noisy, CAMERA, mask, sigma, **options)
 
 
 @pytest.mark.parametrize(
@@ -70,3 +71,11 @@ def test_a_sensor_that_says_what_neighbors_share_may_not_say_all():
 @pytest.mark.parametrize("sigma", [SIGMA, None])
 def test_white_noise_shares_nothing(sigma):
     assert "err alike" not in fitted(None, sigma).asked.measured
+
+
+@FULL
+def test_a_fit_with_what_was_measured_keeps_its_hint():
+    with pytest.warns(DepthUnitsWarning, match="in millimeters"):
+        fit = fitted("rows", None, scale=1000)
+    assert "Readings of a row err alike" in fit.asked.measured
+    assert "is it in millimeters?" in fit.reason
