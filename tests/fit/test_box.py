@@ -207,6 +207,7 @@ def test_a_room_is_fitted_from_inside():
     assert np.isinf(fit.std.size).any()
 
 
+@FULL
 def test_a_plate_is_no_room():
     # Its normals are off by more than it is thick, and so they looked inward.
     turn = Rotation.random(random_state=8).as_matrix()
