@@ -43,6 +43,7 @@ from impostor_jax.fit.patches import (
     Window,
     around_of,
     is_fine,
+    pixel_of,
     windows_of,
 )
 from impostor_jax.fit.per_pixel import PerPixelNoise
@@ -84,7 +85,8 @@ MOST_GRAIN = 0.99
 """Part of the variance that is grain, at most: no reading is without an error."""
 
 CURVED = 2.5
-"""The same where no plane around the object tells, but the object's own surface."""
+"""Variance of differences of an object over that of neighbors from which errors are
+shared, where no plane around it tells."""
 
 MOST_ROUNDED = 1.35
 """Noise of an object over that of rounding up to which there is no other, where planes
@@ -101,7 +103,7 @@ class MeasuredNoise(NamedTuple):
         noise: The model of it.
         text: What a reader is told of it.
         is_of_all: Whether the model holds at all depths, wherever it was measured.
-        around: What planes told of white noise.
+        around: What planes told, where the noise is white.
     """
 
     noise: AbstractDepthNoise
@@ -293,7 +295,7 @@ def _measured(
     if around is None:
         next_but_one = variances(own.inverse, own.use, NEXT, 4)
         fine = own.is_filtered and is_fine(next_but_one, own.levels[NEAR])
-        around = Around(own.is_filtered, fine)
+        around = Around(own.is_filtered, fine, pixel=pixel_of(camera))
     if own.is_rounded(around):
         return _rounded(around.step)
     if around.is_filtered or (around.bands > 0 and not around.warp > 0):

@@ -20,6 +20,7 @@ __all__ = [
     "Window",
     "around_of",
     "is_fine",
+    "pixel_of",
     "windows_of",
 ]
 
@@ -238,22 +239,19 @@ def around_of(
         camera: That took it.
     """
     cells = _cells(image, usable, camera)
-    patches = [
-        found
-        for window in _windows(cells[0], 1)
-        if (found := _patch(image, usable, cells, window))
-    ]
+    windows = _windows(cells[0], 1)
+    patches = [found for at in windows if (found := _patch(image, usable, cells, at))]
     step = _grid_of(image[image > 0])
     if not patches:
         # What is coarsely rounded, faces the camera or is as far as it reads.
-        is_equal = any(_is_equal(image[at], usable[at]) for at in windows_of(usable))
+        is_equal = any(_is_equal(image[at], usable[at]) for at in windows)
         return Around(step=step, is_equal=True) if step and is_equal else None
     if step:
         farthest = [_farthest(one, camera) for one in patches]
         step = step if np.median(farthest) <= ROUNDED * step else 0.0
     most = _most([one.means for one in patches])
     planes = [one for one in patches if one.means.ratio <= most]
-    pixel = 2 if float(camera.fx) > NARROW * camera.width else 1
+    pixel = pixel_of(camera)
     by_size = [[one.means for one in planes]]
     by_size += [_larger(cells, size) for size in SIZES[1:]]
     bands, warp = _smooth(by_size, pixel)
@@ -279,6 +277,11 @@ def around_of(
         is_fine=bool(np.median(fine) > 0.5),
         grain=Grain.of([(one.inverse, one.use) for one in planes]),
     )
+
+
+def pixel_of(camera: PinholeCamera) -> int:
+    """Pixels of an image for one of its sensor's."""
+    return 2 if float(camera.fx) > NARROW * camera.width else 1
 
 
 def is_fine(next_but_one: Sequence[float], apart: Sequence[float]) -> bool:
@@ -459,8 +462,7 @@ def _means(blocks: _Sums, one: float) -> _Means | None:
     if len(count) < COVERED * SIDE**2:
         return None
     inverse, x, y = sums / count
-    terms = np.stack([x, y, np.ones_like(x)])
-    off = inverse - np.linalg.lstsq(terms.T, inverse, rcond=None)[0] @ terms
+    off = _off_plane(x, y, inverse)
     variance = float(off @ off) / (len(off) - 3)
     noise = one * float(np.mean(1 / count))
     return _Means(variance, noise) if variance < MOST_SMOOTH**2 else None
@@ -475,9 +477,18 @@ def _farthest(patch: _Patch, camera: PinholeCamera) -> float:
     """How far a reading is off the plane at most, in meters."""
     inverse, (row, col) = patch.inverse[patch.use], np.nonzero(patch.use)
     row, col = row + patch.window[0].start, col + patch.window[1].start
-    rays = np.stack([*directions_of(camera, row, col, float), np.ones(len(row))])
-    plane = np.linalg.lstsq(rays.T, inverse, rcond=None)[0]
-    return float(np.max(np.abs(inverse - plane @ rays) / inverse**2))
+    off = _off_plane(*directions_of(camera, row, col, float), inverse)
+    return float(np.max(np.abs(off) / inverse**2))
+
+
+def _off_plane(
+    x: Float[np.ndarray, " n"],
+    y: Float[np.ndarray, " n"],
+    inverse: Float[np.ndarray, " n"],
+) -> Float[np.ndarray, " n"]:
+    """Inverse depths less those of the plane that is nearest to them."""
+    terms = np.stack([x, y, np.ones_like(x)])
+    return inverse - np.linalg.lstsq(terms.T, inverse, rcond=None)[0] @ terms
 
 
 def _smooth(by_size: Sequence[Sequence[_Means]], pixel: int) -> tuple[float, float]:

@@ -137,8 +137,13 @@ def test_filtered_noise_is_told_without_anything_around():
     flat = np.full(depth.shape, 0.35, np.float32)
     normal = np.broadcast_to(np.float32([0, 0, -1]), (*depth.shape, 3))
     readings = grain.sample(jax.random.key(1), flat, normal, CAMERA)
-    found = measured_noise(np.where(mask, readings, 0), mask, CAMERA)
-    assert int(found.noise.bias.window_reach) > 0
+    alone = np.where(mask, readings, 0)
+    reach = int(measured_noise(alone, mask, CAMERA).noise.bias.window_reach)
+    assert reach > 0
+    # An image that was warped to a color camera's has finer pixels than its sensor.
+    narrow = ij.PinholeCamera(250.0, 250.0, 79.5, 59.5, 160, 120)
+    wide = int(measured_noise(alone, mask, narrow).noise.bias.window_reach)
+    assert wide >= 2 * reach - 1
 
 
 def test_what_fills_the_image_bends_and_is_no_smooth_error():
