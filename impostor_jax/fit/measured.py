@@ -411,9 +411,10 @@ def _matched(own: _Own, around: Around) -> MeasuredNoise:
 
 def _with_smooth(noise: AbstractDepthNoise, around: Around) -> AbstractDepthNoise:
     """With the smooth errors that planes show, and an unknown scale."""
-    for deviation, length in ((around.bands, SHORT), (around.warp, LONG)):
+    lengths = SHORT * around.pixel, LONG
+    for deviation, length in zip((around.bands, around.warp), lengths, strict=True):
         if deviation > 0:
-            noise = CorrelatedNoise(noise, deviation, length * around.pixel)
+            noise = CorrelatedNoise(noise, deviation, length)
     return ScaleError(noise, OFFSET, law="disparity")
 
 

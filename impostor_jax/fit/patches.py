@@ -78,8 +78,9 @@ SHARED = 1.5
 images of five cameras it is 1.6 to 6, of drawn white noise 0.9 to 1.1."""
 
 SHORT, LONG = BAND_LENGTH, 3 * BAND_LENGTH
-"""Correlation lengths of bands and of warps, in the sensor's pixels: their mixture
-stands for any."""
+"""Correlation lengths of bands and of warps, in pixels: their mixture stands for any.
+Bands are as much longer as pixels are finer than the sensor's, but are told as if they
+were not: of those that long a small patch leaves a fiftieth, and shows shorter ones."""
 
 SCATTER = 1.6
 """Variance of the means of blocks on planes, over that of white noise, less 1, times
@@ -175,7 +176,7 @@ class Around(NamedTuple):
         depth: Of the planes, in meters.
         bands: Deviation of a smooth error of inverse depth whose correlation length is
             `SHORT` of the sensor's pixels; 0 if there is none.
-        warp: The same of `LONG`.
+        warp: The same of `LONG`, of the image's.
         pixel: Pixels of the image for one of the sensor's.
         step: To which depths are rounded, in meters, if that is all that they err by;
             0 otherwise. Neighbors share it, but it leads a fit nowhere.
@@ -251,10 +252,9 @@ def around_of(
         step = step if np.median(farthest) <= ROUNDED * step else 0.0
     most = _most([one.means for one in patches])
     planes = [one for one in patches if one.means.ratio <= most]
-    pixel = pixel_of(camera)
     by_size = [[one.means for one in planes]]
     by_size += [_larger(cells, size) for size in SIZES[1:]]
-    bands, warp = _smooth(by_size, pixel)
+    bands, warp = _smooth(by_size)
     white = math.sqrt(np.median([one.white for one in planes]))
     depth = 1 / np.median(np.concatenate([one.inverse[one.use] for one in planes]))
     around = Around(
@@ -262,7 +262,7 @@ def around_of(
         depth=float(depth),
         bands=bands,
         warp=warp,
-        pixel=pixel,
+        pixel=pixel_of(camera),
         step=step,
     )
     if not np.median([one.shared for one in patches]) > SHARED:
@@ -491,12 +491,11 @@ def _off_plane(
     return inverse - np.linalg.lstsq(terms.T, inverse, rcond=None)[0] @ terms
 
 
-def _smooth(by_size: Sequence[Sequence[_Means]], pixel: int) -> tuple[float, float]:
+def _smooth(by_size: Sequence[Sequence[_Means]]) -> tuple[float, float]:
     """Deviations of bands and of a warp, in inverse depth; 0 where there is none.
 
     Args:
         by_size: Of planes, for each of `SIZES`.
-        pixel: Pixels of the image for one of the sensor's.
     """
     left, excess, weight, doubt, is_smooth = [], [], [], [], False
     for size, means in zip(SIZES, by_size, strict=True):
@@ -506,7 +505,7 @@ def _smooth(by_size: Sequence[Sequence[_Means]], pixel: int) -> tuple[float, flo
         ratio = float(np.median([one.ratio for one in means]))
         is_smooth |= ratio > 1 + SCATTER / math.sqrt(num_apart)
         variance, noise = np.mean(means, axis=0).tolist()
-        left.append([_left(length * pixel / size) for length in (SHORT, LONG)])
+        left.append([_left(length / size) for length in (SHORT, LONG)])
         excess.append(max(0.0, variance - noise))
         weight.append(1 / variance)
         doubt.append(1 / math.sqrt(num_apart))
