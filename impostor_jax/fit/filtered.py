@@ -31,7 +31,6 @@ from jaxtyping import Array, Bool, Float
 
 from impostor_jax.fit.body import AbstractBody
 from impostor_jax.fit.gather import passed_by
-from impostor_jax.fit.learned import SPEAKS
 from impostor_jax.fit.measured import with_measured
 from impostor_jax.fit.per_pixel import PerPixelNoise, law_of
 from impostor_jax.fit.problem import RayList, sigma_of
@@ -102,11 +101,11 @@ def shared_errors(
 def less_noise(
     fit: Fit, kind: type[AbstractBody], views: Sequence[Given], seen: Sequence[Seen]
 ) -> tuple[Any, str] | None:
-    """The same where each reading errs by itself, and by less than was told.
+    """The same where readings scatter by less than was told.
 
-    All of them, or those of surfaces that are slanted. None where images do not tell
-    how much that is, as those that were drawn without, and where it was told pixel by
-    pixel.
+    All of them, or those of surfaces that are slanted, if each errs by itself. None
+    where images do not tell how much that is, as those that were drawn without, and
+    where it was told pixel by pixel.
 
     Args:
         fit: As of `shared_errors`.
@@ -117,13 +116,13 @@ def less_noise(
     if not fit.is_shape or not _is_law(seen) or fit.num_inliers < FEWEST:
         return None
     chi2, slanted = fit.chi2.item(), _chi2_of_slanted(fit, kind, seen)
-    is_less = chi2 <= OVERSTATED and not fit.across.score.item() > SPEAKS
+    is_less = chi2 <= OVERSTATED
     # By errors across rays these would scatter more.
     is_less_there = slanted < LESS_SLANTED
     if not (is_less or is_less_there):
         return None
     sigmas, sigma, told = _measured(views)
-    if any(one is None or not _is_white(one) for one in sigmas):
+    if any(one is None for one in sigmas):
         return None
     of_told = [
         _level(one, own) / _level(own.noise, own)
@@ -131,6 +130,7 @@ def less_noise(
     ]
     if is_less and max(of_told) < OVERSTATED**0.5:
         return sigma, LESS.format(times=math.sqrt(chi2)) + told
+    is_less_there &= all(map(_is_white, sigmas))
     if is_less_there and max(of_told) < SLANTED:
         return sigma, LESS_THERE.format(times=math.sqrt(slanted)) + told
     return None

@@ -59,6 +59,23 @@ def test_noise_that_does_not_grow_towards_grazing_is_measured():
     assert abs(float(fit.cylinder.radius) - 0.04) < 2 * float(fit.std.radius)
 
 
+def test_what_grazes_may_scatter_by_more_of_a_noise_that_is_told_too_large():
+    # It speaks for rays that err beside the rest alone, which was told twice too large:
+    # of a guided filter's image radii were 8 and 13 deviations off.
+    scene = ij.Scene([can(), ij.Plane((0, 0, 0.6), (0, 0, -1.0))])
+    maps = ij.render(scene, CAMERA, outputs=("depth", "normal", "index"))
+    depth, normal = np.asarray(maps.depth), np.asarray(maps.normal)
+    mask = np.asarray(maps.index) == 0
+    ray = np.asarray(CAMERA.rays(*CAMERA.frame.pixels(), depth.dtype).direction.stack())
+    cosine = np.abs(np.sum(normal * ray, axis=-1)) / np.linalg.norm(ray, axis=-1)
+    noise = np.random.default_rng(0).normal(size=depth.shape)
+    noise *= 0.15 * SIGMA * (1 + 1 / np.maximum(cosine, 0.1))
+    depth = (depth + noise).astype(np.float32)
+    fit = ij.fit_cylinder(depth, CAMERA, mask, SIGMA)
+    assert fit.asked.measured.startswith("Readings scatter by 0.4")
+    assert abs(float(fit.cylinder.radius) - 0.04) < 3 * float(fit.std.radius)
+
+
 def test_an_image_without_noise_tells_none():
     maps = ij.render(can(), CAMERA)
     depth, mask = np.asarray(maps.depth), np.asarray(maps.mask)
