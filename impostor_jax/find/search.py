@@ -58,6 +58,11 @@ CHANGED = (0.03, 0.1, 0.1)
 """Part of a mask from whose change on it is fitted again, for the first time, for the
 second, and so on."""
 
+MOST_REFUSED = 100
+"""Candidates in a row that turn out to be none, after which a search ends: of tables
+with many things 18 were refused before one was found. Where a third of all readings
+were a number that stood for none 1300 were fitted, in a minute."""
+
 MOST_MISFIT = 3.0
 """Mean square of the deviations of what a cylinder explains, at most."""
 
@@ -196,7 +201,8 @@ class _Search:
         walls += self._guesses(parts, walls)
         scene = self.scene()
         queue = [entry for wall in walls for entry in self._entries(scene, wall)]
-        while queue:
+        num_refused = 0
+        while queue and num_refused < MOST_REFUSED:
             best = queue.pop(int(np.argmax([entry.gain for entry in queue])))
             if not (best.gain > 0 and best.chance >= self.least_chance):
                 break
@@ -209,9 +215,10 @@ class _Search:
                 continue
             found, others = self._fitted(scene, best)
             if found:
-                scene = self.scene()
+                scene, num_refused = self.scene(), 0
             else:
                 self.refused.append(wall)
+                num_refused += 1
             queue += others
         return len(self.detections) > before
 

@@ -47,6 +47,7 @@ from impostor_jax.fit.patches import (
     windows_of,
 )
 from impostor_jax.fit.per_pixel import PerPixelNoise
+from impostor_jax.fit.regions import SQUARE
 from impostor_jax.fit.request import (
     Given,
     checked_depth,
@@ -67,6 +68,14 @@ WINDOW, SPIKE = 5, 9.0
 """Pixels across which the median tells where a reading ought to be, and how many times
 as far as the middle one there an outlier lies from it: 6 standard deviations."""
 
+ISLAND, JUMP = 1000, 0.1
+"""Pixels up to which what readings jump around is no surface of its own, as a value
+that stands for none, and the part of a depth that is a jump."""
+
+OF_OBJECT, MOST_JUMPS = 0.1, 0.5
+"""Share of an object from which on it is its surface all the same, and share of all
+readings beyond which jumps are noise."""
+
 MOST_SPIKES = 0.2
 """Share of outliers beyond which noise comes out too large: of a quarter, 1.4 times."""
 
@@ -83,6 +92,10 @@ STEPS = 3.0
 
 MOST_GRAIN = 0.99
 """Part of the variance that is grain, at most: no reading is without an error."""
+
+LEAST_OWN = 1 / 3
+"""Deviation of a reading's own error over that of smooth ones, at least: where these
+are almost all, as in depth that a network tells, most of a wall would be outliers."""
 
 CURVED = 2.5
 """Variance of differences of an object over that of neighbors from which errors are
@@ -159,11 +172,13 @@ def measured_noise(
     windows = [cropped(region), *windows_of(beside if beside.any() else seen)]
     if sum(image[window].size for window in windows) > image.size:
         windows = [np.s_[:, :]]
-    return _measured(_despiked(image, windows), region, camera)
+    return _measured(_despiked(image, region, windows), region, camera)
 
 
 def _despiked(
-    image: Float[np.ndarray, "h w"], windows: Sequence[Window] = (np.s_[:, :],)
+    image: Float[np.ndarray, "h w"],
+    region: Bool[np.ndarray, "h w"],
+    windows: Sequence[Window] = (np.s_[:, :],),
 ) -> Float[np.ndarray, "h w"]:
     """Some windows of an image, without readings that lie far from what is around them.
 
@@ -173,12 +188,44 @@ def _despiked(
     """
     usual, num_seen, num_spikes = np.zeros_like(image), 0, 0
     for window in windows:
-        part = image[window]
+        part = _without_islands(image[window], region[window])
         is_spike = _spikes(part)
         usual[window] = np.where(is_spike, 0, part)
         num_seen += np.count_nonzero(part)
         num_spikes += np.count_nonzero(is_spike)
     return usual if num_spikes <= MOST_SPIKES * num_seen else np.zeros_like(image)
+
+
+def _without_islands(
+    image: Float[np.ndarray, "h w"], region: Bool[np.ndarray, "h w"]
+) -> Float[np.ndarray, "h w"]:
+    """An image without what is small and lies far from what is around it.
+
+    Holes that a camera or a file fills with a number make jumps, which differences of
+    pixels that are far apart take for errors that neighbors share: where they were a
+    twentieth of a can, its radius was 450 times less sure.
+
+    Args:
+        image: Depths in meters; 0 where there is no reading.
+        region: Pixels of the object.
+    """
+    seen = image > 0
+    depth = np.ascontiguousarray(image, np.float32)
+    high = cv2.dilate(depth, SQUARE)
+    low = cv2.erode(np.where(seen, depth, np.inf).astype(np.float32), SQUARE)
+    is_inner = (seen & (high / (1 + JUMP) <= low)).astype(np.uint8)
+    _, labels, stats, _ = cv2.connectedComponentsWithStats(is_inner, connectivity=4)
+    own = np.bincount(labels[region], minlength=len(stats))
+    is_small = stats[:, cv2.CC_STAT_AREA] < ISLAND
+    is_small &= own < OF_OBJECT * np.count_nonzero(region)
+    is_small[0] = False
+    if not is_small.any():
+        return image
+    # With their own border, and what lies beside that.
+    island = cv2.dilate(is_small[labels].astype(np.uint8), SQUARE) > 0
+    jumps = np.count_nonzero(seen & ((is_inner == 0) | island))
+    is_noise = jumps > MOST_JUMPS * np.count_nonzero(seen)
+    return image if is_noise else np.where(island, 0, image)
 
 
 def _spikes(image: Float[np.ndarray, "h w"]) -> Bool[np.ndarray, "h w"]:
@@ -224,7 +271,7 @@ class _Own(NamedTuple):
     def of(
         image: Float[np.ndarray, "h w"], region: Bool[np.ndarray, "h w"]
     ) -> "_Own | None":
-        """Those of a region; None where too few tell of noise, or there is none."""
+        """Those of a region; None where too few tell of noise."""
         some = region & (image > 0)
         if np.count_nonzero(some) < FEWEST:
             return None
@@ -235,7 +282,12 @@ class _Own(NamedTuple):
         levels = {lag: variances(inverse, use, lag, 4) for lag in (1, NEAR)}
         step = _step(depth[use]) / middle**2
         own = _Own(depth, inverse, use, middle, levels, step)
-        return own if levels[1] and own.white * middle > LEAST else None
+        return own if levels[1] else None
+
+    @property
+    def is_exact(self) -> bool:
+        """Whether there is no noise but what rounding of single precision makes."""
+        return self.white * self.middle <= LEAST
 
     @property
     def white(self) -> float:
@@ -280,7 +332,7 @@ def _measured(
     if own is None:
         return None
     if not isinstance(camera, PinholeCamera):
-        return _white(own, Around())
+        return None if own.is_exact else _white(own, Around())
     seen = image > 0
     beside = seen & ~region
     is_beside = bool(beside.any())
@@ -296,6 +348,8 @@ def _measured(
         next_but_one = variances(own.inverse, own.use, NEXT, 4)
         fine = own.is_filtered and is_fine(next_but_one, own.levels[NEAR])
         around = Around(own.is_filtered, fine, pixel=pixel_of(camera))
+    if own.is_exact and not around.is_smooth:
+        return None
     if own.is_rounded(around):
         return _rounded(around.step)
     if around.is_filtered or (around.bands > 0 and not around.warp > 0):
@@ -313,7 +367,7 @@ def law_of_noise(
         image: Depths in meters; 0 where there is no reading.
         camera: That took it.
     """
-    usual = _despiked(image)
+    usual = _despiked(image, image > 0)
     whole = _measured(usual, usual > 0, camera, is_scene=True)
     if whole is None:
         return MeasuredNoise(checked_noise(None), NOT_MEASURED)
@@ -325,9 +379,9 @@ def law_of_noise(
     middles, levels = [], []
     for low, high in itertools.pairwise(ends):
         own = _Own.of(usual, seen & (usual >= low) & (usual <= high))
-        if own is not None:
+        if own is not None and not (own.is_exact and not whole.around.is_smooth):
             middles.append(own.middle)
-            levels.append(own.white * own.middle**2)
+            levels.append(_own_level(own, whole.around) * own.middle**2)
     if not levels:
         return whole
     noise = _growing(np.array(middles), np.array(levels))
@@ -366,7 +420,7 @@ def _growing(
 
 
 def _white(own: _Own, around: Around) -> MeasuredNoise:
-    level = own.white * own.middle**2
+    level = _own_level(own, around) * own.middle**2
     noise, text = checked_noise(level), f"white noise of {1e3 * level:.3g} mm"
     if around.is_smooth:
         noise = _with_smooth(noise, around)
@@ -377,6 +431,11 @@ def _white(own: _Own, around: Around) -> MeasuredNoise:
     return MeasuredNoise(noise, f"Measured in the image: {text}.", around=around)
 
 
+def _own_level(own: _Own, around: Around) -> float:
+    """Deviation of the error that is each reading's own, of inverse depth."""
+    return max(own.white, LEAST_OWN * around.smooth)
+
+
 def _rounded(step: float) -> MeasuredNoise:
     text = f"Depth is rounded to {1e3 * step:.3g} mm, and planes show no other noise."
     return MeasuredNoise(checked_noise(step / math.sqrt(12)), text, is_of_all=True)
@@ -384,7 +443,7 @@ def _rounded(step: float) -> MeasuredNoise:
 
 def _matched(own: _Own, around: Around) -> MeasuredNoise:
     """That of a camera that matches windows."""
-    total = own.total
+    total = max(own.total, LEAST_OWN * around.smooth)
     if not around.is_smooth:
         around = around._replace(bands=max(BANDS, total))
     part = 0.0 if around.grain is None else min(around.grain.part, MOST_GRAIN)

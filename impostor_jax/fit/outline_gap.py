@@ -110,11 +110,12 @@ def compared_with_outline(fit: Fit, seen: Sequence[Seen], is_outline: bool) -> F
             "the region is not of one cylinder."
         )
     if abs(gap.pixels) > NOTED * np.hypot(EDGE, gap.fit_pixels):
-        warnings.warn(
+        told = (
             f"{told}: unless edges in the image are off by as much, the radius is "
-            "wrong; fit.outline_gap tells more",
-            stacklevel=users_level(),
+            "wrong; fit.outline_gap tells more"
         )
+        warnings.warn(told, stacklevel=users_level())
+        fit = fit.noting(doubt=told)
     return fit
 
 

@@ -208,7 +208,7 @@ class Around(NamedTuple):
         """With the smooth error that there is where something else stands.
 
         It grows with depth as the noise does: of inverse depth neither does, or of
-        depth, or what is between.
+        depth, or what is between. Where there is no noise, it is the larger one.
 
         Args:
             depth: Of that, in meters.
@@ -217,7 +217,8 @@ class Around(NamedTuple):
         if not self.is_smooth:
             return self
         least, most = sorted((1.0, (self.depth / depth) ** 2))
-        growth = min(max(white / self.white, least), most)
+        is_exact = self.white * self.depth < 2 * LEAST
+        growth = most if is_exact else min(max(white / self.white, least), most)
         return self._replace(bands=growth * self.bands, warp=growth * self.warp)
 
 

@@ -65,3 +65,17 @@ def test_what_is_seen_end_on_is_fitted_though_a_proposal_is_alike():
     assert search.alike(rough, first)
     again, *_ = state._guesses(parts, [rough])
     assert again.radius == first.radius
+
+
+@pytest.mark.parametrize("most", [1, 2])
+def test_a_search_ends_after_many_candidates_that_are_none(monkeypatch, most):
+    tried = []
+
+    def refused(self, scene, entry):
+        tried.append(entry)
+        return False, []
+
+    monkeypatch.setattr(search, "MOST_REFUSED", most)
+    monkeypatch.setattr(search._Search, "_fitted", refused)
+    assert not searched(image_of([CAN, BELOW, FLOOR])).took_another()
+    assert len(tried) == most
