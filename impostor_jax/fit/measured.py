@@ -90,6 +90,10 @@ by less than the noise from there on."""
 STEPS = 3.0
 """Steps of rounding by which an outlier lies off, at least."""
 
+BEYOND = 10.0
+"""Median distances from the median of an object's inverse depths beyond which a
+reading is of what lies behind: of a cylinder that is seen from the side none is."""
+
 MOST_GRAIN = 0.99
 """Part of the variance that is grain, at most: no reading is without an error."""
 
@@ -217,7 +221,7 @@ def _without_islands(
     _, labels, stats, _ = cv2.connectedComponentsWithStats(is_inner, connectivity=4)
     own = np.bincount(labels[region], minlength=len(stats))
     is_small = stats[:, cv2.CC_STAT_AREA] < ISLAND
-    is_small &= own < OF_OBJECT * np.count_nonzero(region)
+    is_small &= own <= OF_OBJECT * np.count_nonzero(region)
     is_small[0] = False
     if not is_small.any():
         return image
@@ -277,8 +281,13 @@ class _Own(NamedTuple):
             return None
         box = cropped(region)
         depth, use = image[box].astype(float), some[box]
-        middle = float(np.median(depth[use]))
         inverse = np.where(use, 1 / np.where(use, depth, 1), 0)
+        # What a mask shows beside the object makes jumps.
+        off = np.abs(inverse - np.median(inverse[use]))
+        usual = float(np.median(off[use]))
+        use &= (off <= BEYOND * usual) | (usual == 0)
+        inverse = np.where(use, inverse, 0)
+        middle = float(np.median(depth[use]))
         levels = {lag: variances(inverse, use, lag, 4) for lag in (1, NEAR)}
         step = _step(depth[use]) / middle**2
         own = _Own(depth, inverse, use, middle, levels, step)

@@ -111,6 +111,14 @@ def test_smooth_errors_are_told_where_nothing_else_errs(sigma):
     assert float(noise.sigma(at, at)) > smooth / 4
 
 
+def test_what_a_mask_shows_beside_an_object_is_no_noise_of_it():
+    # Two pixels of a table: noise of 1.3 mm was 8.6, and a radius 7 deviations off.
+    depth, mask = drawn(ij.ConstantNoise(SIGMA))
+    wider = cv2.dilate(mask.view(np.uint8), np.ones((5, 5))) > 0
+    found = measured_noise(depth, wider, CAMERA)
+    assert float(found.noise.deviation) == pytest.approx(SIGMA, rel=0.1)
+
+
 @pytest.mark.parametrize("value", [0.1, 10.0])
 def test_holes_that_are_filled_with_a_number_are_no_noise(value):
     # Those that are wider than an outlier: the radius was 450 times less sure.
