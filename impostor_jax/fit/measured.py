@@ -218,15 +218,16 @@ def _without_islands(
     high = cv2.dilate(depth, SQUARE)
     low = cv2.erode(np.where(seen, depth, np.inf).astype(np.float32), SQUARE)
     is_inner = (seen & (high / (1 + JUMP) <= low)).astype(np.uint8)
-    _, labels, stats, _ = cv2.connectedComponentsWithStats(is_inner, connectivity=4)
-    own = np.bincount(labels[region], minlength=len(stats))
-    is_small = stats[:, cv2.CC_STAT_AREA] < ISLAND
+    count, labels = cv2.connectedComponents(is_inner, connectivity=4)
+    own = np.bincount(labels[region], minlength=count)
+    is_small = np.bincount(labels.ravel()) < ISLAND
     is_small &= own <= OF_OBJECT * np.count_nonzero(region)
     is_small[0] = False
     if not is_small.any():
         return image
     # With their own border, and what lies beside that.
-    island = cv2.dilate(is_small[labels].astype(np.uint8), SQUARE) > 0
+    island = np.isin(labels, np.flatnonzero(is_small)).astype(np.uint8)
+    island = cv2.dilate(island, SQUARE) > 0
     jumps = np.count_nonzero(seen & ((is_inner == 0) | island))
     is_noise = jumps > MOST_JUMPS * np.count_nonzero(seen)
     return image if is_noise else np.where(island, 0, image)

@@ -233,14 +233,13 @@ def fit_shape(
             fit = fit.having(pixelwise=(told_by_point,), source="points")
             known["places"] = places
         given = [*camera] if isinstance(camera, list | tuple) else camera
-        # Among them what the outline contradicts.
-        told_first = [*doubts, disagreement, fit.asked.doubt, edges, rest]
+        doubts += [disagreement, fit.asked.doubt, edges, rest]
         known |= {"camera": given, "initial": initial, "options": options}
         return fit.noting(
             arguments=known,
             measured=told,
             poses=of_poses,
-            doubt=next(filter(None, told_first), ""),
+            doubt=next(filter(None, doubts), ""),
             is_quick=not effort.doubts,
             is_thinned=is_thinned,
         )
