@@ -6,6 +6,8 @@ left is noise.
 
 __all__ = ["FEWEST", "MEDIAN_SQUARE", "variance_of_mean", "variances"]
 
+import math
+
 import numpy as np
 from jaxtyping import Bool, Float
 
@@ -33,6 +35,7 @@ def variances(
     own: Bool[np.ndarray, "h w"],
     lag: int,
     order: int,
+    most: float = math.inf,
 ) -> list[float]:
     """Variance of white noise that differences tell, along each axis.
 
@@ -43,6 +46,7 @@ def variances(
         own: Pixels that count.
         lag: Pixels between those whose difference is taken.
         order: Of the difference: 3 or 4.
+        most: Over what their median tells, at most.
     """
     weights, found = WEIGHTS[order], []
     for axis in (0, 1):
@@ -58,21 +62,21 @@ def variances(
             use &= there[part]
         if np.count_nonzero(use) >= FEWEST / 2:
             square = float(np.square(weights).sum())
-            found.append(_clipped(difference[use]) / square)
+            found.append(_clipped(difference[use], most) / square)
     return found
 
 
-def _clipped(values: Float[np.ndarray, " n"]) -> float:
+def _clipped(values: Float[np.ndarray, " n"], most: float) -> float:
     """Variance of normal numbers among which are some that are too large."""
     squares = values**2
-    variance = float(np.median(squares)) / MEDIAN_SQUARE
+    usual = variance = float(np.median(squares)) / MEDIAN_SQUARE
     for _ in range(4):
         if not variance > 0:
             # Most differences of what is coarsely rounded are 0.
             return float(np.mean(squares))
-        most = CLIP**2 * variance
-        variance = float(np.mean(np.minimum(squares, most))) / CLIPPED
-    return variance
+        clipped = np.minimum(squares, CLIP**2 * variance)
+        variance = float(np.mean(clipped)) / CLIPPED
+    return min(variance, most * usual)
 
 
 def variance_of_mean(near: float, apart: float) -> float:

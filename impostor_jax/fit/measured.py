@@ -83,6 +83,11 @@ FAR = 8
 """Pixels between readings that tell all of what is filtered: real cameras' grain is of
 3 to 6 pixels."""
 
+MOST_MIXED = 1.5
+"""Their variance over what their median tells, at most: of objects in real images it is
+0.9 to 1.5, and up to 15 where many reach across an edge, as of a mask that is too
+large. Bodies whose noise came out five times too large were lost."""
+
 FINE_WINDOW = 2.0
 """Half of the window that is taken for fine grain: what smooths by half a pixel leans
 by less than the noise from there on."""
@@ -308,8 +313,8 @@ class _Own(NamedTuple):
     @property
     def total(self) -> float:
         """The same with what they share."""
-        far = variances(self.inverse, self.use, FAR, 3)
-        far = far or variances(self.inverse, self.use, NEAR, 3)
+        far = variances(self.inverse, self.use, FAR, 3, MOST_MIXED)
+        far = far or variances(self.inverse, self.use, NEAR, 3, MOST_MIXED)
         return max(self.white, math.sqrt(min(far))) if far else self.white
 
     @property

@@ -119,6 +119,18 @@ def test_what_a_mask_shows_beside_an_object_is_no_noise_of_it():
     assert float(found.noise.deviation) == pytest.approx(SIGMA, rel=0.1)
 
 
+def test_differences_across_an_edge_are_no_filtered_noise():
+    # With a mask that is a pixel too large noise of less than 2 mm was 4.9.
+    plane = ij.Plane((0.0, 0.05, 0.38), (0.0, -0.3, -1.0))
+    maps = ij.render(ij.Scene([SHAPE, plane]), CAMERA, outputs=("depth", "index"))
+    noise = np.random.default_rng(0).normal(0, 0.002, maps.depth.shape)
+    depth = cv2.medianBlur((np.asarray(maps.depth) + noise).astype(np.float32), 5)
+    mask = (np.asarray(maps.index) == 0).astype(np.uint8)
+    found = measured_noise(depth, cv2.dilate(mask, np.ones((3, 3))) > 0, CAMERA)
+    at = jnp.asarray(0.35)
+    assert float(found.noise.sigma(at, jnp.ones_like(at))) < 0.003
+
+
 @pytest.mark.parametrize("value", [0.1, 10.0])
 def test_holes_that_are_filled_with_a_number_are_no_noise(value):
     # Those that are wider than an outlier: the radius was 450 times less sure.
