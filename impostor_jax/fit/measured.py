@@ -394,7 +394,7 @@ def law_of_noise(
     middles, levels = [], []
     for low, high in itertools.pairwise(ends):
         own = _Own.of(usual, seen & (usual >= low) & (usual <= high))
-        if own is not None and not (own.is_exact and not whole.around.is_smooth):
+        if own is not None and (whole.around.is_smooth or not own.is_exact):
             middles.append(own.middle)
             levels.append(_own_level(own, whole.around) * own.middle**2)
     if not levels:
