@@ -219,6 +219,8 @@ def _without_islands(
         region: Pixels of the object.
     """
     seen = image > 0
+    if not seen.any():
+        return image
     depth = np.ascontiguousarray(image, np.float32)
     high = cv2.dilate(depth, SQUARE)
     low = cv2.erode(np.where(seen, depth, np.inf).astype(np.float32), SQUARE)

@@ -348,6 +348,11 @@ def test_noise_is_found_to_grow_with_depth():
     assert ratio[1] == pytest.approx(1, abs=0.25)
 
 
+def test_a_mask_of_nothing_tells_no_noise():
+    depth, mask = image()
+    assert measured_noise(depth, np.zeros_like(mask), CAMERA) is None
+
+
 def test_an_image_of_nothing_has_the_usual_noise():
     law = law_of_noise(np.zeros((CAMERA.height, CAMERA.width), np.float32), CAMERA)
     assert float(law.noise.deviation) == pytest.approx(0.001)
