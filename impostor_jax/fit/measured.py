@@ -291,10 +291,13 @@ class _Own(NamedTuple):
         depth, use = image[box].astype(float), some[box]
         inverse = np.where(use, 1 / np.where(use, depth, 1), 0)
         # What a mask shows beside the object makes jumps.
-        off = np.abs(inverse - np.median(inverse[use]))
-        usual = float(np.median(off[use]))
-        use &= (off <= BEYOND * usual) | (usual == 0)
-        inverse = np.where(use, inverse, 0)
+        values = inverse[use]
+        off = np.abs(values - np.median(values[at_most(len(values), SAMPLE)]))
+        usual = float(np.median(off[at_most(len(off), SAMPLE)]))
+        is_beside = (off > BEYOND * usual) & (usual > 0)
+        if is_beside.any():
+            use[use] = ~is_beside
+            inverse[~use] = 0
         middle = float(np.median(depth[use]))
         levels = {lag: variances(inverse, use, lag, 4) for lag in (1, NEAR)}
         step = _step(depth[use]) / middle**2
@@ -398,7 +401,8 @@ def law_of_noise(
         own = _Own.of(usual, seen & (usual >= low) & (usual <= high))
         if own is not None and (whole.around.is_smooth or not own.is_exact):
             middles.append(own.middle)
-            levels.append(_own_level(own, whole.around) * own.middle**2)
+            level = _with_least(own.white, whole.around)
+            levels.append(level * own.middle**2)
     if not levels:
         return whole
     noise = _growing(np.array(middles), np.array(levels))
@@ -437,7 +441,7 @@ def _growing(
 
 
 def _white(own: _Own, around: Around) -> MeasuredNoise:
-    level = _own_level(own, around) * own.middle**2
+    level = _with_least(own.white, around) * own.middle**2
     noise, text = checked_noise(level), f"white noise of {1e3 * level:.3g} mm"
     if around.is_smooth:
         noise = _with_smooth(noise, around)
@@ -448,9 +452,9 @@ def _white(own: _Own, around: Around) -> MeasuredNoise:
     return MeasuredNoise(noise, f"Measured in the image: {text}.", around=around)
 
 
-def _own_level(own: _Own, around: Around) -> float:
-    """Deviation of the error that is each reading's own, of inverse depth."""
-    return max(own.white, LEAST_OWN * around.smooth)
+def _with_least(level: float, around: Around) -> float:
+    """Deviation of each reading's own error, of inverse depth, or the least of it."""
+    return max(level, LEAST_OWN * around.smooth)
 
 
 def _rounded(step: float) -> MeasuredNoise:
@@ -460,7 +464,7 @@ def _rounded(step: float) -> MeasuredNoise:
 
 def _matched(own: _Own, around: Around) -> MeasuredNoise:
     """That of a camera that matches windows."""
-    total = max(own.total, LEAST_OWN * around.smooth)
+    total = _with_least(own.total, around)
     if not around.is_smooth:
         around = around._replace(bands=max(BANDS, total))
     part = 0.0 if around.grain is None else min(around.grain.part, MOST_GRAIN)
