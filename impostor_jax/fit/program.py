@@ -13,22 +13,15 @@ import functools
 from collections.abc import Sequence
 from typing import Any
 
-import jax
 import jax.numpy as jnp
-import numpy as np
 
 from impostor_jax.compiling import quickly_compiled
 from impostor_jax.fit.assess import Assessment, assess
 from impostor_jax.fit.body import AbstractBody
-from impostor_jax.fit.problem import Inputs, Table, posed
+from impostor_jax.fit.problem import Inputs, posed
 from impostor_jax.fit.race import Ends, coarse, ends_of
-from impostor_jax.fit.regions import BUCKETS
 from impostor_jax.fit.solve import Solution, solve
 from impostor_jax.fit.threads import in_background
-
-SOLVER_SIZES = BUCKETS[1::2]
-"""Numbers of readings to which tables are padded for the solver. It skips blocks of
-padding, so that larger tables cost nothing, and fewer sizes are compiled."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -77,25 +70,8 @@ class Program:
     @functools.cached_property
     def _of_solver(self) -> Inputs:
         """What the solver is given."""
-        padded = map(_padded, self.inputs.tables)
-        tables = tuple(table._replace(lattice=None) for table in padded)
+        tables = tuple(table._replace(lattice=None) for table in self.inputs.tables)
         return dataclasses.replace(self.inputs, tables=tables)
-
-
-def _padded(table: Table) -> Table:
-    """The table with one of `SOLVER_SIZES`; as it is where it has fewer edge pixels."""
-    count = len(table.row)
-    size = next((size for size in SOLVER_SIZES if size >= count), count)
-    if count < BUCKETS[0] or size == count:
-        return table
-
-    def padded(values: Any) -> Any:
-        return np.concatenate([np.repeat(values[:1], size - count, axis=0), values])
-
-    rays = jax.tree.map(padded, table.rays)
-    rays.depth[: size - count], rays.exists[: size - count] = 0, False
-    row, col, beside = map(padded, (table.row, table.col, table.beside))
-    return table._replace(rays=rays, row=row, col=col, beside=beside)
 
 
 def fit_from(inputs: Inputs, start: AbstractBody, correlated: bool) -> Assessment:

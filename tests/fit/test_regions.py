@@ -104,8 +104,8 @@ def test_all_images_of_an_object_have_places_for_as_many_pixels():
     seen = [Seen(np.ones(one.shape), one, CAMERA, NOISE) for one in regions]
     for order in (1, -1):
         tables = all_shown_by(seen[::order])
-        assert [len(one.row) for one in tables] == [8192] * 2
-        read = [np.count_nonzero(one.rays.exists[:8192]) for one in tables]
+        assert [len(one.row) for one in tables] == [16384] * 2
+        read = [np.count_nonzero(one.rays.exists[:16384]) for one in tables]
         assert read == [100, 6400][::order]
         assert len({one.inside.shape for one in tables}) == 1
 
