@@ -21,6 +21,15 @@ CASES = [
     ("stereo_mug", "depth.tiff", "mask_mug.png", STEREO, 0.0396),
 ]
 
+SEARCHED = [
+    ("ycb_table", "depth.png", "camera.json", (0.0498, 0.0330)),
+    ("field", "desk_depth.png", "desk_camera.json", (0.0330,)),
+    # Another tin behind this one has not been measured.
+    ("field", "tin35_depth.png", "tin_camera.json", (0.0984, None)),
+    ("field", "tin36_depth.png", "tin_camera.json", (0.0984,)),
+]
+"""Photographs of tables, and the radii of what is a cylinder in them."""
+
 if DATA is not None:
 
     def fitted(folder, depth, mask, sensor=None):
@@ -59,3 +68,17 @@ if DATA is not None:
         off = abs(float(fit.cylinder.radius) - radius)
         assert off < 0.0015
         assert off < 1.96 * float(fit.std.radius) < 0.003
+
+    @LARGE_IMAGES
+    @RELEASE
+    @pytest.mark.parametrize(("folder", "depth", "camera", "radii"), SEARCHED)
+    def test_real_cans_are_found_with_nothing_told(folder, depth, camera, radii):
+        camera, scale = read_camera(Path(DATA) / folder / camera)
+        found = ij.find_cylinders(
+            read_depth(Path(DATA) / folder / depth, scale), camera
+        )
+        assert len(found.fits) == len(radii)
+        for radius in filter(None, radii):
+            off = [abs(float(fit.cylinder.radius) - radius) for fit in found.fits]
+            nearest = found.fits[off.index(min(off))]
+            assert min(off) < 1.96 * float(nearest.std.radius)

@@ -1,6 +1,6 @@
 """The caps of a candidate: discs whose rims are seen."""
 
-__all__ = ["NO_CAPS", "Caps", "Inner", "caps_of", "doming", "inner_of"]
+__all__ = ["NO_CAPS", "UNEVEN", "Caps", "Inner", "caps_of", "doming", "inner_of"]
 
 import dataclasses
 from typing import NamedTuple
@@ -50,9 +50,9 @@ FEWEST_FLAT = 12
 """Of those, at least."""
 
 UNEVEN = 0.02
-"""Root mean square of what a lid may depart from a plane by, over its radius: rims and
-rings of real ones stand out by .03. The lid of a can was none where the noise that was
-measured is half of the sensor's."""
+"""Root mean square of what a lid may depart from a plane by, or all from its cylinder,
+over the radius: rims and rings of real lids stand out by .03, the lining of a tunnel
+departs by .01. Where noise is measured it may be less than that."""
 
 
 @dataclasses.dataclass(frozen=True)

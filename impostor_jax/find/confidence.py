@@ -21,7 +21,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from impostor_jax.find.caps import Caps
+from impostor_jax.find.caps import UNEVEN, Caps
 from impostor_jax.find.continuation import NOTHING, Continuation
 from impostor_jax.find.deformation import Deformation
 from impostor_jax.find.evidence import Evidence
@@ -52,10 +52,6 @@ BIAS = 2.96
 ALLOWED = 0.02
 """Departure from a cylinder, over the radius, that is not held against it: no sensor is
 as straight as that."""
-
-ROUGH = 0.01
-"""Root mean square of what a wall may depart from its cylinder by, over the radius: the
-lining of a tunnel does by as much, by several deviations of a sensor."""
 
 MOST_SHARED = 6.0
 """Pixels that share an error from which on more tell no more."""
@@ -143,7 +139,7 @@ def facts_of(
 
 def _beyond_roughness(fit: Fit) -> float:
     """Part of the squares of what readings are off by that no roughness explains."""
-    allowed = ROUGH * float(fit.cylinder.radius)
+    allowed = UNEVEN * float(fit.cylinder.radius)
     return max(1 - (allowed / max(float(fit.rms), 1e-12)) ** 2, 0.0)
 
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import impostor_jax as ij
-from impostor_jax.find.caps import NO_CAPS, Caps
+from impostor_jax.find.caps import NO_CAPS, UNEVEN, Caps
 from impostor_jax.find.confidence import FACTS, Observed, confidence, facts_of
 from impostor_jax.find.evidence import weighed
 from tests.find.scenes import CAMERAS, SIGMA, image_of, scene_of, wall_of
@@ -46,9 +46,9 @@ def test_what_a_wall_is_rough_by_is_not_held_against_it(evidence, fit):
     def told(share):
         return facts_of(observed, off_by(fit, share, 2.0))[NAMES.index("chi2")]
 
-    assert told(0.01) == 0
-    assert told(0.1) == pytest.approx(3.0, rel=0.02)
-    assert 0 < told(0.02) < told(0.1)
+    assert told(UNEVEN) == 0
+    assert told(10 * UNEVEN) == pytest.approx(3.0, rel=0.02)
+    assert 0 < told(2 * UNEVEN) < told(10 * UNEVEN)
 
 
 def test_chi2_says_nothing_where_sigma_is_not_all(evidence, fit):
