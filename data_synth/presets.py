@@ -1,6 +1,6 @@
 """The presets, by name."""
 
-__all__ = ["PRESETS", "preset_named"]
+__all__ = ["BANDED", "PRESETS", "preset_named"]
 
 from pathlib import Path
 from typing import Any

@@ -41,8 +41,7 @@ FACTS: dict[str, float] = {
     "goes_on": -3.80,
     "edge": -5.13,
     "dome": -11.50,
-    "shared": -0.78,
-    "rimless": -1.25,
+    "shared": -0.40,
 }
 """Name of each fact, and its weight."""
 
@@ -115,8 +114,6 @@ def facts_of(
         if noise:
             chi2 = float(fit.chi2) / noise**2 * _beyond_roughness(fit)
         exact = exactness(fit)
-    # Where neighbors share their errors depth tells little, and a rim the more.
-    alike = math.log(min(max(shared, 1.0), MOST_SHARED))
     return np.array(
         [
             math.log(max(caps.misfit_with(evidence), 0.7) / 0.7),
@@ -131,8 +128,7 @@ def facts_of(
             min(around.off * around.on, 2.0) ** 0.25,
             edge,
             min(dome, 0.5),
-            alike,
-            0.0 if caps.rim else alike,
+            math.log(min(max(shared, 1.0), MOST_SHARED)),
         ]
     )
 

@@ -4,6 +4,10 @@ Points have no rows and columns, but places on the wall: the means of patches sc
 more than single points let them where neighbors err alike. Of patches that are larger
 than what errs alike, that is how many times fewer points there are in effect.
 
+Scans that are aligned to millimeters err in patterns as wide as each scan sees. What is
+left of these beside a fit, which follows the widest, tells how large they are, and is
+no independent number of each patch.
+
 Points that were seen from one place share the error of its pose. What each place moves
 the wall across its axis tells by how many times more than noise these err; a wall that
 is not round looks the same.
@@ -184,13 +188,38 @@ def _times(fit: Fit, points: Float[np.ndarray, "n 3"], level: float) -> float:
     for width, tall in PATCHES:
         rows = np.floor(height / (tall * width))
         place = np.stack([np.floor(angle / width), rows], axis=1)
-        _, patch = np.unique(place, axis=0, return_inverse=True)
+        place, patch = np.unique(place, axis=0, return_inverse=True)
         count = np.bincount(patch.ravel())
-        total = np.bincount(patch.ravel(), off)[count >= FEWEST_POINTS]
-        count = count[count >= FEWEST_POINTS]
+        tells = count >= FEWEST_POINTS
+        total = np.bincount(patch.ravel(), off)[tells]
+        place, count = place[tells], count[tells]
         if len(count) < FEWEST_PATCHES:
             continue
         scatter = float(np.sum(total**2 / count)) / (len(count) - FOLLOWED)
         if scatter > 1 + BY_CHANCE * np.sqrt(2 / len(count)):
+            if np.isinf(tall) and _are_alike(place[:, 0], total / count, width):
+                scatter *= len(count)
             found = max(found, scatter)
     return found
+
+
+def _are_alike(
+    place: Float[np.ndarray, " p"], mean: Float[np.ndarray, " p"], width: float
+) -> bool:
+    """Whether strips of a wall err as those beside them do: in one pattern.
+
+    The correlation of independent ones, beside a fit that follows three of them, is
+    -0.3 on average, and positive in one case of ten; of three scans that are moved
+    aside it is 0.4.
+
+    Args:
+        place: Numbers of the strips around the axis.
+        mean: What they err by.
+        width: Of each, in radians.
+    """
+    around = np.zeros(round(2 * np.pi / width))
+    around[place.astype(int)] = mean
+    known = np.zeros(len(around), bool)
+    known[place.astype(int)] = True
+    pairs = known & np.roll(known, 1)
+    return bool(np.sum(around[pairs] * np.roll(around, 1)[pairs]) > 0)

@@ -92,6 +92,24 @@ def test_what_neighbors_share_widens_the_deviations():
     assert "correlation" in str(rough)
 
 
+@pytest.mark.parametrize(
+    ("count", "half"), [(3, 1.3), pytest.param(4, 1.2, marks=FULL)]
+)
+def test_scans_that_are_moved_aside_make_a_radius_less_sure(count, half):
+    # Each sees a part of the wall, and what is left beside a fit of them all is small:
+    # the radius was 5.2 and 6.3 deviations off.
+    random = np.random.default_rng(104)
+    scans = []
+    for k in range(count):
+        side = 4 + k * 2 * np.pi / count
+        turn, move = (side - half, side + half), random.normal(0, 0.002, 3)
+        scans.append(stem(turn=turn, noise=0.001, seed=200 + k) + move)
+    fit = ij.fit_cylinder_to_points(np.concatenate(scans))
+    assert fit.success
+    assert abs(off_by(fit)) < 3
+    assert float(fit.std.radius) < 0.002
+
+
 @pytest.mark.parametrize("seed", [6, 7])
 def test_chance_beyond_an_arc_is_no_wall(seed):
     # Few outliers lie near the circle beyond an arc, and have all the leverage: the
