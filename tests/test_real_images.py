@@ -25,9 +25,9 @@ SEARCHED = [
     # A white cup on a chair, which tapers, is found as well.
     ("ycb_table", "depth.png", "camera.json", (0.0498, 0.0330, None)),
     ("field", "desk_depth.png", "desk_camera.json", (0.0330,)),
-    # Another tin behind this one has not been measured.
+    # Another tin beside this one has not been measured.
     ("field", "tin35_depth.png", "tin_camera.json", (0.0984, None)),
-    ("field", "tin36_depth.png", "tin_camera.json", (0.0984,)),
+    ("field", "tin36_depth.png", "tin_camera.json", (0.0984, None)),
 ]
 """Photographs of tables, and the radii of what is a cylinder in them."""
 

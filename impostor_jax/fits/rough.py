@@ -4,9 +4,9 @@ Points have no rows and columns, but places on the wall: the means of patches sc
 more than single points let them where neighbors err alike. Of patches that are larger
 than what errs alike, that is how many times fewer points there are in effect.
 
-Scans that are aligned to millimeters err in patterns as wide as each scan sees. What is
-left of these beside a fit, which follows the widest, tells how large they are, and is
-no independent number of each patch.
+Scans that are moved aside err in patterns as wide as each scan sees. A fit follows the
+widest of these. What is left tells how large they are: strips that lie beside each
+other err alike, and all of them tell no more of a radius than one.
 
 Points that were seen from one place share the error of its pose. What each place moves
 the wall across its axis tells by how many times more than noise these err; a wall that
@@ -219,7 +219,4 @@ def _are_alike(
     """
     around = np.zeros(round(2 * np.pi / width))
     around[place.astype(int)] = mean
-    known = np.zeros(len(around), bool)
-    known[place.astype(int)] = True
-    pairs = known & np.roll(known, 1)
-    return bool(np.sum(around[pairs] * np.roll(around, 1)[pairs]) > 0)
+    return bool(around @ np.roll(around, 1) > 0)
