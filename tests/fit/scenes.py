@@ -49,11 +49,12 @@ def image_of(shape, wall: float | None = 0.6, seed: int = 0):
     return (depth + noise).astype(np.float32), mask
 
 
-def program_of(start=None, readings=None, **options):
+def program_of(start=None, readings=None, least=0, **options):
     """The compiled fit of the can's image, of errors that are independent."""
     depth, mask = image()
     asked = Options(**options)
-    table = shown_by(Seen(depth, mask, CAMERA, checked_noise(SIGMA)), readings)
+    seen = Seen(depth, mask, CAMERA, checked_noise(SIGMA))
+    table = shown_by(seen, readings, least=least)
     settings = checked_settings(CYLINDER, asked, start, SIGMA)
     known = checked_prior(None, CYLINDER.parameters, None)
     inputs = Inputs(known, settings, (table,), asked.effort.kernel)

@@ -86,4 +86,6 @@ def test_starts_lead_to_the_object_on_the_readings_that_speak_for_all():
     # Half a millimeter: five hundred readings of 1 mm.
     np.testing.assert_allclose(ends.body.radius[:2], float(can().radius), atol=5e-4)
     assert ends.cost[2] > ends.cost[0] + 100
-    assert worth_a_fit(ends, 5000, 1.0) == {0: 2}
+    # Both lead to one end, at costs that rounding orders.
+    np.testing.assert_allclose(ends.cost[0], ends.cost[1], atol=0.01)
+    assert list(worth_a_fit(ends, 5000, 1.0).values()) == [2]
