@@ -58,7 +58,7 @@ SENSORS: Mapping[str, AbstractDepthNoise | None] = {
 }
 """That read the images of each preset: its own, and one whose neighbors share errors.
 Where only hands, bottles and bags were read by such a one, that errors are shared spoke
-against all: of right ones of such a sensor a fourth were less likely than not."""
+against all: of right ones of such a sensor three in ten were less likely than not."""
 
 REQUEST = search.Request(least_sure=0.002)
 """What `find_cylinders` looks for by default, and most of what it leaves out: weights

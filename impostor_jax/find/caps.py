@@ -51,8 +51,8 @@ FEWEST_FLAT = 12
 
 UNEVEN = 0.02
 """Root mean square of what a lid may depart from a plane by, or all from its cylinder,
-over the radius: rims and rings of real lids stand out by .03, the lining of a tunnel
-departs by .01. Noise that planes tell may be less than that."""
+over the radius: those of two real lids, with rims and rings, do by .03, the lining of a
+tunnel by .01. Noise that planes tell may be less than that."""
 
 
 @dataclasses.dataclass(frozen=True)

@@ -7,8 +7,16 @@ import impostor_jax as ij
 from impostor_jax.find.caps import Caps, caps_of, doming, inner_of
 from impostor_jax.find.evidence import Evidence
 from impostor_jax.find.search import MOST_MISFIT
-from tests.find.scenes import CAMERAS, SIGMA, WALL, ends_of, image_of, scene_of, wall_of
-from tests.fit.scenes import CAMERA
+from tests.find.scenes import (
+    CAMERAS,
+    SIGMA,
+    WALL,
+    ends_of,
+    image_of,
+    scene_of,
+    seen,
+    wall_of,
+)
 
 UPRIGHT = ij.Cylinder((0.05, 0.01, 0.45), (0.1, 0.05, 0.9937), 0.07, 0.1)
 
@@ -45,13 +53,8 @@ def test_a_lid_with_a_rim_is_one_for_a_good_sensor():
     axis, radius = np.asarray(UPRIGHT.axis), float(UPRIGHT.radius)
     # The middle of a flat lid lies deeper than its rim.
     cap = (image.owner == 0) & (np.abs(image.normal @ axis) > 0.9)
-    row, col = np.indices(cap.shape)
-    x, y = (col - CAMERA.cx) / CAMERA.fx, (row - CAMERA.cy) / CAMERA.fy
-    points = np.stack([x, y, np.ones_like(x)], axis=-1) * image.exact[..., None]
-    across = np.linalg.norm(
-        np.cross(points - np.asarray(UPRIGHT.center), axis), axis=-1
-    )
-    deeper = cap & (across < 0.85 * radius)
+    off = seen(image.depth, sigma=sigma).points - np.asarray(UPRIGHT.center)
+    deeper = cap & (np.linalg.norm(np.cross(off, axis), axis=-1) < 0.85 * radius)
     depth = image.depth + np.float32(0.03 * radius) * deeper
     found = caps(scene_of(image._replace(depth=depth), sigma=sigma), UPRIGHT)
     assert found.rim > np.radians(250)
